@@ -1,5 +1,7 @@
 # Each target makes .venv when it is missing; nothing else has to be done first.
 
+# Not the newest Python: JAX 0.12 on Python 3.13 takes 1.4 times the processor time of JAX 0.10 on 3.11 for a first
+# search, and no less for later and longer ones (experiments/search/README.md).
 PYTHON ?= python3
 # The versions that are installed: those of this Python where a file has them, else those of 3.11.
 CONSTRAINTS := $(firstword $(wildcard constraints-$(shell \

@@ -16,8 +16,9 @@ def run() -> None:
         number = getattr(signal, name, None)  # not on every system
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: os._exit(130))  # until `leave` has its own
-    # Most objects made while modules load and JAX traces are kept. Looking for garbage took a fifth of that time.
-    gc.set_threshold(100_000)
+    # Most objects made while modules load and JAX traces are kept. Looking for garbage took a fifth of that time. The
+    # modules have some 200,000 objects.
+    gc.set_threshold(400_000)
     for name, level in (("OPENCV_LOG_LEVEL", "SILENT"), ("OPENCV_FFMPEG_LOGLEVEL", "-8")):
         os.environ.setdefault(name, level)  # on a full disk OpenCV prints a line per frame; the command prints one
     from elitelanes_jax.cli.program import leave

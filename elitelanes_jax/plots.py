@@ -76,7 +76,8 @@ def road_map(
             PolyCollection(ribbons, facecolors=colour, edgecolors=colour, linewidths=0.3, snap=False, label=name)
         )
     if lanes:
-        points = _LANE_WIDTH * width * _points_a_tile(ax, codes.shape)
+        box = ax.get_window_extent()
+        points = _LANE_WIDTH * width * 72 / ax.figure.dpi * min(box.width / columns, box.height / rows)
         ax.add_collection(
             LineCollection(lines, colors=_LANE, linewidths=points, linestyles=(0, (2.2, 1.5)), label="lanes")
         )
@@ -356,9 +357,3 @@ def _ribbon(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
 
 def _bar(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
     return _ribbon(line[0] + np.array([[0.0], [0.05], [0.1]]) * _directions(line)[0], width)
-
-
-def _points_a_tile(ax: "Axes", shape: tuple[int, ...]) -> float:
-    box = ax.get_window_extent()
-    pixels = min(box.width / shape[1], box.height / shape[0])
-    return float(pixels * 72 / ax.figure.dpi)

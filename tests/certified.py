@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from oracle import CERTIFICATES
 
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax import Weights
 
 _FLAWS = ("dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns")
 

@@ -1,8 +1,8 @@
-"""Runs of `generate` in process after process, each killed at a random moment.
+"""Runs of `generate` or `make_dataset` in process after process, each ended by a signal at a random moment.
 
-python killed_runs.py OUT KILLS SEED: prints a line of JSON with the digest of the folder for every run that was done,
-the first of which was never killed, and one with the number of kills at the end. Processes are forked, so that only one
-imports everything.
+python killed_runs.py OUT KILLS SEED [maps|dataset|evolved SIGNAL...]: prints a line of JSON with the digest of the
+folder for every run that was done, the first of which was never ended, and one with the number of kills at the end.
+Processes are forked, so that only one imports everything.
 """
 
 import json
@@ -19,79 +19,99 @@ from pathlib import Path
 
 import jax
 from folders import files
+from given_maps import random_maps, small
 
-from elitelanes_jax import GenerateSpec, SearchSpec, use_compile_cache
-from elitelanes_jax.maps import generation as module
+from elitelanes_jax import GenerateSpec, SearchSpec, make_dataset, use_compile_cache
+from elitelanes_jax.cli.program import guarded, leave
+from elitelanes_jax.maps import generation
 
-__all__ = ["SPEC", "digest"]
+__all__ = ["digest"]
 
 SPEC = GenerateSpec(
-    size=(5, 6),
-    seeds=3,
-    maps=2,
-    tile_px=16,
-    search=SearchSpec(method="ea", preset="paper", generations=900),
+    size=(5, 6), seeds=3, maps=2, tile_px=16, search=SearchSpec(method="ea", preset="paper", generations=900)
 )
+EVOLVED = small(maps=20, size="3..4 4", search=SearchSpec(preset="paper", evaluations=2000))
+RUNS = {
+    "maps": lambda out, _: generation.generate(SPEC, out),
+    "dataset": lambda out, workers: make_dataset(small(maps=40), out, workers=workers, maps=random_maps(40)),
+    "evolved": lambda out, workers: make_dataset(EVOLVED, out, workers=workers),
+}
+LONGEST = 10
 
 
 def digest(folder):
     """A digest of all files and their names, but for the times in ``run.json``."""
     found = files(folder)
-    record = json.loads(found["run.json"])
-    del record["times"]
-    found["run.json"] = json.dumps(record).encode()
+    if "run.json" in found:
+        record = json.loads(found["run.json"])
+        del record["times"]
+        found["run.json"] = json.dumps(record).encode()
     return sha256(b"".join(name.encode() + content for name, content in sorted(found.items()))).hexdigest()
 
 
-def _fork(out):
+def fork(run, said):
+    """Returns a new process, once it is at work; what it says on standard error goes to a file."""
+    began, ready = os.pipe()
     child = os.fork()
     if child:
+        os.close(ready)
+        os.read(began, 1)
+        os.close(began)
         return child
+    os.dup2(os.open(said, os.O_CREAT | os.O_WRONLY | os.O_TRUNC), 2)
+
+    def work():
+        os.write(ready, b".")
+        run()
+        return 0
+
     try:
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        use_compile_cache()
-        module._SECONDS_A_CHECKPOINT = module._WORTH_KEEPING = 0
-        module.generate(SPEC, out)
-        os._exit(0)
+        leave(lambda: guarded("ended", work, interrupted="it continues"))
+    except SystemExit as stop:
+        os._exit(stop.code)
     except BaseException:
         traceback.print_exc()
-        os._exit(70)
+    os._exit(70)
 
 
-def _wait(child, seconds=None):
-    """Waits for a process, and kills it after so many seconds; returns whether it was killed."""
+def wait(child, seconds=None, name="SIGKILL"):
+    """Waits for a process, and signals it after so many seconds; returns its exit code."""
     began = time.monotonic()
     while True:
         pid, status = os.waitpid(child, os.WNOHANG)
         if pid:
-            code = os.waitstatus_to_exitcode(status)
-            if code not in (0, -signal.SIGKILL):
-                raise SystemExit(f"a run ended with {code}")
-            return code != 0
+            return os.waitstatus_to_exitcode(status)
         if seconds is not None and time.monotonic() - began >= seconds:
-            os.kill(child, signal.SIGKILL)
-            seconds = None
+            os.kill(child, getattr(signal, name))
+            began, seconds, name = time.monotonic(), LONGEST, "SIGKILL"
         time.sleep(0.001)
 
 
-def main(out, kills, seed):
-    out, rng, killed = Path(out), random.Random(int(seed)), 0
+def main(out, kills, seed, what="maps", *names):
+    out, rng, said, killed = Path(out), random.Random(int(seed)), Path(f"{out}.said"), 0
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # it may have been ignored, as nohup does
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     use_compile_cache()
-    _wait(_fork(out))  # compiles
-    print(json.dumps({"digest": digest(out)}), flush=True)
-    shutil.rmtree(out)
-    lately = deque(maxlen=5)  # the seconds of runs that were done
-    while True:
+    generation._SECONDS_A_CHECKPOINT = generation._WORTH_KEEPING = 0
+    lately = deque(maxlen=5)  # the seconds of runs that were done, but for the first, which compiles
+    done = 0
+    while killed < int(kills) or not out.exists():
         if out.exists():
-            print(json.dumps({"digest": digest(out)}), flush=True)
-            if killed == int(kills):
-                break
             shutil.rmtree(out)
-        began = time.monotonic()
-        ended = _wait(_fork(out), rng.uniform(0, max(lately)) if lately and killed < int(kills) else None)
-        killed += ended
-        if not ended:
-            lately.append(time.monotonic() - began)
+        name, workers, began = rng.choice(names or ["SIGKILL"]), rng.randint(1, 8), time.monotonic()
+        child = fork(lambda workers=workers: RUNS[what](out, workers), said)
+        ended = rng.uniform(0, max(lately)) if lately and killed < int(kills) else None
+        code, words = wait(child, ended, name), said.read_text()
+        if code == 0:
+            lately += [time.monotonic() - began] * bool(done)
+            done += 1
+            print(json.dumps({"digest": digest(out)}), flush=True)
+        elif code == (-signal.SIGKILL if name == "SIGKILL" else 130) and "Traceback" not in words:
+            killed += 1
+            assert name == "SIGKILL" or words.endswith("ended: interrupted; it continues\n"), words
+        else:
+            raise SystemExit(f"a run ended with {code}: {words}")
+    said.unlink()
     print(json.dumps({"kills": killed}))
 
 

@@ -33,8 +33,8 @@ def measure(grid, alphabet=range(16)):
     grid = np.asarray(grid, int)
     height, width = grid.shape
     graph = road_graph(grid)
-    connections = {place: int(grid[place]).bit_count() for place in np.ndindex(grid.shape)}
-    crossing = {place for place, count in connections.items() if count >= 3}
+    connections = {cell: int(grid[cell]).bit_count() for cell in np.ndindex(grid.shape)}
+    crossing = {cell for cell, count in connections.items() if count >= 3}
     unmatched = dict.fromkeys(graph, 0)
     outward = dict.fromkeys(graph, 0)
     for row, column in graph:
@@ -51,7 +51,7 @@ def measure(grid, alphabet=range(16)):
     return {
         "components": components,
         "cyclomatic": graph.number_of_edges() - graph.number_of_nodes() + components,
-        "dead_ends": sum(connections[place] == 1 or unmatched[place] + outward[place] > 0 for place in graph),
+        "dead_ends": sum(connections[cell] == 1 or unmatched[cell] + outward[cell] > 0 for cell in graph),
         "boundary_violations": sum(count > 0 for count in outward.values()),
         "bridges": sum(1 for _ in nx.bridges(graph)),
         "crossings": len(crossing),
@@ -151,10 +151,10 @@ def fill(grid, fixed):
             grid[row, column] |= side
             grid[other] |= OPPOSITE[side]
 
-    for row, column, code in [(*place, grid[place]) for place in np.ndindex(grid.shape)]:
+    for row, column, code in [(*cell, grid[cell]) for cell in np.ndindex(grid.shape)]:
         if code in OPPOSITE:
             link(row, column, OPPOSITE[code])
     for side in (4, 2, 1, 8):
-        for row, column in [place for place in np.ndindex(grid.shape) if int(grid[place]).bit_count() < 2]:
+        for row, column in [cell for cell in np.ndindex(grid.shape) if int(grid[cell]).bit_count() < 2]:
             link(row, column, side)
     return grid

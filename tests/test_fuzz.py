@@ -60,22 +60,10 @@ def tileset(file):
 READERS = {
     "map.json": (read_map, MAP, ['"codes"', "[[", "]]", "1e999", "NaN", "null", '"\\ud800"', "-0", "9" * 5000]),
     "fix.json": (parse_fixed_cells, b'{"codes": [[6, 3], [null, 9]]}', ["[[", "null", "{}", "[]", "1e9", "true"]),
-    "map.yaml": (
-        read_map,
-        YAML,
-        ["&a ", "*a", "<<: ", "!!int ", "- ", "? ", ": ", "\n ", "%TAG ! a\n", "---", "...", "|"],
-    ),
+    "map.yaml": (read_map, YAML, ["&a ", "*a", "<<: ", "!!int ", "- ", "? ", ": ", "\n ", "%TAG ! a\n", "---", "|"]),
     "tileset.toml": (tileset, TOML, ["a.a.", "[[", "]]", "{", "}", "=", '"""', "inf", "1979-05-27", "0x", "9" * 5000]),
-    "points.json": (
-        listed(read_points),
-        POINTS,
-        ["[[", "NaN", "9" * 5000],
-    ),
-    "mask.png": (
-        listed(read_mask),
-        MASK,
-        ["IDAT", "IEND", "PLTE", "tRNS"],
-    ),
+    "points.json": (listed(read_points), POINTS, ["[[", "NaN", "9" * 5000]),
+    "mask.png": (listed(read_mask), MASK, ["IDAT", "IEND", "PLTE", "tRNS"]),
     "archive.npz": (Result.load, ARCHIVE, ["PK\x03\x04", "PK\x01\x02", "(9999999999,)", "|O"]),
     "result.npz": (unpack, ARCHIVE, ["PK\x03\x04", "PK\x05\x06", "'descr'", "(99999999999999999999,)", "O8"]),
 }
@@ -132,8 +120,8 @@ def spoilt(good, words):
 
     def apply(edits):
         content = good
-        for place, cut, word, times in edits:
-            content = content[:place] + word * min(times, 1 + 2**18 // (len(word) + 1)) + content[place + cut :]
+        for start, cut, word, times in edits:
+            content = content[:start] + word * min(times, 1 + 2**18 // (len(word) + 1)) + content[start + cut :]
         return content
 
     return st.lists(edits, min_size=1, max_size=4).map(apply)

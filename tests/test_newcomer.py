@@ -4,8 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, Result, drive, explorer, formats, plots, read_map, render, tiles
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax import InputError, Result, drive, evolve, explorer, formats, plots, read_map, render, tiles
 
 TOWN = [[6, 7, 3], [12, 13, 9]]
 

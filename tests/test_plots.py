@@ -121,12 +121,12 @@ def test_a_heat_map_is_the_archive_reduced_by_the_best():
         by_name = {axis.metric: axis for axis in AXES}
         heads = list(product(*(range(by_name[name].bins) for name in down)))
         assert shown.shape == (len(heads), by_name[across].bins)
-        for (row, places), column in product(enumerate(heads), range(by_name[across].bins)):
-            wanted = dict(zip(down, places, strict=True)) | {across: column}
+        for (row, indices), column in product(enumerate(heads), range(by_name[across].bins)):
+            wanted = dict(zip(down, indices, strict=True)) | {across: column}
             best = VACANT
             for bins in product(*(range(axis.bins) for axis in AXES)):
-                if all(bins[AXES.index(by_name[name])] == place for name, place in wanted.items()):
-                    values = np.array([axis.start + place * axis.width for axis, place in zip(AXES, bins, strict=True)])
+                if all(bins[AXES.index(by_name[name])] == index for name, index in wanted.items()):
+                    values = np.array([axis.start + index * axis.width for axis, index in zip(AXES, bins, strict=True)])
                     best = min(best, *fitness[:, niche_index(values, AXES)])
             assert np.ma.is_masked(shown[row, column]) == (best == VACANT)
             assert best == VACANT or shown[row, column] == best
@@ -144,11 +144,8 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
     assert ax.get_xlabel() == "cyclomatic"
     named = " ".join(ax.get_ylabel().split())
     assert named == "components · dead ends · adjacent crossings · adjacent turns"
-    assert [label.get_text() for label in ax.get_yticklabels()][:3] == [
-        "1 · 0 · 0 · 0",
-        "1 · 0 · 0 · 1+",
-        "1 · 0 · 1+ · 0",
-    ]
+    heads = [label.get_text() for label in ax.get_yticklabels()]
+    assert heads[:3] == ["1 · 0 · 0 · 0", "1 · 0 · 0 · 1+", "1 · 0 · 1+ · 0"]
     across = dict(zip(ax.get_xticks().tolist(), [label.get_text() for label in ax.get_xticklabels()], strict=True))
     assert across[0] == "0–1" and across[24] == "48+"
     shares = archive_map(np.zeros(24), AXES, across="straight_share", down="cyclomatic")
@@ -159,33 +156,28 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
     assert heads[:3] == ["0% · 0%", "0% · 50%", "10% · 0%"] and heads[-1] == "70%+ · 50%"
 
 
-def test_a_heat_map_of_something_else_is_refused():
-    with pytest.raises(InputError, match=r"fitness: expected 24 niches on the last axis, got shape \(5,\)"):
-        archive_map(np.zeros(5), AXES)
-    with pytest.raises(InputError, match=r"fitness: expected 24 niches on the last axis, got shape \(0, 24\)"):
-        archive_map(np.zeros((0, 24)), AXES)
-    with pytest.raises(InputError, match="axes: expected at least one axis, got none"):
-        archive_map(np.zeros(24), ())
-    with pytest.raises(InputError, match="axes: expected ones with a width, such as Result.axes, got one without"):
-        archive_map(np.zeros(4), ["crossings:4"])
-    with pytest.raises(InputError, match="axes: expected each metric once, got components 2 times"):
-        archive_map(np.zeros(4), (Axis("components", 2), Axis("components", 2)))
-    for names in ({"across": "bridges"}, {"across": "components", "down": "components"}):
-        with pytest.raises(InputError, match="axes: expected each of cyclomatic, components, straight_share at most"):
-            archive_map(np.zeros(24), AXES, **names)
+@pytest.mark.parametrize(
+    ("fitness", "axes", "names", "message"),
+    [
+        (np.zeros(5), AXES, {}, r"fitness: expected 24 niches on the last axis, got shape \(5,\)"),
+        (np.zeros((0, 24)), AXES, {}, r"fitness: expected 24 niches on the last axis, got shape \(0, 24\)"),
+        (np.zeros(24), (), {}, "axes: expected at least one axis, got none"),
+        (np.zeros(4), ["crossings:4"], {}, "axes: expected ones with a width, such as Result.axes, got one without"),
+        (np.zeros(4), AXES[1:2] * 2, {}, "axes: expected each metric once, got components 2 times"),
+        (np.zeros(24), AXES, {"across": "bridges"}, "axes: expected each of cyclomatic, components, straight_share"),
+        (np.zeros(24), AXES, {"across": "components", "down": "components"}, "axes: expected each of cyclomatic"),
+    ],
+)
+def test_a_heat_map_of_something_else_is_refused(fitness, axes, names, message):
+    with pytest.raises(InputError, match=message):
+        archive_map(fitness, axes, **names)
 
 
 def test_a_history_is_the_median_in_a_band():
     rng = np.random.default_rng(1)
     best = np.minimum.accumulate(rng.integers(0, 1000, (9, 30)), axis=1)
-    record = History(
-        np.arange(1, 31),
-        40 * np.arange(1, 31),
-        best,
-        np.arange(270).reshape(9, 30),
-        np.ones(30),
-        np.zeros((9, 30), np.int32),
-    )
+    steps, counts = np.arange(1, 31), np.arange(270).reshape(9, 30)
+    record = History(steps, 40 * steps, best, counts, np.ones(30), np.zeros((9, 30), np.int32))
     ax = history(record, label="ours", quantiles=(0.125, 0.875))
     (line,) = ax.lines
     np.testing.assert_array_equal(line.get_xdata(), record.evaluations)
@@ -223,18 +215,16 @@ def test_boxes_are_the_quartiles_of_each_group():
     assert 0 < len(counted) < result.elites.valid.size
     (line,) = metric_boxes({"elites": result.elites}, "cyclomatic").lines[4:5]
     assert line.get_ydata()[0] == np.median(counted)
-    with pytest.raises(
-        InputError, match=r"groups: expected elites, metrics or a mapping in each, got 'a' with \[1, 2\]"
-    ):
-        metric_boxes({"a": [1, 2]}, "turns")
     long = metric_boxes({f"a long name {number}": {"turns": [1]} for number in range(8)}, "turns")
     assert {label.get_rotation() for label in long.get_xticklabels()} == {30}
-    with pytest.raises(InputError, match="groups: expected 'turns' in each, got 'one' with bridges"):
-        metric_boxes(groups, "turns")
-    with pytest.raises(InputError, match="at least one map in each, got none in 'none'"):
-        metric_boxes({"none": {"turns": []}}, "turns")
-    with pytest.raises(InputError, match="groups: expected at least one, got none"):
-        metric_boxes({}, "turns")
+    for wrong, message in (
+        ({"a": [1, 2]}, r"groups: expected elites, metrics or a mapping in each, got 'a' with \[1, 2\]"),
+        (groups, "groups: expected 'turns' in each, got 'one' with bridges"),
+        ({"none": {"turns": []}}, "at least one map in each, got none in 'none'"),
+        ({}, "groups: expected at least one, got none"),
+    ):
+        with pytest.raises(InputError, match=message):
+            metric_boxes(wrong, "turns")
 
 
 def test_without_matplotlib_the_message_says_what_to_install(monkeypatch):

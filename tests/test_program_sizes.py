@@ -1,12 +1,53 @@
-"""A larger program is seen: `python tests/program_sizes.py` writes the new counts, which are committed."""
+"""Counts what compiled programs consist of, so that a larger program is seen; a noisy machine cannot blur the counts.
+
+    python tests/test_program_sizes.py    # writes the counts to program_sizes.json beside it
+
+For each program: the operations of its lowered form, and the kilobytes that they read and write by XLA's own estimate.
+"""
 
 import json
+from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import pytest
-from program_sizes import FILE, count_all
 
-from elitelanes_jax.optimizers import PRESETS
+from elitelanes_jax import Weights, fitness, measure, repair, road_problem
+from elitelanes_jax.network import measure_town
+from elitelanes_jax.optimizers import PRESETS, make_optimizer
+from elitelanes_jax.optimizers.loop import advance, start
+
+FILE = Path(__file__).with_name("program_sizes.json")
+SHAPE, SEEDS = (12, 12), 16
+
+
+def count_of(function, *arguments):
+    lowered = jax.jit(function).lower(*arguments)
+    return {
+        "operations": sum(" = " in line for line in lowered.as_text().splitlines()),
+        "kilobytes": round(lowered.cost_analysis()["bytes accessed"] / 1000),
+    }
+
+
+def count_all(presets=PRESETS):
+    grids = jax.ShapeDtypeStruct((64, *SHAPE), jnp.int8)
+    kernels = {
+        "measure": measure,
+        "fitness": lambda grid: fitness(measure(grid), Weights()),
+        "repair": repair,
+        "measure_town": measure_town,
+    }
+    counts = {name: count_of(jax.vmap(kernel), grids) for name, kernel in kernels.items()}
+    keys = jax.eval_shape(lambda: jax.random.split(jax.random.key(0), SEEDS))
+    for method, preset in presets:
+        optimizer = make_optimizer(road_problem(SHAPE), PRESETS[method, preset])
+        states = jax.eval_shape(lambda keys, optimizer=optimizer: start(optimizer, keys), keys)
+
+        def run(keys, states, optimizer=optimizer):
+            return advance(optimizer, keys, states, 1, 100, most=100)
+
+        counts[f"{method}, {preset}"] = count_of(run, keys, states)
+    return {"jax": jax.__version__, "programs": counts}
 
 
 # Lowering takes most of the time.
@@ -20,3 +61,7 @@ def test_programs_are_as_large_as_the_file_says(presets):
     for name, counts in found.items():
         for unit, count in counts.items():
             assert count == pytest.approx(kept["programs"][name][unit], rel=0.02), (name, unit)
+
+
+if __name__ == "__main__":
+    FILE.write_text(json.dumps(count_all(), indent=2) + "\n", encoding="utf-8")

@@ -77,11 +77,7 @@ def level():
         (Camera, {"pitch": 120}, "pitch: expected a number, -90 to 90, got 120"),
         (Camera, {"sky": (1, 2)}, "sky: expected three numbers, 0 to 255"),
         (RoadNavParams, {"levels": np.zeros((2, 2))}, "levels: expected a batch of levels .* got ndarray"),
-        (
-            RoadNavParams,
-            {"levels": level},
-            "levels: expected a batch of levels .* got one of shape",
-        ),
+        (RoadNavParams, {"levels": level}, "levels: expected a batch of levels .* got one of shape"),
         (RoadNavParams, {"levels": levels, "window": 4}, "window: expected an odd number of tiles, or 0 .* got 4"),
         (RoadNavParams, {"levels": levels, "goal": "smell"}, "goal: expected one of compass, mark, both, none, got"),
         (RoadNavParams, {"levels": levels, "limit": 0}, "limit: expected a whole number, 1 or more, got 0"),

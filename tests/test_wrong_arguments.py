@@ -7,13 +7,26 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import (
+    DatasetSpec,
+    GenerateSpec,
+    InputError,
+    Result,
+    SearchSpec,
+    evolve,
+    explore,
+    fitness,
+    generate,
+    load_tiles,
+    make_dataset,
+    merge,
+    random_grids,
+    render,
+    rotate,
+)
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.benchmark import find_task, run_tasks, score_submission
-from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_rides
-from elitelanes_jax.explorer.page import explore
 from elitelanes_jax.formats import (
     Streets,
     from_duckietown,
@@ -30,18 +43,8 @@ from elitelanes_jax.formats import (
     write_sumo,
 )
 from elitelanes_jax.maps import PackSpec, furnish
-from elitelanes_jax.maps.generation import generate, merge
-from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.symmetry import rotate
 from elitelanes_jax.optimizers import MoveWeights, run
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import Result
-from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.tiles import propose_masks
-from elitelanes_jax.tiles.rendering import choose_tiles, render, stand, write_png
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.tiles import choose_tiles, propose_masks, stand, write_png
 
 GRID = np.array([[6, 3], [12, 9]])
 RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
@@ -72,11 +75,8 @@ WRONG = {
     "transforms: expected some of none, standard": lambda: DatasetSpec(transforms="luck"),
     "fill: expected True or False, got 'no'": lambda: SearchSpec(fill="no"),
     "weights: expected weights such as 'bridges=300', got 3": lambda: SearchSpec(weights=[3]),
-    "axes: expected axes such as 'straight_share:10', got 3": lambda: SearchSpec(axes=[3]),
     "spec: expected SearchSpec, got 3": lambda: evolve(0, spec=3),
-    "where 'cyclomatic=200..': expected a range with some of 1..121, which": lambda: evolve(
-        0, where="cyclomatic=200.."
-    ),
+    "where 'cyclomatic=200..': expected a range with some": lambda: evolve(0, where="cyclomatic=200.."),
     "metrics: expected Metrics, from measure, got ndarray": lambda: fitness(GRID),
     "tiles: expected a TileSet, as load_tiles gives it, got 'tiles'": lambda: choose_tiles(GRID, "tiles"),
     "tiles: expected a name, got 3": lambda: render(GRID, 3),
@@ -122,7 +122,6 @@ WRONG = {
     "tasks: expected a list of Task, got Task(": lambda: run_tasks(find_task("5x5A-10000"), None),
     "image: expected uint8 [S, S, 3], got float64 [4, 4]": lambda: propose_masks(np.zeros((4, 4))),
     "file: expected a name that ends in .png, got map.json": lambda: write_png("map.json", np.zeros((4, 4), np.uint8)),
-    "moves: mirror: expected a whole number, 0 or more, got -1": lambda: evolve(0, moves={"mirror": -1}),
     "moves: expected names of letters, digits and _ that no other": lambda: evolve(0, moves={3: (1, 2)}),
     "user_moves: mine: expected a weight and a Move, got 3": lambda: MoveWeights(user_moves={"mine": 3}),
     "user_moves: expected moves by name, got 3": lambda: MoveWeights(user_moves=3),
@@ -133,7 +132,6 @@ WRONG = {
     "to: expected one of duckietown, dt-maps, graphml": lambda: PackSpec(to=3),
     "furnish: 3: expected one of objects, signs, lights": lambda: furnish(GRID, {3: 3}),
     "town.json: expected a readable JSON file": lambda: furnish("town.json"),
-    "count: expected a whole number, 0 or more, got 'x'": lambda: random_grids(jax.random.key(0), "x"),
 }
 
 

@@ -38,11 +38,7 @@ def read_json(file: str | Path) -> Plain:
 
 
 def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
-    """Reads a file of TOML, at most 1 MiB.
-
-    Raises:
-      InputError: that starts with the source, if the file cannot be read or is not TOML.
-    """
+    """Reads a file of TOML, at most 1 MiB; other files are an `InputError` that starts with the source."""
     try:
         return tomllib.loads(read_text(file, MIB))
     except OSError as error:
@@ -52,12 +48,9 @@ def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
 
 
 def parse_json(text: str) -> Plain:
-    """Parses JSON.
+    """Parses JSON; raises `InputError` if an object has a key twice, or a number is NaN or infinite.
 
-    Raises:
-      InputError: if an object has a key twice, or a number is NaN or infinite.
-      ValueError: if the text is not JSON.
-      RecursionError: if it is nested too deeply.
+    Other errors are a `ValueError`, or a `RecursionError` for a text that is nested too deeply.
     """
     return json.loads(text, object_pairs_hook=_object, parse_constant=_refuse)
 

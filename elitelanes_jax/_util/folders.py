@@ -113,12 +113,9 @@ def settle(out: str | Path) -> None:
 
 @contextmanager
 def locked(folder: Path, asked: str | Path) -> Iterator[None]:
-    """Locks a folder, so that one process at a time works in it.
+    """Locks a folder, so that one process at a time works in it; a second one gets an `InputError` that names `asked`.
 
     A folder that did not exist is made, and removed at the end if it is empty.
-
-    Raises:
-      InputError: that names the path `asked`, if another process works in the folder, or it cannot be written to.
     """
     from filelock import FileLock, Timeout  # it takes 50 ms to load
 
@@ -149,8 +146,7 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
 def compare_settings(folder: str | Path, file: Path, settings: Mapping[str, Plain], hint: str) -> None:
     """Compares settings with those in a JSON file of an earlier run.
 
-    Raises:
-      InputError: that names `folder` and the first setting that differs, and ends with `hint`.
+    The `InputError` names `folder` and the first setting that differs, and ends with `hint`.
     """
     try:
         earlier = read_json(file)

@@ -30,9 +30,8 @@ def _version(name: str) -> str | None:
 def import_optional(module: str, need: str, package: str | None = None) -> ModuleType:
     """Imports a module that may not be installed.
 
-    Raises:
-      MissingPackageError: with the text `need`, which ends with the package's name, and how to install `package`, by
-        default the module.
+    The error has the text `need`, which ends with the package's name, and how to install `package`, by default the
+    module.
     """
     try:
         return import_module(module)

@@ -53,11 +53,7 @@ class Record:
     """The base of frozen dataclasses whose fields are declared by `option`, `nested`, `static` and `traced`."""
 
     def __post_init__(self) -> None:
-        """Checks each field, then all together.
-
-        Raises:
-          InputError: for a wrong value; the message starts with the field's name.
-        """
+        """Checks each field, then all together. The message of an `InputError` starts with the field's name."""
         for name, one in self.options().items():
             earlier = () if one.after is None else (getattr(self, one.after),)
             object.__setattr__(self, name, check_named(name, one.check, getattr(self, name), *earlier))

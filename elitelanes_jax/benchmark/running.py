@@ -51,7 +51,7 @@ def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUN
       InputError: for an unknown task, a search that is no generator, or grids of another shape or with other codes.
     """
     task = task if isinstance(task, Task) else find_task(task)
-    return _run([task], partial(_begin, search, task), lambda grids: (0, grids), seeds)[0]
+    return _run([task], search, task, lambda grids: (0, grids), seeds)[0]
 
 
 def run_tasks(
@@ -72,11 +72,7 @@ def run_tasks(
     """
     if len({task.evaluations for task in check_named("tasks", listed(Task), tasks)}) != 1:
         raise InputError(f"tasks: expected equal budgets, got {', '.join(task.name for task in tasks) or 'no task'}")
-    return _run(tasks, partial(_begin, search, tasks), partial(_check_index, len(tasks)), seeds)
-
-
-def _begin(search: UserValue, *arguments: UserValue) -> UserValue:
-    return search(*arguments) if callable(search) else search  # `_run_seed` refuses what is no generator
+    return _run(tasks, search, tasks, partial(_check_index, len(tasks)), seeds)
 
 
 def _check_index(tasks: int, batch: UserValue) -> tuple[int, AnyArray]:
@@ -87,13 +83,18 @@ def _check_index(tasks: int, batch: UserValue) -> tuple[int, AnyArray]:
 
 def _run(
     tasks: Sequence[Task],
-    search: Callable[[np.random.Generator], UserValue],
+    search: UserValue,
+    argument: Task | Sequence[Task],
     split: Callable[[UserValue], tuple[int, AnyArray]],
     seeds: int | Iterable[int],
 ) -> list[Submission]:
     """Runs a search for each seed. `split` returns the index of a task and grids from what the search yields."""
     listed = seeds if isinstance(seeds, Iterable) else range(check_named("seeds", whole(1), seeds))
-    runs = [_run_seed(tasks, search(np.random.default_rng(seed)), split) for seed in listed]
+    generators = (
+        search(argument, np.random.default_rng(seed)) if callable(search) else search  # refused by `_run_seed`
+        for seed in listed
+    )
+    runs = [_run_seed(tasks, generator, split) for generator in generators]
     together = zip(tasks, zip(*runs, strict=True), strict=True)
     return [
         Submission(task, *(np.stack(arrays) for arrays in zip(*of_task, strict=True))) for task, of_task in together
@@ -114,17 +115,16 @@ def _run_seed(
         task, (best, lowest) = tasks[index], archives[index]
         codes = _check(task, grids)
         counts = measure_grids(codes)
-        counts["flawless"] &= (not task.fill) | (counts["empty_cells"] == 0)
-        for number, (code, value, niche, good) in enumerate(
-            zip(codes, *(counts[name] for name in ("fitness", "cyclomatic", "flawless")), strict=True), start=1
-        ):
+        counting = counts["flawless"] & ((not task.fill) | (counts["empty_cells"] == 0))
+        measured = Measured(counts["fitness"], counts["cyclomatic"], counting)
+        for number, (code, value, niche, good) in enumerate(zip(codes, *measured, strict=True), start=1):
             if good and value < lowest[niche]:
                 best[niche], lowest[niche] = code, value
             if len(kept) < len(ends) and spent + number == ends[len(kept)]:
                 kept.append(deepcopy(archives))
         spent += len(codes)
         try:
-            batch = search.send(Measured(counts["fitness"], counts["cyclomatic"], counts["flawless"]))
+            batch = search.send(measured)
         except StopIteration:
             batch = None
     search.close()

@@ -55,11 +55,7 @@ def write_submission(file: str | Path, submission: Submission) -> None:
 
 
 def read_submission(file: str | Path) -> Submission:
-    """Reads a raw archive.
-
-    Raises:
-      InputError: for another file, version or task, or if the arrays do not fit the task or each other.
-    """
+    """Reads a raw archive; raises `InputError` for another file, version or task, or arrays that do not fit it."""
     names = ("version", "task", "grids", "fitness", "cyclomatic")
     _, stored = unpack(file)
     arrays = {name: stored[name] for name in names if name in stored}

@@ -3,12 +3,15 @@
 import argparse
 import re
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
 from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 from typing import NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import Check, folder, path, switch, whole
 from elitelanes_jax._util.errors import InputError, suggest
-from elitelanes_jax._util.progress import Verbosity
+from elitelanes_jax._util.progress import Verbosity, detail
 from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
@@ -59,88 +62,47 @@ def checked_by(check: Check) -> Callable[[str], UserValue]:
     return parse
 
 
+def file_ending(*suffixes: str) -> Callable[[str], UserValue]:
+    """Makes a type of argument: the path of a file whose name ends in one of the suffixes."""
+    known = " or ".join(filter(None, [", ".join(suffixes[:-1]), suffixes[-1]]))
+
+    def check(text: UserValue) -> Path:
+        file: Path = path(text)
+        if file.suffix.lower() not in suffixes:
+            raise InputError(f"expected a name that ends in {known}, got {text[:40]!r}")
+        return file
+
+    return checked_by(check)
+
+
+def add_command(
+    commands: Commands, name: str, action: Callable[[argparse.Namespace], int], notes: str = "", **words: Untyped
+) -> Parser:
+    """Adds a command that runs `action`. `notes` are shown after its help, line by line; `words` are for argparse."""
+    as_it_is = {"epilog": notes, "formatter_class": argparse.RawDescriptionHelpFormatter} if notes else {}
+    command = commands.add_parser(name, **{**words, **as_it_is})
+    command.set_defaults(action=action)
+    return command
+
+
 def add_options(command: argparse.ArgumentParser, defaults: Record) -> None:
     """Adds an option for each field of a record that has a metavar, also in nested records.
 
     The option's help is the field's description in the record's docstring, with the default: the field's value.
     """
+    for name, option, default, said in _listed(defaults):
+        command.add_argument(_flag(name, option), **_kind(option, default), help=_help(said, default), dest=name)
+
+
+def _listed(defaults: Record) -> Iterator[tuple[str, Option, UserValue, str]]:
+    """Yields the name, option, default and description of each field that is an option, also in nested records."""
     said = descriptions(type(defaults))
     for name, option in defaults.options().items():
         default = getattr(defaults, name)
-        if option.metavar is None and isinstance(default, Record):
-            add_options(command, default)
-        elif option.metavar is not None:
-            command.add_argument(
-                _flag(name, option), **_kind(option, default), help=_help(said[name], default), dest=name
-            )
-
-
-def add_map(command: argparse.ArgumentParser) -> None:
-    """Adds the file of a map to a command."""
-    command.add_argument(
-        "map", type=checked_by(path), help="a map.json, any JSON file with codes, or a Duckietown map, .yaml"
-    )
-
-
-def add_out(command: argparse.ArgumentParser) -> None:
-    """Adds ``--out`` to a command that writes a folder."""
-    command.add_argument(
-        "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
-    )
-
-
-def add_tile_pictures(command: argparse.ArgumentParser, tile_px: int = 64, usual: str = "the package's own") -> None:
-    """Adds ``--tiles`` and ``--tile-px`` to a command that draws a map."""
-    command.add_argument("--tiles", type=checked_by(path), metavar="DIR", help=f"tile pictures; by default {usual}")
-    command.add_argument(
-        "--tile-px",
-        type=checked_by(whole(16, 512)),
-        default=tile_px,
-        metavar="N",
-        help=f"side of a tile in pixels; by default {tile_px}",
-    )
-
-
-def add_blend(command: argparse.ArgumentParser) -> None:
-    """Adds ``--blend`` to a command that draws whole maps."""
-    command.add_argument(
-        "--blend",
-        type=checked_by(switch),
-        metavar="on|off",
-        help="align the brightness of the tiles and feather their seams; by default as the tile set says, which is on "
-        "for photographs",
-    )
-
-
-def add_force(command: argparse.ArgumentParser) -> None:
-    """Adds ``--force`` to a command that writes a folder."""
-    command.add_argument(
-        "--force", action="store_true", help="replace the folder, if an earlier run wrote all files in it"
-    )
-
-
-def add_verbosity(command: argparse.ArgumentParser) -> None:
-    """Adds ``--quiet`` and ``--verbose`` to a command that takes long."""
-    either = command.add_mutually_exclusive_group()
-    for flag, level, words in (
-        ("--quiet", Verbosity.QUIET, "print nothing but errors"),
-        ("--verbose", Verbosity.VERBOSE, "print each step and its time"),
-    ):
-        either.add_argument(
-            flag, dest="verbosity", action="store_const", const=level, help=words, default=argparse.SUPPRESS
-        )
-
-
-def add_cores(command: argparse.ArgumentParser) -> None:
-    """Adds ``--cores`` to a command that uses several cores."""
-    command.add_argument(
-        "--cores",
-        action=_Cores,
-        type=checked_by(whole(1, 1024)),
-        default=argparse.SUPPRESS,
-        metavar="N",
-        help="use at most N cores of the processor; by default all. The results are the same",
-    )
+        if option.metavar is not None:
+            yield name, option, default, said[name]
+        elif isinstance(default, Record):
+            yield from _listed(default)
 
 
 class _Cores(argparse.Action):
@@ -148,13 +110,79 @@ class _Cores(argparse.Action):
         use_cores(given[2])
 
 
-def add_scheduler(command: argparse.ArgumentParser) -> None:
-    """Adds ``--scheduler`` to a command that can run on a cluster."""
-    command.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="run on the workers of a Dask cluster with this scheduler, such as tcp://HOST:8786; they share the disk",
-    )
+# The arguments that several commands have, by name.
+_SHARED: dict[str, dict[str, Untyped]] = {
+    "map": {"type": checked_by(path), "help": "a map.json, any JSON file with codes, or a Duckietown map, .yaml"},
+    "--out": {
+        "type": checked_by(folder),
+        "required": True,
+        "metavar": "DIR",
+        "help": "folder to write to, new or empty",
+    },
+    "--tiles": {"type": checked_by(path), "metavar": "DIR", "help": "tile pictures; by default the package's own"},
+    "--tile-px": {
+        "type": checked_by(whole(16, 512)),
+        "default": 64,
+        "metavar": "N",
+        "help": "side of a tile in pixels; by default %(default)s",
+    },
+    "--blend": {
+        "type": checked_by(switch),
+        "metavar": "on|off",
+        "help": "align the brightness of the tiles and feather their seams; by default as the tile set says, which is "
+        "on for photographs",
+    },
+    "--scheduler": {
+        "metavar": "ADDRESS",
+        "help": "run on the workers of a Dask cluster with this scheduler, such as tcp://HOST:8786; they share the "
+        "disk",
+    },
+    "--force": {"action": "store_true", "help": "replace the folder, if an earlier run wrote all files in it"},
+    "--cores": {
+        "action": _Cores,
+        "default": argparse.SUPPRESS,
+        "type": checked_by(whole(1, 1024)),
+        "metavar": "N",
+        "help": "use at most N cores of the processor; by default all. The results are the same",
+    },
+}
+
+
+def add_shared(command: argparse.ArgumentParser, *names: str, **changes: Untyped) -> None:
+    """Adds arguments that several commands have, with changes of what argparse is told about them."""
+    for name in names:
+        command.add_argument(name, **_SHARED[name] | changes)
+
+
+def add_verbosity(command: argparse.ArgumentParser) -> None:
+    """Adds ``--quiet`` and ``--verbose`` to a command that takes long."""
+    add = partial(command.add_mutually_exclusive_group().add_argument, dest="verbosity", action="store_const")
+    add("--quiet", const=Verbosity.QUIET, default=argparse.SUPPRESS, help="print nothing but errors")
+    add("--verbose", const=Verbosity.VERBOSE, default=argparse.SUPPRESS, help="print each step and its time")
+
+
+@contextmanager
+def workers_at(scheduler: str | None) -> Iterator[Executor | None]:
+    """Keeps compiled programs, and connects to the cluster that ``--scheduler`` names, if it names one."""
+    from elitelanes_jax.search.compile_cache import use_compile_cache
+
+    detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
+    if scheduler is None:
+        yield None
+    else:
+        from elitelanes_jax.maps.cluster import dask_executor
+
+        with dask_executor(scheduler) as executor:
+            yield executor
+
+
+@contextmanager
+def naming(prefix: object) -> Iterator[None]:
+    """Makes errors in its block start with the name of a file or option."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{prefix}: {error}") from None
 
 
 def read_options(given: argparse.Namespace, defaults: Record) -> UserValue:
@@ -174,15 +202,13 @@ def read_options(given: argparse.Namespace, defaults: Record) -> UserValue:
 def naming_options(defaults: Record, *only: str, **more: str) -> Iterator[None]:
     """Makes errors in its block that start with the name of a field start with the option's name.
 
-    Args:
-      defaults: the record with the fields.
-      *only: names of fields; by default all. A file in a message may have the name of another field.
-      **more: options by other names that errors may start with.
+    Those of all fields, or of some alone, because a file in a message may have the name of another field. `more` has
+    options by other names.
     """
     try:
         yield
     except InputError as error:
-        flags = {name: flag for name, flag in _flags(defaults).items() if not only or name in only}
+        flags = {name: _flag(name, option) for name, option, *_ in _listed(defaults) if not only or name in only}
         raise type(error)(_name_flag(str(error), flags | more)) from None
 
 
@@ -191,18 +217,6 @@ def _name_flag(message: str, flags: Mapping[str, str]) -> str:
     message = re.sub(r"\b(\w+)='(\w+)'", lambda found: f"{flags.get(found[1], found[1])} {found[2]}", message)
     name = re.match(r"\w+(?=[: ])", message)
     return flags[name[0]] + message[name.end() :] if name and name[0] in flags else message
-
-
-def _flags(defaults: Record) -> dict[str, str]:
-    """Returns the option of each field of a record and of its nested records, by name."""
-    found: dict[str, str] = {}
-    for name, option in defaults.options().items():
-        default = getattr(defaults, name)
-        if option.metavar is None and isinstance(default, Record):
-            found |= _flags(default)
-        elif option.metavar is not None:
-            found[name] = _flag(name, option)
-    return found
 
 
 def _flag(name: str, option: Option) -> str:

@@ -4,16 +4,10 @@ import argparse
 from collections.abc import Callable, Iterator
 
 from elitelanes_jax._util.checks import one_of
-from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_command, checked_by
 from elitelanes_jax.cli.program import say
 
 _SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")
-
-_LOADING = """add one line to the file that the shell reads when it starts:
-  ~/.bashrc                   eval "$(elitelanes completion bash)"
-  ~/.zshrc                    eval "$(elitelanes completion zsh)", below compinit
-  ~/.config/fish/config.fish  elitelanes completion fish | source
-"""
 
 # No space follows a name that a value follows. Words without a completion are files.
 _BASH = """
@@ -26,15 +20,6 @@ complete -o default -F _elitelanes elitelanes"""
 
 
 def add_completion(commands: Commands, make_parser: Callable[[], argparse.ArgumentParser]) -> None:
-    command = commands.add_parser(
-        "completion",
-        help="print a script with which a shell completes commands",
-        description="Prints a script with which a shell completes commands, options and their values.",
-        epilog=_LOADING,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    command.add_argument("shell", type=checked_by(one_of(*_SHELLS)), metavar="SHELL", help=", ".join(_SHELLS))
-
     def complete(options: argparse.Namespace) -> int:
         import shtab
 
@@ -47,7 +32,19 @@ def add_completion(commands: Commands, make_parser: Callable[[], argparse.Argume
         say(shtab.complete(parser, options.shell) + _BASH * (options.shell == "bash"), asked=True)
         return 0
 
-    command.set_defaults(action=complete)
+    command = add_command(
+        commands,
+        "completion",
+        complete,
+        help="print a script with which a shell completes commands",
+        description="Prints a script with which a shell completes commands, options and their values.",
+        notes="""add one line to the file that the shell reads when it starts:
+  ~/.bashrc                   eval "$(elitelanes completion bash)"
+  ~/.zshrc                    eval "$(elitelanes completion zsh)", below compinit
+  ~/.config/fish/config.fish  elitelanes completion fish | source
+""",
+    )
+    command.add_argument("shell", type=checked_by(one_of(*_SHELLS)), metavar="SHELL", help=", ".join(_SHELLS))
 
 
 def _actions(parser: argparse.ArgumentParser, command: str = "") -> Iterator[tuple[str, argparse.Action]]:
@@ -65,7 +62,7 @@ def _words() -> dict[str, list[str]]:
     from elitelanes_jax.cli.export import TABLES
     from elitelanes_jax.dataset.spec import LAYOUTS
     from elitelanes_jax.maps.exporting import FORMATS
-    from elitelanes_jax.network.weights import Weights
+    from elitelanes_jax.network.records import Weights
     from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES
     from elitelanes_jax.problem.inventory import COUNTED
     from elitelanes_jax.problem.rules import RULES

@@ -3,22 +3,24 @@
 import argparse
 from pathlib import Path
 
-from elitelanes_jax._util.checks import one_of, path, real, whole
+from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.arguments import Commands, add_blend, add_map, add_tile_pictures, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, file_ending
 from elitelanes_jax.cli.program import say
 
 
 def add_drive(commands: Commands) -> None:
-    command = commands.add_parser(
+    command = add_command(
+        commands,
         "drive",
+        _drive,
         help="drive on a map and film it",
         description="Lets a robot drive on a map: a film of its camera beside the map, or a picture of many trails.",
     )
-    add_map(command)
+    add_shared(command, "map")
     command.add_argument(
         "--out",
-        type=_film_or_picture,
+        type=file_ending(".mp4", ".gif", ".png", ".json"),
         required=True,
         metavar="FILE",
         help="new file: a film of one ride, .mp4 or .gif; a .png with all trails; or a .json for elitelanes explore",
@@ -44,8 +46,9 @@ def add_drive(commands: Commands) -> None:
         metavar="S",
         help="length of a ride; from 2 seconds on, all goals are within reach; by default 60",
     )
-    add_tile_pictures(command, 128)
-    add_blend(command)
+    add_shared(command, "--tiles")
+    add_shared(command, "--tile-px", default=128)
+    add_shared(command, "--blend")
     command.add_argument(
         "--seed",
         type=checked_by(whole(0, 2**31 - 1)),
@@ -53,14 +56,6 @@ def add_drive(commands: Commands) -> None:
         metavar="N",
         help="seed of the starts, the goals and the wheels; by default 0",
     )
-    command.set_defaults(action=_drive)
-
-
-def _film_or_picture(text: str) -> Path:
-    file = path(text)
-    if file.suffix.lower() not in (".mp4", ".gif", ".png", ".json"):
-        raise argparse.ArgumentTypeError(f"expected a name that ends in .mp4, .gif, .png or .json, got {text[:40]!r}")
-    return file
 
 
 def _policy(text: str) -> str | Path:
@@ -89,25 +84,17 @@ def _drive(options: argparse.Namespace) -> int:
     policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
     use_compile_cache()
     try:
-        drawn, chosen = road_map.drawn, None
-        if drawn and drawn.tile_set == tiles.name:
-            chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
+        chosen = recall_choice(road_map, tiles)
         chosen = choose_tiles(road_map.codes, tiles) if chosen is None else chosen
-        rides = make_rides(
-            road_map.codes,
-            rides_shown,
-            policy=policy,
-            seconds=options.seconds,
-            seed=options.seed,
-        )
+        settings = {"policy": policy, "seconds": options.seconds, "seed": options.seed}
+        rides = make_rides(road_map.codes, rides_shown, tiles=tiles, **settings)
     except InputError as error:
         message = str(error)
         raise InputError(f"--{message}" if message.startswith("policy:") else f"{options.map}: {message}") from None
     if kind == ".json":
         write_atomic(options.out, rides_to_json(road_map.codes, rides).encode())
     elif kind == ".png":
-        image = trails(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)
-        write_atomic(options.out, png_of(image))
+        write_atomic(options.out, png_of(trails(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)))
     else:
         write_film(options.out, film(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen))
     reached, count = int(rides.success.sum()), len(rides.success)

@@ -4,27 +4,25 @@ import argparse
 from pathlib import Path
 
 from elitelanes_jax._util.checks import name, path
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.arguments import Commands, add_blend, add_tile_pictures, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, file_ending
 from elitelanes_jax.cli.program import say
 
 _PAGE = "explore.html"
 
-_EXAMPLES = """examples:
-  elitelanes explore maps --open
-  elitelanes explore maps more-maps --out both.html
-  elitelanes explore docs/examples/town.json --out town.html
-"""
-
 
 def add_explore(commands: Commands) -> None:
-    command = commands.add_parser(
+    command = add_command(
+        commands,
         "explore",
+        _explore,
         help="show runs and maps in a browser, and draw maps",
         description="Writes one page, without a server, that shows all niches of runs, opens, filters and compares "
         "maps, and edits maps.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        notes="""examples:
+  elitelanes explore maps --open
+  elitelanes explore maps more-maps --out both.html
+  elitelanes explore docs/examples/town.json --out town.html
+""",
     )
     command.add_argument(
         "sources",
@@ -36,7 +34,7 @@ def add_explore(commands: Commands) -> None:
     )
     command.add_argument(
         "--out",
-        type=checked_by(path),
+        type=file_ending(".html", ".htm"),
         metavar="FILE",
         help=f"new file; by default {_PAGE} in the folder of the run, or here for several runs and for maps",
     )
@@ -44,10 +42,11 @@ def add_explore(commands: Commands) -> None:
         "--title", type=checked_by(name), metavar="TEXT", help="title of the page; by default the run's name"
     )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
-    add_tile_pictures(command, usual="the first run's, or if they are not found the package's own")
-    add_blend(command)
-    command.add_argument("--force", action="store_true", help="replace an earlier page")
-    command.set_defaults(action=_explore)
+    add_shared(
+        command, "--tiles", help="tile pictures; by default the first run's, or if they are not found the package's own"
+    )
+    add_shared(command, "--tile-px", "--blend")
+    add_shared(command, "--force", help="replace an earlier page")
 
 
 def _explore(options: argparse.Namespace) -> int:
@@ -55,8 +54,6 @@ def _explore(options: argparse.Namespace) -> int:
 
     first = options.sources[0]
     out = options.out or (first / _PAGE if len(options.sources) == 1 and first.is_dir() else Path(_PAGE))
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--out: expected a name that ends in .html, got {out}")
     size = explore(
         options.sources,
         out,

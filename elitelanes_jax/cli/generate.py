@@ -1,4 +1,4 @@
-"""The command ``elitelanes generate``."""
+"""The commands that write folders of maps: ``elitelanes generate``, ``merge`` and ``pick``."""
 
 import argparse
 import shlex
@@ -6,19 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import NotEnoughMapsError, pluralize
-from elitelanes_jax._util.progress import detail
+from elitelanes_jax._util.folders import has_unfinished
 from elitelanes_jax.cli.arguments import (
     COMPILING,
     Commands,
-    add_cores,
-    add_force,
+    add_command,
     add_options,
-    add_out,
-    add_scheduler,
+    add_shared,
     add_verbosity,
+    checked_by,
     naming_options,
     read_options,
+    workers_at,
 )
 from elitelanes_jax.cli.program import program_name, say
 
@@ -38,53 +39,44 @@ _COLUMNS = (
 )
 
 
-_EXAMPLES = """examples:
+def add_generate(commands: Commands) -> None:
+    from elitelanes_jax.maps.spec import GenerateSpec
+
+    command = add_command(
+        commands,
+        "generate",
+        _generate,
+        help="evolve maps and draw them",
+        description="Evolves maps that are valid, different and spread over the niches; draws them with their masks.",
+        notes=f"""examples:
   elitelanes generate --size 12 12 --maps 16 --out maps
   elitelanes generate --where crossings=6..10 straight_share=0.3..0.6 --out in-range
   elitelanes generate --rules duckietown --size 9 9 --maps 4 --out floor-plans
   elitelanes generate --style town --size 9 9 --maps 24 --out towns
 
 'elitelanes metrics' lists the metrics that --where, --axes and --weights name.
-"""
 
-
-def add_generate(commands: Commands) -> None:
-    from elitelanes_jax.maps.spec import GenerateSpec
-
-    command = commands.add_parser(
-        "generate",
-        help="evolve maps and draw them",
-        description="Evolves maps that are valid, different and spread over the niches; draws them with their masks.",
-        epilog=f"{_EXAMPLES}\n{COMPILING}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+{COMPILING}""",
     )
-    add_out(command)
+    add_shared(command, "--out")
     add_options(command, GenerateSpec())
-    add_scheduler(command)
-    add_force(command)
-    add_cores(command)
+    add_shared(command, "--scheduler", "--force", "--cores")
     add_verbosity(command)
-    command.set_defaults(action=_generate)
 
 
 def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.spec import GenerateSpec
 
     spec = read_options(options, GenerateSpec())
-    from elitelanes_jax._util.folders import has_unfinished
     from elitelanes_jax.maps.generation import generate
-    from elitelanes_jax.search.compile_cache import use_compile_cache
+    from elitelanes_jax.maps.parts import generate_on
 
-    detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
-        with naming_options(GenerateSpec(), "furnish", "axes", "where"):
-            if options.scheduler is None:
+        with workers_at(options.scheduler) as executor, naming_options(GenerateSpec(), "furnish", "axes", "where"):
+            if executor is None:
                 maps = generate(spec, options.out, force=options.force)
             else:
-                from elitelanes_jax.maps.cluster import dask_executor, generate_on
-
-                with dask_executor(options.scheduler) as executor:
-                    maps = generate_on(executor, spec, options.out, force=options.force)
+                maps = generate_on(executor, spec, options.out, force=options.force)
     except NotEnoughMapsError as error:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:
@@ -94,6 +86,74 @@ def _generate(options: argparse.Namespace) -> int:
         index, count = spec.part
         seeds = f"seeds {spec.seed_indices[0]} to {spec.seed_indices[-1]}"
         say(f"part {index} of {count}, {seeds}, in {options.out}; elitelanes merge joins all parts")
+    return 0
+
+
+def add_merge(commands: Commands) -> None:
+    command = add_command(
+        commands,
+        "merge",
+        _merge,
+        help="join the parts of a run",
+        description="Joins the results of elitelanes generate --part, and writes the folder of a run without parts.",
+    )
+    command.add_argument(
+        "parts", type=checked_by(path), nargs="+", metavar="PART", help="folders of all parts, in any order"
+    )
+    add_shared(command, "--out", "--force")
+    add_verbosity(command)
+
+
+def _merge(options: argparse.Namespace) -> int:
+    from elitelanes_jax.maps.parts import merge
+
+    maps = merge(options.parts, options.out, force=options.force)
+    say(describe_maps(maps, len(maps), options.out))
+    return 0
+
+
+def add_pick(commands: Commands) -> None:
+    from elitelanes_jax.maps.spec import PickSpec
+
+    command = add_command(
+        commands,
+        "pick",
+        _pick,
+        help="choose more, other or filtered maps from archives of generate",
+        description="Chooses maps among the elites of earlier searches, and draws them, without another search.",
+        notes="""examples:
+  elitelanes pick maps/archive.npz --maps 40 --out more
+  elitelanes pick maps/archive.npz --unlike maps/maps/*/map.json --out others
+  elitelanes pick maps/archive.npz --where bridges=0 crossings=..40 --out without-bridges
+""",
+    )
+    command.add_argument(
+        "archives", type=checked_by(path), nargs="+", metavar="ARCHIVE", help="an archive.npz, of maps of one size"
+    )
+    add_shared(command, "--out")
+    add_options(command, PickSpec())
+    add_shared(command, "--force")
+    command.add_argument(
+        "--force-archive",
+        dest="force",
+        action="store_const",
+        const="archive",
+        help="like --force, but also replace a folder with an archive.npz, which pick does not write again",
+    )
+    add_verbosity(command)
+
+
+def _pick(options: argparse.Namespace) -> int:
+    from elitelanes_jax.maps.spec import PickSpec
+
+    spec = read_options(options, PickSpec())
+    from elitelanes_jax.maps.picking import pick
+
+    with naming_options(PickSpec(), "furnish", "axes", "where"):
+        maps = pick(
+            spec, options.archives, options.out, force=bool(options.force), force_archive=options.force == "archive"
+        )
+    say(describe_maps(maps, spec.maps, options.out))
     return 0
 
 
@@ -109,7 +169,6 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
     lines.append(f"{pluralize(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
     differences = [(road_map.metrics or {}).get("difference_from_examples") for road_map in maps]
-    known = [share for share in differences if share is not None]
-    if known:
+    if known := [share for share in differences if share is not None]:
         lines.append(f"they differ from the nearest example map in {min(known):.0%} to {max(known):.0%} of their cells")
     return "\n".join(lines)

@@ -15,16 +15,11 @@ from elitelanes_jax.cli.completion import add_completion
 from elitelanes_jax.cli.dataset import add_dataset
 from elitelanes_jax.cli.drive import add_drive
 from elitelanes_jax.cli.explore import add_explore
-from elitelanes_jax.cli.export import add_export, add_show
-from elitelanes_jax.cli.furnish import add_furnish
-from elitelanes_jax.cli.generate import add_generate
-from elitelanes_jax.cli.merge import add_merge
+from elitelanes_jax.cli.export import add_export, add_pack
+from elitelanes_jax.cli.generate import add_generate, add_merge, add_pick
 from elitelanes_jax.cli.metrics import add_metrics
-from elitelanes_jax.cli.pack import add_pack
-from elitelanes_jax.cli.pick import add_pick
-from elitelanes_jax.cli.plan import add_plan
+from elitelanes_jax.cli.one_map import add_furnish, add_plan, add_render, add_show
 from elitelanes_jax.cli.program import INTERRUPTED, fail, guarded, say
-from elitelanes_jax.cli.render import add_render
 from elitelanes_jax.cli.score import add_score
 from elitelanes_jax.cli.tiles import add_tiles
 
@@ -34,7 +29,7 @@ _RESUMES = "what is complete is kept, and the same command resumes"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     options = make_parser().parse_args(arguments)
-    return guarded("elitelanes", lambda: _act(options), options.interrupted, options.verbosity)
+    return guarded("elitelanes", lambda: _act(options), "nothing was written", options.verbosity)
 
 
 def _act(options: argparse.Namespace) -> int:
@@ -44,8 +39,9 @@ def _act(options: argparse.Namespace) -> int:
     """
     if getattr(options, "force", False) and options.out is not None:
         values = (value for name, value in vars(options).items() if name != "out")
-        named = [one for value in values for one in (value if isinstance(value, list) else [value])]
-        texts = [one for one in named if isinstance(one, str | Path)]
+        named = (one for value in values for one in (value if isinstance(value, list) else [value]))
+        texts = [str(one) for one in named if isinstance(one, str | Path)]
+        texts += [word for text in texts for word in text.split()]  # such as --furnish "signs map.json"
         check_apart(options.out, filter(os.path.exists, texts))  # False for a text that is too long for a path
     try:
         return int(options.action(options))
@@ -61,7 +57,7 @@ def _act(options: argparse.Namespace) -> int:
 def make_parser() -> argparse.ArgumentParser:
     """Makes the parser of all commands; a parsed command has its function in ``action``."""
     parser = Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
-    parser.set_defaults(interrupted="nothing was written", verbosity=Verbosity.NORMAL)
+    parser.set_defaults(verbosity=Verbosity.NORMAL)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for add in (

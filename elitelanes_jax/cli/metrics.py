@@ -5,21 +5,22 @@ from itertools import zip_longest
 from textwrap import wrap
 
 from elitelanes_jax._util.checks import name
-from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_command, checked_by
 from elitelanes_jax.cli.program import say
 
 _WIDTH = 110
 
 
 def add_metrics(commands: Commands) -> None:
-    command = commands.add_parser(
+    command = add_command(
+        commands,
         "metrics",
+        _metrics,
         help="list all metrics, or show one",
         description="Lists all metrics and shares that --where, --axes and --weights name, with their ranges on maps "
         "of 12 x 12 tiles; or shows one, with maps of its smallest and largest value.",
     )
     command.add_argument("name", nargs="?", type=checked_by(name), metavar="NAME", help="the metric or share to show")
-    command.set_defaults(action=_metrics)
 
 
 def _metrics(options: argparse.Namespace) -> int:
@@ -49,7 +50,7 @@ _MEASURED = "measured only in searches that name it, because it costs time"
 
 
 def _show(feature: str, meaning: str, values: str) -> str:
-    from elitelanes_jax.formats.text import draw_text
+    from elitelanes_jax.formats.sketch import draw_text
     from elitelanes_jax.problem.extremes import extreme_maps, feature_range, value_text
     from elitelanes_jax.problem.features import TOWN_FEATURES
 

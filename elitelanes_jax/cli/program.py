@@ -23,21 +23,16 @@ INTERRUPTED = 130
 
 
 def guarded(program: str, action: Callable[[], int], interrupted: str, level: Verbosity = Verbosity.NORMAL) -> int:
-    """Runs a command; returns its exit code.
+    """Runs the action of a program, which returns 0 if it succeeds; returns the exit code.
 
-    Args:
-      program: its name, for messages.
-      action: returns 0 if the command succeeds.
-      interrupted: what an interruption leaves, for the message.
-      level: how much the command prints.
+    `interrupted` says what an interruption leaves.
     """
     try:
         with reporting(level):
             return action()
     except (InputError, NotEnoughMapsError) as error:
-        words = re.sub(
-            r"\b(force|force_archive|at_most)=True", lambda found: "--" + found[1].replace("_", "-"), str(error)
-        )
+        as_option = re.compile(r"\b(force|force_archive|at_most)=True")
+        words = as_option.sub(lambda found: "--" + found[1].replace("_", "-"), str(error))
         return fail(program, words, 2 if isinstance(error, InputError) else 1)
     except OSError as error:
         return fail(program, f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
 from elitelanes_jax.cli.program import say
 
 if TYPE_CHECKING:
@@ -16,15 +15,16 @@ if TYPE_CHECKING:
 
 
 def add_score(commands: Commands) -> None:
-    command = commands.add_parser(
+    command = add_command(
+        commands,
         "score",
+        _score,
         help="score raw archives of the benchmark",
         description="Measures the grids of raw archives again and prints their scores, with 95 % intervals over runs.",
     )
     command.add_argument(
         "archives", type=checked_by(path), nargs="+", metavar="ARCHIVE", help="an .npz of runs on a task"
     )
-    command.set_defaults(action=_score)
 
 
 def _score(options: argparse.Namespace) -> int:
@@ -34,10 +34,8 @@ def _score(options: argparse.Namespace) -> int:
     use_compile_cache()
     for file in options.archives:
         submission = read_submission(file)
-        try:
+        with naming(file):
             _, scores = score_submission(submission)
-        except InputError as error:
-            raise InputError(f"{file}: {error}") from None
         say(f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(submission, scores)}", asked=True)
     return 0
 

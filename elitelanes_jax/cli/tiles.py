@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import name, path
 from elitelanes_jax._util.errors import InputError, pluralize
-from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax._util.files import check_new, new_file
+from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, file_ending, naming
 from elitelanes_jax.cli.program import say, warn
 
 if TYPE_CHECKING:
@@ -22,15 +23,31 @@ _MASKED = ("road", "red", "yellow")
 def add_tiles(commands: Commands) -> None:
     tiles = commands.add_parser("tiles", help="check tile sets, and propose masks")
     below = tiles.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    _add_check(below)
-    _add_masks(below)
-
-
-def _add_check(commands: Commands) -> None:
-    command = commands.add_parser("check", help="describe a tile set, or list all its errors")
-    command.add_argument("folder", type=checked_by(path), metavar="DIR")
-    command.add_argument("--picture", type=checked_by(_png), metavar="FILE", help="new PNG file, with the worst seam")
-    command.set_defaults(action=_check)
+    check = add_command(below, "check", _check, help="describe a tile set, or list all its errors")
+    check.add_argument("folder", type=checked_by(path), metavar="DIR")
+    check.add_argument("--picture", type=file_ending(".png"), metavar="FILE", help="new PNG file, with the worst seam")
+    masks = add_command(
+        below,
+        "masks",
+        _masks,
+        help="propose masks for photographs, by colour",
+        description="Writes road.png, red.png and yellow.png next to each image.png that lacks them, to be corrected "
+        "by hand. Ranges of colours are H..H,S..S,V..V: hues 0 to 179, saturations and values 0 to 255.",
+    )
+    masks.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
+    for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
+        masks.add_argument(f"--{mask}", type=checked_by(name), metavar="RANGE", help=f"colours of {what}")
+    masks.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="also replace existing masks: those whose colours are given, or all; a copy of each is kept next to it",
+    )
+    masks.add_argument(
+        "--sheet",
+        type=file_ending(".png"),
+        metavar="FILE",
+        help="new PNG file with all masks on one sheet; by default DIR/masks.png",
+    )
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -52,40 +69,14 @@ def _check(options: argparse.Namespace) -> int:
     return 0
 
 
-def _add_masks(commands: Commands) -> None:
-    command = commands.add_parser(
-        "masks",
-        help="propose masks for photographs, by colour",
-        description="Writes road.png, red.png and yellow.png next to each image.png that lacks them, to be corrected "
-        "by hand. Ranges of colours are H..H,S..S,V..V: hues 0 to 179, saturations and values 0 to 255.",
-    )
-    command.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
-    for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
-        command.add_argument(f"--{mask}", type=checked_by(name), metavar="RANGE", help=f"colours of {what}")
-    command.add_argument(
-        "--overwrite",
-        action="store_true",
-        help="also replace existing masks: those whose colours are given, or all; a copy of each is kept next to it",
-    )
-    command.add_argument(
-        "--sheet",
-        type=checked_by(_png),
-        metavar="FILE",
-        help="new PNG file with all masks on one sheet; by default DIR/masks.png",
-    )
-    command.set_defaults(action=_masks)
-
-
 def _masks(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.masking import COLOURS, mask_folder, parse_colour, proposal_sheet
 
     colours = dict(COLOURS)
     for mask in _MASKED:
         if getattr(options, mask) is not None:
-            try:
+            with naming(f"--{mask}"):
                 colours[mask] = parse_colour(getattr(options, mask))
-            except InputError as error:
-                raise InputError(f"--{mask}: {error}") from None
     sheet = _new_beside(options.folder, options.sheet) if options.sheet else options.folder / "masks.png"
     named = [mask for mask in _MASKED if getattr(options, mask) is not None] or _MASKED
     proposals = mask_folder(options.folder, colours, named if options.overwrite else ())
@@ -119,8 +110,6 @@ def _keep(file: Path) -> Path:
 
 def _new_beside(folder: Path, file: Path) -> Path:
     """Checks that a file is new, and not in a tile's own folder, where it would be read as a picture of the tile."""
-    from elitelanes_jax._util.files import check_new
-
     check_new(file)
     if file.resolve().parent.parent == folder.resolve():
         raise InputError(f"{file}: expected a file outside of the tiles' own folders")
@@ -128,16 +117,8 @@ def _new_beside(folder: Path, file: Path) -> Path:
 
 
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
-    from elitelanes_jax._util.files import new_file
     from elitelanes_jax.tiles.rendering import write_png
 
     with ExitStack() as stack:
         for file, pixels in pictures.items():
             write_png(stack.enter_context(new_file(file)), pixels)
-
-
-def _png(text: str) -> Path:
-    file = path(text)
-    if file.suffix.lower() != ".png":
-        raise InputError(f"expected a name that ends in .png, got {text[:40]!r}")
-    return file

@@ -35,6 +35,16 @@ _OBJECTS = """
 `whole`, the same for the whole object, as if nothing hid it; `visible`, the share of its pixels that is seen; and, in
 views from a robot, `distance` in metres. Objects are background in labels and masks."""
 
+_MEASURED = """
+## What such views teach
+
+Two small networks were trained on 30,000 views of 60 towns, with `--transform varied blur=0.5` and `--camera
+lines=0.07`. The test was in gym-duckietown, a simulator with photographed tiles that no training used. On 32 maps, the
+median error of the offset from the lane was 1.3 cm, and that of the angle 0.0607 rad. In 32 rides of 60 seconds, the
+robot stayed on the road in all 32. With gym-duckietown's drawn tiles, the IoU of the labels was 0.906 for roads, 0.855
+for stop lines and 0.727 for lane separators. The page `docs/perception.md` of Elite Lanes JAX has the commands and all
+figures."""
+
 
 def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
     """Returns the README of a dataset, Markdown with the front matter that Hugging Face reads.
@@ -125,6 +135,7 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
             "corner, to points of the picture.",
             *([_POSES] if asked["camera"] is not None else []),
             *([_OBJECTS] if objects else []),
+            *([_MEASURED] if asked["camera"] is not None else []),
             "",
             "## How it was made",
             "",

@@ -69,19 +69,10 @@ class Viewpoint:
 def draw_viewpoint(
     rng: np.random.Generator, viewpoints: Viewpoints, codes: Int[NDArray, "H W"], tile_px: int
 ) -> Viewpoint:
-    """Draws a pose on the lanes of a map, and its camera.
+    """Draws a pose on the lanes of a map, and its camera; raises `InputError` for a map without a lane.
 
     The movement is drawn uniformly from all movements of the map; the position along it, the offset and the angle are
     uniform too.
-
-    Args:
-      rng: equal states give equal viewpoints.
-      viewpoints: the ranges.
-      codes: of the map.
-      tile_px: side of a tile in pixels.
-
-    Raises:
-      InputError: for a map without a lane.
     """
     lanes = list_movements(codes)
     if not len(lanes):
@@ -192,9 +183,7 @@ def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
 def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray, "3 4"]:
     """Returns the matrix from metres ahead of a camera, to the left and above the ground to points of its picture.
 
-    Args:
-      camera: its height, pitch and field of view, as in a viewpoint's ``about``.
-      size: (rows, columns) of the picture.
+    The camera has its height, pitch and field of view, as in a viewpoint's ``about``; `size` is (rows, columns).
     """
     rows, columns = size
     focal = rows / 2 / np.tan(np.radians(camera["field_of_view"]) / 2)

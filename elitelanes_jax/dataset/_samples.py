@@ -110,6 +110,8 @@ def draw_sample(
     seen["image"] = photograph(seen["image"], view)
     if varies(transforms):
         seen["image"] = compress(rng, seen["image"], transforms.compression)
+    transform = view._asdict() | {"matrix": view.matrix.tolist()}
+    del transform["size"]
     record = {
         "number": index,
         "size": list(road_map.codes.shape),
@@ -121,18 +123,13 @@ def draw_sample(
         "map_seed": road_map.seed,
         "tiles": [[tiles.pictures[tile].name for tile, _ in row] for row in chosen],
         "quarter_turns": chosen[..., 1].tolist(),
-        "transform": _plain(view),
+        "transform": transform,
         **about,
         "points": {name: _within(map_points(marks, view.matrix), view) for name, marks in points.items()},
         "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }
     return Sample({**seen, **instances}, {name: value for name, value in record.items() if value is not None})
-
-
-def _plain(view: View) -> dict[str, Plain]:
-    values = view._asdict() | {"matrix": view.matrix.tolist()}
-    return {name: value for name, value in values.items() if name != "size"}
 
 
 def _within(points: NDArray[np.float64], view: View) -> list[list[float]]:

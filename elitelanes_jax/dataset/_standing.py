@@ -18,16 +18,9 @@ from elitelanes_jax.tiles.pasting import Placed
 def stand(
     objects: Sequence[MapObject], pictures: Sequence[ObjectPictures], viewpoint: Viewpoint, tile_px: int
 ) -> tuple[list[Placed], list[int], list[float]]:
-    """Places objects in a view from a robot.
+    """Places objects with their pictures in a view from a robot; `tile_px` is that of the rendered map.
 
-    Args:
-      objects: of the map.
-      pictures: of each.
-      viewpoint: of the view.
-      tile_px: side of a tile of the rendered map in pixels.
-
-    Returns:
-      The pictures from back to front, the objects' indices, and their distances from the camera in metres.
+    Returns the pictures from back to front, the objects' indices, and their distances from the camera in metres.
     """
     pose, camera = viewpoint.about["pose"], viewpoint.about["camera"]
     cosine, sine = np.cos(pose["theta"]), np.sin(pose["theta"])

@@ -12,16 +12,12 @@ from elitelanes_jax.maps.given import GivenMaps
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.movements import list_movements
-from elitelanes_jax.tiles.tile import Tile
+from elitelanes_jax.tiles.files import Tile
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 
 def check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
-    """Checks maps that are used instead of evolved ones.
-
-    Raises:
-      InputError: unless their number and sizes are the specification's, they can be drawn, and for a camera have lanes.
-    """
+    """Checks maps that are used instead of evolved ones: number, sizes, tiles to draw them, and lanes for a camera."""
     source = "maps" if spec.maps_from is None else "maps_from"
     if len(own.maps) != spec.maps:
         raise InputError(f"{source}: expected {spec.maps} of them, as the specification says, got {len(own.maps)}")

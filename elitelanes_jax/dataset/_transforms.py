@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TypeVar
 
 from elitelanes_jax._util.checks import check_unique, flag, is_whole, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
+
+R = TypeVar("R", bound=Record)
 
 
 def _parse_scale(scale: UserValue) -> tuple[float, float]:
@@ -96,26 +100,37 @@ def parse_transforms(texts: UserValue) -> Transforms:
     Raises:
       InputError: for anything else, or a number out of its range.
     """
-    if isinstance(texts, Transforms):
-        return texts
-    if isinstance(texts, Mapping):
-        return Transforms().replace(**{str(name): value for name, value in texts.items()})
-    words = [texts] if isinstance(texts, str) else texts
+    return parse_words("transforms", Transforms(), texts, "transform", "'standard' or 'noise=0'", PRESETS)
+
+
+def parse_words(
+    field: str, defaults: R, given: UserValue, kind: str, example: str, presets: Mapping[str, R] = MappingProxyType({})
+) -> R:
+    """Reads a record from words ``NAME=VALUE``, or from a mapping of its fields; returns a record as it is.
+
+    One of the presets may be the first word. A flag is also a word. `field`, `kind` and `example` are for messages.
+    """
+    if isinstance(given, type(defaults)):
+        return given
+    if isinstance(given, Mapping):
+        return defaults.replace(**{str(name): value for name, value in given.items()})
+    words = [given] if isinstance(given, str) else given
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"transforms: expected words such as 'standard' or 'noise=0', got {shorten(repr(texts))}")
-    transforms, numbers = Transforms(), [name for name in Transforms.options() if name != "quarter_turns"]
-    check_unique("transforms", "transform", [text.partition("=")[0] for text in words])
-    if late := [word for word in words[1:] if word in PRESETS]:
-        raise InputError(f"transforms: expected {late[0]} alone or first, because it sets all transforms")
-    for text in words:
-        name, equals, value = text.partition("=")
-        if text in PRESETS:
-            transforms = PRESETS[text]
-        elif text == "quarter-turns":
-            transforms = transforms.replace(quarter_turns=True)
+        raise InputError(f"{field}: expected words such as {example}, got {shorten(repr(given))}")
+    check_unique(field, kind, [word.partition("=")[0] for word in words])
+    if late := [word for word in words[1:] if word in presets]:
+        raise InputError(f"{field}: expected {late[0]} alone or first, because it sets all {kind}s")
+    flags = {name.replace("_", "-"): name for name in defaults.options() if getattr(defaults, name) is False}
+    numbers = [name for name in defaults.options() if name not in flags.values()]
+    for word in words:
+        name, equals, value = word.partition("=")
+        if word in presets:
+            defaults = presets[word]
+        elif word in flags:
+            defaults = defaults.replace(**{flags[word]: True})
         elif equals and name in numbers:
-            transforms = transforms.replace(**{name: value})
+            defaults = defaults.replace(**{name: value})
         else:
-            known = ", ".join((*PRESETS, "quarter-turns", *(f"{number}=..." for number in numbers)))
-            raise InputError(f"transforms: expected some of {known}, got {text!r}")
-    return transforms
+            known = ", ".join((*presets, *flags, *(f"{number}=..." for number in numbers)))
+            raise InputError(f"{field}: expected some of {known}, got {shorten(repr(word))}")
+    return defaults

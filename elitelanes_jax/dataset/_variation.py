@@ -30,14 +30,9 @@ def vary_background(
     sky: Bool[NDArray, "h w"],
     transforms: Transforms,
 ) -> UInt8[NDArray, "h w 3"]:
-    """Shows random patterns instead of plain ground and sky, in a share of the pictures.
+    """Shows random patterns instead of plain ground and sky, in the share `background` of the pictures.
 
-    Args:
-      rng: equal states give equal pictures.
-      image: RGB.
-      ground: pixels of the ground that may change.
-      sky: pixels above the horizon.
-      transforms: with the share, `background`.
+    `ground` has the pixels of the ground that may change, and `sky` those above the horizon.
     """
     changed = rng.uniform() < transforms.background
     patterns = _pattern(rng, ground.shape), _clutter(rng, _pattern(rng, ground.shape))

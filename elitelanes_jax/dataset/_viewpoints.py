@@ -1,12 +1,11 @@
 """The options of a camera on a robot, for datasets of its views."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from elitelanes_jax._util.checks import check_unique, real, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.dataset._transforms import parse_words
 
 
 @dataclass(frozen=True)
@@ -51,17 +50,4 @@ def parse_viewpoints(texts: UserValue) -> Viewpoints:
     Raises:
       InputError: for anything but ``NAME=NUMBER`` with a field of `Viewpoints`, or a number out of its range.
     """
-    if isinstance(texts, Viewpoints):
-        return texts
-    if isinstance(texts, Mapping):
-        return Viewpoints().replace(**{str(name): value for name, value in texts.items()})
-    words = [texts] if isinstance(texts, str) else texts
-    if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"camera: expected words such as 'rows=120', got {shorten(repr(texts))}")
-    pairs = [word.partition("=") for word in words]
-    check_unique("camera", "setting", [name for name, _, _ in pairs])
-    for name, equals, _ in pairs:
-        if not equals or name not in Viewpoints.options():
-            known = ", ".join(f"{number}=..." for number in Viewpoints.options())
-            raise InputError(f"camera: expected some of {known}, got {shorten(repr(name + equals))}")
-    return Viewpoints().replace(**{name: value for name, _, value in pairs})
+    return parse_words("camera", Viewpoints(), texts, "setting", "'rows=120'")

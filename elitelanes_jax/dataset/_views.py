@@ -46,16 +46,7 @@ class View(NamedTuple):
 
 
 def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int, int]) -> View:
-    """Draws a view of a map.
-
-    Args:
-      rng: equal states give equal views.
-      transforms: the ranges.
-      size: (height, width) of the map in pixels; at the smallest scale a crop is not larger.
-
-    Raises:
-      InputError: for a crop larger than the map.
-    """
+    """Draws a view of a map of (height, width) pixels; raises `InputError` for a crop larger than the map."""
     height, width = size
     if transforms.crop > min(size) * min(1.0, transforms.scale[0]):
         raise InputError(
@@ -91,16 +82,10 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
 
 
 def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[np.uint8]:
-    """Warps a layer into the view.
+    """Warps a layer into the view, with a value or colour beyond the map.
 
-    Args:
-      layer: uint8 ``[H, W, 3]``, a picture, by linear interpolation, or by area if it shrinks much; or ``[H, W]``, a
-        mask or labels, by the nearest pixel.
-      view: the transform.
-      outside: value, or colour, beyond the map.
-
-    Returns:
-      uint8 ``[h, w]`` or ``[h, w, 3]``, h and w the view's.
+    A picture, uint8 ``[H, W, 3]``, by linear interpolation, or by area if it shrinks much; a mask or labels, uint8
+    ``[H, W]``, by the nearest pixel.
     """
     height, width = view.size
     if layer.shape[:2] == view.size and np.array_equal(view.matrix, np.eye(3)):

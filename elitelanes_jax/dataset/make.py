@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, path, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import read_json, write_atomic, write_json
-from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
+from elitelanes_jax._util.folders import compare_settings, output_folder, remove, settle
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.records import record
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._card import sample_sheet, write_card
-from elitelanes_jax.dataset._formats import (
+from elitelanes_jax.dataset._layouts import (
     RECORD,
-    Format,
+    Layout,
     check_pictures,
-    find_format,
+    find_layout,
     foreign_to_dataset,
     write_sample,
 )
@@ -37,10 +37,9 @@ from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.maps.cluster import run_on
 from elitelanes_jax.maps.furnishing.placing import furnish
+from elitelanes_jax.maps.generation import drawable
 from elitelanes_jax.maps.given import GivenMaps, given
-from elitelanes_jax.maps.run import drawable
 from elitelanes_jax.maps.spec import SPLITS
-from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -59,7 +58,6 @@ class _Drawing(NamedTuple):
       splits: int ``[samples]``, the split of each sample.
       files: the folder for the pictures.
       records: the folder for the records. A sample is complete when its record exists.
-      objects: the pictures of the maps' objects; None without objects.
     """
 
     spec: DatasetSpec
@@ -67,7 +65,6 @@ class _Drawing(NamedTuple):
     splits: NDArray[np.int_]
     files: Path
     records: Path
-    objects: ObjectSet | None
 
     def record(self, index: int) -> Path:
         """Returns the file of a sample's record."""
@@ -77,9 +74,9 @@ class _Drawing(NamedTuple):
         """Returns the indices of the samples that are not complete."""
         return [index for index in range(len(self.splits)) if not self.record(index).exists()]
 
-    def draw(self, tiles: Sequence[TileSet], index: int) -> None:
+    def draw(self, tiles: Sequence[TileSet], objects: ObjectSet | None, index: int) -> None:
         """Draws a sample with the tiles of its split, and writes its pictures, then its record."""
-        spec, split, layout = self.spec, int(self.splits[index]), find_format(self.spec.format)
+        spec, split, layout = self.spec, int(self.splits[index]), find_layout(self.spec.format)
         road_map = self.maps[index // spec.views]
         if spec.furnish is not None:
             seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
@@ -94,11 +91,17 @@ class _Drawing(NamedTuple):
             transforms=spec.transforms,
             camera=spec.camera,
             layers=layout.layers,
-            objects=self.objects,
+            objects=objects,
         )
         write_sample(sample, layout, split, self.files)
-        note = layout.note(sample)
-        write_atomic(self.record(index), json.dumps(sample.record | note).encode())
+        write_atomic(self.record(index), json.dumps(sample.record | layout.note(sample)).encode())
+
+    def on_worker(self) -> "_Drawing":
+        """Returns the drawing for a process with another current folder."""
+        spec, maps = self.spec, Maps([file.absolute() for file in self.maps.rounds])
+        paths = {"tiles": spec.tiles and spec.tiles.absolute(), "objects": spec.objects and spec.objects.absolute()}
+        files, records = self.files.absolute(), self.records.absolute()
+        return _Drawing(spec.replace(**paths, maps_from=None), maps, self.splits, files, records)
 
 
 def make_dataset(
@@ -136,7 +139,7 @@ def make_dataset(
     """
     spec, out = check_named("spec", record(DatasetSpec), spec), Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
-    find_format(spec.format)
+    find_layout(spec.format)
     tiles = load_tiles(spec.tiles, blend=spec.blend)
     if spec.maps_from is not None and maps is not None:
         raise InputError("maps: expected none beside the specification's maps_from")
@@ -164,34 +167,35 @@ def make_dataset(
         out, identity, inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:
         try:
-            drawing = _plan(spec, own, search, by_split[2], objects, work, executor)
-            if executor is not None:
-                _draw_on_workers(executor, drawing)
-            _draw_here(drawing, by_split, workers)
+            _announce(spec, own)
+            maps = evolve_maps(spec, search, work.kept, executor) if own is None else given_maps(own.maps, work.kept)
+            splits = np.repeat(split_maps(spec, maps, by_split[2]), spec.views)
+            drawing = _Drawing(spec, maps, splits, work.files, work.kept / "records")
+            waiting = drawing.waiting()
+            with Progress("drawing", len(splits), "pictures", done=len(splits) - len(waiting)) as bar:
+                if executor is not None:
+                    shares = [waiting[at : at + _PICTURES_A_JOB] for at in range(0, len(waiting), _PICTURES_A_JOB)]
+                    task = drawing.on_worker(), objects is not None
+                    jobs = {f"pictures {share[0]} to {share[-1]}": (*task, share) for share in shares}
+                    run_on(executor, _draw_share, jobs, bar.count)
+                with _one_thread_each():
+                    calls = (partial(drawing.draw, by_split, objects, index) for index in drawing.waiting())
+                    side_by_side(calls, workers=workers, ended=lambda _: bar.count())
             return _finish(drawing, identity)
         except (InputError, NotEnoughMapsError):  # the next run has other settings
             remove(work.kept)
             raise
 
 
-def _plan(
-    spec: DatasetSpec,
-    own: GivenMaps | None,
-    search: SearchSpec,
-    test_tiles: TileSet,
-    objects: ObjectSet | None,
-    work: Unfinished,
-    executor: Executor | None,
-) -> _Drawing:
-    """Evolves the maps, unless they are given, and assigns them to the splits."""
-    count, views = pluralize(spec.maps, "map"), pluralize(spec.views, "view")
-    announce(f"making a dataset of {count} of {_sizes(spec)} tiles, {views} each")
+def _announce(spec: DatasetSpec, own: GivenMaps | None) -> None:
+    first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
+    sizes = first if first == last else f"{first} to {last}"
+    announce(
+        f"making a dataset of {pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
+    )
     if own is not None and own.repeated:
         which = "that equals another one" if own.repeated == 1 else "that equal others"
         announce(f"skipped {pluralize(own.repeated, 'map')} {which} when rotated or mirrored")
-    maps = evolve_maps(spec, search, work.kept, executor) if own is None else given_maps(own.maps, work.kept)
-    splits = np.repeat(split_maps(spec, maps, test_tiles), spec.views)
-    return _Drawing(spec, maps, splits, work.files, work.kept / "records", objects)
 
 
 def _objects_of(spec: DatasetSpec, own: GivenMaps | None) -> ObjectSet | None:
@@ -208,64 +212,30 @@ def _objects_of(spec: DatasetSpec, own: GivenMaps | None) -> ObjectSet | None:
     return objects if things else None
 
 
-def _sizes(spec: DatasetSpec) -> str:
-    first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
-    return first if first == last else f"{first} to {last}"
-
-
 def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None, objects: ObjectSet | None) -> dict[str, Plain]:
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain() | {"tile_px": spec.pixels}
     del plain["tiles"], plain["objects"], plain["maps_from"]  # the pictures and the maps count, not their paths
-    about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points", "blend")} | {
-        "tiles": digest(tiles)
+    about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points", "blend")}
+    identity = {
+        "settings": plain,
+        "given_maps": None if own is None else own.digest,
+        "tile_set": about | {"tiles": digest(tiles)},
+        "versions": installed_versions(),
     }
-    given_maps = None if own is None else own.digest
-    identity = {"settings": plain, "given_maps": given_maps, "tile_set": about, "versions": installed_versions()}
     if objects is not None:
         identity["object_set"] = {"name": objects.name, "pictures": objects.digest}
     return json.loads(json.dumps(identity))
 
 
-def _draw_here(drawing: _Drawing, tiles: Sequence[TileSet], workers: int) -> None:
-    """Draws the incomplete samples in threads, side by side because OpenCV works outside of Python."""
-    waiting, total = drawing.waiting(), len(drawing.splits)
-    with Progress("drawing", total, "pictures", done=total - len(waiting)) as bar, _one_thread_each():
-        calls = (partial(drawing.draw, tiles, index) for index in waiting)
-        side_by_side(calls, workers=workers, ended=lambda _: bar.count())
-
-
-def _draw_on_workers(executor: Executor, drawing: _Drawing) -> None:
-    """Draws the incomplete samples on an executor's workers."""
-    waiting, total = drawing.waiting(), len(drawing.splits)
-    spec = drawing.spec
-    paths = {name: folder and folder.absolute() for name, folder in (("tiles", spec.tiles), ("objects", spec.objects))}
-    spec = spec.replace(**paths, maps_from=None)
-    folders = [folder.absolute() for folder in (drawing.files, drawing.records)]
-    rounds, has_objects = [file.absolute() for file in drawing.maps.rounds], drawing.objects is not None
-    jobs = {
-        f"pictures {share[0]} to {share[-1]}": (spec, rounds, drawing.splits, *folders, has_objects, share)
-        for share in (waiting[first : first + _PICTURES_A_JOB] for first in range(0, len(waiting), _PICTURES_A_JOB))
-    }
-    with Progress("drawing", total, "pictures", done=total - len(waiting)) as bar:
-        run_on(executor, _draw_share, jobs, bar.count)
-
-
-def _draw_share(
-    spec: DatasetSpec,
-    rounds: Sequence[Path],
-    splits: NDArray[np.int_],
-    files: Path,
-    records: Path,
-    has_objects: bool,
-    share: Sequence[int],
-) -> int:
+def _draw_share(drawing: _Drawing, has_objects: bool, share: Sequence[int]) -> int:
     """Draws the samples of some indices on a worker; returns their number."""
+    spec = drawing.spec
     tiles = tiles_by_split(load_tiles(spec.tiles, blend=spec.blend), spec)
-    drawing = _Drawing(spec, Maps(rounds), splits, files, records, load_objects(spec.objects) if has_objects else None)
+    objects = load_objects(spec.objects) if has_objects else None
     with _one_thread_each():
         for index in share:
-            drawing.draw(tiles, index)
+            drawing.draw(tiles, objects, index)
     return len(share)
 
 
@@ -283,17 +253,16 @@ def _one_thread_each() -> Iterator[None]:
 def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
     """Writes the files that describe the samples; returns the record of the dataset."""
     spec, splits, out = drawing.spec, drawing.splits, drawing.files
-    layout = find_format(spec.format)
+    layout = find_layout(spec.format)
     pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
 
     def read(index: int) -> dict[str, Plain]:
         return json.loads(drawing.record(index).read_text(encoding="utf-8"))
 
     def count_pixels(split: int) -> Iterator[dict[str, Plain]]:
-        for index in np.flatnonzero(splits == split).tolist():
-            record = read(index)
-            pixels[SPLITS[split]] += record["class_pixels"]
-            yield record
+        for one in map(read, np.flatnonzero(splits == split).tolist()):
+            pixels[SPLITS[split]] += one["class_pixels"]
+            yield one
 
     for split in np.unique(splits).tolist():
         layout.list_samples(out, split, count_pixels(split))
@@ -305,29 +274,21 @@ def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
         ],
         "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
     }
-    first = int(splits.min())
+    first, count = int(splits.min()), min(_ON_SHEET, len(splits))
     programs = layout.loading(first), layout.loading_arrays(first, poses=spec.camera is not None)
     write_atomic(out / "README.md", write_card(about, *programs).encode())
-    count = min(_ON_SHEET, len(splits))
-    shown = [read(row * len(splits) // count) for row in range(count)]
-    title = f"{count} of {len(splits)} pictures"
+    shown = [_on_sheet(read(row * len(splits) // count), splits, layout) for row in range(count)]
     shape = spec.camera.rows / spec.camera.columns if spec.camera else 1
-    sheet = sample_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title, shape)
+    sheet = sample_sheet(out, shown, f"{count} of {len(splits)} pictures", shape)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
     write_json(out / RECORD, about)
     return read_json(out / RECORD)
 
 
-def _on_sheet(record: dict[str, Plain], splits: NDArray[np.int_], layout: Format) -> tuple[str, str, tuple[str, ...]]:
-    index = record["number"]
-    split = int(splits[index])
-    height, width = record["size"]
-    metrics = record.get("metrics", {})
-    return (
-        layout.file(split, index, "image"),
-        layout.file(split, index, "labels"),
-        (
-            f"{index:06d}, {SPLITS[split]}, {height} x {width} tiles",
-            ", ".join(f"{name} {metrics[name]}" for name in ("cyclomatic", "crossings", "bridges") if name in metrics),
-        ),
-    )
+def _on_sheet(record: dict[str, Plain], splits: NDArray[np.int_], layout: Layout) -> tuple[str, str, tuple[str, ...]]:
+    """Returns the files of a sample's image and labels, and its lines on the sheet."""
+    index, metrics = record["number"], record.get("metrics", {})
+    split, (height, width) = int(splits[index]), record["size"]
+    image, labels = (layout.file(split, index, layer) for layer in ("image", "labels"))
+    figures = ", ".join(f"{name} {metrics[name]}" for name in ("cyclomatic", "crossings", "bridges") if name in metrics)
+    return image, labels, (f"{index:06d}, {SPLITS[split]}, {height} x {width} tiles", figures)

@@ -29,27 +29,21 @@ Sides = tuple[tuple[int, int], ...]
 
 
 def parse_sides(size: UserValue) -> Sides:
-    """Reads the sizes of maps.
+    """Reads sizes of maps: a side in tiles or a range such as ``8..14``, for squares; or two, of rows and of columns.
 
-    Args:
-      size: a side in tiles or a range such as ``8..14``, for square maps; or two, of rows and of columns, in a sequence
-        or one text, ``8..10 12``. A range may also be a pair.
-
-    Raises:
-      InputError: for anything else.
+    Two are in a sequence or one text, ``8..10 12``. A range may also be a pair.
     """
     given = size.split() if isinstance(size, str) else [size] if is_whole(size) else size
     if not isinstance(given, Sequence) or len(given) not in (1, 2):
         raise InputError(f"expected a range of sides such as 8..14, or two, of rows and columns, got {size!r}")
-    return tuple(_parse_range(one) for one in given)
-
-
-def _parse_range(given: UserValue) -> tuple[int, int]:
-    pair = given.split("..") if isinstance(given, str) else given if isinstance(given, Sequence) else [given]
-    sides = [whole(2, LONGEST_SIDE)(side) for side in pair]
-    if len(sides) not in (1, 2) or sides[0] > sides[-1]:
-        raise InputError(f"expected the smallest and the largest side, such as 8..14, got {given!r}")
-    return sides[0], sides[-1]
+    ranges = []
+    for one in given:
+        pair = one.split("..") if isinstance(one, str) else one if isinstance(one, Sequence) else [one]
+        sides = [whole(2, LONGEST_SIDE)(side) for side in pair]
+        if len(sides) not in (1, 2) or sides[0] > sides[-1]:
+            raise InputError(f"expected the smallest and the largest side, such as 8..14, got {one!r}")
+        ranges.append((sides[0], sides[-1]))
+    return tuple(ranges)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from ._levels import random_level as random_level
 from ._localization import NEVER as NEVER
 from ._localization import ambiguity as ambiguity
 from ._localization import localization_steps as localization_steps
-from ._make import make as make
 from ._objects import Billboards as Billboards
 from ._objects import Objects as Objects
 from ._objects import make_billboards as make_billboards
@@ -33,6 +32,7 @@ from ._wrappers import GymnaxEnv as GymnaxEnv
 from ._wrappers import JaxUedEnv as JaxUedEnv
 from ._wrappers import gymnasium_env as gymnasium_env
 from ._wrappers import gymnasium_vector_env as gymnasium_vector_env
+from ._wrappers import make as make
 from .lanes import LaneNode as LaneNode
 from .lanes import Pose as Pose
 from .lanes import lane_pose as lane_pose

@@ -25,18 +25,15 @@ from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
 
 
-class Atlas(NamedTuple):
-    """The pictures of all tiles of a set, in all rotations, as pixels of colour and label.
+def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
+    """Makes an atlas: the pictures of all tiles of a set, in all rotations, as pixels of colour and label.
 
-    Attributes:
-      pixels: uint8 ``[T, P, P, 4]``, red, green, blue and label of tile ``4 * index in the set + quarter turns``.
-    """
+    Args:
+      images: uint8 ``[T, P, P, 3]``, of `tiles.scale_tiles`.
+      labels: uint8 ``[T, P, P]``, of `tiles.scale_tiles`.
 
-    pixels: UInt8[Array, "T P P 4"]
-
-
-def make_atlas(images: AnyArray, labels: AnyArray) -> Atlas:
-    """Makes an atlas from pictures ``[T, P, P, 3]`` and label maps ``[T, P, P]`` (see `tiles.render.scale_tiles`).
+    Returns:
+      uint8 ``[T, P, P, 4]``, red, green, blue and label of tile ``4 * index in the set + quarter turns``.
 
     Raises:
       InputError: for arrays of other shapes or types.
@@ -44,7 +41,7 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> Atlas:
     images, labels = np.asarray(images), np.asarray(labels)
     if images.ndim != 4 or images.shape[3] != 3 or labels.shape != images.shape[:3]:
         raise InputError(f"atlas: expected [T, P, P, 3] and [T, P, P], got {images.shape} and {labels.shape}")
-    return Atlas(jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1).astype(np.uint8)))
+    return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1).astype(np.uint8))
 
 
 def _colour(value: UserValue) -> tuple[float, ...]:
@@ -92,7 +89,7 @@ class View(NamedTuple):
 
     Attributes:
       image: uint8 ``[rows, columns, 3]``, RGB.
-      labels: uint8 ``[rows, columns]``, indices of `tiles.render.LABELS`; 0 beyond the map, above the horizon and on
+      labels: uint8 ``[rows, columns]``, indices of `tiles.LABELS`; 0 beyond the map, above the horizon and on
         objects.
       instances: int32 ``[rows, columns]``, 0, or the index of the object that is seen plus 1; None without objects.
     """
@@ -113,7 +110,7 @@ class Sight(NamedTuple):
     """
 
     camera: Camera
-    atlas: Atlas
+    atlas: UInt8[Array, "T P P 4"]
     tiles: Int[Array, "16 V"]
     billboards: Billboards | None = None
 
@@ -128,8 +125,8 @@ def make_sight(
     """Makes the camera of environments from a tile set.
 
     Args:
-      images: uint8 ``[T, P, P, 3]``, of `tiles.render.scale_tiles`.
-      labels: uint8 ``[T, P, P]``, of `tiles.render.scale_tiles`.
+      images: see `make_atlas`.
+      labels: see `make_atlas`.
       rotations: by code, (index in the set, quarter turns) of each picture, as `TileSet.rotations` has them. A code
         without a picture is shown like code 0.
       camera: by default `Camera()`.
@@ -145,36 +142,35 @@ def make_sight(
     most = max(len(drawn) for drawn in rotations.values())
     listed = [rotations.get(code) or rotations[0] for code in range(16)]
     tiles = np.array([np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32)
-    if not 0 <= tiles.min() <= tiles.max() < len(atlas.pixels):
-        raise InputError(f"rotations: expected tiles of the {len(atlas.pixels)} pictures, got {tiles.max()}")
+    if not 0 <= tiles.min() <= tiles.max() < len(atlas):
+        raise InputError(f"rotations: expected tiles of the {len(atlas)} pictures, got {tiles.max()}")
     camera = Camera() if camera is None else check_named("camera", record(Camera), camera)
     return Sight(camera, atlas, jnp.asarray(tiles), None if objects is None else make_billboards(objects))
 
 
-def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
+def ground_points(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
     """Returns where the ray of each pixel's centre meets the ground, relative to the middle between the wheels.
 
     Returns:
       Tiles ahead and tiles to the left. Above the horizon both are infinite.
     """
-    right, down = _directions(camera)
-    pitch = jnp.deg2rad(camera.pitch)
-    fall = jnp.sin(pitch) + down * jnp.cos(pitch)
+    right, forward, fall = _rays(camera)
     reach = jnp.where(fall > 1e-6, camera.height / jnp.maximum(fall, 1e-6), jnp.inf)
-    ahead = reach * (jnp.cos(pitch) - down * jnp.sin(pitch)) + camera.forward
+    ahead = reach * forward + camera.forward
     shape = (camera.rows, camera.columns)
     left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * right)
     return jnp.broadcast_to(ahead, shape) / TILE, jnp.broadcast_to(left, shape) / TILE
 
 
-def _directions(camera: Camera) -> tuple[Array, Array]:
-    """Returns how far to the right and downwards each pixel's ray goes, in focal lengths, as the camera has them."""
+def _rays(camera: Camera) -> Rays:
     focal = camera.rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
     right = (jnp.arange(camera.columns) + 0.5 - camera.columns / 2) / focal
     down = ((jnp.arange(camera.rows) + 0.5 - camera.rows / 2) / focal)[:, None]
     if camera.distortion is not None:
         right, down = _undistort(*jnp.broadcast_arrays(right, down), *camera.distortion)
-    return right, down
+    pitch = jnp.deg2rad(camera.pitch)
+    cosine, sine = jnp.cos(pitch), jnp.sin(pitch)
+    return Rays(jnp.atleast_2d(right), cosine - down * sine, sine + down * cosine)
 
 
 def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Array, Array]:
@@ -191,7 +187,7 @@ def look(
     key: Key[Array, ""],
     pose: Pose,
     tiles: Int[ArrayLike, "H W"],
-    atlas: Atlas,
+    atlas: UInt8[Array, "T P P 4"],
     camera: Camera,
     objects: Objects | None = None,
     billboards: Billboards | None = None,
@@ -203,16 +199,16 @@ def look(
       pose: of the middle between the wheels, in tiles.
       tiles: the tile of the atlas for each cell of the map: ``4 * index in the set + quarter turns``. For the result of
         `choose_tiles` this is ``chosen[..., 0] * 4 + chosen[..., 1]``.
-      atlas: of the tile set.
+      atlas: of the tile set, of `make_atlas`.
       camera: its options.
       objects: of the map, of `make_objects`.
       billboards: their pictures; without both no objects are shown.
     """
-    ahead, left = rays(camera)
+    ahead, left = ground_points(camera)
     cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
     tiles = jnp.asarray(tiles)
     height, width = tiles.shape
-    size = atlas.pixels.shape[1]
+    size = atlas.shape[1]
     seen = jnp.isfinite(ahead)
     ahead, left = jnp.where(seen, ahead, 0), jnp.where(seen, left, 0)
     # In pixels of the rendered map, because positions are rounded on the map, not on the tile.
@@ -221,19 +217,18 @@ def look(
     inside = seen & (x >= 0) & (x < width * size) & (y >= 0) & (y < height * size)
     x, y = jnp.clip(x, 0, width * size - 1), jnp.clip(y, 0, height * size - 1)
     tile = tiles.reshape(-1).at[(y // size) * width + x // size].get(mode="promise_in_bounds")
-    words = jax.lax.bitcast_convert_type(atlas.pixels, jnp.uint32).reshape(-1)
+    words = jax.lax.bitcast_convert_type(atlas, jnp.uint32).reshape(-1)
     # Reads one word instead of four bytes.
     flat = (tile * size + y % size) * size + x % size
     pixel = words.at[flat].get(mode="promise_in_bounds")
 
     instances = None
     if objects is not None and billboards is not None:
-        rays_there = _rays_of(camera)
-        found = stand(pose, objects, billboards, rays_there, camera.height, camera.forward, camera.objects)
+        sizes = camera.height, camera.forward, camera.objects
+        hit, index, instances = stand(pose, objects, billboards, _rays(camera), *sizes)
         road = pixel
-        pixel = once(lambda: jnp.where(found[0], billboards.pixels.at[found[1]].get(mode="promise_in_bounds"), road))
-        inside |= found[0]
-        instances = found[2]
+        pixel = once(lambda: jnp.where(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), road))
+        inside |= hit
 
     def byte(index: int) -> Array:
         return pixel >> (8 * index) & 255
@@ -245,14 +240,6 @@ def look(
         colours += camera.noise * jax.random.normal(key, colours.shape)
     image = jnp.clip(jnp.round(colours), 0, 255).astype(jnp.uint8)
     return View(image, jnp.where(inside, byte(3), 0).astype(jnp.uint8), instances)
-
-
-def _rays_of(camera: Camera) -> Rays:
-    """Returns rays that pass one metre of the camera's depth."""
-    right, down = _directions(camera)
-    pitch = jnp.deg2rad(camera.pitch)
-    cosine, sine = jnp.cos(pitch), jnp.sin(pitch)
-    return Rays(jnp.atleast_2d(right), cosine - down * sine, sine + down * cosine)
 
 
 def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: Objects | None = None) -> View:

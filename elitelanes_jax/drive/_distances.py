@@ -55,9 +55,10 @@ def _distances(grid: Array, goal: LaneNode) -> Array:
 
 
 def shortest_ways(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> UInt8[Array, "H W"]:
-    """Computes the turn at every node of a grid for a shortest way to the goal, two bits per heading; see `way_at`.
+    """Computes the turn at every node of a grid for a shortest way to the goal, two bits per heading.
 
-    Among several shortest ways the right turn comes first, then straight on. Raises `InputError` for a bad grid.
+    A turn is 0 right, 1 straight, 2 left, or `NO_WAY`. Among several shortest ways the right turn comes first, then
+    straight on. Raises `InputError` for a bad grid.
     """
     return _shortest_ways(check_grid(grid), goal)
 
@@ -71,11 +72,6 @@ def _shortest_ways(grid: Array, goal: LaneNode) -> Array:
         turn = jnp.where(three.min(axis=0) < UNREACHABLE, three.argmin(axis=0), NO_WAY)
         ways |= turn.astype(jnp.uint8) << (2 * heading)
     return ways
-
-
-def way_at(ways: UInt8[Array, "H W"], node: LaneNode) -> Int32[Array, "..."]:
-    """Returns the turn of a node from the result of `shortest_ways`: 0 right, 1 straight, 2 left, or `NO_WAY`."""
-    return (ways[node.row, node.column].astype(jnp.int32) >> (2 * jnp.asarray(node.heading))) & 3
 
 
 def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
@@ -154,38 +150,25 @@ def route(grid: Int[ArrayLike, "H W"], start: LaneNode, goal: LaneNode, *, most:
     Raises:
       InputError: for a bad grid (see `check_grid`).
     """
+    return _route(check_grid(grid), start, goal, most)
+
+
+@partial(jax.jit, static_argnames="most")
+def _route(grid: Array, start: LaneNode, goal: LaneNode, most: int | None) -> Route:
     links = linked(grid)
     size = 4 * links.size if most is None else most
     length = distances(links, goal)[start.row, start.column, start.heading]
     count = jnp.where(length < UNREACHABLE, length, 0)
-    found, turns = follow(shortest_ways(links, goal), start, count, most=size)
-    return Route(found, turns, length)
-
-
-@partial(jax.jit, static_argnames="most")
-def follow(
-    ways: UInt8[Array, "H W"], start: LaneNode, count: Int[ArrayLike, ""], *, most: int
-) -> tuple[LaneNode, Int32[Array, " N"]]:
-    """Follows the turns at each node.
-
-    Args:
-      ways: of `shortest_ways`.
-      start: a node.
-      count: the number of tiles to drive.
-      most: N, the largest number of nodes.
-
-    Returns:
-      The nodes ``[N]``, the last one repeated, and the turns ``[N]``, `NO_WAY` after `count` of them.
-    """
+    ways = shortest_ways(links, goal).astype(jnp.int32)
 
     def go(index: Array, carry: tuple[Array, Array, LaneNode]) -> tuple[Array, Array, LaneNode]:
-        listed, turns, node = carry
-        turn = jnp.where(index < count, way_at(ways, node), NO_WAY)
+        nodes, turns, node = carry
+        turn = jnp.where(index < count, ways[node.row, node.column] >> 2 * node.heading & 3, NO_WAY)
         onward = Movement(*node, jnp.minimum(turn, 2)).next_node
         there = jax.tree.map(lambda new, old: jnp.where(turn < NO_WAY, new, old), onward, node)
-        return listed.at[:, index].set(jnp.stack(node)), turns.at[index].set(turn), there
+        return nodes.at[:, index].set(jnp.stack(node)), turns.at[index].set(turn), there
 
     first = LaneNode(*(jnp.asarray(part, jnp.int32) for part in start))
-    empty = jnp.zeros((3, most), jnp.int32), jnp.full(most, NO_WAY, jnp.int32), first
-    listed, turns, _ = jax.lax.fori_loop(0, most, go, empty)
-    return LaneNode(*listed), turns
+    empty = jnp.zeros((3, size), jnp.int32), jnp.full(size, NO_WAY, jnp.int32), first
+    nodes, turns, _ = jax.lax.fori_loop(0, size, go, empty)
+    return Route(LaneNode(*nodes), turns, length)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -30,7 +31,7 @@ from elitelanes_jax.drive.lanes import (
     lane_errors,
     lane_length,
     lane_point,
-    on_road,
+    tile_at,
     wrap_angle,
 )
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive, still, to_wheels
@@ -111,37 +112,20 @@ class LaneDriveParams(Record):
 
 
 class LaneDriveState(NamedTuple):
-    """The state of an episode.
-
-    Attributes:
-      grid: int8 ``[H, W]``, of the level.
-      ways: uint8 ``[H, W]``, of the level.
-      goal: of the level.
-      shortest: int32, of the level.
-      pose: of the middle between the wheels.
-      wheels: of the robot.
-      movement: the current one.
-      next_turn: int32, the turn on the next tile.
-      d: float32, tiles to the left of the lane's centre.
-      phi: float32, radians turned to the left of the lane.
-      s: float32, tiles along the movement.
-      tiles: int32, entered so far.
-      steps: int32, so far.
-      objects: of the level.
-    """
+    """The state of an episode. `grid`, `ways`, `goal`, `shortest` and `objects` are the level's."""
 
     grid: Int8[Array, "H W"]
     ways: UInt8[Array, "H W"]
     goal: LaneNode
     shortest: Int32[Array, ""]
-    pose: Pose
+    pose: Pose  # of the middle between the wheels
     wheels: Wheels
     movement: Movement
-    next_turn: Int32[Array, ""]
-    d: Float[Array, ""]
+    next_turn: Int32[Array, ""]  # on the next tile
+    d: Float[Array, ""]  # as `LanePose` has them
     phi: Float[Array, ""]
     s: Float[Array, ""]
-    tiles: Int32[Array, ""]
+    tiles: Int32[Array, ""]  # entered so far
     steps: Int32[Array, ""]
     objects: Objects | None = None
 
@@ -190,21 +174,8 @@ class LaneDriveInfo(NamedTuple):
     collision: Bool[Array, ""] | None = None
 
 
-def next_movement(state: LaneDriveState) -> Movement:
-    """Returns the movement after the current one."""
-    return Movement(*state.movement.next_node, state.next_turn)
-
-
 _Reader = Callable[[Array, Array], tuple[Array, Array]]  # from row and column to the tile's code and ways
-
-
-class _Start(NamedTuple):
-    pose: Pose
-    movement: Movement
-    next_turn: Array
-    d: Array
-    phi: Array
-    s: Array
+_Parts = dict[str, Pytree]  # parts of a state, by name
 
 
 @jax.jit
@@ -212,16 +183,12 @@ def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObser
     """Starts on a level drawn uniformly from ``params.levels``; the key is consumed."""
     levels = params.levels
 
-    def draw() -> tuple[Array, _Start]:
+    def draw() -> tuple[Array, _Parts]:
         bits = _reset_bits(key, params)
         index = randint(bits[0], levels.grid.shape[0])
         # Single tiles are read from the batch, because otherwise the level's whole map would be copied.
-        return index, _start(
-            bits,
-            _at(levels.start, index),
-            lambda row, column: _at((levels.grid, levels.ways), index, row, column),
-            params,
-        )
+        read = partial(_at, (levels.grid, levels.ways), index)
+        return index, _start(bits, _at(levels.start, index), read, params)
 
     index, start = once(draw)
     return _begin(_at(levels, index), start, params)
@@ -232,7 +199,7 @@ def _reset_to_level(
     key: Key[Array, ""], level: Level, params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
     """Puts the robot on the start of a level, at rest, near the middle of its lane; the key is consumed."""
-    read = _reader(level.grid, level.ways)
+    read = partial(_at, (level.grid, level.ways))
     return _begin(level, once(lambda: _start(_reset_bits(key, params), level.start, read, params)), params)
 
 
@@ -245,47 +212,35 @@ def _at(tree: Pytree, *index: Array) -> Pytree:
     return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
 
 
-def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) -> _Start:
+def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) -> _Parts:
     along, beside, turned = ((word & 0xFFFF).astype(jnp.float32) / 2**16 for word in (bits[1], bits[1] >> 16, bits[2]))
     turn = _choose_turn(bits[-1], read, node, params)
     movement = Movement(*node, turn)
     s = along * lane_length(turn) / 2
     d, phi = (2 * beside - 1) * params.start_d, (2 * turned - 1) * params.start_phi
     pose = lane_point(movement, s, d)
-    return _Start(
-        pose._replace(theta=wrap_angle(pose.theta + phi)),
-        movement,
-        next_turn=_choose_turn(bits[-2], read, movement.next_node, params),
-        d=jnp.asarray(d, jnp.float32),
-        phi=jnp.asarray(phi, jnp.float32),
-        s=s,
-    )
+    return {
+        "pose": pose._replace(theta=wrap_angle(pose.theta + phi)),
+        "movement": movement,
+        "next_turn": _choose_turn(bits[-2], read, movement.next_node, params),
+        "d": jnp.asarray(d, jnp.float32),
+        "phi": jnp.asarray(phi, jnp.float32),
+        "s": s,
+    }
 
 
-def _begin(level: Level, start: _Start, params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
-    state = LaneDriveState(
-        *(level.grid, level.ways, level.goal, level.shortest),
-        wheels=still(params.robot),
-        tiles=jnp.int32(0),
-        steps=jnp.int32(0),
-        objects=level.objects,
-        **start._asdict(),
-    )
+def _begin(level: Level, start: _Parts, params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
+    given = {name: part for name, part in level._asdict().items() if name != "start"}
+    zero = jnp.int32(0)
+    state = LaneDriveState(**given, **start, wheels=still(params.robot), tiles=zero, steps=zero)
     return _observe(state, params), state
 
 
-class _Moved(NamedTuple):
-    pose: Pose
-    wheels: Wheels
-    movement: Movement
-    next_turn: Array
-    d: Array
-    phi: Array
-    s: Array
+class _Events(NamedTuple):
     entered: Array
     success: Array
     off_road: Array
-    along: Array
+    along: Array  # tiles driven along the lane
     collision: Array | None
 
 
@@ -307,39 +262,37 @@ def _step(
     """
     if (shape := jnp.shape(action)) != (2,):
         raise InputError(f"action: expected two numbers, shape (2,), got shape {shape}")
-    moved = once(lambda: _move(key, state, action, params))
-    success, off_road, d, phi = moved.success, moved.off_road, moved.d, moved.phi
+    moved, events = once(lambda: _move(key, state, action, params))
+    success, off_road, d, phi = events.success, events.off_road, moved["d"], moved["phi"]
     own, oncoming = ~off_road & (jnp.abs(d) <= LANE_OFFSET), ~off_road & (d > LANE_OFFSET)
     costs = params.offset_cost * jnp.abs(d) + params.heading_cost * jnp.abs(phi) + params.oncoming_cost * oncoming
-    reward = params.progress_reward * moved.along * own - costs * params.robot.dt
+    reward = params.progress_reward * events.along * own - costs * params.robot.dt
     reward += params.goal_reward * success - params.leaving_cost * off_road
     terminated = success | off_road
-    if moved.collision is not None:
+    if events.collision is not None:
         ends = params.collision == "terminate"
-        reward -= params.collision_cost * moved.collision * (1 if ends else params.robot.dt)
-        terminated |= moved.collision & ends
-    tiles, steps = state.tiles + moved.entered, state.steps + 1
-    after = state._replace(
-        **{name: part for name, part in moved._asdict().items() if name in state._fields}, tiles=tiles, steps=steps
-    )
+        reward -= params.collision_cost * events.collision * (1 if ends else params.robot.dt)
+        terminated |= events.collision & ends
+    tiles, steps = state.tiles + events.entered, state.steps + 1
+    after = state._replace(**moved, tiles=tiles, steps=steps)
     spl = success * state.shortest / jnp.maximum(jnp.maximum(tiles, state.shortest), 1)
     info = LaneDriveInfo(
-        success, off_road, own, oncoming, tiles, state.shortest, spl.astype(jnp.float32), moved.collision
+        success, off_road, own, oncoming, tiles, state.shortest, spl.astype(jnp.float32), events.collision
     )
     seen = _observe(after, params)
     reward = jnp.asarray(reward, jnp.float32)
     return Transition(seen, after, reward, terminated, ~terminated & (steps >= params.limit), info, seen)
 
 
-def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriveParams) -> _Moved:
+def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriveParams) -> tuple[_Parts, _Events]:
     grid, robot = state.grid, params.robot
     pose, wheels = drive(jax.random.fold_in(key, 0), state.pose, state.wheels, _to_command(action, params), robot)
     movement, next_turn, entered, astray = _go_on(jax.random.fold_in(key, 1), state, pose, params)
     d, phi, s = lane_errors(pose, movement)
     reach = robot.width / 2 / TILE
     beside = -reach * jnp.sin(pose.theta), -reach * jnp.cos(pose.theta)
-    left = _is_road(grid, pose.x + beside[0], pose.y + beside[1])
-    right = _is_road(grid, pose.x - beside[0], pose.y - beside[1])
+    *_, left = tile_at(grid, pose.x + beside[0], pose.y + beside[1])
+    *_, right = tile_at(grid, pose.x - beside[0], pose.y - beside[1])
     here, goal = movement.node, state.goal
     success = entered & (here.row == goal.row) & (here.column == goal.column) & (here.heading == goal.heading)
     success &= params.task == "route"
@@ -351,7 +304,8 @@ def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriv
         collision = touches(state.objects, state.pose, pose, robot.width / 2)
         if params.collision == "terminate":
             success &= ~collision
-    return _Moved(pose, wheels, movement, next_turn, d, phi, s, entered, success, off_road, along, collision)
+    moved = {"pose": pose, "wheels": wheels, "movement": movement, "next_turn": next_turn, "d": d, "phi": phi, "s": s}
+    return moved, _Events(entered, success, off_road, along, collision)
 
 
 def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObservation:
@@ -375,7 +329,7 @@ def _go_on(
     key: Array, state: LaneDriveState, pose: Pose, params: LaneDriveParams
 ) -> tuple[Movement, Array, Array, Array]:
     """Returns the movement and the next turn at a new pose, whether it entered a tile, and whether not by a road."""
-    before, grid, read = state.movement, state.grid, _reader(state.grid, state.ways)
+    before, grid, read = state.movement, state.grid, partial(_at, (state.grid, state.ways))
     down = jnp.floor(pose.y).astype(jnp.int32) - before.row
     right = jnp.floor(pose.x).astype(jnp.int32) - before.column
     code = grid[before.row, before.column].astype(jnp.int32)
@@ -394,10 +348,6 @@ def _go_on(
     movement = Movement(*node, turn)
     onward = _choose_turn(bits[1], read, movement.next_node, params)
     return movement, jnp.where(entered, onward, state.next_turn), entered, astray
-
-
-def _reader(grid: Array, ways: Array) -> _Reader:
-    return lambda row, column: (grid[row, column], ways[row, column])
 
 
 def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDriveParams) -> Array:
@@ -423,14 +373,6 @@ _TURNS = np.array([_pack_turns(is_open) for is_open in MOVEMENTS.reshape(-1, 3)]
 
 def _turns_of(code: Array, heading: Array) -> Array:
     return jnp.asarray(_TURNS)[code.astype(jnp.int32) * 4 + heading]
-
-
-def _is_road(grid: Array, x: Array, y: Array) -> Array:
-    height, width = grid.shape
-    row, column = jnp.floor(y).astype(jnp.int32), jnp.floor(x).astype(jnp.int32)
-    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    code = grid[jnp.clip(row, 0, height - 1), jnp.clip(column, 0, width - 1)]
-    return inside & on_road(code, x - column, y - row)
 
 
 LaneDrive = Environment(_reset, _reset_to_level, _step, _observe, actions=None, action_size=2)

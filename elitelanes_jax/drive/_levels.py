@@ -12,11 +12,12 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive._objects import Objects, make_objects
-from elitelanes_jax.drive.lanes import LaneNode, linked, movements
+from elitelanes_jax.drive.lanes import LaneNode, linked
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.network.bits import check_key, randint, random_bits
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
+from elitelanes_jax.network.movements import list_movements
 
 
 class Level(NamedTuple):
@@ -40,11 +41,7 @@ class Level(NamedTuple):
 
 
 def make_level(grid: Int[Array | np.ndarray, "H W"], start: LaneNode, goal: LaneNode) -> Level:
-    """Makes a level, also one that `check_level` refuses.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`), or a start or a goal that is not three whole numbers.
-    """
+    """Makes a level, also one that `check_level` refuses."""
     links = linked(grid)
     start, goal = check_named("start", _check_node, start), check_named("goal", _check_node, goal)
     shortest = distances(links, goal)[start.row, start.column, start.heading]
@@ -132,26 +129,19 @@ def make_levels(
     maps = [road_map.codes for road_map in given]
     if len({grid.shape for grid in maps}) != 1:
         raise InputError(f"grids: expected one or more of one size, got {'several sizes' if maps else 'none'}")
-    listed = np.stack(maps)
-    empty = ~np.asarray(_has_lanes(listed))
-    if empty.any():
-        raise InputError(f"grids[{empty.argmax()}]: expected a map with a lane, got one without any movement")
-    total = len(listed) if count is None else check_named("count", whole(1), count)
+    for index, codes in enumerate(maps):
+        if not len(list_movements(codes)):
+            raise InputError(f"grids[{index}]: expected a map with a lane, got one without any movement")
+    total = len(maps) if count is None else check_named("count", whole(1), count)
     least, most = check_named("least", whole(1), least), check_named("most", whole(1), most)
-    map_of = np.arange(total) % len(listed)
-    chosen = jnp.asarray(listed, jnp.int8)[map_of]
-    levels = _random_levels(jax.random.split(key, total), chosen, least, most)
+    map_of = np.arange(total) % len(maps)
+    levels = _random_levels(jax.random.split(key, total), np.stack(maps, dtype=np.int8)[map_of], least, most)
     return levels._replace(objects=jax.tree.map(lambda part: part[map_of], make_objects(given)))
 
 
 @jax.jit
 def _random_levels(keys: Array, grids: Array, least: Numeric, most: Numeric) -> Level:
     return jax.vmap(lambda key, grid: random_level(key, grid, least=least, most=most))(keys, grids)
-
-
-@jax.jit
-def _has_lanes(grids: Array) -> Array:
-    return jax.vmap(lambda grid: movements(grid).any())(grids)
 
 
 def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
@@ -181,25 +171,21 @@ def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
     lengths = {np.shape(part)[:1] for part in jax.tree.leaves(batch)}
     if len(lengths) > 1 or batch.ways.shape != batch.grid.shape:
         raise InputError(f"level: expected equally many grids, starts and goals, got {sorted(map(str, lengths))}")
-    made = _remade(batch.grid, batch.start, batch.goal)
+    made = jax.device_get(_remake(batch.grid, batch.start, batch.goal))
     for index in range(len(batch.grid)):
         one, again = (jax.tree.map(lambda part, index=index: part[index], tree) for tree in (batch, made))
         _check_one("level" if single else f"level[{index}]", one, again)
     return level
 
 
-@jax.jit
-def _remade(grids: Array, starts: LaneNode, goals: LaneNode) -> Level:
-    return jax.vmap(make_level)(grids, starts, goals)
+_remake = jax.jit(jax.vmap(make_level))
 
 
 def _check_one(name: str, level: Level, made: Level) -> None:
     check_named(f"{name}.grid", check_grid, level.grid)
-    if (level.grid != made.grid).any():
-        row, column = np.argwhere(level.grid != np.asarray(made.grid))[0]
+    for row, column in np.argwhere(level.grid != made.grid):
         raise InputError(
-            f"{name}.grid: expected connections that the neighbour returns (see drive.lanes.linked), "
-            f"got another at row {row}, column {column}"
+            f"{name}.grid: expected connections that the neighbour returns, got another at row {row}, column {column}"
         )
     for field in ("start", "goal"):
         row, column, heading = (int(part) for part in getattr(level, field))
@@ -215,7 +201,7 @@ def _check_one(name: str, level: Level, made: Level) -> None:
         raise InputError(f"{name}.goal: expected a node ahead that can be reached from the start, got {got}")
     if level.shortest != made.shortest:
         raise InputError(f"{name}.shortest: expected {made.shortest}, the distance, got {level.shortest}")
-    if (level.ways != np.asarray(made.ways)).any():
+    if (level.ways != made.ways).any():
         raise InputError(f"{name}.ways: expected the result of shortest_ways")
 
 

@@ -11,18 +11,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int, Int32
 
 from elitelanes_jax.drive._distances import lane_nodes
-from elitelanes_jax.drive.lanes import Movement, linked, movements
+from elitelanes_jax.drive.lanes import TAKEN, Movement, linked, movements
 from elitelanes_jax.network.checks import check_grid
 
 _Carry = tuple[Array, Array, Array, Array, Array]
 
 NEVER = 2**30
 """The number of tiles if the driver's turns do not reveal its node, or the grid does not have the node."""
-
-
-def turns_asked_for(count: int) -> Int32[Array, " K"]:
-    """Returns the turns of the driver of `ambiguity`: right, straight on, left, repeated, int32 ``[K]``."""
-    return jnp.arange(count, dtype=jnp.int32) % 3
 
 
 def localization_steps(grid: Int[ArrayLike, "H W"], asked: Int[ArrayLike, " K"]) -> Int32[Array, "H W 4"]:
@@ -54,17 +49,9 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
     row, column, heading = starts // (4 * width), starts // 4 % width, starts % 4
     is_open = movements(links).reshape(size, 3)
     view = (is_open * jnp.array([1, 2, 4])).sum(axis=-1).astype(jnp.int32)
-
-    def beyond(turn: int) -> Array:
-        there = Movement(row, column, heading, jnp.full(size, turn)).next_node
-        return jnp.where(is_open[:, turn], (there.row * width + there.column) * 4 + there.heading, starts)
-
-    ways = [beyond(turn) for turn in range(3)]
-    onward = []
-    for turn in range(3):
-        first, second, third = (ways[(turn + more) % 3] for more in range(3))
-        onward.append(jnp.where(first != starts, first, jnp.where(second != starts, second, third)))
-    moves = jnp.stack(onward)
+    there = Movement(row, column, heading, jnp.asarray(TAKEN)[links].reshape(size, 3).astype(jnp.int32).T).next_node
+    # By the wanted turn and the node; on a dead end the driver stays.
+    moves = jnp.where(is_open.any(axis=1), (there.row * width + there.column) * 4 + there.heading, starts)
 
     def eliminate(group: Array, node: Array) -> tuple[Array, Array]:
         """Splits groups of starts by what is seen now; returns them, and which starts are still ambiguous.
@@ -110,5 +97,5 @@ def ambiguity(grid: Int[ArrayLike, "H W"]) -> Int32[Array, ""]:
 def _ambiguity(grid: Array) -> Array:
     last = 2 * sum(grid.shape)
     counted = lane_nodes(grid)
-    steps = jnp.where(counted, jnp.minimum(localization_steps(grid, turns_asked_for(last)), last), 0)
+    steps = jnp.where(counted, jnp.minimum(localization_steps(grid, jnp.arange(last) % 3), last), 0)
     return (100 * steps.sum() // jnp.maximum(counted.sum(), 1)).astype(jnp.int32)

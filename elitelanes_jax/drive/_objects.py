@@ -80,6 +80,9 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
 def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     """Makes the pictures that cameras show of objects; what has none is not shown.
 
+    Each picture is scaled to 64 x 64 pixels. Nobody can read an AprilTag at this size, so all signs of a kind show the
+    tag of their view.
+
     Args:
       views: uint8 ``[rows, columns, 4]``, RGB and opacity, by kind and by degrees counter-clockwise from the front, as
         `ObjectSet.views` has them.
@@ -108,13 +111,7 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
 
 
 class Rays(NamedTuple):
-    """The directions of a camera's rays: ``[rows, columns]``, or what broadcasts to it.
-
-    Attributes:
-      right: metres to the right for each metre of the camera's depth.
-      forward: metres ahead.
-      fall: metres downwards.
-    """
+    """Metres that a camera's rays go for each metre of its depth. They broadcast to ``[rows, columns]``."""
 
     right: Float[Array, "..."]
     forward: Float[Array, "..."]
@@ -124,19 +121,11 @@ class Rays(NamedTuple):
 def stand(
     pose: Pose, objects: Objects, billboards: Billboards, rays: Rays, height: Numeric, forward: Numeric, count: int
 ) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
-    """Finds the objects that are seen, among the nearest ones in front of a camera.
+    """Finds the objects that are seen, among the `count` nearest ones in front of a camera.
 
-    Args:
-      pose: of the middle between the wheels, in tiles.
-      objects: of the map, ``[M]``.
-      billboards: their pictures.
-      rays: of the camera.
-      height: of the camera, metres.
-      forward: metres from the middle between the wheels to the camera.
-      count: how many objects are shown at most; static.
-
-    Returns:
-      For each pixel, whether there is an object; the index in `Billboards.pixels`; and the object's index plus 1, or 0.
+    The pose is that of the middle between the wheels. The camera is `height` metres above the ground, and `forward`
+    metres ahead of this middle. Returns for each pixel whether there is an object, the index in `Billboards.pixels`,
+    and the object's index plus 1, or 0.
     """
     cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
     east, north = (objects.x - pose.x) * TILE, (pose.y - objects.y) * TILE
@@ -186,13 +175,9 @@ def stand(
 
 
 def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[Array, ""]:
-    """Returns whether a disc touches an object's disc anywhere on an arc between two poses.
+    """Returns whether a disc touches an object's disc anywhere on an arc, of less than half a turn, between two poses.
 
-    Args:
-      objects: ``[M]``; those that lie on the floor are not touched.
-      start: in tiles.
-      end: in tiles; the robot turns by less than half a turn.
-      radius: of the robot's disc, metres.
+    The radius is in metres. Objects that lie on the floor are not touched.
     """
     turn = wrap_angle(end.theta - start.theta)
     way = jnp.stack([end.x - start.x, start.y - end.y]) * TILE  # east and north, as what follows

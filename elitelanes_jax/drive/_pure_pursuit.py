@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from elitelanes_jax.drive._lane_drive import LaneDriveParams, LaneDriveState, next_movement
-from elitelanes_jax.drive.lanes import lane_length, lane_point
+from elitelanes_jax.drive._lane_drive import LaneDriveParams, LaneDriveState
+from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, to_wheels
 
 _SPEED = 0.3  # metres a second
@@ -27,7 +27,8 @@ def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array,
     """
     length = lane_length(state.movement.turn)
     goal_s = state.s + _LOOKAHEAD
-    here, beyond = lane_point(state.movement, goal_s), lane_point(next_movement(state), goal_s - length)
+    onward = Movement(*state.movement.next_node, state.next_turn)
+    here, beyond = lane_point(state.movement, goal_s), lane_point(onward, goal_s - length)
     target = jax.tree.map(lambda one, other: jnp.where(goal_s > length, other, one), here, beyond)
     east, north = target.x - state.pose.x, state.pose.y - target.y
     cosine, sine = jnp.cos(state.pose.theta), jnp.sin(state.pose.theta)

@@ -15,7 +15,7 @@ from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, draw_level
 from elitelanes_jax.drive._levels import Level, check_batch
-from elitelanes_jax.drive.lanes import LaneNode, Movement
+from elitelanes_jax.drive.lanes import TAKEN, LaneNode, Movement
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.movements import MOVEMENTS
 
@@ -59,21 +59,13 @@ class RoadNavParams(Record):
 
 
 class RoadNavState(NamedTuple):
-    """The state of an episode.
-
-    Attributes:
-      grid: int8 ``[H, W]``, of the level.
-      goal: of the level.
-      shortest: int32, of the level.
-      node: the agent's tile and heading.
-      tiles: int32, driven so far.
-    """
+    """The state of an episode. `grid`, `goal` and `shortest` are the level's."""
 
     grid: Int8[Array, "H W"]
     goal: LaneNode
     shortest: Int32[Array, ""]
-    node: LaneNode
-    tiles: Int32[Array, ""]
+    node: LaneNode  # of the agent
+    tiles: Int32[Array, ""]  # driven so far
 
 
 class RoadNavObservation(NamedTuple):
@@ -120,17 +112,6 @@ class RoadNavInfo(NamedTuple):
     regret: Float[Array, ""]
 
 
-# The turn for each action: its own, or the next open one in the order right, straight, left, right; its own if none is
-# open.
-_TAKEN = np.array(
-    [
-        [[next((t % 3 for t in range(a, a + 3) if open_turns[t % 3]), a) for a in range(3)] for open_turns in headings]
-        for headings in MOVEMENTS
-    ],
-    np.int8,
-)
-
-
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: RoadNavParams
 ) -> tuple[RoadNavObservation, RoadNavState]:
@@ -162,7 +143,7 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
     grid, goal = state.grid, state.goal
     code = grid[state.node.row, state.node.column].astype(jnp.int32)
     choice = code * 12 + state.node.heading * 3 + jnp.clip(action, 0, 2)
-    turn = jnp.asarray(_TAKEN.reshape(-1))[choice].astype(jnp.int32)
+    turn = jnp.asarray(TAKEN.reshape(-1))[choice].astype(jnp.int32)
     onward = Movement(*state.node, turn).next_node
     moves = jnp.asarray(CONNECTIONS)[code] > 1
     node = jax.tree.map(lambda new, old: jnp.where(moves, new, old), onward, state.node)
@@ -189,19 +170,13 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
 
 def _observe(state: RoadNavState, params: RoadNavParams) -> RoadNavObservation:
     grid, goal, node = state.grid, state.goal, state.node
-    window, mark, compass = None, None, None
-    if params.window:
-        window, mark = _look_around(grid, goal, node, params.window)
-    if params.goal not in ("mark", "both"):
-        mark = None
-    if params.goal in ("compass", "both"):
-        compass = _compass(node, goal)
+    window, mark = _look_around(grid, goal, node, params.window) if params.window else (None, None)
     everything = params.whole_map
     return RoadNavObservation(
         ways=jnp.asarray(MOVEMENTS)[grid[node.row, node.column], node.heading],
         window=window,
-        mark=mark,
-        compass=compass,
+        mark=mark if params.goal in ("mark", "both") else None,
+        compass=_compass(node, goal) if params.goal in ("compass", "both") else None,
         whole_map=grid if everything else None,
         here=jnp.stack(node) if everything else None,
         there=jnp.stack(goal) if everything and params.goal != "none" else None,

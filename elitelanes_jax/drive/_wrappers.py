@@ -1,4 +1,4 @@
-"""The environments in the interfaces of Gymnax, JaxUED and Gymnasium, none of which is imported here.
+"""The environments by name, and in the interfaces of Gymnax, JaxUED and Gymnasium, none of which is imported here.
 
 A wrapper that needs classes of the other library takes the library's module. Observations become one vector (see
 `flatten`), or remain the camera's picture.
@@ -13,12 +13,36 @@ import numpy as np
 from jaxtyping import Array, Float, Key, UInt8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, one_of, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
-from elitelanes_jax._util.types import Pytree, Untyped
+from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
 from elitelanes_jax.drive._environment import Environment, auto_reset, draw_level
-from elitelanes_jax.drive._levels import Level
+from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax.drive._levels import Level, make_levels
+from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
+
+_ENVIRONMENTS = {"RoadNav": (RoadNav, RoadNavParams), "LaneDrive": (LaneDrive, LaneDriveParams)}
+
+
+def make(
+    name: str, maps: AnyArray, *, count: int = 256, seed: int = 0, **settings: UserValue
+) -> tuple[Environment, RoadNavParams | LaneDriveParams]:
+    """Returns an environment and its parameters, with random levels on the maps.
+
+    Args:
+      name: "RoadNav" or "LaneDrive".
+      maps: a `RoadMap`, several of one size, or integer codes ``[M, H, W]``.
+      count: the number of levels. Level i is on map i modulo M.
+      seed: of the levels, 0 or more.
+      settings: fields of `RoadNavParams` or `LaneDriveParams`, such as ``limit``.
+
+    Raises:
+      InputError: for another name, and as `make_levels` and the parameters do.
+    """
+    environment, params = _ENVIRONMENTS[check_named("name", one_of(*_ENVIRONMENTS), name)]
+    key = jax.random.key(check_named("seed", whole(0, 2**32 - 1), seed))
+    return environment, params(make_levels(key, maps, count), **settings)
 
 
 def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows columns 3"]:
@@ -38,22 +62,18 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
     return jnp.concatenate([numbers(part) for part in parts])
 
 
-def _makers(spaces: Untyped) -> Untyped:
-    """Takes the needed classes out of a module, because Rejax copies environments, and modules cannot be copied."""
-    if not hasattr(spaces, "Discrete") or not hasattr(spaces, "Box"):
-        raise InputError(f"spaces: expected the module gymnax.environments.spaces, got {shorten(repr(spaces))}")
-    return SimpleNamespace(Discrete=spaces.Discrete, Box=spaces.Box)
-
-
-def _checked(params: Pytree) -> Pytree:
+def _check(params: Pytree, module: Untyped, name: str, argument: str, needed: str) -> None:
+    """Checks the options of an environment, and that a module has a class."""
+    if not hasattr(module, needed):
+        raise InputError(f"{argument}: expected the module {name}, got {shorten(repr(module))}")
     if not isinstance(params, Record):
         raise InputError(f"params: expected RoadNavParams or LaneDriveParams, got {shorten(repr(params))}")
-    return params
 
 
-def _check_gymnasium(module: Untyped) -> None:
-    if not hasattr(module, "Env"):
-        raise InputError(f"gymnasium: expected the module gymnasium, got {shorten(repr(module))}")
+def _makers(params: Pytree, spaces: Untyped) -> Untyped:
+    """Takes the needed classes out of a module, because Rejax copies environments, and modules cannot be copied."""
+    _check(params, spaces, "gymnax.environments.spaces", "spaces", "Discrete")
+    return SimpleNamespace(Discrete=spaces.Discrete, Box=spaces.Box)
 
 
 def _action_space(environment: Environment, spaces: Untyped) -> Untyped:
@@ -93,8 +113,8 @@ class GymnaxEnv:
         if values not in (5, 6):
             raise InputError(f"values: expected 5 or 6, got {values!r}")
         self._environment, self._resetting = environment, auto_reset(environment)
-        self._spaces, self._six = _makers(spaces), values == 6
-        self.default_params = _checked(params)
+        self._spaces, self._six = _makers(params, spaces), values == 6
+        self.default_params = params
         self.name = type(params).__name__.removesuffix("Params")
         self.num_actions = environment.actions or environment.action_size
 
@@ -142,8 +162,8 @@ class JaxUedEnv:
 
     def __init__(self, environment: Environment, params: Pytree, spaces: Untyped) -> None:
         """Wraps an environment; see `GymnaxEnv` for the arguments and errors."""
-        self._environment, self._spaces = environment, _makers(spaces)
-        self.default_params = _checked(params)
+        self._environment, self._spaces = environment, _makers(params, spaces)
+        self.default_params = params
 
     def reset_to_level(self, key: Key[Array, ""], level: Level, params: Pytree = None) -> tuple[Array, Pytree]:
         """Starts an episode on a level: (observation, state)."""
@@ -188,8 +208,7 @@ def gymnasium_env(
     Raises:
       InputError: for options out of their range, or another module.
     """
-    _check_gymnasium(gymnasium)
-    params = _checked(params)
+    _check(params, gymnasium, "gymnasium", "gymnasium", "Env")
     begin, go, draw = jax.jit(environment.reset), jax.jit(environment.step), render
 
     class Env(gymnasium.Env):
@@ -241,8 +260,8 @@ def gymnasium_vector_env(
     Raises:
       InputError: for options or a number out of their range, or another module.
     """
-    _check_gymnasium(gymnasium)
-    params, count = _checked(params), check_named("count", whole(1), count)
+    _check(params, gymnasium, "gymnasium", "gymnasium", "Env")
+    count = check_named("count", whole(1), count)
     resetting, draw = auto_reset(environment), render
 
     def first(key: Array) -> Pytree:

@@ -18,21 +18,31 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Key
 from numpy.typing import NDArray
 
-from elitelanes_jax.network import roads
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import MOVEMENTS
-from elitelanes_jax.network.roads import LANE_OFFSET
+from elitelanes_jax.network.roads import LANE_OFFSET, on_road
 
 _DOWN = np.array([side.down for side in SIDES], np.int32)
 _ACROSS = np.array([side.right for side in SIDES], np.int32)
 
-# A point lies at (forward, left) of the middle of the side that a movement enters by.
-_EAST_PART, _SOUTH_PART = np.array([0, 1, 0, -1], np.float32), np.array([-1, 0, 1, 0], np.float32)
 _ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
 _BEND = np.array([-1, 0, 1], np.float32)  # to the left
 _RADIUS = (0.5 + LANE_OFFSET * _BEND).astype(np.float32)
 _LENGTH = np.where(_BEND == 0, 1, _RADIUS * np.pi / 2).astype(np.float32)
+
+
+TAKEN = np.array(
+    [
+        [[next((t % 3 for t in range(a, a + 3) if open_turns[t % 3]), a) for a in range(3)] for open_turns in headings]
+        for headings in MOVEMENTS
+    ],
+    np.int8,
+)
+"""int8 ``[16, 4, 3]``: the turn that is taken for a wanted one, by the tile's code and the heading.
+
+It is the wanted turn or the next open one, in the order right, straight, left, right; the wanted one if none is open.
+"""
 
 
 class LaneNode(NamedTuple):
@@ -117,11 +127,7 @@ class LanePose(NamedTuple):
 
 
 def linked(grid: Int[ArrayLike, "H W"]) -> Int8[Array, "H W"]:
-    """Removes the connections of a grid that the neighbour does not return, or that leave the grid.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`).
-    """
+    """Removes the connections of a grid that the neighbour does not return, or that leave the grid."""
     grid = jnp.asarray(check_grid(grid))
     height, width = grid.shape
     padded = jnp.pad(grid, 1)
@@ -168,19 +174,16 @@ def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Fl
 
 
 def lane_point(movement: Movement, s: Float[ArrayLike, "..."], d: Float[ArrayLike, "..."] = 0.0) -> Pose:
-    """Returns the pose `s` tiles along a movement's lane, in its direction; it may be beyond the lane's end.
+    """Returns the pose `s` tiles along a movement's lane and `d` tiles to the left of its centre, in its direction.
 
-    Args:
-      movement: of the lane.
-      s: tiles along the lane's centre from where it enters.
-      d: tiles to the left of the centre.
+    It may be beyond the lane's end.
     """
     bend, radius = _choose(_BEND, movement.turn), _choose(_RADIUS, movement.turn)
     angle = s / radius
     straight = bend == 0
     forward = jnp.where(straight, s, (radius - bend * d) * jnp.sin(angle))
     left = jnp.where(straight, d - LANE_OFFSET, bend * (0.5 - (radius - bend * d) * jnp.cos(angle)))
-    ahead_x, ahead_y = _choose(_EAST_PART, movement.heading), _choose(_SOUTH_PART, movement.heading)
+    ahead_x, ahead_y = _choose(_ACROSS, movement.heading), _choose(_DOWN, movement.heading)
     x = movement.column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
     y = movement.row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
     return Pose(x, y, wrap_angle(_choose(_ANGLE, movement.heading) + bend * angle))
@@ -213,19 +216,15 @@ def random_pose(
     return pose._replace(theta=wrap_angle(pose.theta + (2 * turned - 1) * heading))
 
 
-def on_road(
-    code: Int[ArrayLike, "..."], east: Float[ArrayLike, "..."], south: Float[ArrayLike, "..."]
-) -> Bool[Array, "..."]:
-    """Returns whether a point is on the road of its tile, between the inner edges of the white tape.
-
-    See `network.roads.on_road`.
-
-    Args:
-      code: of the tile.
-      east: tiles from its western side, 0 to 1.
-      south: tiles from its northern side, 0 to 1.
-    """
-    return jnp.asarray(roads.on_road(jnp.asarray(code), jnp.asarray(east), jnp.asarray(south)))
+def tile_at(
+    grid: Int[Array, "H W"], x: Float[ArrayLike, ""], y: Float[ArrayLike, ""]
+) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""], Bool[Array, ""]]:
+    """Returns the row, the column and the code of the tile at a point, 0 beyond the grid, and whether it is road."""
+    height, width = grid.shape
+    row, column = jnp.floor(y).astype(jnp.int32), jnp.floor(x).astype(jnp.int32)
+    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    code = jnp.where(inside, grid[jnp.clip(row, 0, height - 1), jnp.clip(column, 0, width - 1)], 0)
+    return row, column, code, on_road(code, x - column, y - row)
 
 
 def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None) -> LanePose:
@@ -247,17 +246,14 @@ def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None
 @jax.jit
 def _lane_pose(grid: Array, pose: Pose, movement: Movement | None) -> LanePose:
     height, width = grid.shape
-    row, column = jnp.floor(pose.y).astype(jnp.int32), jnp.floor(pose.x).astype(jnp.int32)
-    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     links = linked(grid)
+    row, column, code, road = tile_at(links, pose.x, pose.y)
     if movement is None:
-        code = jnp.where(inside, links[row, column], 0)
         movement = _nearest(code, pose, row, column)
     else:
         movement = Movement(*(jnp.asarray(part, jnp.int32) for part in movement))
     within = (movement.row >= 0) & (movement.row < height) & (movement.column >= 0) & (movement.column < width)
     found = within & jnp.asarray(MOVEMENTS)[links[movement.row, movement.column], movement.heading, movement.turn]
-    road = inside & on_road(links[row, column], pose.x - column, pose.y - row)
     d, phi, s = (jnp.where(found, error, 0) for error in lane_errors(pose, movement))
     return LanePose(
         d,
@@ -284,7 +280,7 @@ def _nearest(code: Array, pose: Pose, row: Array, column: Array) -> Movement:
 def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
     """Returns a point's distances forward and left of the middle of the side by which a movement enters."""
     east, south = pose.x - (movement.column + 0.5), pose.y - (movement.row + 0.5)
-    ahead_x, ahead_y = _choose(_EAST_PART, movement.heading), _choose(_SOUTH_PART, movement.heading)
+    ahead_x, ahead_y = _choose(_ACROSS, movement.heading), _choose(_DOWN, movement.heading)
     return east * ahead_x + south * ahead_y + 0.5, east * ahead_y - south * ahead_x
 
 

@@ -20,8 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
-from elitelanes_jax.drive._camera import Camera, look, make_atlas
+from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
+from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
@@ -32,14 +34,17 @@ from elitelanes_jax.formats.rides import MOST_POSES, RIDES
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
-from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render
-from elitelanes_jax.tiles.tileset import TileSet
+from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render, scale_tiles
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 POLICIES = ("route", "random")
 """Drivers: one follows the route to the goal, the other turns its wheels at random."""
 
 Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
-"""Your own driver: takes an observation, in NumPy, and returns the commands of the left and right wheel, -1 to 1."""
+"""Your own driver: takes an observation, in NumPy, and returns the commands of the left and right wheel, -1 to 1.
+
+If it has an attribute `camera`, a `Camera`, it observes only this camera's picture.
+"""
 
 _RATE = 30
 _GIF_STEP, _GIF_SCALE = 3, 0.5  # a GIF shows every third frame, half as large: otherwise it is ten times a film's size
@@ -49,6 +54,7 @@ _BATCH = 32  # frames that are rendered at once
 _HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
 _MOST_SEEN = 32  # objects in a view
 _BITS = 4  # of the fraction of a pixel
+_SIGHT_PX = 128  # of a tile in the pictures that a policy observes
 _PACE = 0.5  # tiles a second: the expert drives a little more
 
 
@@ -73,7 +79,13 @@ class Rides(NamedTuple):
 
 
 def make_rides(
-    grid: ArrayLike, count: int = 1, *, policy: str | Policy = "route", seconds: float = 60, seed: int = 0
+    grid: ArrayLike,
+    count: int = 1,
+    *,
+    policy: str | Policy = "route",
+    seconds: float = 60,
+    seed: int = 0,
+    tiles: TileSet | None = None,
 ) -> Rides:
     """Drives on a map from random starts to random goals that the expert reaches in time.
 
@@ -83,6 +95,7 @@ def make_rides(
       policy: one of `POLICIES`, or your own driver.
       seconds: the length of a ride.
       seed: of starts, goals and everything random.
+      tiles: that the camera of your own driver shows; by default the package's own.
 
     Raises:
       InputError: for a bad grid, a map without a lane, another policy, or one that fails or does not return two
@@ -94,55 +107,34 @@ def make_rides(
     furthest = max(int(_PACE * seconds), 1)
     drawing, driving = jax.random.split(jax.random.key(seed))
     levels = make_levels(drawing, check_grid(grid)[None], count, least=min(4, furthest), most=furthest)
-    steps = max(round(seconds * _RATE), 1)
-    drive = partial(_drive_by, policy) if callable(policy) else partial(_drive, policy)
-    poses, lengths, success = jax.device_get(drive(driving, LaneDriveParams(levels), steps))
+    steps, params = max(round(seconds * _RATE), 1), LaneDriveParams(levels)
+    if (camera := getattr(policy, "camera", None)) is not None:
+        tiles = load_tiles() if tiles is None else tiles
+        scaled = scale_tiles(tiles, _SIGHT_PX)
+        camera = check_named("policy", record(Camera), camera)
+        sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, camera)
+        params = params.replace(observe="camera", sight=sight)
+    poses, lengths, success = _drive(policy, driving, params, steps)
     return Rides(jax.device_get(levels), poses[:, 0], poses[:, 1], poses[:, 2], lengths, success)
 
 
-@partial(jax.jit, static_argnames=("policy", "steps"))
-@partial(jax.vmap, in_axes=(0, 0, None, None, None))
-def _drive_one(key: Pytree, level: Level, params: LaneDriveParams, policy: str, steps: int) -> Pytree:
-    _, state = LaneDrive.reset_to_level(jax.random.fold_in(key, 0), level, params)
-    poses = jnp.broadcast_to(jnp.stack(state.pose)[:, None], (3, steps + 1))
-
-    def go(step: Pytree, carry: Pytree) -> Pytree:
-        state, poses, over, length, success = carry
-        moving = jax.random.fold_in(key, step)
-        action = pure_pursuit(state, params)
-        if policy == "random":
-            action = jax.random.uniform(jax.random.fold_in(moving, 0), (2,))
-        done = LaneDrive.step(moving, state, action, params)
-        state = jax.tree.map(lambda new, old: jnp.where(over, old, new), done.state, state)
-        success, length = success | (done.info.success & ~over), length + ~over
-        return state, poses.at[:, step].set(jnp.stack(state.pose)), over | done.terminated, length, success
-
-    first = state, poses, jnp.bool_(False), jnp.int32(0), jnp.bool_(False)
-    _, poses, _, length, success = jax.lax.fori_loop(1, steps + 1, go, first)
-    return poses, length, success
-
-
-def _drive(policy: str, key: Array, params: LaneDriveParams, steps: int) -> Pytree:
-    keys = jax.random.split(key, params.levels.grid.shape[0])
-    return _drive_one(keys, params.levels, params, policy, steps)
-
-
-def _drive_by(
-    policy: Policy, key: Array, params: LaneDriveParams, steps: int
+def _drive(
+    policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.bool_]]:
-    """Drives like `_drive`, and calls a Python function at each step."""
+    """Returns the poses ``[N, 3, steps + 1]``, the numbers of steps, and which rides reached their goals."""
     keys = jax.random.split(key, params.levels.grid.shape[0])
     seen, states = _begin(keys, params.levels, params)
     poses = np.repeat(np.stack(jax.device_get(states.pose), axis=1)[:, :, None], steps + 1, axis=2)
     over, lengths, success = (np.zeros(len(keys), kind) for kind in (bool, np.int32, bool))
+    actions = np.zeros((len(keys), 2), np.float32)
     for step in range(1, steps + 1):
         if over.all():
             break
-        listed = jax.device_get(seen)
-        actions = np.zeros((len(keys), 2), np.float32)
-        for one in np.flatnonzero(~over):
-            actions[one] = _ask(policy, jax.tree.map(lambda part, one=one: part[one], listed))
-        done = _go(keys, step, states, actions, params)
+        if callable(policy):
+            listed = jax.device_get(seen)
+            for one in np.flatnonzero(~over):
+                actions[one] = _ask(policy, jax.tree.map(lambda part, one=one: part[one], listed))
+        done = _go(keys, step, states, actions, params, None if callable(policy) else policy)
         seen, states = done.observation, done.state
         pose, reached, ended = jax.device_get((done.state.pose, done.info.success, done.terminated))
         poses[~over, :, step:] = np.stack(pose, axis=1)[~over, :, None]
@@ -158,10 +150,18 @@ def _begin(key: Array, level: Level, params: LaneDriveParams) -> Pytree:
     return LaneDrive.reset_to_level(jax.random.fold_in(key, 0), level, params)
 
 
-@jax.jit
-@partial(jax.vmap, in_axes=(0, None, 0, 0, None))
-def _go(key: Array, step: Array, state: Pytree, action: Array, params: LaneDriveParams) -> Pytree:
-    return LaneDrive.step(jax.random.fold_in(key, step), state, action, params)
+@partial(jax.jit, static_argnames="policy")
+@partial(jax.vmap, in_axes=(0, None, 0, 0, None, None))
+def _go(
+    key: Array, step: Array, state: Pytree, action: Array, params: LaneDriveParams, policy: str | None
+) -> Transition:
+    """Makes a step with the action, or with that of one of `POLICIES`."""
+    moving = jax.random.fold_in(key, step)
+    if policy == "route":
+        action = pure_pursuit(state, params)
+    elif policy == "random":
+        action = jax.random.uniform(jax.random.fold_in(moving, 0), (2,))
+    return LaneDrive.step(moving, state, action, params)
 
 
 def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float32]:
@@ -178,11 +178,7 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
 
 
 def load_policy(file: Path) -> Policy:
-    """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file, which is run.
-
-    Raises:
-      InputError: that names the file, if it cannot be read or run, or has no such function.
-    """
+    """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file, which is run."""
     try:
         act = runpy.run_path(str(file)).get("act")
     except (Exception, SystemExit) as error:
@@ -273,10 +269,7 @@ def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera, things: Pyt
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     """Writes frames as an MP4 film, or as a GIF if the name says so, whole or not at all; returns the number of frames.
 
-    A GIF has every third frame, half as large.
-
-    Raises:
-      OSError: that names the file, if it cannot be written.
+    A GIF has every third frame, half as large. An `OSError` names the file.
     """
     with new_file(file) as part:
         return (_write_gif if file.suffix.lower() == ".gif" else _write_mp4)(part, frames)
@@ -312,11 +305,7 @@ def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
 
 
 def rides_to_json(grid: ArrayLike, rides: Rides) -> str:
-    """Returns rides for `read_rides`: the map, and the poses of each ride, 30 per second.
-
-    Raises:
-      InputError: for more than `MOST_POSES` poses.
-    """
+    """Returns rides for `read_rides`: the map, and the poses of each ride, 30 per second, `MOST_POSES` at most."""
     poses = int(rides.steps.sum()) + len(rides.steps)
     if poses > MOST_POSES:
         raise InputError(f"rides: expected at most {MOST_POSES} poses, got {poses}")

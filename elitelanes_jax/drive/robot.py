@@ -51,17 +51,11 @@ class Robot(Record):
 
 
 class Wheels(NamedTuple):
-    """The wheels' state.
+    """The wheels' state."""
 
-    Attributes:
-      speed: float32, metres a second, forward.
-      turn: float32, radians a second, to the left.
-      commands: float32 ``[5, 2]``, the last ones, the newest first; None without latency.
-    """
-
-    speed: Float[Array, ""]
-    turn: Float[Array, ""]
-    commands: Float[Array, "5 2"] | None
+    speed: Float[Array, ""]  # metres a second, forward
+    turn: Float[Array, ""]  # radians a second, to the left
+    commands: Float[Array, "5 2"] | None  # the last ones, the newest first; None without latency
 
 
 def still(robot: Robot) -> Wheels:
@@ -84,12 +78,7 @@ def drive(
 ) -> tuple[Pose, Wheels]:
     """Drives for one step with constant speeds of the wheels: along an arc, computed exactly.
 
-    Args:
-      key: consumed for noise; otherwise not used.
-      pose: in tiles.
-      wheels: before.
-      command: of the left and the right wheel, -1 to 1; clipped, and 0 instead of NaN.
-      robot: its measures.
+    A command is clipped to -1 to 1, and NaN is 0. The key is consumed for noise.
     """
     shares = jnp.clip(jnp.nan_to_num(jnp.asarray(command, jnp.float32), nan=0.0), -1, 1)
     commands = wheels.commands

@@ -26,8 +26,7 @@ from elitelanes_jax.formats.road_map import RoadMap, read_map, read_maps
 from elitelanes_jax.formats.tags import SIGN_TAGS
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.fitness import fitness as weighted_sum
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
 from elitelanes_jax.problem.ranges import range_limits, range_penalty
@@ -59,10 +58,9 @@ class _Finds(NamedTuple):
     seed: NDArray[np.int_]  # [E], the index of the run's seed that found each, from 0
     seeds: int  # the number of seeds
     axes: tuple[Axis, ...]  # of the niches
-    weights: Weights  # of the fitness
+    weights: Mapping[str, int]  # of metrics and features in the fitness
     alphabet: tuple[int, ...] | None  # the codes that off_alphabet does not count; None for all
-    feature_weights: Mapping[str, int] = {}  # of the features measured beside the metrics
-    extras: Mapping[str, NDArray[np.int32]] = {}  # [E] by name, the features measured beside the metrics
+    features: Mapping[str, NDArray[np.int32]] = {}  # [E] by name, those measured beside the metrics
     niche: NDArray[np.int32] | None = None  # [E], see niche_index; None if the page computes it from metrics
     labels: tuple[str, ...] | None = None  # a name for each grid, or None
     # The chosen maps: the index of each among the grids, its name, and the map itself.
@@ -193,11 +191,12 @@ def _read_run(folder: Path) -> _Finds:
         run = run._replace(name=name)
     else:
         raise InputError(f"{folder}: expected an archive.npz or maps beside run.json, got neither")
-    size = record.get("settings", {}).get("size") if isinstance(record.get("settings"), dict) else None
+    run = run._replace(record={key: record[key] for key in _RECORDED if key in record})
+    size = _setting(run, "size")
     if size is not None and size != list(run.grids.shape[1:]):
         got = "{} x {}".format(*run.grids.shape[1:])
         raise InputError(f"{folder}: expected maps of {shorten(json.dumps(size))}, as run.json says, got {got}")
-    return run._replace(record={key: record[key] for key in _RECORDED if key in record})
+    return run
 
 
 def _read_record(file: Path) -> dict[str, Plain]:
@@ -244,11 +243,10 @@ def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Find
         seed,
         len(valid),
         result.axes,
-        result.spec.all_weights,
+        result.spec.all_weights._asdict() | dict(result.spec.weights),
         None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
         niche=np.asarray(niche_index(descriptor[valid], result.axes), np.int32),
-        feature_weights={name: weight for name, weight in result.spec.weights if name not in Weights._fields},
-        extras={name: np.asarray(values)[some].reshape(valid.shape)[valid] for name, values in elites.features.items()},
+        features={name: np.asarray(one)[some].reshape(valid.shape)[valid] for name, one in elites.features.items()},
         history=history,
         usual_fitness=usual,
         floors=_floors(result, (grids.shape[2], grids.shape[3])) if usual else None,
@@ -286,10 +284,10 @@ def _with_chosen(run: _Finds, chosen: Sequence[tuple[str, RoadMap]]) -> _Finds:
     index_of: dict[bytes, int] = {}
     for index, grid in enumerate(run.grids):
         index_of.setdefault(grid.tobytes(), index)
-    own, maps = run.grids.shape[1:], []
+    maps = []
     for name, road_map in chosen:
-        if road_map.codes.shape != own:
-            expected, got = ("{} x {}".format(*shape) for shape in (own, road_map.codes.shape))
+        if road_map.codes.shape != run.grids.shape[1:]:
+            expected, got = ("{} x {}".format(*shape) for shape in (run.grids.shape[1:], road_map.codes.shape))
             raise InputError(f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}")
         found = index_of.get(road_map.codes.tobytes())
         if found is not None:
@@ -327,7 +325,7 @@ def _by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[_Finds]:
                 seed=np.zeros(len(listed), int),
                 seeds=1,
                 axes=tuned_axes((height, width)),
-                weights=Weights(),
+                weights=Weights()._asdict(),
                 alphabet=None,
                 usual_fitness=whole,
                 labels=tuple(name for name, _ in listed),
@@ -338,12 +336,8 @@ def _by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[_Finds]:
 
 
 def _distinct_names(names: Sequence[str]) -> list[str]:
-    seen: dict[str, int] = {}
-    distinct = []
-    for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        distinct.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-    return distinct
+    counts = [names[: index + 1].count(name) for index, name in enumerate(names)]
+    return [name if count == 1 else f"{name} ({count})" for name, count in zip(names, counts, strict=True)]
 
 
 def _find_tiles(folder: Path, run: _Finds) -> Path | None:
@@ -387,13 +381,13 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "shape": list(run.grids.shape[1:]),
         "seeds": run.seeds,
         "axes": [axis._asdict() for axis in run.axes],
-        "weights": {name: int(weight) for name, weight in (run.weights._asdict() | dict(run.feature_weights)).items()},
+        "weights": {name: int(weight) for name, weight in run.weights.items()},
         "alphabet": None if run.alphabet is None else sorted({int(code) for code in run.alphabet}),
         "grids": blob.add_codes(run.grids),
         "fitness": None if run.fitness is None else blob.add(run.fitness, run.fitness.dtype.name),
         "seed": blob.add(run.seed, "int32"),
         "niche": None if run.niche is None else blob.add(run.niche, "int32"),
-        "features": {name: blob.add(values, "int32") for name, values in run.extras.items()},
+        "features": {name: blob.add(values, "int32") for name, values in run.features.items()},
         "labels": run.labels,
         "maps": [_map_values(elite, name, road_map, tiles, blob) for elite, name, road_map in run.maps],
         "rides": [
@@ -409,9 +403,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
 
 def _map_values(elite: int, name: str, road_map: RoadMap, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
     """Returns a chosen map: its elite, its objects, and its tile pictures as indices times 4 plus quarter turns."""
-    chosen, drawn = None, road_map.drawn
-    if drawn is not None and drawn.tile_set == tiles.name:
-        chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
+    chosen = recall_choice(road_map, tiles)
     pictures = None if chosen is None else (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
     objects = road_map.objects and blob.add_json([object_values(thing) for thing in road_map.objects])
     return {"elite": elite, "name": name, "pictures": pictures, "objects": objects or None}

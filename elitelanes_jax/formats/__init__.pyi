@@ -26,11 +26,11 @@ from .road_map import as_maps as as_maps
 from .road_map import map_to_json as map_to_json
 from .road_map import read_map as read_map
 from .road_map import read_maps as read_maps
+from .sketch import LINES as LINES
+from .sketch import draw_svg as draw_svg
+from .sketch import draw_text as draw_text
 from .streets import Streets as Streets
 from .sumo import convert as convert
 from .sumo import write_sumo as write_sumo
-from .svg import draw_svg as draw_svg
 from .table import table_to_csv as table_to_csv
 from .tag_pictures import draw_tag as draw_tag
-from .text import LINES as LINES
-from .text import draw_text as draw_text

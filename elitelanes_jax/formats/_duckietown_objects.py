@@ -10,8 +10,10 @@ by one tile to the south and turn the other way round, and on maps that are not 
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from math import cos, degrees, isfinite, pi, radians, remainder, sin
 
+from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
@@ -20,10 +22,8 @@ from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
 TAG_FAMILY = "36h11"
 """The family of all tags."""
 
-_OF_MAP = {
-    "sign_1_way_left": "sign_oneway_left",
-    "sign_1_way_right": "sign_oneway_right",
-}  # in duckietown-world
+# As duckietown-world names them.
+_OF_MAP = {"sign_1_way_left": "sign_oneway_left", "sign_1_way_right": "sign_oneway_right"}
 
 # gym-duckietown needs a picture of each sign, and has none of street names.
 _STREET_NAME, _BLANK = "sign_street_name", "sign_blank"
@@ -41,13 +41,7 @@ _STAND = 0.27 / 0.4
 
 
 def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> str:
-    """Returns the text of the objects of a map file; "" without objects.
-
-    Args:
-      objects: to write.
-      rows: height of the map, in tiles.
-      tile_size: in metres.
-    """
+    """Returns the text of the objects of a map file; "" without objects. `rows` is the height of the map in tiles."""
     lines = []
     for index, thing in enumerate(objects):
         x, y, angle = thing.x * tile_size, (rows - thing.y) * tile_size, thing.angle
@@ -66,26 +60,18 @@ def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> 
 
 
 def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
-    """Reads the objects of a map file.
-
-    Args:
-      values: what the file has under "objects": a list, a table by names, or None.
-      rows: height of the map, in tiles.
-      tile_size: in metres.
+    """Reads what a map file has under "objects", a list or a table by names.
 
     Raises:
-      InputError: for anything else, or an object whose position cannot be read; the message names the object.
+      InputError: for anything else, or an object that cannot be read; the message names the object.
     """
-    named = dict(enumerate(values)) if isinstance(values, list) else values or {}
+    named = dict(enumerate(values)) if isinstance(values, list) else values
     if not isinstance(named, dict):
         raise InputError(f"objects: expected a list or a table of objects, got {shorten(repr(values))}")
-    objects = []
-    for name, value in named.items():
-        try:
-            objects.append(_read(value, rows, tile_size))
-        except InputError as error:
-            raise InputError(f"objects: {shorten(str(name), 40)}: {error}") from None
-    return objects
+    return [
+        check_named(f"objects: {shorten(str(name), 40)}", _read, value, rows, tile_size)
+        for name, value in named.items()
+    ]
 
 
 def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
@@ -100,7 +86,7 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
         angle -= pi / 2
         offset = _STAND * height / tile_size
         x, y = x - offset * cos(angle), y + offset * sin(angle)
-    tag = int(real_of(_table(value["tag"], "~TagInstance"), "tag_id")) if "tag" in value else None
+    tag = whole_of(table_of(value["tag"], "~TagInstance"), "tag_id") if "tag" in value else None
     if kind == _BLANK and tag in STREET_NAMES:
         kind = _STREET_NAME
     static = str(value.get("static", True)).lower() not in ("false", "no", "off")
@@ -111,36 +97,36 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
     """Returns x, y and the angle of an object."""
     rotate = radians(real_of(value, "rotate", 0.0))
     if "attach" in value:  # before the pose, whose position it replaces
-        attach = _table(value, "attach")
+        attach = table_of(value, "attach")
         column, row = _pair(attach, "tile")
-        slot = real_of(attach, "slot")
+        slot = whole_of(attach, "slot")
         if slot not in range(len(_SLOTS)):
-            raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {slot:g}")
-        east, north = _SLOTS[int(slot)]
+            raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {slot}")
+        east, north = _SLOTS[slot]
         if "pose" in value:
-            rotate = radians(real_of(_table(value["pose"], "~SE2Transform"), "theta_deg", 0.0))
-        return column + east / tile_size, rows - row - north / tile_size, rotate
-    if "pos" in value:
+            rotate = radians(real_of(table_of(value["pose"], "~SE2Transform"), "theta_deg", 0.0))
+    elif "pos" in value:
         return *_pair(value, "pos"), rotate
-    if "pose" in value:
-        east, north, turned = _transform(value["pose"])
-        return east / tile_size, rows - north / tile_size, turned
-    if "place" in value:
-        place = _table(value, "place")
-        column, row = _pair(place, "tile")
-        east, north, turned = _transform(place.get("relative"))
-        return column + 0.5 + east / tile_size, rows - row - 0.5 - north / tile_size, turned
-    raise InputError("expected a pose, pos, place or attach, got none")
+    elif "pose" in value:
+        column, row = 0.0, 0.0
+        east, north, rotate = _transform(value["pose"])
+    elif "place" in value:
+        place = table_of(value, "place")
+        column, row = (at + 0.5 for at in _pair(place, "tile"))
+        east, north, rotate = _transform(place.get("relative"))
+    else:
+        raise InputError("expected a pose, pos, place or attach, got none")
+    return column + east / tile_size, rows - row - north / tile_size, rotate
 
 
 def _transform(value: Plain) -> tuple[float, float, float]:
-    inner = _table(value, "~SE2Transform")
-    if "theta" in inner:
-        return *_pair(inner, "p", (0.0, 0.0)), real_of(inner, "theta")
-    return *_pair(inner, "p", (0.0, 0.0)), radians(real_of(inner, "theta_deg", 0.0))
+    inner = table_of(value, "~SE2Transform")
+    turned = real_of(inner, "theta") if "theta" in inner else radians(real_of(inner, "theta_deg", 0.0))
+    return *_pair(inner, "p", (0.0, 0.0)), turned
 
 
-def _table(value: Plain, name: str) -> dict[str, Plain]:
+def table_of(value: Plain, name: str) -> dict[str, Plain]:
+    """Returns the table under a name; raises an `InputError` that starts with the name if there is none."""
     inner = value.get(name) if isinstance(value, dict) else None
     if not isinstance(inner, dict):
         raise InputError(f"{name}: expected a table, got {shorten(repr(inner), 40)}")
@@ -162,13 +148,18 @@ def real_of(values: Mapping[str, Plain], name: str, default: float | None = None
       InputError: if there is no finite number; the message starts with the name.
     """
     text = values.get(name, default)
-    try:
-        number = float(text) if isinstance(text, str | int | float) and "_" not in str(text) else float("nan")
-    except ValueError:
-        number = float("nan")
-    if not isfinite(number):
-        raise InputError(f"{name}: expected a number, got {shorten(repr(text), 40)}")
-    return number
+    with suppress(TypeError, ValueError):
+        if "_" not in str(text) and isfinite(number := float(text)):
+            return number
+    raise InputError(f"{name}: expected a number, got {shorten(repr(text), 40)}")
+
+
+def whole_of(values: Mapping[str, Plain], name: str) -> int:
+    """Returns the whole number under a name; raises as `real_of` does."""
+    number = real_of(values, name)
+    if not number.is_integer():
+        raise InputError(f"{name}: expected a whole number, got {number:g}")
+    return int(number)
 
 
 def _number(value: float) -> str:

@@ -8,11 +8,9 @@ from elitelanes_jax.formats.graph import Cell
 from elitelanes_jax.formats.streets import AHEAD, Streets, Way, middle_of_side
 from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES
 
+# From the border of a crossing to its junction, in tiles, if the next tile is a crossing too. Where its lanes turn they
+# are 0.0002 tiles out of place, 6 mm on tiles of 30 m.
 _INSET = 2.0**-11
-"""From the border of a crossing to its junction, in tiles, if the next tile is a crossing too.
-
-Where its lanes turn they are 0.0002 tiles out of place, 6 mm on tiles of 30 m.
-"""
 
 
 class Piece(NamedTuple):
@@ -39,9 +37,7 @@ def middle(path: list[Cell], links: dict[Cell, list[Cell]], height: int) -> list
         pieces += across(Way(*tile, into, (into - out + 1) % 4), height=height)
     pieces.append(Piece(middle_of_side(path[-1], headings[-1] - 2, height), headings[-1], leads[1]))
     merged: list[Piece] = []
-    for piece in pieces:
-        if not piece.length:
-            continue
+    for piece in (piece for piece in pieces if piece.length):
         if merged and not piece.curvature and not merged[-1].curvature:
             merged[-1] = merged[-1]._replace(length=merged[-1].length + piece.length)
         else:

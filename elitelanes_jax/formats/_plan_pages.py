@@ -22,8 +22,8 @@ _SMALLEST, _LARGEST, _SAMPLE = 14.0, 40.0, 22.0  # sides of a tile of the map, a
 _ROWS, _COLUMNS = 56, 3  # lines and columns of a page of the check-list
 
 _GROUND, _ROAD, _INK, _FAINT = "#f3f5ee", "#c4c8ce", "#1d2026", "#6d737d"
-_BOX = "\N{BALLOT BOX}"
 _STOP, _SIGN, _THING = "#c01722", "#1f5fbf", "#3d7a3a"
+_BOX = "\N{BALLOT BOX}"
 
 
 def draw_plan(plan: Plan, file: Path) -> None:
@@ -48,8 +48,7 @@ def _map_page(plan: Plan) -> Untyped:
     (rows, columns), bill = plan.shape, _bill(plan)
     bill_height = _LINE * (max(map(len, bill)) + 0.5)
     above, below, beside = _MARGIN + 16, 20 + bill_height + _SAMPLE + 8 + _MARGIN, 2 * _MARGIN + 16
-    # Signs may be beyond the map.
-    edge = 0.3 if plan.objects else 0.0  # in tiles
+    edge = 0.3 if plan.objects else 0.0  # in tiles: signs may be beyond the map
     fits = min((_A4[0] - beside) / (columns + 2 * edge), (_A4[1] - above - below) / (rows + 2 * edge))
     tile = min(max(fits, _SMALLEST), _LARGEST)
     edge *= tile

@@ -5,6 +5,8 @@ from itertools import count
 from math import hypot, pi
 from typing import NamedTuple
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.graph import Cell, linked_tiles
@@ -26,28 +28,25 @@ _TYPES = {  # of the German road traffic regulations (StVO), and subtypes
     "sign_parking": ("314", "-1"),
 }
 
-Arrival = tuple[Cell, Cell]
-"""Where a road ends: the tile that it leads to, and the tile before."""
+Arrival = tuple[Cell, Cell]  # where a road ends: the tile that it leads to, and the tile before
 
 
 class Signal(NamedTuple):
-    """A sign, or the light for one road.
+    """A sign, or the light for one road."""
 
-    Attributes:
-      number: from 1.
-      kind: one of `OBJECT_KINDS`.
-      thing: of the map; None if the right of way asks for a signal.
-      heading: of its reader, in radians counter-clockwise from east.
-    """
-
-    number: int
-    kind: str
-    thing: MapObject | None = None
-    heading: float = 0.0
+    number: int  # from 1
+    kind: str  # one of `OBJECT_KINDS`
+    thing: MapObject | None = None  # of the map; None if the right of way asks for a signal
+    heading: float = 0.0  # of its reader, in radians counter-clockwise from east
 
 
 def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
-    """Returns the right of way of each crossing: by lights or stop signs of a `RoadMap`, otherwise of its streets."""
+    """Returns the right of way of each crossing: by lights or stop signs of a `RoadMap`, otherwise of its streets.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or `streets` that are not `Streets`.
+    """
+    check_named("streets", record(Streets), streets)
     rules = {tile: streets.right_of_way for tile, others in linked_tiles(codes).items() if len(others) > 2}
     for thing in sorted(_signs(codes), key=lambda thing: thing.kind):  # lights last: they overrule signs
         tile = _crossing_of(thing, rules)
@@ -57,13 +56,9 @@ def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
 
 
 def list_signals(codes: AnyArray, rules: dict[Cell, str], ends: Iterable[Arrival]) -> dict[Arrival, list[Signal]]:
-    """Lists the signals at the ends of roads.
+    """Lists the signals at the ends of roads: a sign for the drivers who read it, a light at all ends of its crossing.
 
-    Args:
-      codes: of the map, or a `RoadMap` with signs and lights. A sign is at one end, of the road whose drivers read it.
-        A light is at all ends of its crossing.
-      rules: the right of way of each crossing, which has signs or lights at all ends if the map has none for it.
-      ends: of all roads.
+    `rules` is the right of way of each crossing. It has signs or lights at all ends if the map has none there.
     """
     numbers, own = count(1), set()
     found: dict[Arrival, list[Signal]] = {end: [] for end in ends}

@@ -4,7 +4,7 @@ PyYAML's own loader crashes on deep nesting and follows aliases and merge keys w
 limited, an alias is the value that it names, not a copy, and scalars stay texts: no numbers, dates or objects.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import yaml
 
@@ -38,59 +38,49 @@ def yaml_tree(text: str) -> Plain:
 def _build(events: Iterable[yaml.Event]) -> Plain:
     documents: list[Plain] = []
     anchors: dict[str, Plain] = {}
-    add, outer = documents.append, list[Callable[[Plain], None]]()
+    opened: list[tuple[Plain, list[Plain]]] = [(None, documents)]  # lists and tables, with their items so far
     values = 0
     for event in events:
-        opened = None
         match event:
             case yaml.ScalarEvent():
                 value = event.value
             case yaml.SequenceStartEvent():
                 value = []
-                opened = value.append
             case yaml.MappingStartEvent():
                 value = {}
-                opened = _Pairs(value).add
             case yaml.AliasEvent():
                 if event.anchor not in anchors:
                     raise InputError(f"expected readable YAML, got an alias of nothing, *{shorten(event.anchor)}")
                 value = anchors[event.anchor]
-            case yaml.CollectionEndEvent():
-                add = outer.pop()
+            case yaml.MappingEndEvent():
+                table, items = opened.pop()
+                _fill(table, items)
+                continue
+            case yaml.SequenceEndEvent():
+                opened.pop()
                 continue
             case _:
                 continue
-        if documents and not outer:
+        if documents and len(opened) == 1:
             raise InputError("expected readable YAML of one document, got several")
         values += 1
         if values > _MOST_VALUES:
             raise InputError(f"expected YAML of at most {_MOST_VALUES:,} values, got more")
-        add(value)
+        opened[-1][1].append(value)
         if event.anchor is not None:
             anchors[event.anchor] = value
-        if opened is not None:
-            outer.append(add)
-            add = opened
-            if len(outer) > _DEEPEST:
+        if isinstance(event, yaml.CollectionStartEvent):
+            opened.append((value, value if isinstance(value, list) else []))
+            if len(opened) > _DEEPEST + 1:
                 raise InputError(f"expected YAML nested up to {_DEEPEST} levels deep, got more")
     return documents[0] if documents else None
 
 
-class _Pairs:
-    """Takes the keys and values of a table in turn."""
-
-    def __init__(self, table: dict[str, Plain]) -> None:
-        self.table = table
-        self.key: str | None = None
-
-    def add(self, item: Plain) -> None:
-        """Takes the next key or value."""
-        if self.key is not None:
-            if self.key in self.table:
-                raise InputError(f"YAML: expected each key once, got {shorten(self.key, 40)} twice")
-            self.table[self.key] = item
-            self.key = None
-        elif isinstance(item, str):
-            self.key = item
-        else:
-            raise InputError(f"expected readable YAML, its keys texts, got a {type(item).__name__} for a key")
+def _fill(table: dict[str, Plain], items: list[Plain]) -> None:
+    """Adds keys and values, which take turns, to a table."""
+    for key, value in zip(items[::2], items[1::2], strict=True):
+        if not isinstance(key, str):
+            raise InputError(f"expected readable YAML, its keys texts, got a {type(key).__name__} for a key")
+        if key in table:
+            raise InputError(f"YAML: expected each key once, got {shorten(key, 40)} twice")
+        table[key] = value

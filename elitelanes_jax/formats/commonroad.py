@@ -6,8 +6,6 @@ from itertools import count, groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, bounds, giving_way, lanes
@@ -41,9 +39,8 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    check_named("streets", record(Streets), streets)
-    ways, after, links = lanes(codes)
     rights = rights_of_way(codes, streets)
+    ways, after, links = lanes(codes)
     sides = [bounds(way, streets, len(links)) for way in ways]
     for way, (left, right) in zip(ways, sides, strict=True):
         if way.turn == BACK:  # the outline of a lanelet must not touch itself
@@ -85,11 +82,9 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
 
     oncoming = {(*way.tile, (way.exit + 2) % 4, (way.heading + 2) % 4): index for index, way in enumerate(ways, 1)}
     lanelets = []
-    for index, way in enumerate(ways):
-        left, right = sides[index]
-        between = links[way.tile] == 2
+    for index, (way, (left, right)) in enumerate(zip(ways, sides, strict=True)):
+        between, rule = links[way.tile] == 2, rules.get(index, "")
         other = oncoming[*way.tile, way.heading, way.exit]
-        rule = rules.get(index, "")
         stop = f"{_point(left[-1])}{_point(right[-1])}<lineMarking>solid</lineMarking>{rule}"
         parts = [
             _bound("leftBound", left, "dashed" if between else "no_marking"),

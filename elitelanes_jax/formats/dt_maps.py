@@ -13,13 +13,13 @@ import yaml
 
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import MIB, read_text
+from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, real_of
+from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, real_of, table_of, whole_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_roads, check_tile_size
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
-from elitelanes_jax.formats.road_map import RoadMap, as_map
+from elitelanes_jax.formats.road_map import RoadMap, as_map, text_of
 from elitelanes_jax.formats.tags import TAG_SIZE
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, rotate_codes
 
@@ -57,8 +57,8 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE, dead_ends: 
     layers: dict[str, dict[str, Plain]] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}
     layers["frames"][_MAP] = _frame(None, 0.0, 0.0, 0.0)
-    for (row, column), code in np.ndenumerate(grid.astype(int)):
-        i, j, (kind, turns) = column, rows - 1 - row, _TILE[int(code)] if code else ("grass", 0)
+    for (row, i), code in np.ndenumerate(grid):
+        j, (kind, turns) = rows - 1 - row, _TILE.get(int(code), ("grass", 0))
         name = f"{_MAP}/tile_{i}_{j}"
         layers["tiles"][name] = {"i": i, "j": j, "type": kind}
         layers["frames"][name] = _frame(_MAP, (i + 0.5) * size, (j + 0.5) * size, turns * pi / 2)
@@ -89,13 +89,15 @@ def read_dt_maps(folder: str | Path) -> RoadMap:
         raise InputError(f"{folder_path / 'tile_maps.yaml'}: expected one map, got {len(maps)}")
     frames = {name: value for name, value in layers["frames"].items() if name != maps[0]}
     try:
-        size = real_of(layers["tile_maps"][maps[0]].get("tile_size", {}), "x")
+        size = real_of(table_of(layers["tile_maps"][maps[0]], "tile_size"), "x")
         if not 0.01 <= size <= 100:
             raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {size}")
-        cells = {name: (int(real_of(one, "i")), int(real_of(one, "j"))) for name, one in layers["tiles"].items()}
+        cells = {name: (whole_of(one, "i"), whole_of(one, "j")) for name, one in layers["tiles"].items()}
         sides = [max((cell[axis] for cell in cells.values()), default=-1) + 1 for axis in (0, 1)]
         if min(sides) < 1 or max(sides) > 1024 or min(min(cell) for cell in cells.values()) < 0:
             raise InputError(f"tiles: expected sides of 1 to 1024 tiles, from i = 0 and j = 0 on, got {sides}")
+        if len(set(cells.values())) < len(cells):
+            raise InputError("tiles: expected one tile in each cell, got several")
         codes = np.zeros(sides[::-1], np.int8)
         for name, (i, j) in cells.items():
             codes[sides[1] - 1 - j, i] = _code(layers["tiles"][name].get("type"), _pose(frames, name, maps[0])[2])
@@ -114,12 +116,7 @@ def _layer(folder: Path, name: str) -> dict[str, dict[str, Plain]]:
     file = folder / f"{name}.yaml"
     if name in LAYERS[3:] and not file.exists():
         return {}
-    try:
-        values = yaml_tree(read_text(file, 32 * MIB))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: expected a readable YAML file, got: {getattr(error, 'strerror', error)}") from None
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
+    values = check_named(str(file), yaml_tree, text_of(file, 32 * MIB, "YAML"))
     found = values.get(name) if isinstance(values, dict) else None
     found = {} if found in ("", "~", "null") else found
     if not isinstance(found, dict) or not all(isinstance(one, dict) for one in found.values()):
@@ -163,16 +160,15 @@ def _code(kind: Plain, yaw: float) -> int:
 
 def _entry(thing: MapObject) -> tuple[str, dict[str, Plain]]:
     """Returns the layer of an object, and what that says of its kind."""
-    tag: dict[str, Plain] = {} if thing.tag is None else {"id": thing.tag, "family": TAG_FAMILY}
-    if thing.kind in _SIGNS:
-        return "traffic_signs", {"type": _SIGNS[thing.kind]} | tag
-    if thing.kind == "floor_tag":
-        return "ground_tags", {"size": TAG_SIZE} | tag
     if thing.kind == "duckie":
         return "citizens", {"color": "yellow"}
     if thing.kind == "duckiebot":
         return "vehicles", {"configuration": "DB21M", "id": None, "color": "blue"}
-    return "decorations", {"type": thing.kind.removeprefix(OTHER)} | tag
+    tag: dict[str, Plain] = {} if thing.tag is None else {"id": thing.tag, "family": TAG_FAMILY}
+    if thing.kind == "floor_tag":
+        return "ground_tags", {"size": TAG_SIZE} | tag
+    kind = _SIGNS.get(thing.kind)
+    return "traffic_signs" if kind else "decorations", {"type": kind or thing.kind.removeprefix(OTHER)} | tag
 
 
 def _object(
@@ -184,6 +180,6 @@ def _object(
     if kind not in OBJECT_KINDS:
         kind = check_named(f"{layer}: {name}", check_kind, OTHER + given)
     height = real_of(values, "height", OBJECT_KINDS[base_kind(kind)].height)
-    tag = int(real_of(values, "id")) if "id" in values and layer not in ("citizens", "vehicles") else None
+    tag = whole_of(values, "id") if "id" in values and layer not in ("citizens", "vehicles") else None
     static = str(values.get("static", True)).lower() != "false"
     return MapObject(kind, pose[0] / size, rows - pose[1] / size, remainder(pose[2], 2 * pi), height, tag, static)

@@ -103,10 +103,8 @@ def check_roads(codes: ArrayLike, dead_ends: str) -> NDArray[np.int8]:
     if stubs:
         cells = "; ".join(f"row {row}, column {column}" for row, column in stubs[:8])
         more = f" and {len(stubs) - 8} more" if len(stubs) > 8 else ""
-        raise InputError(
-            f"grid: expected tiles with two or more connections, as in Duckietown, got dead ends at {cells}{more}; "
-            "dead_ends='grass' removes these roads"
-        )
+        got = f"got dead ends at {cells}{more}; dead_ends='grass' removes these roads"
+        raise InputError(f"grid: expected tiles with two or more connections, as in Duckietown, {got}")
     return grid
 
 
@@ -129,11 +127,7 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
 
 
 def read_duckietown(text: str) -> tuple[NDArray[np.int8], list[MapObject] | None]:
-    """Reads the grid of a Duckietown map, as `from_duckietown`, and its objects; None if the file has none.
-
-    Raises:
-      InputError: as `from_duckietown`, or for an object that cannot be read.
-    """
+    """Reads the grid of a Duckietown map, as `from_duckietown` does, and its objects; None if the file has none."""
     if not isinstance(text, str):
         raise InputError(f"text: expected the content of a YAML file, got {shorten(repr(text))}")
     values = yaml_tree(text)
@@ -151,9 +145,7 @@ def read_duckietown(text: str) -> tuple[NDArray[np.int8], list[MapObject] | None
 
 
 def _code(tile: Plain, row: int, column: int) -> int:
-    kind = tile if isinstance(tile, str) else ""
-    if kind not in _CODE:
-        kind = "/".join(part.strip() for part in kind.split("/"))
+    kind = "/".join(part.strip() for part in tile.split("/")) if isinstance(tile, str) else ""
     if kind not in _CODE:
         kinds = ", ".join((*_ROADS, *GROUNDS))
         position = f"at row {row}, column {column}"

@@ -74,18 +74,7 @@ def to_gltf(
         "meshes": [
             {"primitives": [{"attributes": attributes, "indices": 3, "material": index}]} for index in pictures.values()
         ],
-        "materials": [
-            {
-                "alphaMode": "MASK" if index else "OPAQUE",
-                "doubleSided": bool(index),
-                "pbrMetallicRoughness": {
-                    "baseColorTexture": {"index": index},
-                    "metallicFactor": 0,
-                    "roughnessFactor": 1,
-                },
-            }
-            for index in pictures.values()
-        ],
+        "materials": [_material(index) for index in pictures.values()],
         "textures": [{"sampler": 0, "source": index} for index in pictures.values()],
         "samplers": [_SAMPLER],
         "images": [{"bufferView": 4 + index, "mimeType": "image/png"} for index in pictures.values()],
@@ -104,6 +93,12 @@ def to_gltf(
     chunks = _chunk(b"JSON", _padded(json.dumps(content).encode(), b" "))
     chunks += _chunk(b"BIN\0", b"".join(map(_padded, parts)))
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def _material(index: int) -> dict[str, object]:
+    surface = {"baseColorTexture": {"index": index}, "metallicFactor": 0, "roughnessFactor": 1}
+    seen = {"alphaMode": "MASK" if index else "OPAQUE", "doubleSided": bool(index)}
+    return {**seen, "pbrMetallicRoughness": surface}
 
 
 def _accessor(view: int, kind: str, count: int, component: int = _FLOATS) -> dict[str, object]:

@@ -98,15 +98,11 @@ def reduced_graph(codes: ArrayLike) -> "networkx.MultiGraph":
 
 
 def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cell]]:
-    """Lists the tiles of each road from node to node, both among them; each road once.
+    """Lists the tiles of each road from node to node, with both; each road once.
 
-    Args:
-      links: the neighbours of each tile, see `linked_tiles`.
-      nodes: the tiles where roads end. All others have two links.
-
-    Returns:
-      Roads in the order of their first ends, and those of an end clockwise from north. Rings without a node come last;
-      each starts and ends at its first tile.
+    `links` are those of `linked_tiles`. `nodes` are the tiles where roads end; all other tiles have two links. Roads
+    are in the order of their first ends, those of an end clockwise from north. Rings without a node come last; each
+    starts and ends at its first tile.
     """
     paths: list[list[Cell]] = []
     walked: set[tuple[Cell, Cell]] = set()  # the last steps of roads: they are first steps from the other end
@@ -139,18 +135,15 @@ def to_graphml(graph: Untyped) -> str:
       InputError: without NetworkX.
     """
     nx = _networkx()
+    name = "{0[0]},{0[1]}".format
     written = graph.__class__()
     for tile, data in graph.nodes(data=True):
-        written.add_node(_name(tile), row=tile[0], column=tile[1], **data)
+        written.add_node(name(tile), row=tile[0], column=tile[1], **data)
     for index, (one, other, data) in enumerate(graph.edges(data=True)):
         # The key becomes the edge's name in the file, which must be unique.
-        roads = {"path": " ".join(map(_name, data["path"])), "key": index} if graph.is_multigraph() else {}
-        written.add_edge(_name(one), _name(other), **data | roads)
+        roads = {"path": " ".join(map(name, data["path"])), "key": index} if graph.is_multigraph() else {}
+        written.add_edge(name(one), name(other), **data | roads)
     return "\n".join(nx.generate_graphml(written)) + "\n"
-
-
-def _name(tile: Cell) -> str:
-    return f"{tile[0]},{tile[1]}"
 
 
 def _networkx() -> Untyped:

@@ -5,14 +5,12 @@ the equator, where UTM's zone 32 has its central meridian: read a map with ``Utm
 tags ``local_x`` and ``local_y``, in metres from the grid's south-west corner.
 """
 
-from itertools import groupby
+from itertools import count, groupby
 from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, Way, bounds, giving_way, lanes
@@ -42,9 +40,8 @@ def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    check_named("streets", record(Streets), streets)
-    ways, _, links = lanes(codes)
     rules = rights_of_way(codes, streets)
+    ways, _, links = lanes(codes)
     city = _Map()
     for tile, group in groupby(ways, attrgetter("tile")):
         here = {way: bounds(way, streets, len(links)) for way in group}
@@ -73,22 +70,20 @@ def _add_rules(
     """Adds who goes first at a crossing to its lanelets; `ends` are the left and right points where ways enter it."""
     rules: list[tuple[str, list[_Member], list[Way]]] = []
     numbers = {way: number for way, (number, _) in lanelets.items()}
+    low = giving_way(numbers)
     if right_of_way == "allway_stop":
         stops = {heading: city.line(end, "stop_line") for heading, end in ends.items()}
         roles = [("way", stops[way.heading], "ref_line") for way in numbers]
         rules.append(("all_way_stop", [("relation", one, "yield") for one in numbers.values()] + roles, list(numbers)))
-    if right_of_way == "traffic_light":
+    elif right_of_way == "traffic_light":
         for heading, end in ends.items():
             stop = ("way", city.line(end, "stop_line"), "ref_line")
             beside = end[1] + (end[1] - end[0]) * np.array([0.1, 0.4])
             light = ("way", city.line(beside, "traffic_light", "red_yellow_green"), "refers")
             rules.append(("traffic_light", [light, stop], [way for way in numbers if way.heading == heading]))
-    low = giving_way(numbers)
-    if right_of_way == "priority" and low:
-        roles = [
-            ("relation", number, "yield" if way.heading in low else "right_of_way") for way, number in numbers.items()
-        ]
-        rules.append(("right_of_way", roles, list(numbers)))
+    elif right_of_way == "priority" and low:
+        first = [("relation", one, "yield" if way.heading in low else "right_of_way") for way, one in numbers.items()]
+        rules.append(("right_of_way", first, list(numbers)))
     for subtype, roles, ways in rules:
         rule = city.number()
         city.relation(rule, roles, {"type": "regulatory_element", "subtype": subtype})
@@ -104,20 +99,14 @@ class _Map:
         self.lines: dict[tuple[int, ...], int] = {}
         self.ways: list[str] = []
         self.relations: list[str] = []
-        self.count = 0
-
-    def number(self) -> int:
-        """Returns a new number."""
-        self.count += 1
-        return self.count
+        self.number = count(1).__next__
 
     def line(self, points: NDArray[np.complex128], kind: str, subtype: str = "") -> int:
         """Adds a line, and returns its number."""
-        ids = []
-        for point in np.round(points, 6).tolist():
-            if point not in self.points:
-                self.points[point] = self.number()
-            ids.append(self.points[point])
+        rounded = np.round(points, 6).tolist()
+        for point in (point for point in rounded if point not in self.points):
+            self.points[point] = self.number()
+        ids = [self.points[point] for point in rounded]
         key = min(tuple(ids), tuple(ids[::-1]))
         if key not in self.lines:
             self.lines[key] = self.number()

@@ -10,6 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike, NDArray
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import name as is_name
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.formats.nav2 import road_cells
 from elitelanes_jax.formats.streets import no_road
 
@@ -40,8 +43,11 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
       cells: along a tile's side, 5 to 256; with 5 the road is 3 wide.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without a road, or a bad number of cells, over 2**25 in all.
+      InputError: for a bad grid (see `check_grid`), one without a road, a bad name, or a bad number of cells, or over
+        2**25 in all.
     """
+    if "\t" in check_named("name", is_name, name) or len(name.splitlines()) > 1:
+        raise InputError(f"name: expected no tab and no line break, got {shorten(repr(name))}")
     road = road_cells(codes, cells, _MOST_CELLS)
     if not road.any():
         raise no_road()
@@ -72,16 +78,13 @@ def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float
     from scipy.sparse.csgraph import dijkstra
 
     index = np.cumsum(road).reshape(road.shape) - 1
-    free = np.pad(road, 1)
-    height, width = road.shape
-    rows, columns, lengths = [], [], []
+    free = np.pad(road, 1)  # so that no step leaves the map
+    cells, steps = np.argwhere(road), []
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        moved = [free[1 + y : 1 + y + height, 1 + x : 1 + x + width] for y, x in ((down, right), (down, 0), (0, right))]
-        able = road & np.logical_and.reduce(moved)
-        row, column = np.nonzero(able)
-        rows.append(index[row, column])
-        columns.append(index[row + down, column + right])
-        lengths.append(np.full(len(row), np.hypot(down, right)))
-    count = int(road.sum())
-    graph = coo_array((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), (count, count))
+        entered = cells + np.array([[[down, right]], [[down, 0]], [[0, right]]])
+        able = free[tuple(np.moveaxis(entered + 1, -1, 0))].all(axis=0)
+        ends = index[tuple(cells[able].T)], index[tuple(entered[0, able].T)]
+        steps.append((np.full(able.sum(), np.hypot(down, right)), *ends))
+    lengths, first, second = map(np.concatenate, zip(*steps, strict=True))
+    graph = coo_array((lengths, (first, second)), (len(cells), len(cells)))
     return np.asarray(dijkstra(graph.tocsr(), directed=False, indices=starts))

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.checks import check_named, listed, name
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
-from elitelanes_jax.formats.lane_graph import lane_graph, lane_points
 from elitelanes_jax.formats.objects import Standing
+from elitelanes_jax.formats.streets import lane_graph, lane_points
 from elitelanes_jax.network.checks import check_grid
 
 WHEEL_RADIUS = 0.0318
@@ -88,9 +88,8 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standi
     before, start, after = lane_points(lane_graph(codes), height, [0.49, 0.5, 0.51])[0]
     direction = after - before
     standing = check_named("standing", listed(Standing), standing)
-    things = [_solid(one, height, number, tile_size) for number, one in enumerate(standing)]
     return _MODEL.format(
-        things="".join(things),
+        things="".join(_solid(one, height, number, tile_size) for number, one in enumerate(standing)),
         east=width * tile_size / 2,
         north=height * tile_size / 2,
         picture=quoteattr(check_named("picture", name, picture)),
@@ -109,7 +108,6 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standi
 
 
 def _solid(one: Standing, rows: int, number: int, tile_size: float) -> str:
-    """Returns the element of an object."""
     thing, scale = one.thing, tile_size / TILE_SIZE
     length, width, up = (side * scale / 2 for side in (*thing.footprint, thing.height))
     shape = (

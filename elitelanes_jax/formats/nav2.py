@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, name, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
-from elitelanes_jax.formats.lane_graph import LENGTHS, LaneGraph, lane_graph, lane_points
+from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph, lane_points
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.movements import linked_codes
 from elitelanes_jax.network.roads import on_road
@@ -50,15 +50,10 @@ class Nav2(NamedTuple):
 def road_cells(codes: ArrayLike, cells: int, most: int) -> NDArray[np.bool_]:
     """Returns whether the centre of each cell is on the road, bool ``[H·cells, W·cells]``, the first row north.
 
-    With 5 cells or more along a tile's side, cells of neighbours that are not linked do not touch.
-
-    Args:
-      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
-      cells: along a tile's side, 5 to 256.
-      most: cells of the map.
+    With 5 `cells` or more along a tile's side, cells of neighbours that are not linked do not touch.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`) or number of cells.
+      InputError: for a bad grid (see `check_grid`), `cells` that are not 5 to 256, or over `most` in all.
     """
     cells = check_named("cells", whole(5, 256), cells)
     links = linked_codes(np.asarray(check_grid(codes)))
@@ -95,7 +90,7 @@ def _geojson(graph: LaneGraph, height: int, tile_size: float) -> str:
     """Writes the nodes between tiles, those within arcs, and the edges; numbers are unique among all of them."""
     inner = lane_points(graph, height, np.arange(1, _PIECES) / _PIECES)
     starts, ends = lane_points(graph, height, [0, 1]).T
-    points = dict(zip(graph.edges.T.ravel().tolist(), np.concatenate([starts, ends]).tolist(), strict=False))
+    points = dict(zip(graph.edges.T.ravel().tolist(), np.concatenate([starts, ends]).tolist(), strict=True))
     steps: list[tuple[int, int, float]] = []
     for lane, ((start, end), turn) in enumerate(zip(graph.edges.tolist(), graph.turns.tolist(), strict=True)):
         path = [start, end]
@@ -116,8 +111,7 @@ def _geojson(graph: LaneGraph, height: int, tile_size: float) -> str:
         )
         for index, (start, end, length) in enumerate(steps, first)
     ]
-    lines = ",\n".join(features)
-    return f'{{"type": "FeatureCollection", "name": "lanes", "features": [\n{lines}\n]}}\n'
+    return '{"type": "FeatureCollection", "name": "lanes", "features": [\n' + ",\n".join(features) + "\n]}\n"
 
 
 def _feature(properties: dict[str, object], kind: str, coordinates: list[object]) -> str:

@@ -2,10 +2,10 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from math import hypot, isfinite
+from math import hypot
 from typing import NamedTuple
 
-from elitelanes_jax._util.checks import is_real, is_whole
+from elitelanes_jax._util.checks import check_named, is_real, is_whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.tags import LARGEST_TAG
@@ -156,12 +156,9 @@ def nearest_view(angles: Iterable[int], angle: float) -> int:
 
 
 def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject, ...]:
-    """Returns the objects of a map, checked.
+    """Returns the objects of a map of `height` rows and `width` columns, checked.
 
-    Args:
-      values: a list or tuple of `MapObject`, or of mappings from its fields' names, as map files have them.
-      height: rows of the map.
-      width: columns of the map.
+    `values` is a list or tuple of `MapObject`, or of mappings from its fields' names, as map files have them.
 
     Raises:
       InputError: for an unknown kind or field, a position over `BEYOND` tiles outside the map, a height that is not
@@ -171,32 +168,24 @@ def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject
         raise InputError(f"objects: expected a list of objects, got {shorten(repr(values))}")
     if len(values) > MOST_OBJECTS:
         raise InputError(f"objects: expected at most {MOST_OBJECTS:,}, got {len(values):,}")
-    objects = []
-    for index, value in enumerate(values):
-        try:
-            objects.append(_checked(value, height, width))
-        except InputError as error:
-            raise InputError(f"objects: object {index}: {error}") from None
-    return tuple(objects)
+    return tuple(
+        check_named(f"objects: object {index}", _checked, value, height, width) for index, value in enumerate(values)
+    )
 
 
 def object_values(thing: MapObject) -> dict[str, Plain]:
-    """Returns the fields that a map file has of an object: without those that have their default."""
-    values: dict[str, Plain] = {"kind": thing.kind, "x": thing.x, "y": thing.y, "angle": thing.angle}
-    values |= {"height": thing.height} | ({} if thing.tag is None else {"tag": thing.tag})
-    return values if thing.static else values | {"static": False}
+    """Returns the fields of an object in a map file: without a tag and `static` that have their default."""
+    defaults = MapObject._field_defaults
+    return {name: value for name, value in thing._asdict().items() if name not in defaults or value != defaults[name]}
 
 
 def _checked(value: UserValue, height: int, width: int) -> MapObject:
     values = value._asdict() if isinstance(value, MapObject) else value
     if not isinstance(values, Mapping) or "kind" not in values:
         raise InputError(f'expected {{"kind": ..., "x": ..., "y": ...}}, got {shorten(repr(value))}')
-    for name in values:
-        if name not in MapObject._fields:
-            fields = ", ".join(MapObject._fields)
-            raise InputError(
-                f"expected the fields {fields}, got {shorten(repr(name))}{suggest(str(name), MapObject._fields)}"
-            )
+    fields = MapObject._fields
+    for name in (name for name in values if name not in fields):
+        raise InputError(f"expected the fields {', '.join(fields)}, got {shorten(repr(name))}{suggest(name, fields)}")
     kind = check_kind(values["kind"])
     usual = OBJECT_KINDS[base_kind(kind)].height
     found = {
@@ -207,15 +196,14 @@ def _checked(value: UserValue, height: int, width: int) -> MapObject:
     }
     tag, static = values.get("tag"), values.get("static", True)
     if tag is not None and not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
-        raise InputError(
-            f"tag: expected a number of the family 36h11, 0 to {LARGEST_TAG}, got {shorten(repr(tag), 40)}"
-        )
+        got = shorten(repr(tag), 40)
+        raise InputError(f"tag: expected a number of the family 36h11, 0 to {LARGEST_TAG}, got {got}")
     if not isinstance(static, bool):
         raise InputError(f"static: expected true or false, got {shorten(repr(static), 40)}")
     return MapObject(kind, **found, tag=None if tag is None else int(tag), static=static)
 
 
 def _number(name: str, value: UserValue, least: float, most: float, unit: str) -> float:
-    if not is_real(value) or not isfinite(value) or not least <= value <= most:
+    if not is_real(value) or not least <= value <= most:
         raise InputError(f"{name}: expected {unit} from {least:g} to {most:g}, got {shorten(repr(value), 40)}")
     return float(value)

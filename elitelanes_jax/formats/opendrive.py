@@ -10,14 +10,15 @@ OpenDRIVE allows no junction next to a junction: between adjacent crossings is a
 import math
 from typing import NamedTuple
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._pieces import Piece, across, back, middle
 from elitelanes_jax.formats._signals import Arrival, Signal, list_signals, rights_of_way, signal_element
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
-from elitelanes_jax.formats.streets import BACK, GEO_REFERENCE, Streets, Way, lanes
+from elitelanes_jax.formats.streets import BACK, Streets, Way, lanes
 from elitelanes_jax.network.codes import SIDE_TOWARDS
+
+# On the equator, on the central meridian of UTM's zone 32.
+_GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
 
 
 class _End(NamedTuple):
@@ -53,7 +54,7 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    check_named("streets", record(Streets), streets)
+    rules = rights_of_way(codes, streets)
     network = lanes(codes)
     links = linked_tiles(codes)
     height, width = network.links.shape
@@ -67,7 +68,6 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     ends: dict[Arrival, _End] = {}
     for number, path in enumerate(paths, first):
         ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
-    rules = rights_of_way(codes, streets)
     signals = list_signals(codes, rules, ends)
     roads: list[str] = []
     for number, path in enumerate(paths, first):
@@ -97,21 +97,16 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
         elif rule == "priority" and len(links[tile]) == 3:  # the road that goes straight on
             (low,), high = sorted(axes, key=len)
             built[tile] += [f'<priority high="{ends[end].road}" low="{ends[low].road}"/>' for end in high]
-    return "\n".join(
-        [
-            '<?xml version="1.0" encoding="UTF-8"?>',
-            "<OpenDRIVE>",
-            f'<header revMajor="1" revMinor="7" name="" version="1" north="{height * streets.tile:.9g}" south="0" '
-            f'east="{width * streets.tile:.9g}" west="0"><geoReference>{GEO_REFERENCE}</geoReference></header>',
-            *roads,
-            *controllers,
-            *(
-                f'<junction id="{junctions[row, column]}" name="{row}_{column}">{"".join(element)}</junction>'
-                for (row, column), element in built.items()
-            ),
-            "</OpenDRIVE>\n",
-        ]
+    header = (
+        f'<header revMajor="1" revMinor="7" name="" version="1" north="{height * streets.tile:.9g}" south="0" '
+        f'east="{width * streets.tile:.9g}" west="0"><geoReference>{_GEO_REFERENCE}</geoReference></header>'
     )
+    crossings = [
+        f'<junction id="{junctions[row, column]}" name="{row}_{column}">{"".join(parts)}</junction>'
+        for (row, column), parts in built.items()
+    ]
+    head = ('<?xml version="1.0" encoding="UTF-8"?>', "<OpenDRIVE>", header)
+    return "\n".join([*head, *roads, *controllers, *crossings, "</OpenDRIVE>\n"])
 
 
 def _lights(axes: list[list[Signal]], controllers: list[str]) -> list[str]:
@@ -158,9 +153,8 @@ def _element(attributes: str, links: list[str], pieces: list[Piece], lanes: str,
     geometries, s = [], 0.0
     for start, heading, length, curvature in pieces:
         x, y, metres = (value * streets.tile for value in (start.real, start.imag, length))
-        place = (
-            f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{(1 - heading) * math.pi / 2:.12g}" length="{metres:.12g}"'
-        )
+        angle = (1 - heading) * math.pi / 2
+        place = f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{angle:.12g}" length="{metres:.12g}"'
         shape = f'<arc curvature="{curvature / streets.tile:.12g}"/>' if curvature else "<line/>"
         geometries.append(f"<geometry {place}>{shape}</geometry>")
         s += metres

@@ -17,7 +17,7 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.network.codes import KIND_OF, NORTH, SOUTH, WEST, rotate_codes
+from elitelanes_jax.network.codes import NORTH, SOUTH, WEST, rotate_codes
 
 TAPE_WIDTHS = {"white": 0.048, "yellow": 0.024, "red": 0.048}
 """The width of each colour of tape in metres."""
@@ -28,21 +28,19 @@ LONGEST_PLAN = 64
 REFERENCE = {"straight": NORTH | SOUTH, "turn": SOUTH | WEST, "crossing3": NORTH | SOUTH | WEST, "crossing4": 15}
 """The code of each kind of tile without a rotation."""
 
+# The kind and the fewest quarter turns of each code.
+_TILE = {rotate_codes(code, turns): (kind, turns) for kind, code in REFERENCE.items() for turns in (3, 2, 1, 0)}
+
 _LANE, _STUB = 0.21, 0.05  # metres
 # From the middle of the road to the middle of its white tape.
 _EDGE = TAPE_WIDTHS["yellow"] / 2 + _LANE + TAPE_WIDTHS["white"] / 2
 
 
 class Tape(NamedTuple):
-    """A strip of tape on a tile.
+    """A strip of tape on a tile: straight pieces join the points of its middle line."""
 
-    Attributes:
-      colour: white, yellow or red.
-      points: of its middle line, metres east and south of the tile's north-west corner. Straight pieces join them.
-    """
-
-    colour: str
-    points: tuple[tuple[float, float], ...]
+    colour: str  # white, yellow or red
+    points: tuple[tuple[float, float], ...]  # metres east and south of the tile's north-west corner
 
     @property
     def length(self) -> float:
@@ -108,17 +106,17 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
         raise InputError(f"map: expected roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles, got {got}")
     placed = tuple(_place(row, column, int(codes[row, column])) for row, column in np.argwhere(codes).tolist())
     tiles = {kind: sum(tile.kind == kind for tile in placed) for kind in REFERENCE}
-    strips = [(strip, count) for kind, count in tiles.items() for strip in tapes_of(kind, 0, size)]
-    metres = {
-        colour: sum(count * strip.length for strip, count in strips if strip.colour == colour) for colour in TAPE_WIDTHS
-    }
+    tape = dict.fromkeys(TAPE_WIDTHS, 0.0)
+    for kind, count in tiles.items():
+        for strip in tapes_of(kind, 0, size):
+            tape[strip.colour] += count * strip.length
     return Plan(
         shape=(height, width),
         tile_size=size,
         floor=(round(width * size, 3), round(height * size, 3)),
         placed=placed,
         tiles=tiles | {"empty": height * width - len(placed)},
-        tape={colour: round(total, 3) for colour, total in metres.items()},
+        tape={colour: round(total, 3) for colour, total in tape.items()},
         objects=tuple(sorted(things, key=lambda thing: (thing.y, thing.x, thing.kind))),
     )
 
@@ -150,12 +148,8 @@ def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tup
     """Returns the tapes of a tile, the red ones first, since the others lie on them.
 
     White tape has five pieces outside a turn and three inside, as in the corners of a crossing. Stop lines cross the
-    lane into a crossing, where traffic keeps to the right.
-
-    Args:
-      kind: of the tile.
-      quarter_turns: counter-clockwise from the tile in `REFERENCE`.
-      tile_size: the pitch of the tiles in metres.
+    lane into a crossing, where traffic keeps to the right. `quarter_turns` are counter-clockwise from the tile in
+    `REFERENCE`.
     """
     half, right = tile_size / 2, tile_size / 2 - TAPE_WIDTHS["yellow"] / 2
     side = Tape("white", ((half - _EDGE, 0.0), (half - _EDGE, tile_size)))  # in the west
@@ -175,12 +169,10 @@ def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tup
 
 
 def _place(row: int, column: int, code: int) -> PlacedTile:
-    kind = KIND_OF[code]
-    if kind not in REFERENCE:
+    if code not in _TILE:
         expected = "map: expected tiles with two or more connections, as Duckietown has"
         raise InputError(f"{expected}, got a dead end at row {row}, column {column}")
-    turns = next(turns for turns in range(4) if rotate_codes(REFERENCE[kind], turns) == code)
-    return PlacedTile(row, column, kind, turns)
+    return PlacedTile(row, column, *_TILE[code])
 
 
 def _arc(colour: str, radius: float, pieces: int, tile_size: float) -> Tape:

@@ -1,9 +1,9 @@
 """A road map with its metrics, and its JSON file. Duckietown's map files are read too."""
 
 import json
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -16,7 +16,7 @@ from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
-from elitelanes_jax.formats.svg import draw_svg
+from elitelanes_jax.formats.sketch import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
 
 _Read = TypeVar("_Read")
@@ -78,7 +78,7 @@ class RoadMap:
         object.__setattr__(self, "codes", codes)
         object.__setattr__(self, "seed", self.seed and tuple(self.seed))
         object.__setattr__(self, "drawn", self.drawn and Drawn(**self.drawn))  # type: ignore[arg-type]
-        if self.drawn and any(_extent(table) != codes.shape for table in self.drawn[1:]):
+        if self.drawn and any((len(table), *set(map(len, table))) != codes.shape for table in self.drawn[1:]):
             raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
         if self.objects is not None:
             object.__setattr__(self, "objects", check_objects(self.objects, *codes.shape))
@@ -101,9 +101,9 @@ class RoadMap:
     def __repr__(self) -> str:
         """Returns the size and a few metrics in one line."""
         height, width = np.shape(self.codes)
-        metrics = {name: (self.metrics or {}).get(name) for name in ("cyclomatic", "crossings", "turns", "bridges")}
-        figures = {"fitness": self.fitness} | metrics
-        words = [f"{name} {value}" for name, value in figures.items() if value is not None]
+        figures = {"fitness": self.fitness} | dict(self.metrics or {})
+        shown = ("fitness", "cyclomatic", "crossings", "turns", "bridges")
+        words = [f"{name} {figures[name]}" for name in shown if figures.get(name) is not None]
         return f"RoadMap({', '.join([f'{height} x {width}', *words])})"
 
     def _repr_svg_(self) -> str:
@@ -116,18 +116,11 @@ def map_to_json(road_map: UserValue) -> str:
     Takes one map in any form that `as_maps` takes; raises `InputError` for anything else.
     """
     road_map = as_map(road_map)
-    values: dict[str, Plain] = {
-        "format": _FORMAT,
-        "shape": list(road_map.codes.shape),
-        "codes": road_map.codes.tolist(),
-        "metrics": road_map.metrics,
-        "fitness": road_map.fitness,
-        "descriptor": road_map.descriptor,
-        "niche": road_map.niche,
-        "seed": road_map.seed,
-        "drawn": road_map.drawn and road_map.drawn._asdict(),
-        "objects": None if road_map.objects is None else [object_values(one) for one in road_map.objects],
-    }
+    codes, objects = road_map.codes, road_map.objects
+    values: dict[str, Plain] = {"format": _FORMAT, "shape": list(codes.shape), "codes": codes.tolist()}
+    values |= {name: getattr(road_map, name) for name in _FIELDS}
+    values["drawn"] = road_map.drawn and road_map.drawn._asdict()
+    values["objects"] = None if objects is None else [object_values(one) for one in objects]
     return _lines({key: value for key, value in values.items() if value is not None}, "") + "\n"
 
 
@@ -156,7 +149,7 @@ def read_maps(file: str | Path) -> list[RoadMap]:
     Raises:
       InputError: as `read_map`, here for over 64 MiB; the message names the file and the map's index, from 0.
     """
-    return _read(file, _MOST_LISTED, lambda values: _maps_of(values) if isinstance(values, list) else [_map_of(values)])
+    return _read(file, _MOST_LISTED, _maps_of)
 
 
 def as_maps(sources: UserValue) -> list[RoadMap]:
@@ -203,23 +196,31 @@ def _dimensions(value: UserValue) -> int:
 
 
 def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read:
-    """Reads a file of at most `most` bytes, and parses its values, or those of a map of Duckietown."""
-    is_yaml = check_named("file", path, file).suffix.lower() in (".yaml", ".yml")
-    kind = "YAML" if is_yaml else "JSON"
-    if Path(file).suffix.lower() == ".npz":
+    """Reads a file and parses its values; of a map of Duckietown, its codes and objects."""
+    suffix = check_named("file", path, file).suffix.lower()
+    if suffix == ".npz":
         raise InputError(f"{file}: expected a file of maps, got an archive of a search; pick chooses maps from it")
-    try:
-        text = read_text(file, most)
-    except OSError as error:
-        raise InputError(f"{file}: expected a readable {kind} file, got: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file}: expected a readable {kind} file, got: {error}") from None
+    is_yaml = suffix in (".yaml", ".yml")
+    text = text_of(file, most, "YAML" if is_yaml else "JSON")
     try:
         return parse(dict(zip(("codes", "objects"), read_duckietown(text), strict=True)) if is_yaml else _json_of(text))
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except RecursionError:
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
+
+
+def text_of(file: str | Path, most: int, kind: str) -> str:
+    """Returns the text of a file of at most `most` bytes; `kind`, such as JSON, is for messages.
+
+    Raises:
+      InputError: if it cannot be read; the message names the file.
+    """
+    try:
+        return read_text(file, most)
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{file}: expected a readable {kind} file, got: {why}") from None
 
 
 def _json_of(text: str) -> Plain:
@@ -231,14 +232,10 @@ def _json_of(text: str) -> Plain:
         raise InputError(f"expected a readable JSON file, got: {error}") from None
 
 
-def _maps_of(listed: list[Plain]) -> list[RoadMap]:
-    maps = []
-    for index, values in enumerate(listed):
-        try:
-            maps.append(_map_of(values))
-        except InputError as error:
-            raise InputError(f"map {index}: {error}") from None
-    return maps
+def _maps_of(values: Plain) -> list[RoadMap]:
+    if not isinstance(values, list):
+        return [_map_of(values)]
+    return [check_named(f"map {index}", _map_of, one) for index, one in enumerate(values)]
 
 
 def _map_of(values: Plain) -> RoadMap:
@@ -281,11 +278,6 @@ def _all(fits: Callable[[Plain], bool], values: Plain) -> bool:
     return isinstance(values, list) and all(map(fits, values))
 
 
-def _extent(table: list[list[Plain]]) -> tuple[int, ...]:
-    widths = {len(row) for row in table}
-    return (len(table), *widths)
-
-
 def _is_drawn(value: Plain) -> bool:
     return (
         isinstance(value, dict)
@@ -296,14 +288,18 @@ def _is_drawn(value: Plain) -> bool:
     )
 
 
+def _is_number(value: Plain) -> bool:
+    return is_real(value) and abs(value) <= sys.float_info.max  # `isfinite` fails for whole numbers over that
+
+
 def _numbers_by_name(value: Plain) -> bool:
-    return isinstance(value, dict) and all(is_real(number) and isfinite(number) for number in value.values())
+    return isinstance(value, dict) and all(map(_is_number, value.values()))
 
 
 # The fields of a map beside the codes: a test of the value, and what is expected, for messages.
 _FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "metrics": (_numbers_by_name, "numbers by name"),
-    "fitness": (lambda value: is_real(value) and isfinite(value), "a number"),
+    "fitness": (_is_number, "a number"),
     "descriptor": (_numbers_by_name, "numbers by name"),
     "niche": (lambda value: _all(is_whole, value), "whole numbers"),
     "seed": (lambda value: _all(is_whole, value) and len(value) == 2, "two whole numbers"),

@@ -1,7 +1,8 @@
-"""The streets that tiles become: their measures, and a lane for each movement across a tile.
+"""The streets that tiles become: their measures, a lane for each movement across a tile, and the graph of lanes.
 
-Places are complex numbers in metres, east + north·i, from the south-west corner of the grid. Traffic keeps right. A
-lane's left bound is the middle of the road; its right bound is one width of a lane beside it.
+Positions are complex numbers, east + north·i, from the south-west corner of the grid. Traffic keeps right. A lane's
+left bound is the middle of the road; its right bound is one width of a lane beside it. The graph has Duckietown's
+lanes, and no way back at dead ends.
 """
 
 from collections.abc import Iterable
@@ -19,18 +20,12 @@ from elitelanes_jax.formats.graph import Cell
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.movements import EXIT, TURNS, linked_codes, list_movements
-
-_RIGHTS_OF_WAY = ("allway_stop", "priority", "right_before_left", "traffic_light")
+from elitelanes_jax.network.roads import LANE_OFFSET
 
 BACK = 3
 """The turn of a way that leaves a dead end by the side where it came in."""
 
 _CHORDS = 8  # of a quarter circle, in formats that have no arcs: 0.5 % of its radius from it
-
-GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
-"""Where maps lie on earth, for formats that need it: on the equator, on the central meridian of UTM's zone 32."""
-
-_SIDE_NAMES = (*TURNS, "back")
 
 
 @dataclass(frozen=True)
@@ -52,7 +47,7 @@ class Streets(Record):
     tile: float = option(30.0, real(0.01, 1000))
     lane: float = option(3.2, real(0.001, 500))
     speed: float = option(8.33, real(0.001, 100))
-    right_of_way: str = option("allway_stop", one_of(*_RIGHTS_OF_WAY))
+    right_of_way: str = option("allway_stop", one_of("allway_stop", "priority", "right_before_left", "traffic_light"))
 
     def check_together(self) -> None:
         """Checks that a tile has room for two lanes."""
@@ -63,19 +58,12 @@ class Streets(Record):
 
 
 class Way(NamedTuple):
-    """A lane across a tile.
+    """A lane across a tile."""
 
-    Attributes:
-      row: from the north.
-      column: from the west.
-      heading: when the tile is entered: 0 north, 1 east, 2 south, 3 west.
-      turn: 0 right, 1 straight, 2 left, 3 back, at a dead end.
-    """
-
-    row: int
-    column: int
-    heading: int
-    turn: int
+    row: int  # from the north
+    column: int  # from the west
+    heading: int  # when the tile is entered: 0 north, 1 east, 2 south, 3 west
+    turn: int  # 0 right, 1 straight, 2 left, 3 back, at a dead end
 
     @property
     def tile(self) -> Cell:
@@ -100,28 +88,19 @@ class Way(NamedTuple):
     @property
     def name(self) -> str:
         """Row, column, side of entry and turn, such as ``3_4_west_left``."""
-        return f"{self.row}_{self.column}_{SIDES[self.heading - 2].name}_{_SIDE_NAMES[self.turn]}"
+        return f"{self.row}_{self.column}_{SIDES[self.heading - 2].name}_{(*TURNS, 'back')[self.turn]}"
 
 
 class Lanes(NamedTuple):
-    """All lanes of a map.
+    """All lanes of a map."""
 
-    Attributes:
-      ways: in ascending order.
-      after: indices of the ways that go on where each way ends.
-      links: int8 ``[H, W]``, the number of links of each tile.
-    """
-
-    ways: list[Way]
-    after: list[list[int]]
-    links: NDArray[np.int8]
+    ways: list[Way]  # in ascending order
+    after: list[list[int]]  # the indices of the ways that continue each way
+    links: NDArray[np.int8]  # [H, W], the number of links of each tile
 
 
 def lanes(codes: ArrayLike) -> Lanes:
-    """Lists the lanes of a map: its movements, and a way back at each dead end.
-
-    Args:
-      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
+    """Lists the lanes of a map, codes ``[H, W]``: its movements, and a way back at each dead end.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or one without any road.
@@ -164,7 +143,7 @@ def giving_way(ways: Iterable[Way]) -> set[int]:
 
 
 def bounds(way: Way, streets: Streets, height: int) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Returns the left and the right bound of a way, as many points each: `_CHORDS` lines for each quarter circle.
+    """Returns the left and the right bound of a way, with the same number of points.
 
     At a dead end the left bound leads around an island, a tenth of a lane wide.
     """
@@ -187,3 +166,47 @@ def _bounds(turn: int, lane: float) -> tuple[NDArray[np.complex128], NDArray[np.
     centre = bend * 0.5j
     turned = np.exp(bend * 1j * np.linspace(0, np.pi / 2, _CHORDS + 1))
     return centre - centre * turned, centre + (right - centre) * turned
+
+
+LENGTHS = np.array([(0.5 - LANE_OFFSET) * np.pi / 2, 1, (0.5 + LANE_OFFSET) * np.pi / 2])
+"""float64 ``[3]``: the length of a movement in tiles, to the right, straight on and to the left."""
+
+_DOWN, _RIGHT = (np.array([getattr(side, name) for side in SIDES]) for name in ("down", "right"))
+
+
+class LaneGraph(NamedTuple):
+    """The lanes of a grid."""
+
+    nodes: NDArray[np.int_]  # [N, 3], row, column and heading when a tile is entered: 0 north, 1 east, 2 south, 3 west
+    edges: NDArray[np.int_]  # [M, 2], the movements, from node to node, in the order of their first nodes
+    turns: NDArray[np.int_]  # [M], 0 right, 1 straight, 2 left
+
+
+def lane_graph(codes: ArrayLike) -> LaneGraph:
+    """Makes the graph of a grid's lanes, of codes ``[H, W]``, by the connections that neighbours return.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or one without a lane.
+    """
+    moves = list_movements(np.asarray(check_grid(codes)))
+    if not len(moves):
+        raise InputError("grid: expected a lane, a tile that connects to two others, got none")
+    row, column, heading, turn = moves.T
+    out = EXIT[heading, turn]
+    ends = np.concatenate([moves[:, :3], np.stack([row + _DOWN[out], column + _RIGHT[out], out], axis=-1)])
+    nodes, indices = np.unique(ends, axis=0, return_inverse=True)
+    return LaneGraph(nodes, indices.reshape(2, -1).T, turn)
+
+
+def lane_points(graph: LaneGraph, height: int, shares: ArrayLike) -> NDArray[np.complex128]:
+    """Returns points on the centres of all lanes, complex128 ``[M, S]``, tiles east + north·i of the south-west corner.
+
+    `height` is the grid's. `shares`, floats ``[S]``, are the parts of each lane's length before the points, 0 to 1.
+    """
+    row, column, heading = graph.nodes[graph.edges[:, 0]].T
+    ahead, shares = np.array(AHEAD)[heading][:, None], np.asarray(shares, float)
+    entry = (column + 0.5 + (height - row - 0.5) * 1j)[:, None] - ahead * (0.5 + LANE_OFFSET * 1j)
+    bend = (graph.turns - 1)[:, None]  # to the left
+    radius, angle = 0.5 + LANE_OFFSET * bend, shares * np.pi / 2
+    arc = radius * (np.sin(angle) + bend * (1 - np.cos(angle)) * 1j)
+    return np.asarray(entry + ahead * np.where(bend == 0, shares, arc))

@@ -21,7 +21,6 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import unwritable_error, write_atomic
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
@@ -46,59 +45,41 @@ _HALF = _ARC.size // 2
 class PlainXml(NamedTuple):
     """A network in SUMO's plain XML, one text for each file.
 
-    Attributes:
-      nodes: each ``ROW_COLUMN``, after its tile; positions in metres, x to the east and y to the north, from the grid's
-        south-west corner.
-      edges: each ``ROW_COLUMN_SIDE``, after its first tile and the side by which it leaves that tile.
-      connections: from each edge to those that start at its end; back along the same road only at dead ends.
+    x is east and y north of the grid's south-west corner, in metres.
     """
 
-    nodes: str
-    edges: str
-    connections: str
-
-
-class Network(NamedTuple):
-    """A network that netconvert made.
-
-    Attributes:
-      text: of a file ``.net.xml``, without the date.
-      warnings: of netconvert, a line each.
-    """
-
-    text: str
-    warnings: tuple[str, ...]
+    nodes: str  # each named ROW_COLUMN after its tile
+    edges: str  # each named ROW_COLUMN_SIDE after its first tile and the side by which it leaves that tile
+    connections: str  # from each edge to those that start at its end; back along the same road only at dead ends
 
 
 def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
-    """Returns a grid as plain XML.
+    """Returns a grid, integer codes ``[H, W]``, or a `RoadMap` as plain XML; the same map gives the same texts.
 
-    Args:
-      codes: integer codes ``[H, W]``, or a `RoadMap`. Connections that no neighbour returns, or that leave the grid,
-        are no roads.
-      streets: the measures. A crossing with lights or stop signs on the map has these, and no other right of way.
-
-    Returns:
-      A `PlainXml`; the same grid gives the same texts.
+    Connections that no neighbour returns, or that leave the grid, are no roads. A crossing with lights or stop signs on
+    the map has these, and no other right of way.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    check_named("streets", record(Streets), streets)
-    roads = _roads(codes)
+    rules, grid = rights_of_way(codes, streets), check_grid(codes)
+    roads = _roads(grid)
     if not roads:
         raise no_road()
     exits: dict[Cell, list[Cell]] = {}
     for road in roads:
         exits.setdefault(road[0], []).append(road[1])
-    height = len(check_grid(codes))
-    lines = [streets.tile * _line(road, exits, height) for road in roads]
+    lines = [streets.tile * _line(road, exits, len(grid)) for road in roads]
     places = {road[0]: line[0] for road, line in zip(roads, lines, strict=True)}
-    rules = rights_of_way(codes, streets)
+    onward = [
+        f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], after)}" fromLane="0" toLane="0"'
+        for road in roads
+        for after in [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
+    ]
     return PlainXml(
-        _xml("nodes", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
-        _xml("edges", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
-        _xml("connections", (_connection(road, after) for road in roads for after in _ways_on(road, exits))),
+        _xml("node", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
+        _xml("edge", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
+        _xml("connection", onward),
     )
 
 
@@ -111,7 +92,7 @@ def write_sumo(prefix: str | Path, codes: AnyArray, streets: Streets = Streets()
       InputError: as `plain_xml`, or if the files cannot be written.
     """
     prefix, texts = check_named("prefix", path, prefix), plain_xml(codes, streets)
-    nodes, edges, connections = files = tuple(Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con"))
+    nodes, edges, connections = files = [Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con")]
     try:
         nodes.parent.mkdir(parents=True, exist_ok=True)
         # Nodes of one network do not fit the edges of another, so no file is replaced before all are written.
@@ -121,21 +102,17 @@ def write_sumo(prefix: str | Path, codes: AnyArray, streets: Streets = Streets()
             for file in files:
                 Path(folder, file.name).replace(file)
     except OSError as error:
-        raise unwritable_error(
-            nodes, OSError(error.errno, error.strerror)
-        ) from None  # without the name of the hidden folder
+        error.filename = None  # that of the hidden folder
+        raise unwritable_error(nodes, error) from None
     return nodes, edges, connections
 
 
-def network(codes: AnyArray, streets: Streets = Streets()) -> Network:
-    """Makes a network of a grid by SUMO's `netconvert`.
-
-    Args:
-      codes: integer codes ``[H, W]``, or a `RoadMap`, see `plain_xml`.
-      streets: their measures.
+def network(codes: AnyArray, streets: Streets = Streets()) -> tuple[str, tuple[str, ...]]:
+    """Makes a network of a map, see `plain_xml`, by SUMO's `netconvert`.
 
     Returns:
-      A `Network`; the same grid and version of SUMO give the same text.
+      The text of a file ``.net.xml`` without the date, and netconvert's warnings. The same map and version of SUMO give
+      the same text.
 
     Raises:
       InputError: as `plain_xml`; if eclipse-sumo is not installed, or netconvert fails.
@@ -144,14 +121,10 @@ def network(codes: AnyArray, streets: Streets = Streets()) -> Network:
     program = Path(sumo.SUMO_HOME, "bin", "netconvert")
     with tempfile.TemporaryDirectory() as folder:
         nodes, edges, connections = (file.name for file in write_sumo(Path(folder, "city"), codes, streets))
+        command = [str(program), "-n", nodes, "-e", edges, "-x", connections, "-o", "converted", *_OPTIONS]
+        env = {**os.environ, "SUMO_HOME": sumo.SUMO_HOME}
         try:
-            run = subprocess.run(
-                [program, "-n", nodes, "-e", edges, "-x", connections, "-o", "converted", *_OPTIONS],
-                cwd=folder,
-                env={**os.environ, "SUMO_HOME": sumo.SUMO_HOME},
-                capture_output=True,
-                text=True,
-            )
+            run = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)
         except OSError as error:
             raise InputError(f"{program}: expected a program, got: {reason(error)}") from None
         said = run.stderr.splitlines()
@@ -159,15 +132,14 @@ def network(codes: AnyArray, streets: Streets = Streets()) -> Network:
             why = "; ".join(line for line in said if line.startswith("Error")) or f"exit code {run.returncode}"
             raise InputError(f"netconvert: expected a network of the map, got: {why}")
         text = Path(folder, "converted").read_text(encoding="utf-8")
-    return Network(_COMMENT.sub("", text), tuple(line for line in said if line.startswith("Warning")))
+    return _COMMENT.sub("", text), tuple(line for line in said if line.startswith("Warning"))
 
 
 def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> tuple[str, ...]:
     """Writes the `network` of a grid to a file, and returns netconvert's warnings.
 
     Args:
-      file: such as ``city.net.xml``; missing folders are made. An existing file is replaced, and kept
-        after an error.
+      file: such as ``city.net.xml``; missing folders are made. An existing file is replaced, and kept after an error.
       codes: integer codes ``[H, W]``, or a `RoadMap`.
       streets: their measures.
 
@@ -182,9 +154,8 @@ def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> 
     return warnings
 
 
-def _roads(codes: AnyArray) -> list[list[Cell]]:
+def _roads(grid: AnyArray) -> list[list[Cell]]:
     """Lists the tiles from node to node, of each road in each direction."""
-    grid = check_grid(codes)
     links = linked_tiles(grid)
     roads = []
     for tiles in walk_roads(links, {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}):
@@ -217,29 +188,19 @@ def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
     return 2 * node[0] - neighbour[0], 2 * node[1] - neighbour[1]
 
 
-def _ways_on(road: list[Cell], exits: dict[Cell, list[Cell]]) -> list[Cell]:
-    return [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
-
-
 def _node(node: Cell, place: complex, kind: str, streets: Streets) -> str:
     # SUMO's own 4 m for lanes of 3.2 m if there is room, but not up to the tile's border, so that there is an edge
     # between adjacent crossings.
     radius = min(1.25 * streets.lane, 0.9 * (streets.tile / 2 - streets.lane))
-    point = f'x="{place.real:.4f}" y="{place.imag:.4f}"'
-    return f'<node id="{_id(node)}" {point} type="{kind}" radius="{radius:.4f}"/>'
+    return f'id="{_id(node)}" x="{place.real:.4f}" y="{place.imag:.4f}" type="{kind}" radius="{radius:.4f}"'
 
 
 def _edge(road: list[Cell], line: Iterable[complex], streets: Streets) -> str:
     shape = " ".join(f"{point.real:.4f},{point.imag:.4f}" for point in line)
     return (
-        f'<edge id="{_edge_id(road[0], road[1])}" from="{_id(road[0])}" to="{_id(road[-1])}" numLanes="1" '
-        f'speed="{streets.speed:g}" width="{streets.lane:g}" spreadType="right" shape="{shape}"/>'
+        f'id="{_edge_id(road[0], road[1])}" from="{_id(road[0])}" to="{_id(road[-1])}" numLanes="1" '
+        f'speed="{streets.speed:g}" width="{streets.lane:g}" spreadType="right" shape="{shape}"'
     )
-
-
-def _connection(road: list[Cell], after: Cell) -> str:
-    start, end = _edge_id(road[0], road[1]), _edge_id(road[-1], after)
-    return f'<connection from="{start}" to="{end}" fromLane="0" toLane="0"/>'
 
 
 def _id(node: Cell) -> str:
@@ -251,5 +212,5 @@ def _edge_id(node: Cell, neighbour: Cell) -> str:
 
 
 def _xml(name: str, elements: Iterable[str]) -> str:
-    lines = "".join(f"    {element}\n" for element in elements)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{name}>\n{lines}</{name}>\n'
+    lines = "".join(f"    <{name} {attributes}/>\n" for attributes in elements)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{name}s>\n{lines}</{name}s>\n'

@@ -15,13 +15,7 @@ Row = dict[str, Plain]
 
 
 def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
-    """Measures grids, a row each.
-
-    A float32 becomes its shortest decimal, 0.54320985 instead of 0.5432098507881165.
-
-    Args:
-      names: of the grids, such as their files.
-      grids: the same number of grids, integer codes ``[H, W]`` of any shapes.
+    """Measures grids, codes ``[H, W]`` of any shapes, a row for each. `names` are those of their files.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -30,7 +24,7 @@ def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
     for name, grid in zip(names, grids, strict=True):
         metrics = plain_measure(grid)
         height, width = np.shape(grid)
-        metrics["coverage"] = float(str(metrics["coverage"]))
+        metrics["coverage"] = float(str(metrics["coverage"]))  # the shortest decimal of a float32
         rows.append({"file": name, "height": height, "width": width} | metrics)
     return rows
 

@@ -1,11 +1,11 @@
 from .cluster import dask_executor as dask_executor
-from .cluster import generate_on as generate_on
 from .exporting import FormatOptions as FormatOptions
 from .furnishing.placing import furnish as furnish
 from .furnishing.spec import FurnishSpec as FurnishSpec
 from .generation import generate as generate
-from .generation import merge as merge
 from .packing import pack as pack
+from .parts import generate_on as generate_on
+from .parts import merge as merge
 from .picking import pick as pick
 from .spec import GenerateSpec as GenerateSpec
 from .spec import PackSpec as PackSpec

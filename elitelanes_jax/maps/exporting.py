@@ -1,25 +1,24 @@
 """The formats that maps are exported to: for each its files, and the settings that it takes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from elitelanes_jax import formats
 from elitelanes_jax._util.checks import name, none_or, path, real, whole
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.dt_maps import LAYERS
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.road_map import RoadMap
 
 if TYPE_CHECKING:
-    from elitelanes_jax.formats.objects import Standing
-    from elitelanes_jax.formats.streets import Streets
     from elitelanes_jax.tiles.tileset import TileSet
-
-# Formats import slow modules when they run.
 
 
 class Files(NamedTuple):
@@ -44,31 +43,21 @@ class Format(NamedTuple):
 
     Attributes:
       suffixes: of the files.
-      files: (map, name of its files without suffix, settings) -> the files.
+      convert: (map, name of its files without suffix, settings) -> the content of each file.
       takes: the settings of `FormatOptions` that it has.
     """
 
     suffixes: tuple[str, ...]
-    files: Callable[..., Files]
+    convert: Callable[..., str | bytes | Iterable[str | bytes] | Files]
     takes: tuple[str, ...] = ()
 
-
-def _duckietown(road_map: RoadMap, name: str, **settings: UserValue) -> Files:
-    from elitelanes_jax.formats.duckietown import to_duckietown
-
-    return Files((to_duckietown(road_map.codes, objects=road_map.objects, **settings),))
-
-
-def _dt_maps(road_map: RoadMap, name: str, **settings: UserValue) -> Files:
-    from elitelanes_jax.formats.dt_maps import to_dt_maps
-
-    return Files(tuple(to_dt_maps(road_map, **settings).values()))
+    def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> Files:
+        """Returns the files of a map; `name` is theirs without suffix."""
+        made = self.convert(road_map, name, **settings)
+        return made if isinstance(made, Files) else Files((made,) if isinstance(made, str | bytes) else tuple(made))
 
 
-def _graphml(road_map: RoadMap, name: str, reduced: bool) -> Files:
-    from elitelanes_jax.formats.graph import reduced_graph, tile_graph, to_graphml
-
-    return Files((to_graphml((reduced_graph if reduced else tile_graph)(road_map.codes)),))
+# `formats` is lazy: a format imports slow modules when it runs.
 
 
 def _sumo(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
@@ -78,22 +67,20 @@ def _sumo(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
     return Files((text,), tuple(f"netconvert: {line.removeprefix('Warning: ')}" for line in warnings))
 
 
-def _sumo_plain(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
+def _sumo_plain(road_map: RoadMap, name: str, **measures: UserValue) -> tuple[str, ...]:
     from elitelanes_jax.formats.sumo import plain_xml
 
-    return Files(plain_xml(road_map, _streets(measures)))
+    return plain_xml(road_map, _streets(measures))
 
 
-def _network(road_map: RoadMap, name: str, to: str, **measures: UserValue) -> Files:
-    from elitelanes_jax import formats
+def _graphml(road_map: RoadMap, reduced: bool) -> str:
+    from elitelanes_jax.formats.graph import to_graphml
 
-    return Files((getattr(formats, f"to_{to}")(road_map, _streets(measures)),))
+    return to_graphml((formats.reduced_graph if reduced else formats.tile_graph)(road_map.codes))
 
 
-def _streets(measures: dict[str, UserValue]) -> "Streets":
-    from elitelanes_jax.formats.streets import Streets
-
-    return Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
+def _streets(measures: Mapping[str, UserValue]) -> formats.Streets:
+    return formats.Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
 
 
 @cache
@@ -103,64 +90,53 @@ def _tiles(folder: Path | None) -> "TileSet":
     return load_tiles(folder)
 
 
-def _floor(road_map: RoadMap, tiles: Path | None = None, tile_px: int = 64) -> tuple[bytes, "list[Standing]"]:
-    """Returns the picture of a map with its tags, and the objects that stand on it."""
+def _floor(
+    road_map: RoadMap, tiles: Path | None = None, tile_px: int = 64, **size: float
+) -> tuple[bytes, float, "list[formats.Standing]"]:
+    """Returns the picture of a map with its tags, the side of a tile, and the objects that stand on the map."""
     from elitelanes_jax.tiles.rendering import png_of, render, stand
 
     objects = road_map.objects or ()
     tags = tuple(thing for thing in objects if not thing.height)
     image = render(replace(road_map, objects=tags), _tiles(tiles), tile_px=tile_px).image
-    return png_of(image), stand(objects)
+    return png_of(image), size.get("tile_size", TILE_SIZE), stand(objects)
 
 
-def _gltf(road_map: RoadMap, name: str, tile_size: float = TILE_SIZE, **drawn: UserValue) -> Files:
-    from elitelanes_jax.formats.gltf import to_gltf
-
-    picture, standing = _floor(road_map, **drawn)
-    return Files((to_gltf(road_map.codes.shape, picture, tile_size, standing),))
+def _mujoco(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, bytes]:
+    picture, size, standing = _floor(road_map, **settings)
+    return formats.to_mjcf(road_map.codes, f"{name}.png", size, standing), picture
 
 
-def _mujoco(road_map: RoadMap, name: str, tile_size: float = TILE_SIZE, **drawn: UserValue) -> Files:
-    from elitelanes_jax.formats.mujoco import to_mjcf
-
-    picture, standing = _floor(road_map, **drawn)
-    return Files((to_mjcf(road_map.codes, f"{name}.png", tile_size, standing), picture))
-
-
-def _nav2(road_map: RoadMap, name: str, **settings: UserValue) -> Files:
-    from elitelanes_jax.formats.nav2 import to_nav2
-
-    return Files(to_nav2(road_map.codes, f"{name}.pgm", **settings))
-
-
-def _movingai(road_map: RoadMap, name: str, **settings: UserValue) -> Files:
-    from elitelanes_jax.formats.movingai import to_movingai
-
-    return Files(to_movingai(road_map.codes, f"{name}.map", **settings))
-
-
-_STREETS = ("tile_size", "lane", "speed", "right_of_way")
-_DT_MAPS = (
-    *("/frames.yaml", "/tile_maps.yaml", "/tiles.yaml", "/traffic_signs.yaml", "/ground_tags.yaml", "/citizens.yaml"),
-    *("/vehicles.yaml", "/decorations.yaml"),
-)
-_PLAIN = (".nod.xml", ".edg.xml", ".con.xml")
-_FLOOR = ("tile_size", "tiles", "tile_px")
+_STREETS, _FLOOR = ("tile_size", "lane", "speed", "right_of_way"), ("tile_size", "tiles", "tile_px")
 
 FORMATS = {
-    "duckietown": Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
-    "dt-maps": Format(_DT_MAPS, _dt_maps, ("tile_size", "dead_ends")),
-    "graphml": Format((".graphml",), partial(_graphml, reduced=False)),
-    "graphml-reduced": Format((".graphml",), partial(_graphml, reduced=True)),
+    "duckietown": Format(
+        (".yaml",),
+        lambda one, _, **how: formats.to_duckietown(one.codes, objects=one.objects, **how),
+        ("tile_size", "ground", "dead_ends"),
+    ),
+    "dt-maps": Format(
+        tuple(f"/{layer}.yaml" for layer in LAYERS),
+        lambda one, _, **how: formats.to_dt_maps(one, **how).values(),
+        ("tile_size", "dead_ends"),
+    ),
+    "graphml": Format((".graphml",), lambda one, _: _graphml(one, reduced=False)),
+    "graphml-reduced": Format((".graphml",), lambda one, _: _graphml(one, reduced=True)),
     "sumo": Format((".net.xml",), _sumo, _STREETS),
-    "sumo-plain": Format(_PLAIN, _sumo_plain, _STREETS),
-    "opendrive": Format((".xodr",), partial(_network, to="opendrive"), _STREETS),
-    "lanelet2": Format((".osm",), partial(_network, to="lanelet2"), _STREETS),
-    "commonroad": Format((".xml",), partial(_network, to="commonroad"), _STREETS),
-    "gltf": Format((".glb",), _gltf, _FLOOR),
+    "sumo-plain": Format((".nod.xml", ".edg.xml", ".con.xml"), _sumo_plain, _STREETS),
+    "opendrive": Format((".xodr",), lambda one, _, **how: formats.to_opendrive(one, _streets(how)), _STREETS),
+    "lanelet2": Format((".osm",), lambda one, _, **how: formats.to_lanelet2(one, _streets(how)), _STREETS),
+    "commonroad": Format((".xml",), lambda one, _, **how: formats.to_commonroad(one, _streets(how)), _STREETS),
+    "gltf": Format((".glb",), lambda one, _, **how: formats.to_gltf(one.codes.shape, *_floor(one, **how)), _FLOOR),
     "mujoco": Format((".xml", ".png"), _mujoco, _FLOOR),
-    "nav2": Format((".pgm", ".yaml", ".geojson"), _nav2, ("tile_size", "cells")),
-    "movingai": Format((".map", ".scen"), _movingai, ("cells",)),
+    "nav2": Format(
+        (".pgm", ".yaml", ".geojson"),
+        lambda one, name, **how: formats.to_nav2(one.codes, f"{name}.pgm", **how),
+        ("tile_size", "cells"),
+    ),
+    "movingai": Format(
+        (".map", ".scen"), lambda one, name, **how: formats.to_movingai(one.codes, f"{name}.map", **how), ("cells",)
+    ),
 }
 """The formats of a map, by the names that ``--to`` takes."""
 
@@ -200,3 +176,11 @@ class FormatOptions(Record):
     def given(self) -> dict[str, UserValue]:
         """Returns the settings that are not None, by name."""
         return {key: value for key, value in vars(self).items() if value is not None}
+
+    def check_taken_by(self, *names: str) -> None:
+        """Checks that each setting is one of a format among the names; raises `InputError`."""
+        for setting in self.given():
+            able = [to for to, known in FORMATS.items() if setting in known.takes]
+            if not set(able) & set(names):
+                expected = f"expected it with {', '.join(able)} alone"
+                raise InputError(f"{setting}: {expected}, got it with {', '.join(names)}")

@@ -1,7 +1,7 @@
 """The files of a folder of maps: each map with its picture and its masks, and a sheet with all of them."""
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -46,11 +46,7 @@ def write_maps(
     """Writes each map to its own folder, ``maps/0000`` and so on, and the contact sheet; returns the maps as drawn.
 
     The maps have one size, and metrics. `seed` is that of the choice of tile pictures, and of the positions of objects.
-    `furnish` is None for maps that keep the objects they have.
-
-    Raises:
-      InputError: if the objects do not fit on a map; the message names it.
-      OSError: if a file cannot be written.
+    Without `furnish`, maps keep the objects they have. Raises `InputError` if the objects do not fit on a map.
     """
     sheet_px = int(np.clip(_SHEET_PX // max(maps[0].codes.shape), *_SHEET_TILE_PX))
     if furnish:
@@ -89,15 +85,11 @@ def foreign_to_maps(folder: Path) -> str | None:
     return foreign_file(folder, own.fullmatch)
 
 
-def foreign_to_picture(layers: Iterable[str]) -> Callable[[Path], str | None]:
-    """Returns a function from a folder to its first file that `render` did not write with a tile set's layers."""
+def foreign_to_picture(folder: Path, layers: Iterable[str]) -> str | None:
+    """Returns the first file in a folder that `render` did not write with a tile set's layers, or None."""
     names = {*_picture_files(layers), "overlay.png"}
-
-    def foreign(folder: Path) -> str | None:
-        missing = [name for name in _picture_files(()) if name not in _SOMETIMES and not (folder / name).is_file()]
-        return foreign_file(folder, names.__contains__) or (f"no {missing[0]}" if missing else None)
-
-    return foreign
+    missing = [name for name in _picture_files(()) if name not in _SOMETIMES and not (folder / name).is_file()]
+    return foreign_file(folder, names.__contains__) or (f"no {missing[0]}" if missing else None)
 
 
 def _picture_files(layers: Iterable[str]) -> list[str]:

@@ -50,17 +50,12 @@ def given(
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
-    """Reads maps, and measures metrics that are missing.
+    """Reads maps, and measures metrics that are missing; raises `InputError`, which names a bad file or folder.
 
-    Of several maps that are the same when rotated or mirrored, the first one is used, so that no two splits have the
-    same network.
-
-    Args:
-      sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a pack, or
-        all files ``map.json`` in them. Without any, the files ``.json``, ``.yaml`` and ``.yml`` right in them are read.
-
-    Raises:
-      InputError: for a file or folder that is missing or bad, or no map; the message names it.
+    The sources are one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a
+    pack, or all files ``map.json`` in them, or without any the files ``.json``, ``.yaml`` and ``.yml`` right in them.
+    Of maps that are the same when rotated or mirrored, the first one is used, so that no two splits have the same
+    network.
     """
     if isinstance(sources, GivenMaps):
         return sources
@@ -92,10 +87,9 @@ def _files(source: Path) -> list[Path]:
         return [source]
     if (source / "pack.json").is_file():
         return sorted((source / "maps").rglob("*.json"))
-    kinds = {".json", ".yaml", ".yml"}
     files = sorted(source.rglob("map.json"))
     if not files and not (source / "run.json").exists():
-        files = sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
+        files = sorted(one for one in source.iterdir() if one.suffix.lower() in (".json", ".yaml", ".yml"))
     if not files:
         raise InputError(f"{source}: expected a folder with map.json or other files of maps in it, got one without")
     return files

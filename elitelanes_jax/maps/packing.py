@@ -19,8 +19,8 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats.lane_graph import LENGTHS, LaneGraph, lane_graph
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
+from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph
 from elitelanes_jax.formats.table import table_to_csv
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes
 from elitelanes_jax.maps.given import parse_given
@@ -73,7 +73,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         "versions": installed_versions(),
     }
     identity = {"command": "pack", **about}
-    inputs = [*maps.paths, *([spec.formats.tiles] if spec.formats.tiles else [])]
+    inputs = [*maps.paths, *filter(None, [spec.formats.tiles])]
     with output_folder(out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True) as work:
         write_json(work.kept / "maps.json", [one.id for one in packed])
         rows = []
@@ -85,15 +85,11 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
                     (work.kept / "maps.json").unlink()  # nothing is left to resume
                     raise InputError(f"niche {one.niche}, {maps.names[number]}: {error}") from None
                 bar.count()
-        members = {name: [one for one in packed if one.split == name] for name in SPLITS}
-        about["splits"] = {
-            name: {"maps": len(held), "niches": len({one.niche for one in held})}
-            for name, held in members.items()
-            if held
-        }
-        for name, held in members.items():
-            listed = "".join(f"{one.id}\n" for one in held)
-            write_atomic(work.files / "splits" / f"{name}.txt", listed.encode())
+        about["splits"] = {}
+        for name in SPLITS:
+            if held := [one for one in packed if one.split == name]:
+                about["splits"][name] = {"maps": len(held), "niches": len({one.niche for one in held})}
+            write_atomic(work.files / "splits" / f"{name}.txt", "".join(f"{one.id}\n" for one in held).encode())
         write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
         write_json(work.files / RECORD, about)
         write_atomic(work.files / "README.md", _card(spec, about, rows).encode())

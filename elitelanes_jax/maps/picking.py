@@ -18,10 +18,10 @@ from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps, write_maps
-from elitelanes_jax.maps.run import choose_maps, describe_source
+from elitelanes_jax.maps.generation import choose_maps, describe_source
 from elitelanes_jax.maps.spec import PickSpec
 from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.network.metric_names import Metrics
+from elitelanes_jax.network.records import Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
 from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for
 from elitelanes_jax.problem.kernels import with_town_features
@@ -65,20 +65,21 @@ def pick(
     own = archives if isinstance(archives, Result) else None
     files: list[Path] = [out / ARCHIVE] if own else check_named("archives", paths, archives)
     tiles = load_tiles(spec.tiles, blend=spec.blend)
-    results, seeds = zip(*([_seeded(own, None)] if own else map(_read, files)), strict=True)
-    shape = results[0].elites.grids.shape[2:]
+    found = [(own, None)] if own else [load_with_seed(file) for file in files]
+    results = [_with_seeds(result) for result, _ in found]
+    height, width = shape = results[0].elites.grids.shape[-2:]
     for file, result in zip(files, results, strict=True):
-        if result.elites.grids.shape[2:] != shape:
-            sizes = ("{} x {}".format(*size) for size in (shape, result.elites.grids.shape[2:]))
+        if result.elites.grids.shape[-2:] != shape:
+            sizes = ("{} x {}".format(*size) for size in (shape, result.elites.grids.shape[-2:]))
             raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(file, *sizes))
     search = _search(spec, results[0].spec)
-    search.check_maps(shape)
-    axes = results[0].axes if spec.axes is None else resolve_axes(spec.axes, shape, search.features)
+    search.check_maps((height, width))
+    axes = results[0].axes if spec.axes is None else resolve_axes(spec.axes, (height, width), search.features)
     measured = _measured(search, axes, results)
     foreign, force = foreign_to_maps if force_archive or own else _foreign_or_archive, force or force_archive
     with output_folder(out, {"command": "pick"}, inputs=[] if own else files, foreign=foreign, force=force) as work:
         elites = _join(files, results, measured, axes, tiles)
-        size, count = f"{shape[0]} x {shape[1]} tiles", pluralize(spec.maps, "map")
+        size, count = f"{height} x {width} tiles", pluralize(spec.maps, "map")
         announce(f"choosing {count} of {size} among {elites.valid.sum():,} elites")
         result = replace(results[0], elites=elites, spec=search, axes=axes)
         choice = choose_maps(
@@ -90,7 +91,7 @@ def pick(
         )
         runs = [
             None if seed is None else (seed, run)
-            for seed, one in zip(seeds, results, strict=True)
+            for (_, seed), one in zip(found, results, strict=True)
             for run in range(len(one.elites.grids))
         ]
         maps = [replace(road_map, seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
@@ -118,16 +119,10 @@ def _foreign_or_archive(folder: Path) -> str | None:
     return foreign_to_maps(folder) or (hint if (folder / ARCHIVE).exists() else None)
 
 
-def _read(file: Path) -> tuple[Result, int | None]:
-    """Returns the result of one or several runs, and their seed if it is known."""
-    return _seeded(*load_with_seed(file))
-
-
-def _seeded(result: Result, seed: int | None) -> tuple[Result, int | None]:
+def _with_seeds(result: Result) -> Result:
     """Adds an axis of seeds to the elites of a single seed."""
-    if result.elites.valid.ndim == 1:
-        result = replace(result, elites=jax.tree.map(lambda array: array[None], result.elites))
-    return result, seed
+    several = result.elites.valid.ndim > 1
+    return result if several else replace(result, elites=jax.tree.map(lambda array: array[None], result.elites))
 
 
 def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
@@ -157,23 +152,18 @@ def _join(
     slots = max(one.elites.valid.shape[1] for one in results)
 
     def join(arrays: Sequence[AnyArray]) -> AnyArray:
-        padded = [
-            np.pad(array, [(0, 0), (0, slots - array.shape[1]), *[(0, 0)] * (array.ndim - 2)]) for array in arrays
-        ]
-        return np.concatenate(padded)
+        widths = ([(0, 0), (0, slots - array.shape[1]), *[(0, 0)] * (array.ndim - 2)] for array in arrays)
+        return np.concatenate([np.pad(array, width) for array, width in zip(arrays, widths, strict=True)])
 
-    grids, fitness, valid = (
-        join([getattr(one.elites, name) for one in results]) for name in ("grids", "fitness", "valid")
-    )
-    metrics = {name: join([getattr(one.elites.metrics, name) for one in results]) for name in Metrics._fields}
+    elites = [one.elites for one in results]
+    grids, fitness, valid = (join([getattr(one, name) for one in elites]) for name in ("grids", "fitness", "valid"))
+    metrics = {name: join([getattr(one.metrics, name) for one in elites]) for name in Metrics._fields}
     allowed = (*tiles.alphabet, *KINDS["end"], *KINDS["empty"])
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
     columns = columns_for((axis.metric for axis in axes), measured)
     others = [name for name in columns if name not in metrics]
-    each = [
-        with_town_features(one.elites.features, others, one.elites.grids, str(file))
-        for file, one in zip(files, results, strict=True)
-    ]
+    named = zip(map(str, files), elites, strict=True)
+    each = [with_town_features(one.features, others, one.grids, file) for file, one in named]
     features = {name: join([values[name] for values in each]) for name in others}
     stacked = np.stack([(metrics | features)[name] for name in columns], axis=-1).astype(np.int32)
     descriptor = compute_descriptor(stacked, columns, axes)

@@ -95,17 +95,14 @@ class GenerateSpec(Record):
         """Checks the search on maps of the size, the number of maps, and that every part has a seed."""
         if self.part is not None and self.part[1] > self.seeds:
             raise InputError(f"part: expected at most {self.seeds} parts, one for each seed, got {self.part[1]}")
-        if self.furnish and self.furnish.signs == "all" and not self._is_signable():
+        all_signable = any(item.name == "signable" and item.low == 1 for item in self.search.where)
+        if self.furnish and self.furnish.signs == "all" and not all_signable and self.search.rules != "duckietown":
             raise InputError(
                 "furnish: expected rules=duckietown or where signable=1 with signs at every crossing, got neither; "
                 "signs=possible leaves out crossings that have a road at a corner"
             )
         self.search.check_on(self.size)
         self.search.check_maps(self.size, 1 if self.at_most else self.maps)
-
-    def _is_signable(self) -> bool:
-        ranges = {item.name: item.low for item in self.search.where}
-        return self.search.rules == "duckietown" or ranges.get("signable") == 1
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
@@ -114,14 +111,6 @@ class GenerateSpec(Record):
             "tiles": self.tiles and str(self.tiles),
             "furnish": self.furnish and self.furnish.settings(),
         }
-
-
-def _parse_any_ranges(where: UserValue) -> tuple[Range, ...]:
-    return parse_ranges(where, None)
-
-
-def _parse_any_axes(axes: UserValue) -> tuple[Axis, ...]:
-    return parse_axes(axes, None)
 
 
 @dataclass(frozen=True)
@@ -147,9 +136,9 @@ class PickSpec(Record):
 
     maps: int = option(16, whole(1), "N")
     at_most: bool = option(False, flag, "")
-    where: tuple[Range, ...] = option((), _parse_any_ranges, "NAME=LOW..HIGH", many=True)
+    where: tuple[Range, ...] = option((), lambda where: parse_ranges(where, None), "NAME=LOW..HIGH", many=True)
     rules: str | None = option(None, none_or(check_rules), "NAME")
-    axes: tuple[Axis, ...] | None = option(None, none_or(_parse_any_axes), "NAME:BINS", many=True)
+    axes: tuple[Axis, ...] | None = option(None, none_or(lambda axes: parse_axes(axes, None)), "NAME:BINS", many=True)
     unlike: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     tiles: Path | None = option(None, none_or(path), "DIR")
@@ -192,10 +181,7 @@ class PackSpec(Record):
 
     def check_together(self) -> None:
         """Checks that each setting is one of a format of the pack."""
-        for name in self.formats.given():
-            able = [to for to, known in FORMATS.items() if name in known.takes]
-            if not set(able) & set(self.to):
-                raise InputError(f"{name}: expected it with {', '.join(able)} alone, got it with {', '.join(self.to)}")
+        self.formats.check_taken_by(*self.to)
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""

@@ -3,6 +3,7 @@ from . import wfc as wfc
 from .bits import bernoulli as bernoulli
 from .bits import randint as randint
 from .bits import random_bits as random_bits
+from .bits import random_grids as random_grids
 from .checks import check_shape as check_shape
 from .codes import CROSSINGS as CROSSINGS
 from .codes import EAST as EAST
@@ -12,14 +13,13 @@ from .codes import ROAD_ALPHABET as ROAD_ALPHABET
 from .codes import SIDE_TOWARDS as SIDE_TOWARDS
 from .codes import SOUTH as SOUTH
 from .codes import WEST as WEST
-from .grids import random_grids as random_grids
-from .metric_names import METRIC_NAMES as METRIC_NAMES
-from .metric_names import Metrics as Metrics
 from .metrics import measure as measure
 from .plain_metrics import plain_measure as plain_measure
+from .records import METRIC_NAMES as METRIC_NAMES
+from .records import Metrics as Metrics
+from .records import Weights as Weights
 from .repairing import repair as repair
 from .symmetry import canonical_form as canonical_form
 from .symmetry import mirror as mirror
 from .symmetry import rotate as rotate
 from .town import measure_town as measure_town
-from .weights import Weights as Weights

@@ -28,7 +28,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Int, Shaped, UInt
+from jaxtyping import Array, Bool, Int, UInt
 
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.xla import PaddedLayout, batch_all
@@ -100,11 +100,8 @@ def _initial_labels(layout: PaddedLayout) -> np.ndarray:
     return np.where(inner, indices, _OUTER).astype(wide)
 
 
-_Label = Callable[[Shaped[Array, "... size"], Shaped[Array, "... size"]], UInt[Array, "... padded"]]
-
-
 @cache
-def _labeller(layout: PaddedLayout) -> _Label:
+def _labeller(layout: PaddedLayout) -> Callable[[Array, Array], UInt[Array, "... padded"]]:
     """Makes the function from links, bool ``[..., size]``, to labels on the padded layout ``[..., padded]``.
 
     A corner's label is the least initial label of its face. The function takes leading axes and is its own batching

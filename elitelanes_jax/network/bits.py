@@ -1,15 +1,19 @@
-"""Random choices from random bits: whole numbers and probabilities, exact and the same on every machine."""
+"""Random choices from random bits: numbers and grids, exact and the same on every machine."""
 
+from collections.abc import Iterable
 from math import log, prod
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Key, Real, UInt32
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt32
 from numpy.polynomial import Chebyshev, Polynomial
 
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.network.codes import ROAD_ALPHABET, check_alphabet
 from elitelanes_jax.network.xla import UNIT
 
 
@@ -56,6 +60,30 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
     middle = high * count_low + (low * count_low >> 16)
     carry = (middle & 0xFFFF) + low * count_high
     return (high * count_high + (middle >> 16) + (carry >> 16)).astype(jnp.int32)
+
+
+def random_grids(
+    key: Key[Array, ""], count: int, shape: tuple[int, int] = (12, 12), *, alphabet: Iterable[int] = ROAD_ALPHABET
+) -> Int8[Array, "count H W"]:
+    """Draws every tile uniformly from an alphabet, independently of its neighbours; `repair` links them.
+
+    Args:
+      key: consumed. With JAX's default key type grid i depends on the key and i alone, not on `count`.
+      count: the number of grids, at least 0.
+      shape: (height, width), each at least 1.
+      alphabet: the tile codes to draw from.
+
+    Returns:
+      int8 ``[count, height, width]``.
+
+    Raises:
+      InputError: for anything but a key, a negative count, a bad shape or alphabet.
+    """
+    check_key(key)
+    count = check_named("count", whole(0), count)
+    codes = jnp.asarray(check_alphabet(alphabet), jnp.int8)
+    bits = random_bits(key, (count, *check_shape(shape)))
+    return codes[randint(bits, codes.size)]
 
 
 def bernoulli(bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]) -> Bool[Array, "..."]:

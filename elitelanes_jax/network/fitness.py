@@ -7,8 +7,7 @@ from jaxtyping import Array, Int32
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric
-from elitelanes_jax.network.metric_names import Metrics
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import Metrics, Weights
 
 
 def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "..."]:
@@ -35,11 +34,6 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
             value = jnp.maximum(value - 1, 0)
         total = total + _integer(name, getattr(weights, name)) * value
     return total
-
-
-def penalty_weights(weights: Weights) -> Weights:
-    """Returns the weights of penalties alone: negative weights and the constant are 0."""
-    return Weights(*(jnp.maximum(weight, 0) for weight in weights))._replace(constant=0)
 
 
 def _integer(name: str, weight: Numeric) -> Int32[Array, "..."]:

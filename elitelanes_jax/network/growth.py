@@ -63,7 +63,8 @@ def _ring(height: int, width: int) -> Int8[np.ndarray, "H W"]:
 
 
 def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
-    codes = _turn(town.codes, bits[0])
+    # One of the eight symmetries of a square, so that it suffices to build streets and bends southwards.
+    codes = _mirror(_transpose(town.codes, bits[0]), bits[0])
     is_street = bits[0] & 8 == 0
     fits, changed = (
         jnp.where(is_street, street, bend)
@@ -75,11 +76,6 @@ def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
         town.streets - (happens & is_street),
         town.bends - (happens & ~is_street),
     )
-
-
-def _turn(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
-    """Transforms a square by one of its eight symmetries, so that it suffices to build streets and bends southwards."""
-    return _mirror(_transpose(codes, bits), bits)
 
 
 def _transpose(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:

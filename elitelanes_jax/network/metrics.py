@@ -12,7 +12,7 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import find_faces, find_links
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, check_alphabet
-from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
+from elitelanes_jax.network.records import METRIC_NAMES, Metrics
 from elitelanes_jax.network.xla import PaddedLayout
 
 
@@ -61,7 +61,8 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
     links = find_links(layout, padded)
     faces = find_faces(layout, links)
 
-    rows, columns = layout.rows(), layout.columns()
+    # A guard cell has the column `width`.
+    rows, columns = np.divmod(np.arange(layout.size), layout.stride)
     here = layout.here(padded)
     north, east, south, west = (padded & side > 0 for side in (NORTH, EAST, SOUTH, WEST))
     connections = north.astype(jnp.int8) + east + south + west

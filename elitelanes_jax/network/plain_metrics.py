@@ -107,36 +107,22 @@ def _squared_runs(straight: _Cells) -> int:
 
 
 def _count_faces(east_links: _Cells, south_links: _Cells) -> tuple[int, int]:
-    """Counts the inner faces and the bridges by flooding each face, see `elitelanes_jax.network._faces`."""
-    # Corners [H + 1, W + 1]. A link to the east separates the corners north and south of it, a link to the south the
-    # corners west and east of it.
-    height, stride = east_links.shape[0] + 1, south_links.shape[1] + 1
-    parts_down, parts_right = np.zeros((2, height, stride), bool)
-    parts_down[:-1, 1:-1], parts_right[1:-1, :-1] = east_links, south_links
-    down, right = parts_down.ravel().tolist(), parts_right.ravel().tolist()
-    face = [0] * len(down)  # labels start at 1, the outer face
-    count = 0
-    last = len(face) - 1
-    for first in range(len(face)):
-        if face[first]:
-            continue
-        count += 1
-        face[first] = count
-        waiting = [first]
-        while waiting:
-            corner = waiting.pop()
-            column = corner % stride
-            for other, apart in (
-                (corner + stride, down[corner]),
-                (corner - stride, down[corner - stride]),
-                (corner + 1, right[corner] or column == stride - 1),
-                (corner - 1, right[corner - 1] or column == 0),
-            ):
-                if not apart and 0 <= other <= last and not face[other]:
-                    face[other] = count
-                    waiting.append(other)
-    faces = np.array(face).reshape(height, stride)
+    """Counts the inner faces and the bridges, see `elitelanes_jax.network._faces`."""
+    corners = np.arange((east_links.shape[0] + 1) * (south_links.shape[1] + 1)).reshape(-1, south_links.shape[1] + 1)
+    # A link to the east separates the corners north and south of it, a link to the south the corners west and east.
+    down, right = np.ones(corners[1:].shape, bool), np.ones(corners[:, 1:].shape, bool)
+    down[:, 1:-1], right[1:-1] = ~east_links, ~south_links
+    one = np.concatenate([corners[:-1][down], corners[:, :-1][right]])
+    other = np.concatenate([corners[1:][down], corners[:, 1:][right]])
+    face = corners.ravel()
+    # Each round passes the least label to both corners of a pair and to the corners that their labels name.
+    while (face[one] != face[other]).any():
+        least = np.minimum(face[one], face[other])
+        for named in (face[one], face[other]):
+            np.minimum.at(face, named, least)
+        face = face[face]
+    faces = face.reshape(corners.shape)
     bridges = (east_links & (faces[:-1] == faces[1:])[:, 1:-1]).sum() + (
         south_links & (faces[:, :-1] == faces[:, 1:])[1:-1]
     ).sum()
-    return count - 1, int(bridges)
+    return np.unique(face).size - 1, int(bridges)

@@ -80,11 +80,8 @@ def _repair(
     return cells.unpack(_mender(cells, fill)(*words, all_bits))
 
 
-_Mender = Callable[..., UInt32[Array, " N"]]
-
-
 @cache
-def _mender(cells: PackedCells, fill: bool) -> _Mender:
+def _mender(cells: PackedCells, fill: bool) -> Callable[..., UInt32[Array, " N"]]:
     """Makes the repair of packed cells. It takes the grids of a batch end to end, as one long vector."""
 
     @jax.custom_batching.custom_vmap

@@ -16,13 +16,8 @@ def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
     The road keeps away from closed sides and from the corners between open ones. On a turn it is a ring about the
     corner between its sides. A stub's road ends as far from the closed sides.
 
-    Args:
-      code: integer arrays of NumPy or JAX, the codes of the tiles.
-      east: tiles from the western side, 0 to 1.
-      south: tiles from the northern side, 0 to 1.
-
-    Returns:
-      bool, of the shape that the arguments broadcast to.
+    `code` is the code of a tile, `east` and `south` are tiles from its western and northern side, 0 to 1: arrays of
+    NumPy or JAX that broadcast against each other. Returns bool.
     """
     edge = 0.5 - HALF_ROAD
     depths = (south, 1 - east, 1 - south, east)  # from each side, clockwise from north

@@ -13,7 +13,7 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import Links, label_faces
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
-from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
+from elitelanes_jax.network.records import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
 from elitelanes_jax.network.xla import PaddedLayout
 
 
@@ -122,14 +122,12 @@ def _street_lengths(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tupl
     # Half of each link is counted at either end, in the street of the tile there. A link between two tiles that no road
     # passes through is a street of its own.
     halves = jnp.zeros(labels.size, jnp.int32).at[street.reshape(-1)].add(jnp.where(passed, 2, 0).reshape(-1))
-    for link, (one, other) in ((east, (np.s_[:, :-1], np.s_[:, 1:])), (south, (np.s_[:-1], np.s_[1:]))):
+    direct = []
+    for link, one, other in ((east, np.s_[:, :-1], np.s_[:, 1:]), (south, np.s_[:-1], np.s_[1:])):
         first, second = passed[one], passed[other]
         label = jnp.where(first, street[one], street[other]).reshape(-1)
         halves = halves.at[label].add((link & (first ^ second)).astype(jnp.int32).reshape(-1))
-    direct = [
-        (link & ~passed[one] & ~passed[other]).astype(jnp.int32).reshape(-1)
-        for link, (one, other) in ((east, (np.s_[:, :-1], np.s_[:, 1:])), (south, (np.s_[:-1], np.s_[1:])))
-    ]
+        direct.append((link & ~first & ~second).astype(jnp.int32).reshape(-1))
     lengths = jnp.concatenate([halves // 2, *direct])
     return lengths, _count(lengths > 0)
 
@@ -187,16 +185,13 @@ def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array,
     cells = height * width
     start = jnp.eye(cells, dtype=bool).reshape(cells, height, width)
 
-    def grow(reached: Bool[Array, "N H W"]) -> Bool[Array, "N H W"]:
+    def once(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        reached, ways, length, _ = carry
         to_east = jnp.pad(reached[:, :, :-1] & east, ((0, 0), (0, 0), (1, 0)))
         to_west = jnp.pad(reached[:, :, 1:] & east, ((0, 0), (0, 0), (0, 1)))
         to_south = jnp.pad(reached[:, :-1] & south, ((0, 0), (1, 0), (0, 0)))
         to_north = jnp.pad(reached[:, 1:] & south, ((0, 0), (0, 1), (0, 0)))
-        return reached | to_east | to_west | to_south | to_north
-
-    def once(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        reached, ways, length, _ = carry
-        further = grow(reached)
+        further = reached | to_east | to_west | to_south | to_north
         new = _count(further) - _count(reached)
         return further, ways + new * length, length + 1, new > 0
 

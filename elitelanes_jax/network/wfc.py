@@ -129,20 +129,17 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
     guard = 1 << len(alphabet)
     domains = np.arange(2 * guard, dtype=np.int32)
     allowed = np.zeros((4, domains.size), np.int32)
+    codes, bits = np.array(alphabet), np.arange(len(alphabet) + 1)
+    crossing = np.isin(codes, CROSSINGS) & crossing_ban
+    held = domains[:, None] >> bits & 1
     for direction, side in enumerate(SIDES):
-        for bit, code in enumerate((*alphabet, None)):
-            may = guard  # guard cells are never removed
-            for other_bit, other in enumerate(alphabet):
-                if code is None:
-                    fits = border == "open" or not other & side.opposite
-                else:
-                    linked = bool(code & side.bit)
-                    banned = linked and crossing_ban and code in CROSSINGS and other in CROSSINGS
-                    fits = linked == bool(other & side.opposite) and not banned
-                may |= fits << other_bit
-            allowed[direction] |= np.where(domains >> bit & 1, may, 0).astype(np.int32)
-    allowed |= guard  # also for an empty domain, so that a contradiction does not pass to another grid
-    held = domains[:, None] >> np.arange(len(alphabet)) & 1
+        connects, returns = (codes & side.bit > 0)[:, None], codes & side.opposite > 0
+        fits = (connects == returns) & ~(connects & crossing[:, None] & crossing)
+        beside_guard = ~returns | (border == "open")
+        may = np.vstack([fits, beside_guard]) @ (1 << bits[:-1])
+        allowed[direction] = np.bitwise_or.reduce(held * may, axis=1)
+    allowed |= guard  # guard cells are never removed, so that a contradiction does not pass to another grid
+    held = held[:, :-1]
     options = held.sum(axis=1).astype(np.int8)
     options[guard:] = 0
     order = np.argsort(1 - held, axis=1, kind="stable").astype(np.int32)

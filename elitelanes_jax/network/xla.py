@@ -139,14 +139,6 @@ class PaddedLayout(NamedTuple):
         start = self.stride + cells
         return lax.slice_in_dim(padded, start, start + self.size)
 
-    def rows(self) -> np.ndarray:
-        """Returns the row of each element of a vector of length `size`."""
-        return np.arange(self.size) // self.stride
-
-    def columns(self) -> np.ndarray:
-        """Returns the column of each element of a vector of length `size`; a guard cell has column `width`."""
-        return np.arange(self.size) % self.stride
-
 
 _BITS, _CELLS = 4, 8
 _SHIFTS = np.arange(_CELLS, dtype=np.uint32) * _BITS

@@ -26,7 +26,7 @@ from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes, transpose_codes
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.xla import lookup, materialize
-from elitelanes_jax.optimizers._mutations import Move, Variation
+from elitelanes_jax.optimizers._mutations import Move, Variation, materialize_variation
 from elitelanes_jax.optimizers._windows import valid_windows
 
 
@@ -223,46 +223,23 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
     return Move(move.bits + 1, apply)
 
 
-def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move, *, diagonal: bool = False) -> Move:
+def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     """Makes a move, then with the given probability the same change again, rotated by half a turn around the centre.
 
     A grid that is symmetric under half a turn stays symmetric, unless repair fills. One step then replaces two steps
     with a worse grid in between.
-
-    Args:
-      probability: of the second change.
-      move: the move.
-      diagonal: whether the second change may be mirrored in a diagonal of a square grid instead: in either diagonal a
-        third of the time.
     """
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         varied, dirty = move.apply(bits[: move.bits], grid, mate)
         indices = np.arange(grid.size, dtype=np.int32).reshape(grid.shape)
-        if diagonal and grid.shape[0] == grid.shape[1]:
-            # One number holds a tile, whether it is dirty, and its index, so that all three move together.
-            packed = _symmetric_image(
-                randint(bits[move.bits + 1], 3), varied.astype(jnp.int32) | dirty.astype(jnp.int32) << 4 | indices << 5
-            )
-            image, dirty_there, first = (packed & 15).astype(jnp.int8), packed & 16 > 0, indices <= packed >> 5
-        else:
-            image, dirty_there = rotate_codes(varied, 2)[::-1, ::-1], dirty[::-1, ::-1]
-            first = indices <= indices[::-1, ::-1]
-        copied = dirty_there & bernoulli(bits[move.bits], probability)
+        image, copied = rotate_codes(varied, 2)[::-1, ::-1], dirty[::-1, ::-1]
+        copied &= bernoulli(bits[move.bits], probability)
         # Where the two changes overlap, the tile of the lower index decides.
-        return Variation(jnp.where(copied & ~(dirty & first), image, varied), dirty | copied)
+        first = dirty & (indices <= indices[::-1, ::-1])
+        return Variation(jnp.where(copied & ~first, image, varied), dirty | copied)
 
-    return Move(move.bits + 1 + diagonal, apply)
-
-
-def _symmetric_image(symmetry: Int32[Array, ""], tiles: Int32[Array, "N N"]) -> Int32[Array, "N N"]:
-    """Rotates codes by half a turn, or mirrors them in diagonal 1 or 2. The bits above a code move with it."""
-
-    def exchanged(tiles: Array, one: int, other: int, third: int, fourth: int) -> Array:
-        return tiles & ~15 | exchange_sides(exchange_sides(tiles, one, other), third, fourth)
-
-    once = jnp.where(symmetry == 1, tiles, exchanged(tiles, NORTH, SOUTH, EAST, WEST)[::-1, ::-1])
-    return jnp.where(symmetry == 0, once, exchanged(once, NORTH, WEST, EAST, SOUTH).T)
+    return Move(move.bits + 1, apply)
 
 
 _Sides = tuple[Int32[Array, ""], Int32[Array, ""], Int32[Array, ""], Int32[Array, ""]]
@@ -344,10 +321,8 @@ def _apply(
     written = jnp.where(change.code < 0, _copy(change, grid, mate), change.code)
     if window is not None:
         written = jnp.where(change.code == _REFITTED, window, written)
-    varied = jnp.where(change.toggles, grid ^ links, jnp.where(inside, written, grid)).astype(jnp.int8)
-    dirty = jnp.where(change.toggles, links != 0, inside)
-    both = materialize(varied | dirty.astype(jnp.int8) << 4)
-    return Variation(both & 15, both > 15)
+    varied = jnp.where(change.toggles, grid ^ links, jnp.where(inside, written, grid))
+    return materialize_variation(Variation(varied, jnp.where(change.toggles, links != 0, inside)))
 
 
 def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -> Int8[Array, "H W"]:

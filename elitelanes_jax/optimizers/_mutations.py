@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int8, Real, UInt32
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import CROSSINGS
+from elitelanes_jax.network.xla import materialize
 
 
 class Variation(NamedTuple):
@@ -27,6 +28,12 @@ class Variation(NamedTuple):
 
     grid: Int8[Array, "H W"]
     dirty: Bool[Array, "H W"]
+
+
+def materialize_variation(varied: Variation) -> Variation:
+    """Returns an unchanged variation that XLA computes once and stores, see `materialize`."""
+    both = materialize(varied.grid.astype(jnp.int8) | varied.dirty.astype(jnp.int8) << 4)
+    return Variation(both & 15, both > 15)
 
 
 @jax.tree_util.register_static

@@ -24,6 +24,7 @@ LINES = 3
 """The rows, or columns, of a strip."""
 
 _STATES, _SHOWN = 4**LINES, 5
+
 _FORTH = np.array([0b0011, 0b0001, 0b1100, 0b0100, 0b1000])
 """The labels on an eastern or southern side: no link, a turn without link, a link, a turn's and a crossing's link."""
 _BACK = np.array([0b0011, 0b0010, 0b1100, 0b1000, 0b0100])
@@ -52,6 +53,7 @@ class StripTables(NamedTuple):
     columns: Int32[np.ndarray, " N"]  # the columns: four bits a tile, the northernmost tile lowest
     forth: UInt32[np.ndarray, "125 2"]  # the states that fit what a column shows to the east; 5^line a tile
     back: UInt32[np.ndarray, "125 2"]  # the states that fit what a column shows to the west
+    alike: UInt32[np.ndarray, "125 2"]  # the states with the same links as a column shows
 
 
 @cache
@@ -78,7 +80,8 @@ def strip_tables(*, empty: bool) -> StripTables:
     packed = np.array([sum(code << 4 * line for line, code in enumerate(column)) for column in columns])
     east, west, both = (_packed(states.reshape(-1, _STATES)) for states in (before, after, leads))
     listed = packed[np.nonzero(fits)[-1]].astype(np.int32)
-    return StripTables(east, west, both, first.astype(np.int32), listed, _packed(forth), _packed(back))
+    alike = _packed(np.array([_states(_FORTH | _BACK, show) for show in shows]))
+    return StripTables(east, west, both, first.astype(np.int32), listed, _packed(forth), _packed(back), alike)
 
 
 def _states(labels: Int[np.ndarray, " 5"], shown: Int[np.ndarray, " 3"]) -> Bool[np.ndarray, " 64"]:
@@ -91,17 +94,20 @@ def _packed(states: Bool[np.ndarray, "N 64"]) -> UInt32[np.ndarray, "N 2"]:
     return np.packbits(states, axis=1, bitorder="little").view("<u4").astype(np.uint32)
 
 
-def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5) -> Move:
+def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straight: Real[ArrayLike, ""] = 0.0) -> Move:
     """Replaces a stretch of three rows or columns by a valid filling that fits the tiles around it.
 
     The search for fillings is exact: every valid filling has a probability over 0. A filling is valid if it has no
     mismatch, dead end, adjacent turns and adjacent crossings, inside or with the tiles around it. If there is none, and
     on grids with fewer than three rows or columns, the grid does not change. Short stretches of dense networks seldom
-    have another filling. So 7 of 8 stretches are made long enough for another one, which is then drawn.
+    have another filling. So 7 of 8 stretches are made long enough for another one, which is then drawn. If all fillings
+    were equally likely, the streets of long ones would be short, and searches would reject them.
 
     Args:
       empty: whether cells of a filling may be empty.
       whole: probability that the stretch is as long as the grid. Otherwise its ends are random.
+      straight: probability that three adjacent tiles have the same links to the next three as the three before have
+        to them, if that is possible.
     """
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
@@ -124,7 +130,7 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5) -> Move
         tiles = lookup(padded, jnp.where(upright, steps * stride + lines, lines * stride + steps))
         tiles = materialize(jnp.where(upright, transpose_codes(tiles), tiles))
         other = bits[0] >> 1 & 7 > 0
-        begin, strip = _refitted(bits[4], tiles, ends.min(), ends.max(), other, empty=empty)
+        begin, strip = _refitted(bits[4], tiles, ends.min(), ends.max(), other, straight, empty=empty)
         strip = materialize(strip)
         inside = (line >= 0) & (line < LINES) & (along >= begin) & (along <= ends.max())
         new = lookup(strip, jnp.broadcast_to(along, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1) & 15
@@ -140,6 +146,7 @@ def _refitted(
     west: Int32[Array, ""],
     east: Int32[Array, ""],
     other: Bool[Array, ""],
+    straight: Real[ArrayLike, ""],
     *,
     empty: bool,
 ) -> tuple[Int32[Array, ""], Int32[Array, " N"]]:
@@ -178,10 +185,12 @@ def _refitted(
     def forth(carry: tuple[Array, Array, Array], column: tuple[Array, ...]) -> tuple[tuple[Array, Array, Array], Array]:
         shown, fits, same = carry
         index, around, ahead, old, present = column
-        draws = _hash(bits + (index * 8 + np.arange(7)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
+        draws = _hash(bits + (index * 8 + np.arange(8)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
         possible = tables.after[around * 125 + shown] & ahead
         possible &= ~jnp.where(same & (index == last), present, 0)
-        behind = _draw_state(draws[:3], possible)
+        again = possible & tables.alike[shown]
+        again = jnp.where((again != 0).any() & bernoulli(draws[7], straight), again, possible)
+        behind = _draw_state(draws[:3], again)
         pair = around * _STATES + behind
         ahead_of = _draw_state(draws[3:6], tables.between[pair] & tables.forth[shown])
         slot = pair * _STATES + ahead_of

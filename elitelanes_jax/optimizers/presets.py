@@ -58,7 +58,6 @@ PRESETS: dict[tuple[str, str], Config] = {
         vacant_probability=0.5,
         symmetric_probability=0.0,
         strips=False,
-        diagonal=False,
         annealing=_IRREGULAR,
         initial_towns_from=121,
         accept_equal=True,

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import KINDS, SIDES
-from elitelanes_jax.network.metric_names import largest_metrics
-from elitelanes_jax.network.town_features import features_without_gaps, largest_town_feature
+from elitelanes_jax.network.records import features_without_gaps, largest_metrics, largest_town_feature
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, feature_unit
 from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.inventory import COUNTED
@@ -79,18 +78,13 @@ def find_bounds(
     fix: FixedCells | None = None,
     alphabet: Iterable[int] | None = None,
 ) -> FeatureBounds:
-    """Finds bounds of the metrics of a set of repaired grids.
+    """Finds bounds of the metrics of a set of repaired grids; raises `InputError` if the set is empty.
 
-    Args:
-      shape: (height, width) of the grids, each at least 2.
-      certain: the metrics that have one value on all grids, with this value.
-      fix: fixed cells.
-      alphabet: the codes of the tiles, besides dead ends and empty cells; by default any.
-
-    Raises:
-      InputError: if the set is empty.
+    `certain` has the metrics that have one value on all grids, `alphabet` the codes besides dead ends and empty cells.
     """
-    bounds = FeatureBounds(shape, _first_intervals(shape), tuple(_inequalities(shape)))
+    largest = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), prod(shape))
+    intervals = {name: (0, most) for name, most in largest.items()}
+    bounds = FeatureBounds(shape, intervals, tuple(_inequalities(shape)))
     for name, value in certain.items():
         bounds = _with(bounds, _equal({name: 1}, value))
     if fix is not None:
@@ -158,17 +152,6 @@ def free_links(
     return np.concatenate(certain), np.concatenate(free)
 
 
-def _first_intervals(shape: tuple[int, int]) -> dict[str, tuple[int, int]]:
-    height, width = shape
-    area, pairs = height * width, 2 * height * width - height - width
-    border = area - (height - 2) * (width - 2)
-    most = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), area)
-    most |= dict.fromkeys(("edges", "adjacent_turns", "crowded_crossings", "unlinked_neighbours"), pairs)
-    most |= {"mismatches": 2 * pairs, "adjacent_crossings": 2 * pairs, "adjacent_crossing_score": 8 * pairs}
-    most |= {"boundary_violations": border, "bridges": area - 1, "cyclomatic": (height - 1) * (width - 1)}
-    return {name: (0, largest) for name, largest in most.items()}
-
-
 def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
     height, width = shape
     area, pairs, longest = height * width, 2 * height * width - height - width, max(shape)
@@ -210,17 +193,7 @@ def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
         *_equal({"mismatches": 1}, 0),
         *_equal({"boundary_violations": 1}, 0),
         *_equal({"tiles": 1, "dead_ends": -1, "straights": -1, "turns": -1, "crossings": -1}, 0),
-        *_equal(
-            {
-                "edges": 2,
-                "dead_ends": -1,
-                "straights": -2,
-                "turns": -2,
-                "crossings3": -3,
-                "crossings4": -4,
-            },
-            0,
-        ),
+        *_equal({"edges": 2, "dead_ends": -1, "straights": -2, "turns": -2, "crossings3": -3, "crossings4": -4}, 0),
         *_equal({"crossings3": 1, "crossings4": 2, "components": 2, "dead_ends": -1, "cyclomatic": -2}, 0),
         # Roads do not leave the grid: no straight or crossing in a corner, no four-way crossing along the border.
         _Inequality({"straights": -1, "crossings": -1}, 4 - area),
@@ -235,16 +208,7 @@ def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
         # A component has a turn or a dead end at each end of its first and of its last row.
         _Inequality({"turns": 1, "dead_ends": 2, "components": -4}, 0),
         # A tile linked to a crossing is a straight, a dead end, or forms a crowded pair with it.
-        _Inequality(
-            {
-                "straights": 2,
-                "dead_ends": 1,
-                "crowded_crossings": 2,
-                "crossings3": -3,
-                "crossings4": -4,
-            },
-            0,
-        ),
+        _Inequality({"straights": 2, "dead_ends": 1, "crowded_crossings": 2, "crossings3": -3, "crossings4": -4}, 0),
     ]
 
 

@@ -1,5 +1,6 @@
 """The descriptor space: axes, each a feature in bins, whose cells are niches (paper, "Behavior Descriptors")."""
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from math import prod
 from typing import NamedTuple
@@ -123,7 +124,10 @@ def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
 def _check_axis(axis: UserValue, features: Collection[str] | None) -> Axis:
     given = axis
     if isinstance(axis, str):
-        axis = _parse_axis(axis, features)
+        name, *numbers = axis.split(":")
+        if len(numbers) not in (1, 2) or not all(re.fullmatch("0{0,9}[1-9][0-9]{0,18}", number) for number in numbers):
+            raise InputError(f"axes {axis!r}: expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more")
+        axis = Axis(name, *map(int, numbers))
     elif isinstance(axis, Mapping) and "metric" in axis and set(axis) <= set(Axis._fields):
         axis = Axis(**axis)
     if not isinstance(axis, Axis):
@@ -143,13 +147,3 @@ def _check_axis(axis: UserValue, features: Collection[str] | None) -> Axis:
     if target is not None and not (type(target) is int and 0 <= target < bins):
         raise InputError(f"{source}: expected target to be a bin, 0 to {bins - 1}, got {shorten(repr(target))}")
     return axis
-
-
-def _parse_axis(text: str, features: Collection[str] | None) -> Axis:
-    name, *numbers = text.split(":")
-    check_feature(f"axes {text!r}", name, features)
-    if not 1 <= len(numbers) <= 2 or not all(
-        number.isascii() and number.isdigit() and len(number) < 20 and int(number) for number in numbers
-    ):
-        raise InputError(f"axes {text!r}: expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more")
-    return Axis(name, *map(int, numbers))

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.records import descriptions
-from elitelanes_jax.network.metric_names import Metrics
 from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.town_features import TownFeatures
+from elitelanes_jax.network.records import Metrics, TownFeatures
 from elitelanes_jax.problem.bounds import FeatureBounds, find_bounds
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, feature_unit, is_share
 from elitelanes_jax.problem.rules import map_constraints

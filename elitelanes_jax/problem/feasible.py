@@ -32,18 +32,9 @@ def check_feasible(
 ) -> None:
     """Checks in milliseconds whether enough different maps can satisfy all constraints. Some contradictions are missed.
 
-    Args:
-      shape: (height, width) of the maps, each at least 2.
-      where: ranges of features.
-      fix: fixed cells.
-      rules: the name of a set of rules.
-      filled: whether every free cell has a road.
-      alphabet: the codes of the tiles; by default all with two or more connections.
-      maps: how many different maps are needed.
-      exhaustive: whether to try all maps too, if the grid is small or has few free cells.
-
-    Raises:
-      InputError: if there are too few maps; the message states the bound or the count.
+    `filled` says whether every free cell has a road, `maps` how many different maps are needed, and `exhaustive`
+    whether to try all maps too, if the grid is small or has few free cells. The `InputError` for too few maps states
+    the bound or the count.
     """
     missing = set() if alphabet is None else set(KINDS["turn"]) - set(alphabet)
     if missing:

@@ -17,8 +17,7 @@ import numpy as np
 
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.town_features import TOWN_PARTS, TOWN_RATIOS, TownFeatures, largest_town_feature
+from elitelanes_jax.network.records import METRIC_NAMES, TOWN_PARTS, TOWN_RATIOS, TownFeatures, largest_town_feature
 
 SHARES = {
     "straight_share": ("straights", ("tiles",)),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError, reason, shorten
-from elitelanes_jax._util.files import MIB, parse_json, read_text
+from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import SIDES
@@ -74,15 +74,14 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
         ):
             got = f"{shorten(reprlib.repr(code))} at row {row}, column {column}"
             raise InputError(f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}")
-    for row, column in np.ndindex(*shape):
-        if rows[row][column] is not None:
-            _check_sides(name, rows, row, column)
-    return FixedCells(shape, tuple(None if code is None else int(code) for line in rows for code in line))
+    codes = np.array([[-1 if code is None else code for code in row] for row in rows], int)
+    _check_sides(name, codes)
+    return FixedCells(shape, tuple(None if code < 0 else code for code in codes.ravel().tolist()))
 
 
 def _read_rows(file: str | Path) -> Plain:
     try:
-        content = parse_json(read_text(file, 32 * MIB))
+        content = read_json(file)
     except OSError as error:
         raise InputError(f"{file}: {reason(error)}") from None
     except InputError as error:
@@ -96,20 +95,17 @@ def _read_rows(file: str | Path) -> Plain:
     return content
 
 
-def _check_sides(name: str, rows: list[list[UserValue]], row: int, column: int) -> None:
-    position = f"at row {row}, column {column}"
+def _check_sides(name: str, codes: NDArray[np.int_]) -> None:
+    """Checks that no road leaves the grid or ends at a fixed neighbour. A free cell is -1, all bits."""
+    height, width = codes.shape
     for side in SIDES:
-        other = (row + side.down, column + side.right)
-        connects = bool(rows[row][column] & side.bit)
-        if not (0 <= other[0] < len(rows) and 0 <= other[1] < len(rows[0])):
-            if connects:
-                raise InputError(
-                    f"{name}: expected roads within the grid, got one that leaves it to the {side.name} {position}"
-                )
-            continue
-        theirs = rows[other[0]][other[1]]
-        if theirs is not None and connects and not theirs & side.opposite:
+        beside = np.pad(codes, 1)[1 + side.down :, 1 + side.right :][:height, :width]
+        wrong = np.argwhere((codes >= 0) & (codes & side.bit > 0) & (beside & side.opposite == 0))
+        for row, column in wrong.tolist():
+            position, other = f"{side.name} at row {row}, column {column}", (row + side.down, column + side.right)
+            if not (0 <= other[0] < height and 0 <= other[1] < width):
+                raise InputError(f"{name}: expected roads within the grid, got one that leaves it to the {position}")
             raise InputError(
-                f"{name}: expected fixed neighbours to agree, got a road to the {side.name} {position} "
+                f"{name}: expected fixed neighbours to agree, got a road to the {position} "
                 f"that row {other[0]}, column {other[1]} does not return"
             )

@@ -1,23 +1,29 @@
 """Kernels of the user: functions of one grid that return a feature or a fitness."""
 
+import re
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from hashlib import sha256
 from inspect import Parameter, signature
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int8, Int32, Integer, Real
+from jaxtyping import Array, ArrayLike, Int8, Int32, Integer, Real
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import LARGEST
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
-from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import unstack_metrics
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.problem.features import FEATURES, LARGEST_FITNESS, TOWN_FEATURES, columns_for, with_shares
+from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, with_shares
+
+if TYPE_CHECKING:
+    from jax.extend import core
 
 Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Integer[ArrayLike, ""]]
 """A feature of the user: one grid -> a whole number. Pure, for `jax.jit` and `jax.vmap`.
@@ -46,8 +52,7 @@ _SCALAR = "an integer or float scalar"
 def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
     """Checks the user's features for grids of a shape: kernels by name, or None.
 
-    Raises:
-      InputError: unless each is a kernel that JAX can trace to an integer scalar, with a name of its own.
+    Each must be a function that JAX can trace to an integer scalar, with a name of its own.
     """
     if features is None:
         return {}
@@ -68,16 +73,12 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
 
 
 def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Sequence[str]) -> Fitness:
-    """Checks a fitness of the user for grids of a shape with these columns of features.
-
-    Raises:
-      InputError: unless it is a function of the arguments that `Fitness` lists, which JAX can trace to a scalar.
-    """
+    """Checks that JAX can trace a fitness of the user, with arguments that `Fitness` lists, to a scalar."""
     if not callable(fitness):
         raise InputError(
             f"fitness: expected a function of metrics, features, grid or usual, got {shorten(repr(fitness))}"
         )
-    for argument in _arguments(fitness):
+    for argument in arguments_of(fitness):
         if argument not in ("metrics", "features", "grid", "usual"):
             raise InputError(f"fitness: expected arguments among metrics, features, grid, usual, got {argument!r}")
     features = jax.ShapeDtypeStruct((1, len(feature_names)), jnp.int32)
@@ -99,7 +100,7 @@ def apply_fitness(
 
     Returns float32 ``[P]``, or int32 ``[P]`` with size 2**30 for an integer out of range.
     """
-    arguments = _arguments(fitness)
+    arguments = arguments_of(fitness)
 
     def one(grid: Array, row: Array, usual: Array) -> Array:
         values, names = with_shares(row, feature_names)
@@ -121,16 +122,6 @@ def apply_fitness(
     return jax.vmap(one)(grids, features, usual)
 
 
-def uses_usual(fitness: Fitness) -> bool:
-    """Returns whether a fitness of the user has the argument ``usual``."""
-    return "usual" in _arguments(fitness)
-
-
-def is_finite(fitness: Real[Array, " P"]) -> Bool[Array, " P"]:
-    """Returns which values of `apply_fitness` are in range: finite floats, or integers of at most 2**29 in size."""
-    return jnp.isfinite(fitness) if fitness.dtype == jnp.float32 else jnp.abs(fitness) <= LARGEST_FITNESS
-
-
 def measure_features(
     grids: Int8[Array | np.ndarray, "P H W"], names: Sequence[str], kernels: Mapping[str, Kernel]
 ) -> Int32[Array, "P K"]:
@@ -148,11 +139,6 @@ def measure_features(
         return sum((values[name] * unit for name, unit in zip(names, units, strict=True)), jnp.int32(0))
 
     return jax.vmap(measure_one)(jnp.asarray(grids))
-
-
-def in_range(features: Int32[Array, "P K"]) -> Bool[Array, " P"]:
-    """Returns for which grids all of the user's features, as `measure_features` returns them, are in range."""
-    return (jnp.abs(features) < LARGEST).all(axis=-1)
 
 
 def with_town_features(
@@ -177,7 +163,8 @@ def with_town_features(
     if missing:
         grids = np.asarray(grids)
         flat = grids.reshape(-1, *grids.shape[-2:])
-        parts = [np.asarray(_measure(jnp.asarray(part), tuple(missing))) for part in _batches(flat)]
+        padded = np.pad(flat, [(0, _BATCH - len(flat) % _BATCH), (0, 0), (0, 0)])
+        parts = [_measure(padded[first : first + _BATCH], tuple(missing)) for first in range(0, len(padded), _BATCH)]
         values = np.concatenate(parts)[: len(flat)].reshape(*grids.shape[:-2], len(missing))
         found |= {name: values[..., column] for column, name in enumerate(missing)}
     return found
@@ -185,12 +172,6 @@ def with_town_features(
 
 # The number of grids that are measured at once: they fit in memory, and one program serves all batches.
 _BATCH = 256
-
-
-def _batches(grids: NDArray[np.int8]) -> Iterator[NDArray[np.int8]]:
-    for first in range(0, max(len(grids), 1), _BATCH):
-        part = grids[first : first + _BATCH]
-        yield np.pad(part, [(0, _BATCH - len(part)), (0, 0), (0, 0)])
 
 
 @partial(jax.jit, static_argnames="names")
@@ -203,7 +184,8 @@ def _clipped(value: Integer[Array, ""]) -> Int32[Array, ""]:
     return jnp.clip(value, max(kind.min, -LARGEST), min(kind.max, LARGEST)).astype(jnp.int32)
 
 
-def _arguments(fitness: Fitness) -> tuple[str, ...]:
+def arguments_of(fitness: Fitness) -> tuple[str, ...]:
+    """Returns the names of the arguments that a fitness of the user takes."""
     try:
         parameters = signature(fitness).parameters.values()
     except (TypeError, ValueError):
@@ -222,3 +204,32 @@ def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.Shap
 def _described(made: Pytree, batch: int = 0) -> str:
     kind = getattr(made, "dtype", None)
     return shorten(repr(made), 60) if kind is None else f"{kind} of shape {made.shape[batch:]}"
+
+
+def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
+    """Returns 16 hexadecimal digits that are equal in all processes for functions with the same jaxpr and constants.
+
+    Calls out of JAX, such as callbacks, do not count. The arguments may be given by their shapes and dtypes.
+    """
+    closed = jax.make_jaxpr(function)(*arguments)
+    with np.printoptions(threshold=sys.maxsize):
+        text = re.sub(r"\bat 0x[0-9a-f]+", "", str(closed))
+    parts = sha256(text.encode())
+    for constant in _constants(closed):
+        parts.update(constant)
+    return parts.hexdigest()[:16]
+
+
+def _constants(closed: "core.ClosedJaxpr") -> Iterator[bytes]:
+    """Yields the constants of a jaxpr and of its inner jaxprs. The text of a jaxpr has only their shapes."""
+    from jax.extend import core  # most searches have no functions of the user
+
+    for constant in closed.consts:
+        is_key = jnp.issubdtype(jnp.result_type(constant), jax.dtypes.prng_key)
+        yield np.asarray(jax.random.key_data(constant) if is_key else constant).tobytes()
+    for equation in closed.jaxpr.eqns:
+        for inner in jax.tree.leaves(equation.params):
+            if isinstance(inner, core.ClosedJaxpr):
+                yield from _constants(inner)
+            elif isinstance(inner, core.Jaxpr):
+                yield from _constants(core.ClosedJaxpr(inner, ()))

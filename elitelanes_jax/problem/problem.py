@@ -13,31 +13,22 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real
 from numpy.typing import DTypeLike
 
+from elitelanes_jax._util.checks import LARGEST
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric, UserValue
+from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
 from elitelanes_jax.network.fitness import fitness as weighted_sum
-from elitelanes_jax.network.fitness import penalty_weights
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
+from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.network.xla import materialize
 from elitelanes_jax.problem.archive import Population, vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, resolve_axes
 from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, columns_for
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
-from elitelanes_jax.problem.kernels import (
-    Fitness,
-    Kernel,
-    apply_fitness,
-    in_range,
-    is_finite,
-    measure_features,
-    uses_usual,
-)
+from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, arguments_of, measure_features
 from elitelanes_jax.problem.ranges import parse_ranges, range_limits, range_penalty
 
 
@@ -234,12 +225,14 @@ def road_problem(
     def refuse(features: Array, total: Array) -> Array:
         refused = jnp.zeros(total.shape, bool)
         if users.size:
-            refused |= ~in_range(features[..., users])
+            refused |= (jnp.abs(features[..., users]) >= LARGEST).any(axis=-1)
         if users.size and feature_weights is not None:
             weights = jnp.asarray(feature_weights)[users - len(METRIC_NAMES)].astype(jnp.float32)
             refused |= jnp.abs(features[..., users] * weights).sum(axis=-1) > LARGEST_FITNESS
-        if fitness is not None:
-            refused |= ~is_finite(total)
+        if fitness is not None and total.dtype == jnp.float32:
+            refused |= ~jnp.isfinite(total)
+        elif fitness is not None:
+            refused |= jnp.abs(total) > LARGEST_FITNESS
         return refused
 
     def evaluate(grids: Array) -> Evaluation:
@@ -258,9 +251,10 @@ def road_problem(
         return Evaluation(total, columns)
 
     def penalties(features: Array) -> Array:
-        if fitness is not None and not uses_usual(fitness):
+        if fitness is not None and "usual" not in arguments_of(fitness):
             return outside(features) + jnp.zeros(features.shape[:-1], jnp.int32)
-        return weigh(features, penalty_weights(weights), least=0) + outside(features)
+        alone = Weights(*(jnp.maximum(weight, 0) for weight in weights))._replace(constant=0)
+        return weigh(features, alone, least=0) + outside(features)
 
     return Problem(
         shape, evaluate, feature_names, axes, alphabet, repair_grid, penalties, initial, fill=fill, fixed=fixed

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Int32
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.network.metric_names import METRIC_NAMES
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem.features import (
     FEATURES,
     SHARE_UNIT,
@@ -90,14 +90,8 @@ def range_penalty(
 
     A unit is 1 of a whole number, the share of one cell, or the gain of one more tile in a long straight.
 
-    Args:
-      features: int32 ``[..., F]``, of NumPy or JAX.
-      feature_names: the F names.
-      limits: int32 ``[2, C]``, as `range_limits` returns them; may be traced.
-      shape: (height, width) of the grids.
-
-    Returns:
-      int32 ``[...]``, of the same library.
+    Takes features int32 ``[..., F]`` of NumPy or JAX, and limits as `range_limits` returns them, which may be traced.
+    Returns int32 ``[...]`` of the same library.
     """
     features, names = with_shares(features, feature_names)
     units = {name: (shape[0] * shape[1], SHARE_UNIT) for name in names if feature_unit(name) != 1}

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import Weights
 
 
 class Rules(NamedTuple):

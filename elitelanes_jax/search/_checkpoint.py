@@ -1,12 +1,10 @@
-"""Checkpoints of a search: its result so far, in a folder that only one process at a time can use."""
+"""Checkpoints of a search: its result so far, in a folder."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from elitelanes_jax._util.files import write_json
-from elitelanes_jax._util.folders import compare_settings, locked
+from elitelanes_jax._util.folders import compare_settings
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.search.result import Result
 
@@ -23,7 +21,7 @@ class Checkpoint:
     """The folder of one search.
 
     Args:
-      folder: locked, see `open_checkpoint`.
+      folder: of the search, locked.
       identity: all that the search depends on except its budget, plain values for JSON.
       every: seconds between two checkpoints; 0 to write at every occasion.
     """
@@ -66,15 +64,3 @@ class Checkpoint:
         result.save(self.folder / _RESULT)
         now = time.monotonic()
         self._due = now + (max(self._every, _TIMES_WRITING * (now - began)) if self._every else 0)
-
-
-@contextmanager
-def open_checkpoint(folder: str | Path, identity: dict[str, Plain], every: float) -> Iterator[Checkpoint]:
-    """Opens the folder of a search, and makes it if it does not exist; see `Checkpoint` for the arguments.
-
-    Raises:
-      InputError: if another process uses it, or it cannot be written to.
-    """
-    folder = Path(folder)
-    with locked(folder, folder):
-        yield Checkpoint(folder, identity, every)

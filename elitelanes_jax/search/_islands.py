@@ -101,7 +101,11 @@ def evolve_islands(
             began, count = time.perf_counter(), min(every, last - done)
             states, (found, refused) = stretch(states, np.int32(done + 1), np.int32(done + count))
             done += count
-            rows.append(_row(_local(found), _local(refused), done, per_step, per_step * count, began))
+            best = np.asarray(_local(found.fitness)).min(keepdims=True)
+            filled = np.asarray(_local(found.valid)).sum(keepdims=True, dtype=np.int32)
+            rejected = np.asarray(_local(refused), np.int32).reshape(1)
+            speed = np.array([per_step * count / (time.perf_counter() - began)])
+            rows.append(History(np.array([done]), np.array([done * per_step]), best, filled, speed, rejected))
             bar.update(done, f"best {rows[-1].best_fitness[-1]:,}, {rows[-1].elite_count[-1]:,} elites")
     elites = as_measured(static, _local(found))
     history = History.joined([History.empty(dtype=elites.fitness.dtype), *rows])
@@ -146,16 +150,3 @@ def _compiled(
 def _local(tree: Pytree) -> Pytree:
     """Returns this process's copy of arrays that are equal on all devices."""
     return jax.tree.map(lambda array: jnp.asarray(np.asarray(array.addressable_data(0))), tree)
-
-
-def _row(found: Population, refused: Array, generation: int, per_step: int, evaluated: int, began: float) -> History:
-    best, count = np.asarray(found.fitness).min(keepdims=True), np.asarray(found.valid).sum(keepdims=True)
-    speed = evaluated / (time.perf_counter() - began)
-    return History(
-        np.array([generation]),
-        np.array([generation * per_step]),
-        best,
-        count.astype(np.int32),
-        np.array([speed]),
-        np.asarray(refused, np.int32).reshape(1),
-    )

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from elitelanes_jax.formats.road_map import RoadMap
-    from elitelanes_jax.network.weights import Weights
+    from elitelanes_jax.network.records import Weights
     from elitelanes_jax.problem.descriptor import Axis
     from elitelanes_jax.problem.fixed_cells import FixedCells
     from elitelanes_jax.problem.ranges import Range

@@ -12,11 +12,10 @@ from jaxtyping import Array, Int8, Int32, Key, UInt32
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Pytree
-from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
 from elitelanes_jax.network.metrics import unstack_metrics
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import METRIC_NAMES, Metrics, Weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
-from elitelanes_jax.optimizers.loop import advance, start
+from elitelanes_jax.optimizers.loop import advance, over_seeds, start
 from elitelanes_jax.optimizers.presets import make_optimizer, user_moves
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
@@ -107,21 +106,15 @@ class Static(NamedTuple):
 
 
 class Programs:
-    """The programs of a search, for arguments of given shapes; see `find_programs`.
-
-    Attributes:
-      evaluations_per_step: of the optimiser.
-      states: the shapes and dtypes of the states of all seeds.
-    """
+    """The programs of a search, for arguments of given shapes; see `find_programs`."""
 
     def __init__(self, static: Static, traced: Pytree, keys: Pytree, single: bool, devices: Sequence[jax.Device]):
-        """Finds the programs on disk, or traces the search. Only the shapes and dtypes of `traced` and `keys` count."""
+        """Finds the programs on disk. Only the shapes and dtypes of `traced` and `keys` count."""
         self._static, self._traced, self._keys, self._single = static, traced, keys, single
         self._rows, count = part_rows(len(keys), devices)
         self._devices = list(dict.fromkeys(devices[:count]))
         self._cells = 0  # evaluated in this process
         self._programs: dict[str, Callable[..., Pytree]] = {}
-        self._contents: dict[str, bytes] = {}  # of the file
         # The name of a file does not depend on what the user's functions compute.
         users = static.factory or static.kernels or static.fitness
         if not users and not user_moves(jax.tree.unflatten(static.config, traced.config)):
@@ -129,27 +122,43 @@ class Programs:
             self._file = find_file(static, jax.tree.structure(traced), shapes, single, self._rows, *self._devices)
         else:
             self._file = None
-        if self._file is not None and (kept := load(self._file)) is not None:
-            self.states = tuple(jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in kept.facts["states"])
-            self.evaluations_per_step = int(kept.facts["evaluations_per_step"])
-            self._contents = kept.programs
-        else:
-            self.states = tuple(jax.tree.leaves(self._tree))
-            found: list[int] = []
-            jax.eval_shape(lambda traced: found.append(int(static.optimizer(traced).evaluations_per_step)), traced)
-            self.evaluations_per_step = found[0]
+        self._kept = None if self._file is None else load(self._file)
+        self._contents = {} if self._kept is None else self._kept.programs
+
+    @property
+    def kept(self) -> bool:
+        """Whether a file has some of the programs; otherwise they are traced at their first use."""
+        return self._kept is not None
+
+    @cached_property
+    def states(self) -> tuple[jax.ShapeDtypeStruct, ...]:
+        """The shapes and dtypes of the states of all seeds."""
+        if self._kept is not None:
+            return tuple(jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in self._kept.facts["states"])
+        return tuple(jax.tree.leaves(self._tree))
+
+    @cached_property
+    def evaluations_per_step(self) -> int:
+        """The evaluations of a generation of one seed."""
+        if self._kept is not None:
+            return int(self._kept.facts["evaluations_per_step"])
+        found: list[int] = []
+        jax.eval_shape(
+            lambda traced: found.append(int(self._static.optimizer(traced).evaluations_per_step)), self._traced
+        )
+        return found[0]
 
     @property
     def memory(self) -> int:
         """The bytes of the states of all seeds."""
         return sum(leaf.size * leaf.dtype.itemsize for leaf in self.states)
 
-    def prepare(self, *, starts: bool, generations: int, runs: bool = True) -> None:
+    def prepare(self, *, starts: bool, generations: int, runs: bool = True, compiles: bool = True) -> None:
         """Loads the programs for a run of some generations, and compiles the missing ones, side by side.
 
         The programs that start and collect run once and are not optimised. The program that advances is optimised when
         the searches in this process have evaluated more than a few cells. The bits are the same. `runs` says whether
-        this run counts among them.
+        this run counts among them. Without `compiles`, the missing programs stay missing.
         """
         height, width = self._static.shape
         cells = self._cells + generations * self.evaluations_per_step * len(self._keys) * height * width
@@ -160,7 +169,8 @@ class Programs:
             self._cells = cells
         names = [name for name in names if name not in self._programs]
         self._load([name for name in names if name in self._contents])
-        if names := [name for name in names if name not in self._programs]:
+        names = [name for name in names if name not in self._programs]
+        if names and compiles:
             self._compile(names)
 
     def start(self, traced: Traced, keys: KeyData) -> States:
@@ -299,7 +309,7 @@ def _collect(
     static: Static, structure: Pytree, traced: Traced, states: States, single: bool
 ) -> tuple[MeasuredElites, States]:
     inner = jax.tree.unflatten(structure, states)
-    measured = as_measured(static, jax.vmap(static.optimizer(traced).elites)(inner))
+    measured = as_measured(static, over_seeds(static.optimizer(traced).elites, inner))
     return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)
 
 

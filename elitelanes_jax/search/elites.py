@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Real
 
 from elitelanes_jax._util.types import Pytree
-from elitelanes_jax.network.metric_names import Metrics
+from elitelanes_jax.network.records import Metrics
 from elitelanes_jax.problem.ranges import Range, satisfies
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Array, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten
+from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
@@ -23,8 +24,7 @@ from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.optimizers.presets import (
@@ -36,12 +36,11 @@ from elitelanes_jax.optimizers.presets import (
     with_moves,
 )
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds
-from elitelanes_jax.problem.digests import digest
 from elitelanes_jax.problem.fixed_cells import FixedCells
-from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, check_kernels
+from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, check_kernels, digest
 from elitelanes_jax.problem.problem import Problem
 from elitelanes_jax.problem.ranges import Range, range_limits
-from elitelanes_jax.search._checkpoint import Checkpoint, open_checkpoint
+from elitelanes_jax.search._checkpoint import Checkpoint
 from elitelanes_jax.search._devices import choose_devices, cut, join
 from elitelanes_jax.search._options import SearchOptions
 from elitelanes_jax.search._programs import MOST, Programs, States, Static, Traced, find_programs
@@ -120,20 +119,25 @@ def evolve(
     done, inner = (0, None) if state is None else _restore(state, search)
     if checkpoint is None:
         return _evolve(search, done, inner, None, progress)
-    with open_checkpoint(checkpoint, _identity(search, done), check_named("every", real(0), every)) as kept:
-        return _evolve(search, done, inner, kept, progress)
+    folder, every = Path(checkpoint), check_named("every", real(0), every)
+    with locked(folder, folder):
+        return _evolve(search, done, inner, Checkpoint(folder, _identity(search, done), every), progress)
 
 
-def compile_search(key: Key[Array, " S"], shape: tuple[int, int], spec: SearchSpec) -> None:
-    """Compiles what `evolve` with these arguments runs, so that it finds the programs; in another thread, for instance.
+def compile_search(key: Key[Array, " S"], shape: tuple[int, int], spec: SearchSpec, *, compiles: bool = True) -> None:
+    """Prepares what `evolve` with these arguments runs, so that it finds the programs; in another thread, for instance.
+
+    Without `compiles`, programs on disk are loaded, and nothing is traced or compiled.
 
     Raises:
       NotEnoughMemoryError: as `evolve`.
     """
     search = _check(key, shape, None, spec, None, None, Users(), {}, None)
     programs = search.programs
-    _check_memory(programs.memory, len(search.keys), shape)
-    programs.prepare(starts=True, generations=spec.steps(programs.evaluations_per_step), runs=False)
+    if compiles or programs.kept:
+        _check_memory(programs.memory, len(search.keys), shape)
+        steps = spec.steps(programs.evaluations_per_step)
+        programs.prepare(starts=True, generations=steps, runs=False, compiles=compiles)
 
 
 def _check(
@@ -157,7 +161,9 @@ def _check(
     static = static._replace(impl=impl)
     numbers, structure = jax.tree.flatten(traced)
     digests = _digests(static, structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in numbers))
-    fingerprint = _fingerprint(static, traced, keys, digests)
+    # The names of the user's functions do not count.
+    said = repr((static._replace(factory=None, kernels=(), fitness=None), digests, [leaf.tolist() for leaf in numbers]))
+    fingerprint = np.array(zlib.crc32(said.encode() + keys.tobytes()), np.uint32)
     programs = find_programs(static, traced, keys, single, chosen)
     return _Search(static, traced, keys, single, spec, config, digests, fingerprint, chosen, programs)
 
@@ -399,14 +405,6 @@ def _call_all(static: Static, traced: Traced, key: Array) -> Pytree:
     optimizer = static.optimizer(traced)
     state = optimizer.init(key)
     return optimizer.step(key, state), optimizer.elites(state), optimizer.evaluations_per_step
-
-
-def _fingerprint(
-    static: Static, traced: Traced, keys: UInt32[np.ndarray, "S B"], digests: Digests
-) -> UInt32[np.ndarray, ""]:
-    numbers = [leaf.tolist() for leaf in jax.tree.leaves(traced)]
-    said = repr((static._replace(factory=None, kernels=(), fitness=None), digests, numbers))
-    return np.array(zlib.crc32(said.encode() + keys.tobytes()), np.uint32)
 
 
 def _identity(search: _Search, first: int) -> dict[str, Plain]:

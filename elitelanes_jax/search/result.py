@@ -21,7 +21,7 @@ from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.types import AnyArray, Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
-from elitelanes_jax.network.metric_names import Metrics
+from elitelanes_jax.network.records import Metrics
 from elitelanes_jax.optimizers.presets import Config, config_from_plain, config_to_plain, find_preset
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, parse_axes

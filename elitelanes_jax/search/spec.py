@@ -13,9 +13,14 @@ from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.network.codes import check_alphabet
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN
-from elitelanes_jax.network.weights import Weights, check_weights, largest_side
+from elitelanes_jax.network.records import (
+    LONGEST_DETOUR,
+    LONGEST_TOWN,
+    METRIC_NAMES,
+    Weights,
+    check_weights,
+    largest_side,
+)
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
 from elitelanes_jax.problem.feasible import check_feasible
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, largest_addend

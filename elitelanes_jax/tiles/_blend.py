@@ -36,14 +36,8 @@ def solve_tones(
     0.01 · offset², summed over all tiles. The first cost keeps the contrast, the second one the colour of the whole
     map. Each channel is solved alone.
 
-    Args:
-      grid: codes ``[H, W]``.
-      picture: the index of each cell's picture.
-      images: the pictures.
-      labels: their labels, indices in `tiles.render.LABELS`.
-
-    Returns:
-      Gain and offset of each cell and channel; 1 and 0 if its road meets no other.
+    `picture` has the index of each cell's picture in `images` and `labels`. Returns gain and offset of each cell and
+    channel; 1 and 0 if its road meets no other.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import spsolve

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES, Side
-from elitelanes_jax.tiles.tile import Tile
+from elitelanes_jax.tiles.files import Tile
 
 _MOST = {"red": 0.25, "yellow": 0.15}  # of a tile's area
 _ON_ROAD = 0.95  # the least part of a line's area on the road
@@ -43,7 +43,7 @@ def misplaced_lines(tiles: Sequence[Tile]) -> list[tuple[str, str, str]]:
     return [(tile.name, *fault) for tile in tiles for fault in _faults(tile, separated)]
 
 
-def _faults(tile: "Tile", separated: bool) -> Iterator[tuple[str, str]]:
+def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:
     opened = [side for side in SIDES if tile.code & side.bit]
     yield from _road_faults(tile, opened)
     sound = {}
@@ -72,7 +72,7 @@ def _faults(tile: "Tile", separated: bool) -> Iterator[tuple[str, str]]:
                 yield "red", f"{fault} at the side {side.letter}"
 
 
-def _road_faults(tile: "Tile", opened: Sequence[Side]) -> Iterator[tuple[str, str]]:
+def _road_faults(tile: Tile, opened: Sequence[Side]) -> Iterator[tuple[str, str]]:
     _, pieces = cv2.connectedComponents(tile.road.astype(np.uint8))
     reached = []
     for side in opened:
@@ -88,7 +88,7 @@ def _road_faults(tile: "Tile", opened: Sequence[Side]) -> Iterator[tuple[str, st
         yield "road", "expected one road that joins all sides that the tile opens, got pieces"
 
 
-def _distinct(tile: "Tile", line: NDArray[np.bool_]) -> float:
+def _distinct(tile: Tile, line: NDArray[np.bool_]) -> float:
     """Returns the part of a line's area where the picture differs from the road."""
     bare = tile.image[tile.road & ~tile.red & ~tile.yellow]
     if not len(bare):

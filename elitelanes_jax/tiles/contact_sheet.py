@@ -19,15 +19,9 @@ _EM = 29  # pixels of a letter's square at scale 1, in outline fonts
 def contact_sheet(
     title: str, pictures: Sequence[NDArray[np.uint8]], captions: Sequence[Sequence[str]]
 ) -> NDArray[np.uint8]:
-    """Lays out pictures in rows, each with lines of text below it, the first darker than the others.
+    """Lays out RGB pictures of one size in rows, each with its lines of ASCII text below it, the first line darker.
 
-    Args:
-      title: ASCII text above all pictures.
-      pictures: uint8 ``[H, W, 3]``, RGB, all of one size.
-      captions: ASCII lines for each picture, the same number for all.
-
-    Returns:
-      uint8 ``[., ., 3]``, RGB.
+    All pictures have the same number of lines.
     """
     height, width = pictures[0].shape[:2]
     step = _GAP + max(width, *(_length(line, _CAPTION) for lines in captions for line in lines))

@@ -1,15 +1,18 @@
-"""Readers of a tile's files: pictures, masks and points. They collect problems, so that one call names all."""
+"""A tile, and readers of its files: pictures, masks and points. They collect problems, so that one call names all."""
 
 import json
 import math
+import tomllib
 import zlib
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import MIB, read_bytes, read_text
 from elitelanes_jax._util.types import Plain
 
@@ -23,16 +26,35 @@ _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by PNG's numbers for grey, RGB, pa
 _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 
 
+class Tile(NamedTuple):
+    """One elementary tile.
+
+    Attributes:
+      name: of its folder, ``<kind>_<n>``.
+      code: the sides it opens, as a tile code.
+      image: uint8 ``[S, S, 3]``, RGB.
+      road: bool ``[S, S]``, the drivable surface.
+      red: bool ``[S, S]``, the stop lines.
+      yellow: bool ``[S, S]``, the lane separators.
+      layers: bool ``[S, S]``, further masks, by name.
+      points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name.
+    """
+
+    name: str
+    code: int
+    image: NDArray[np.uint8]
+    road: NDArray[np.bool_]
+    red: NDArray[np.bool_]
+    yellow: NDArray[np.bool_]
+    layers: Mapping[str, NDArray[np.bool_]] = {}
+    points: Mapping[str, NDArray[np.float64]] = {}
+
+
 def read_picture(file: Path, problems: list[str], *, opacity: bool = False) -> NDArray[np.uint8] | None:
-    """Reads a PNG picture of 8 bits per channel.
+    """Reads a PNG picture of 8 bits per channel; `problems` gets a line if the file exists but is not such a picture.
 
-    Args:
-      file: the path.
-      problems: gets a line if the file exists but is not such a picture.
-      opacity: whether the fourth channel of a picture with transparency is kept.
-
-    Returns:
-      uint8 ``[H, W, 3]`` or ``[H, W, 4]``, channels in RGB order, or ``[H, W]`` if it is grey; None if there is none.
+    Returns uint8 ``[H, W, 3]`` in RGB order, ``[H, W]`` if it is grey, or None if there is no file. With `opacity`, a
+    picture with transparency keeps its fourth channel.
     """
     if not file.is_file():
         return None
@@ -73,7 +95,7 @@ def read_mask(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) 
         mask = mask[..., 0]
     if image is not None and mask.shape != image.shape[:2]:
         problems.append(f"{file}: expected {size_of(image)} pixels like image.png, got {size_of(mask)}")
-    values = np.unique(mask)
+    values = np.flatnonzero(np.bincount(mask.ravel()))
     if len(values) > 2 or (len(values) == 2 and values[0] != 0):
         listed = ", ".join(map(str, values[:5])) + (", ..." if len(values) > 5 else "")
         problems.append(f"{file}: expected a mask of two values, 0 and one other, got {len(values)}: {listed}")
@@ -83,20 +105,13 @@ def read_mask(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) 
 def read_points(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> dict[str, NDArray[np.float64]]:
     """Reads the points of a picture, by name: ``{"name": [[x, y], ...], ...}``.
 
-    x goes to the right and y down, in pixels, from the top left corner of the picture at (0, 0).
-
-    Returns:
-      float64 ``[N, 2]`` by name. Names with anything else are skipped, with a line in `problems`.
+    x goes to the right and y down, in pixels, from the top left corner of the picture at (0, 0). Returns float64
+    ``[N, 2]`` by name. Names with anything else are skipped, with a line in `problems`.
     """
-    if not file.is_file():
-        return {}
     try:
-        values = json.loads(read_text(file, _MOST_POINTS))
+        values = read_table(file, json.loads, _MOST_POINTS) if file.is_file() else {}
     except InputError as error:
         problems.append(str(error))
-        return {}
-    except (OSError, ValueError, RecursionError) as error:
-        problems.append(f"{file}: expected a readable JSON file, got: {error}")
         return {}
     if not isinstance(values, dict):
         problems.append(f'{file}: expected points by name, {{"name": [[x, y], ...]}}, got {json.dumps(values)[:60]}')
@@ -116,6 +131,18 @@ def read_points(file: Path, image: NDArray[np.uint8] | None, problems: list[str]
             continue
         points[name] = np.array(listed, np.float64).reshape(-1, 2)
     return points
+
+
+def read_table(file: Path, parse: Callable[[str], Plain], limit: int) -> Plain:
+    """Reads a file of JSON or TOML; raises `InputError` that names the file."""
+    try:
+        return parse(read_text(file, limit))
+    except InputError:
+        raise
+    except (OSError, ValueError, RecursionError) as error:  # of the text, of numbers with too many digits, of nesting
+        kind = "TOML" if parse is tomllib.loads else "JSON"
+        got = reason(error) if isinstance(error, OSError) else error
+        raise InputError(f"{file}: expected a readable {kind} file, got: {got}") from None
 
 
 def size_of(picture: np.ndarray) -> str:

@@ -126,10 +126,8 @@ def mask_folder(
       InputError: if there are no tiles, or for a bad file; the message names it.
     """
     folder, problems, proposals = Path(folder), list[str](), []
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder of tile pictures, got {'a file' if folder.exists() else 'none'}")
     folders = tile_folders(folder, problems)
-    if not folders:
+    if not folders and not problems:
         problems.append(f"{folder}: expected folders such as turn_1 with an image.png, got none")
     for tile_folder in folders:
         image = read_picture(tile_folder / "image.png", problems)
@@ -160,18 +158,14 @@ def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint
         painted = proposal.image.copy()
         for name, colour in _SHEET_COLOURS.items():
             painted[proposal.masks[name]] = colour
-        small = [_shrink(picture) for picture in (proposal.image, painted)]
-        pictures.append(np.hstack(small))
+        pair, size = np.hstack([proposal.image, painted]), (2 * _SHEET_PX, _SHEET_PX)
+        pictures.append(np.asarray(cv2.resize(pair, size, interpolation=cv2.INTER_AREA), np.uint8))
         shares = ", ".join(f"{name} {100 * mask.mean():.1f} %" for name, mask in proposal.masks.items())
         road = proposal.masks["road"]
         reached = ", ".join(side.letter for side in SIDES if edge_pixels(road, side).any()) or "no side"
         proposed = ", ".join(proposal.proposed) or "nothing"
         captions.append((f"{proposal.folder.name}: {shares}", f"road reaches {reached}; proposed: {proposed}"))
     return contact_sheet(title, pictures, captions)
-
-
-def _shrink(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.asarray(cv2.resize(picture, (_SHEET_PX, _SHEET_PX), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _in_range(hsv: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:

@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, is_real, path
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import KIB, read_text
+from elitelanes_jax._util.files import KIB
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, base_kind, check_kind, nearest_view
 from elitelanes_jax.formats.tag_pictures import draw_tag
-from elitelanes_jax.tiles.files import read_picture
+from elitelanes_jax.tiles.files import read_picture, read_table
 from elitelanes_jax.tiles.pasting import Placed, paste
 
 _KEYS, _TAG = ("kind", "height", "footprint"), "tag"
@@ -221,11 +221,7 @@ def _load_pictures(folder: Path) -> ObjectPictures:
 
 
 def _about(file: Path) -> tuple[str, float, tuple[float, float], tuple[float, float] | None]:
-    try:
-        about = tomllib.loads(read_text(file, _MOST_TOML))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        got = "none" if isinstance(error, FileNotFoundError) else str(error)
-        raise InputError(f"{file}: expected a readable TOML file with {', '.join(_KEYS)}, got {got}") from None
+    about = read_table(file, tomllib.loads, _MOST_TOML)
     for wrong in sorted({*about} - {_TAG} ^ {*_KEYS}):
         got = shorten(repr(wrong)) if wrong in about else f"no {wrong}"
         raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {got}")

@@ -5,7 +5,7 @@ no interpolation. Colours are averaged over four samples a pixel.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -18,12 +18,9 @@ _FINER = 2  # samples a pixel in each direction
 
 
 class Placed(NamedTuple):
-    """A picture and where it is.
+    """A picture, in RGB and opacity, and the matrix that maps its (column, row) to (x, y) in the other picture.
 
-    Attributes:
-      pixels: uint8 ``[rows, columns, 4]``, RGB and opacity.
-      matrix: float64 ``[3, 3]``, maps its (column, row) to (x, y) in the other picture. The third coordinate is
-        positive in front of the camera.
+    The third coordinate is positive in front of the camera.
     """
 
     pixels: UInt8[NDArray, "rows columns 4"]
@@ -31,31 +28,20 @@ class Placed(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is seen of a pasted picture.
+    """What is seen of a pasted picture. Boxes are x, y, width and height in pixels."""
 
-    Attributes:
-      box: x, y, width and height of what is seen, in whole pixels; of width 0 where nothing is.
-      whole: x, y, width and height of all of it, as if nothing hid it and the picture had no edges.
-      visible: the share of its pixels that is seen, 0 to 1.
-    """
-
-    box: tuple[int, int, int, int]
-    whole: tuple[float, float, float, float]
-    visible: float
+    box: tuple[int, int, int, int]  # of what is seen; of width 0 if nothing is
+    whole: tuple[float, float, float, float]  # of all of it, as if nothing hid it and the other picture had no edges
+    visible: float  # the share of its pixels that is seen
 
 
 def paste(
     image: UInt8[NDArray, "h w 3"], placed: Sequence[Placed], near: float = 0.0
 ) -> tuple[NDArray[np.uint16], list[Seen]]:
-    """Pastes pictures, each over those before.
+    """Pastes pictures from back to front into an image, which is changed.
 
-    Args:
-      image: is changed.
-      placed: from back to front.
-      near: the least third coordinate of points that are drawn.
-
-    Returns:
-      uint16 ``[h, w]``: 1 + the index of the picture that is seen at each pixel, or 0; and what is seen of each.
+    `near` is the least third coordinate of points that are drawn. Returns uint16 ``[h, w]``, 1 + the index of the
+    picture that is seen at each pixel, or 0; and what is seen of each.
     """
     size = image.shape[0], image.shape[1]
     owners = np.zeros(size, np.uint16)
@@ -65,9 +51,9 @@ def paste(
         mask = _cover(one, window, near)
         covered.append(int(mask.sum()))
         if covered[-1]:
-            owners[window.slices][mask] = index + 1
-            _blend(image[window.slices], one, window, near)
-    masks = [owners[window.slices] == index + 1 for index, window in enumerate(windows)]
+            owners[window][mask] = index + 1
+            _blend(image[window], one, window, near)
+    masks = [owners[window] == index + 1 for index, window in enumerate(windows)]
     return owners, [_seen(*one, size, near) for one in zip(placed, windows, masks, covered, strict=True)]
 
 
@@ -86,28 +72,20 @@ def project(points: Shaped[NDArray, "N 2"], matrix: Float[NDArray, "3 3"]) -> Fl
     return np.column_stack([across[:, :2] / np.where(across[:, 2:] == 0, 1, across[:, 2:]), across[:, 2]])
 
 
-class _Window(NamedTuple):
-    top: int
-    bottom: int
-    left: int
-    right: int
-
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        return slice(self.top, self.bottom), slice(self.left, self.right)
+_Window: TypeAlias = tuple[slice, slice]  # rows and columns
 
 
 def _window(one: Placed, size: tuple[int, int], near: float) -> _Window:
     """Returns the rows and columns that a picture can touch."""
     corners = project(_corners(one), one.matrix)
     if (corners[:, 2] <= near).all():
-        return _Window(0, 0, 0, 0)
+        return np.s_[0:0, 0:0]
     if (corners[:, 2] <= near).any():  # it reaches behind the camera
-        return _Window(0, size[0], 0, size[1])
+        return np.s_[0 : size[0], 0 : size[1]]
     low, high = np.floor(corners[:, :2].min(axis=0)), np.ceil(corners[:, :2].max(axis=0))
     left, top = (int(part) for part in np.clip(low, 0, size[::-1]))
     right, bottom = (int(part) for part in np.clip(high, 0, size[::-1]))
-    return _Window(top, max(top, bottom), left, max(left, right))
+    return np.s_[top : max(top, bottom), left : max(left, right)]
 
 
 def _corners(one: Placed) -> Float[NDArray, "4 2"]:
@@ -119,7 +97,7 @@ def _cover(one: Placed, window: _Window, near: float) -> Bool[NDArray, "h w"]:
     """Returns the pixels of a window whose centres lie on opaque pixels of a picture."""
     rows, columns = one.pixels.shape[:2]
     back = np.linalg.inv(one.matrix)
-    y, x = np.arange(window.top, window.bottom) + 0.5, np.arange(window.left, window.right) + 0.5
+    y, x = (np.arange(part.start, part.stop) + 0.5 for part in window)
     u, v, inverse_depth = (part[0] * x + part[1] * y[:, None] + part[2] for part in back)
     ahead = (inverse_depth > 0) & (inverse_depth * near < 1)
     depth = 1 / np.where(ahead, inverse_depth, 1)
@@ -131,9 +109,9 @@ def _cover(one: Placed, window: _Window, near: float) -> Bool[NDArray, "h w"]:
 
 def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: float) -> None:
     """Blends the colours of a picture into the pixels of a window."""
-    top, bottom, left, right = window
+    height, width = part.shape[:2]
     rows, columns = one.pixels.shape[:2]
-    shift = np.array([[_FINER, 0, -_FINER * left], [0, _FINER, -_FINER * top], [0, 0, 1.0]])
+    shift = np.array([[_FINER, 0, -_FINER * window[1].start], [0, _FINER, -_FINER * window[0].start], [0, 0, 1.0]])
     matrix = shift @ one.matrix
     opacity = one.pixels[..., 3:] / np.float32(255)
     paint = np.dstack([one.pixels[..., :3] * opacity, opacity * 255]).astype(np.float32)
@@ -145,13 +123,13 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
             paint = cv2.resize(paint, small, interpolation=cv2.INTER_AREA).astype(np.float32)
             matrix = matrix @ np.diag([columns / small[0], rows / small[1], 1])
     half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])  # OpenCV's positions are those of pixels' centres
-    size = ((right - left) * _FINER, (bottom - top) * _FINER)
+    size = width * _FINER, height * _FINER
     fine = cv2.warpPerspective(paint, np.linalg.inv(half) @ matrix @ half, size, flags=cv2.INTER_LINEAR)
     if (corners[:, 2] <= near).any():
         back = np.linalg.inv(matrix)[2]
         inverse = back[0] * (np.arange(size[0]) + 0.5) + back[1] * (np.arange(size[1]) + 0.5)[:, None] + back[2]
         fine[(inverse <= 0) | (inverse * near >= 1)] = 0
-    seen = cv2.resize(fine, (right - left, bottom - top), interpolation=cv2.INTER_AREA)
+    seen = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
     part[:] = np.clip(np.rint(part * (1 - seen[..., 3:] / 255) + seen[..., :3]), 0, 255).astype(np.uint8)
 
 
@@ -161,7 +139,7 @@ def _seen(
     """Describes what is seen of a picture by the mask of its window, and by the pixels that it would have alone."""
     if not mask.any():
         return Seen((0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0), 0.0)
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero(mask.any(axis=1 - axis)) + window[axis].start for axis in (0, 1))
     points = project(outline(one.pixels), one.matrix)
     points = points[points[:, 2] > near]
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
@@ -170,25 +148,16 @@ def _seen(
         depth = project(np.column_stack([u + 0.5, v + 0.5]), one.matrix)[:, 2]
         area = (abs(np.linalg.det(one.matrix)) / depth[depth > near] ** 3).sum()
         covered = max(covered, round(float(area)))
-    left, top = int(columns[0]), int(rows[0])
-    box = window.left + left, window.top + top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1
+    box = int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
     return Seen(box, (*low.tolist(), *(high - low).tolist()), int(mask.sum()) / covered)
 
 
 def paste_objects(
     layers: Mapping[str, NDArray[np.uint8]], placed: Sequence[Placed], order: Sequence[int], near: float = 0.0
 ) -> tuple[NDArray[np.uint16], list[Seen]]:
-    """Pastes objects into the layers of a picture: into "image", and 0 into the masks and labels.
+    """Pastes objects into the layers of a picture, which are changed: into "image", and 0 into the masks and labels.
 
-    Args:
-      layers: uint8 ``[h, w, 3]`` and ``[h, w]``, by name; are changed.
-      placed: from back to front.
-      order: the objects' indices on the map.
-      near: as in `paste`.
-
-    Returns:
-      uint16 ``[h, w]``: 1 + the index on the map of the object that is seen at each pixel, or 0; and what is seen of
-      each.
+    `order` has the objects' indices on the map. Returns what `paste` does, but with these indices.
     """
     owners, seen = paste(layers["image"], placed, near)
     for name, layer in layers.items():

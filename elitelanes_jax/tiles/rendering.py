@@ -114,7 +114,7 @@ def render(
       seed: of the choice among the pictures of each code (see `choose_tiles`). By default a map is drawn with the same
         pictures as before, if the set has them; other maps have seed 0.
       chosen: the choice, instead of the seed's.
-      blend: whether to blend the tiles: equal light, feathered seams (see `tiles.blend`); by default as the set says.
+      blend: whether to blend the tiles: equal light, feathered seams; by default as the set says.
       objects: the pictures of the map's objects, a set or its folder; by default the package's own.
 
     Raises:
@@ -126,11 +126,10 @@ def render(
         tiles = _own_tiles() if tiles is None else load_tiles(check_named("tiles", path, tiles))
     if isinstance(grid, str | Path):
         grid = read_map(grid)
-    drawn = getattr(grid, "drawn", None)
     if chosen is not None:
         chosen = _check_choice(grid, tiles, chosen)
-    elif drawn and seed is None and drawn.tile_set == tiles.name:
-        chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
+    elif seed is None:
+        chosen = recall_choice(grid, tiles)
     if chosen is None:
         chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
     picture = chosen[..., 0] * 4 + chosen[..., 1]
@@ -146,7 +145,7 @@ def render(
     return Picture(
         **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
         layers=layers,
-        points={name: _lay_points(name, tiles, picture, tile_px) for name in tiles.points},
+        points={name: _lay_points(name, tiles, chosen, tile_px) for name in tiles.points},
         instances=instances,
     )
 
@@ -163,15 +162,16 @@ def check_tile_px(tile_px: UserValue) -> int:
     return int(tile_px)
 
 
-def recall_choice(
-    grid: ArrayLike, names: UserValue, quarter_turns: AnyArray, tiles: TileSet
-) -> NDArray[np.int_] | None:
-    """Returns the choice of tiles that a map was drawn with, as `choose_tiles` makes it.
+def recall_choice(grid: AnyArray, tiles: TileSet) -> NDArray[np.int_] | None:
+    """Returns the choice of tiles that a `RoadMap` was drawn with, as `choose_tiles` makes it.
 
-    Returns None if the set lacks a tile, or a tile does not show its cell's code. The names and the counter-clockwise
-    quarter turns are tables ``[H][W]``.
+    Returns None if it was drawn with another set or not at all, the set lacks a tile, or a tile does not show its
+    cell's code.
     """
-    grid, listed, turns = np.asarray(check_grid(grid)), np.array(names), np.array(quarter_turns)
+    drawn = getattr(grid, "drawn", None)
+    if drawn is None or drawn.tile_set != tiles.name:
+        return None
+    grid, listed, turns = np.asarray(check_grid(grid)), np.array(drawn.tiles), np.array(drawn.quarter_turns)
     indices = {tile.name: index for index, tile in enumerate(tiles.pictures)}
     if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(indices):
         return None
@@ -308,22 +308,15 @@ def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bo
     return cover >= np.sort(cover, axis=None)[-area] - 1e-4
 
 
-@lru_cache(maxsize=64)
-def _rotated_points(name: str, tiles: TileSet, size: int) -> list[NDArray[np.float64]]:
-    rotated = []
-    for tile in tiles.pictures:
-        own = tile.image.shape[0]
-        points = tile.points.get(name, np.zeros((0, 2)))
-        for _ in range(4):
-            rotated.append(points * size / own)
+def _lay_points(name: str, tiles: TileSet, chosen: NDArray[np.int_], size: int) -> NDArray[np.float64]:
+    laid = []
+    for row, column in np.ndindex(chosen.shape[:2]):
+        index, turns = chosen[row, column]
+        own, points = len(tiles.pictures[index].image), tiles.pictures[index].points.get(name, np.zeros((0, 2)))
+        for _ in range(turns):
             points = np.stack([points[:, 1], own - points[:, 0]], axis=1)  # a quarter turn counter-clockwise
-    return rotated
-
-
-def _lay_points(name: str, tiles: TileSet, picture: NDArray[np.int_], size: int) -> NDArray[np.float64]:
-    rotated = _rotated_points(name, tiles, size)
-    cells = np.ndindex(picture.shape)
-    return np.concatenate([rotated[picture[row, column]] + (column * size, row * size) for row, column in cells])
+        laid.append(points * size / own + (column * size, row * size))
+    return np.concatenate(laid)
 
 
 def _lay_out(tiles: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import EAST, SIDES, WEST, Side
 from elitelanes_jax.tiles.contact_sheet import write_text
-from elitelanes_jax.tiles.tile import Tile
+from elitelanes_jax.tiles.files import Tile
 from elitelanes_jax.tiles.tileset import TileSet, edge_pixels
 
 _DEPTH = 1 / 32  # of the strip along a side whose colour is compared, as a part of the tile

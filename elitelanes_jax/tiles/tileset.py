@@ -11,7 +11,7 @@ Tiles without a mask or points that other tiles have are empty in it.
 An optional ``tileset.toml`` has a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
 single tile opens, as letters: ``turn = "SW"``. By default a turn opens S and W, a straight N and S, a crossing3
 N, S and W, a crossing4 all four, an end S. New maps have no dead ends: an end is for maps drawn by hand or repaired.
-Without ``blend = false`` the tiles are treated as photographs, whose light differs (see `tiles.blend`).
+Without ``blend = false`` the tiles are blended as photographs, whose light differs.
 
 Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop lines on
 the wrong side.
@@ -31,19 +31,23 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import KIB, read_text
+from elitelanes_jax._util.files import KIB
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles._lines import misplaced_lines
-from elitelanes_jax.tiles.files import read_mask, read_picture, read_points, size_of
-from elitelanes_jax.tiles.tile import Tile
+from elitelanes_jax.tiles.files import Tile, read_mask, read_picture, read_points, read_table, size_of
 
 MASKS = ("road", "red", "yellow")
 """The masks of a tile, by the names of their files."""
 
 _OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW", "end": "S"}
 _FILES = ("image", *MASKS)
-_KEYS = ("name", "licence", "blend", "opens")
+_KEYS: dict[str, tuple[type, str]] = {  # in tileset.toml: what each is
+    "name": (str, "name to be text"),
+    "licence": (str, "licence to be text"),
+    "blend": (bool, "blend to be true or false"),
+    "opens": (dict, "a table [opens]"),
+}
 _MOST_TOML = 64 * KIB  # tomllib's time for a dotted key grows with the square of its length
 _TOUCHES = 0.1  # the least part of a side in road if a road crosses it
 _OUTPUT = ("labels", "overlay", "instances")  # names of pictures that are written next to the masks of a map
@@ -51,12 +55,7 @@ _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
 
 class RotatedTile(NamedTuple):
-    """A rotated tile of a set.
-
-    Attributes:
-      tile: its index in the set.
-      quarter_turns: counter-clockwise, 0 to 3.
-    """
+    """A rotated tile of a set: its index in the set, and its quarter turns counter-clockwise."""
 
     tile: int
     quarter_turns: int
@@ -70,7 +69,7 @@ class TileSet:
       name: of the set.
       licence: of its pictures, as stated by its makers; empty if none is.
       tiles: sorted by kind and number.
-      blend: whether the tiles are blended on a map (see `tiles.blend`), as photographs need it.
+      blend: whether the tiles are blended on a map, as photographs need it: equal light, feathered seams.
     """
 
     name: str
@@ -141,21 +140,15 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
 
     With `lines`, misplaced lines are problems too, see `misplaced_lines`.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
-        return None, [f"{folder}: expected a folder of tile pictures, got {'a file' if folder.exists() else 'none'}"]
-    problems: list[str] = []
-    about = _about(folder, problems)
-    tiles = []
-    folders = tile_folders(folder, problems)
-    strangers = set(about.get("opens", {})) - set(_OPENS) - {tile_folder.name for tile_folder in folders}
+    folder, problems = Path(folder), list[str]()
+    about = _about(folder / "tileset.toml", problems)
+    folders, opens = tile_folders(folder, problems), about.get("opens", {})
+    strangers = set(opens) - set(_OPENS) - {tile_folder.name for tile_folder in folders}
     problems += [
         f"{folder / 'tileset.toml'}: [opens]: expected a tile of the set, got {_shown(name)}" for name in strangers
     ]
-    for tile_folder in folders:
-        tile = _load_tile(tile_folder, about.get("opens", {}), problems)
-        if tile is not None:
-            tiles.append(tile)
+    read = [_load_tile(tile_folder, opens, problems) for tile_folder in folders]
+    tiles = [tile for tile in read if tile is not None]
     if lines:
         problems += [f"{folder / tile / mask}.png: {fault}" for tile, mask, fault in misplaced_lines(tiles)]
     absent = _absent_kinds(tiles)
@@ -175,6 +168,10 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
 
 def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
     """Returns the folders of a set's tiles by kind and number. Folders with other names are added to the problems."""
+    if not folder.is_dir():
+        got = "a file" if folder.exists() else "none"
+        problems.append(f"{folder}: expected a folder of tile pictures, got {got}")
+        return []
     found = []
     for entry in folder.iterdir():
         match = re.fullmatch(r"([a-z]+\d?)_(\d+)", entry.name)
@@ -223,29 +220,19 @@ def _absent_kinds(tiles: Iterable[Tile]) -> list[str]:
     return [kind for kind in _OPENS if not drawn & set(KINDS[kind])]
 
 
-def _about(folder: Path, problems: list[str]) -> dict[str, Plain]:
-    """Reads tileset.toml and checks its table `opens`."""
-    file = folder / "tileset.toml"
-    if not file.exists():
-        return {}
+def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
+    """Reads tileset.toml and checks it; returns what is right."""
     try:
-        about = tomllib.loads(read_text(file, _MOST_TOML))
+        about = read_table(file, tomllib.loads, _MOST_TOML) if file.exists() else {}
     except InputError as error:
         problems.append(str(error))
         return {}
-    except (OSError, ValueError, RecursionError) as error:  # of TOML, of numbers with too many digits, of nesting
-        problems.append(f"{file}: expected a readable TOML file, got: {error}")
-        return {}
-    unknown = [key for key in about if key not in _KEYS]
-    problems += [f"{file}: expected the keys {', '.join(_KEYS)}, got {_shown(key)}" for key in unknown]
-    words = [key for key in ("name", "licence") if not isinstance(about.get(key, ""), str)]
-    problems += [f"{file}: expected {key} to be text, got {_shown(about[key])}" for key in words]
-    if not isinstance(about.get("blend", True), bool):
-        problems.append(f"{file}: expected blend to be true or false, got {_shown(about['blend'])}")
-    opens = about.get("opens", {})
-    if not isinstance(opens, dict):
-        problems.append(f"{file}: expected a table [opens], got {_shown(opens)}")
-        return {}
+    for key, value in list(about.items()):
+        kind, expected = _KEYS.get(key, (type(None), f"the keys {', '.join(_KEYS)}"))
+        if not isinstance(value, kind):
+            problems.append(f"{file}: expected {expected}, got {_shown(value if key in _KEYS else key)}")
+            del about[key]
+    opens = about.setdefault("opens", {})
     for name, sides in opens.items():
         kind = name.rpartition("_")[0] or name
         if kind not in _OPENS:
@@ -256,7 +243,8 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Plain]:
             how = {"turn": " that meet", "straight": " that face each other"}.get(kind, "")
             expected = f"{shorten(name)} to open {count}{how}, as letters of NESW"
             problems.append(f"{file}: expected {expected}, got {_shown(sides)}")
-    return about | {"opens": {name: sides for name, sides in opens.items() if isinstance(sides, str)}}
+    about["opens"] = {name: sides for name, sides in opens.items() if isinstance(sides, str)}
+    return about
 
 
 def _shown(value: Plain) -> str:

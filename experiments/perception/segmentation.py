@@ -36,9 +36,10 @@ from experiments.perception.training_sets import (
     training_set,
 )
 
-__all__ = ["main"]
+__all__ = ["PHOTOGRAPHS", "main"]
 
-_PHOTOGRAPHS = Path(__file__).parents[3] / "shared" / "real_tiles"
+PHOTOGRAPHS = Path(__file__).parents[3] / "shared" / "real_tiles"
+"""The folder of the photographs, where it is there."""
 
 
 class Budget(NamedTuple):
@@ -83,7 +84,7 @@ def _run(options: argparse.Namespace) -> None:
         if name not in CONDITIONS:
             raise InputError(f"conditions: expected some of {', '.join(CONDITIONS)}, got {name!r}")
     conditions = [name for name in CONDITIONS if name in options.conditions]
-    photographs = options.photographs or (_PHOTOGRAPHS if _PHOTOGRAPHS.is_dir() else None)
+    photographs = options.photographs or (PHOTOGRAPHS if PHOTOGRAPHS.is_dir() else None)
     photographed = load_tiles(photographs) if photographs else None
     budget = _QUICK if options.quick else _FULL
     budget = budget._replace(steps=options.steps or budget.steps)

@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
@@ -28,6 +29,7 @@ __all__ = [
     "draw_maps",
     "make_maps",
     "patterns",
+    "shift_lines",
     "split_tiles",
     "training_set",
 ]
@@ -36,6 +38,7 @@ SOURCES = ("map-elites", "ea", "wfc")
 """The sources of maps."""
 
 SIDE, TILE_PX = 8, 32
+_WHITE_LINE = 0.12  # tiles from a tile's side to the middle of its white line
 
 
 class Condition(NamedTuple):
@@ -118,6 +121,24 @@ def split_tiles(seed: int) -> tuple[TileSet, TileSet]:
     """Splits the drawn tiles into those for training and those held out: one of every kind that has several."""
     seen, _, held_out = tiles_by_split(load_tiles(), _spec(seed))
     return seen, held_out
+
+
+def shift_lines(tiles: TileSet, shift: float) -> TileSet:
+    """Shifts the white lines outwards by a share of a tile, inwards if negative, as ``dataset --camera lines=`` does.
+
+    The wider the roads, the thinner are the stop lines.
+    """
+    shifted = []
+    for tile in tiles.tiles:
+        places = (np.arange(len(tile.road), dtype=np.float32) + 0.5) / len(tile.road)
+        places += shift * np.sin(2 * np.pi * places) / np.sin(2 * np.pi * _WHITE_LINE)
+        x, y = np.meshgrid(*(2 * [(places * len(tile.road) - 0.5).astype(np.float32)]))
+        image = cv2.remap(tile.image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        masks = [np.asarray(mask, np.uint8) for mask in (tile.road, tile.red, tile.yellow)]
+        moved = [cv2.remap(mask, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0 for mask in masks]
+        road, red, yellow = moved
+        shifted.append(tile._replace(image=np.asarray(image, np.uint8), road=road, red=red, yellow=yellow))
+    return replace(tiles, tiles=tuple(shifted))
 
 
 def training_set(condition: Condition, grids: NDArray[np.int8], seed: int) -> Pictures:

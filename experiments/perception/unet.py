@@ -133,16 +133,35 @@ def random_crop(
     return ways[0][turns], ways[1][turns]
 
 
-def predict(weights: Pytree, images: NDArray[np.uint8], classes: int, *, batch: int = 8) -> NDArray[np.uint8]:
-    """Returns labels uint8 ``[N, H, W]`` of pictures uint8 ``[N, H, W, 3]``, whose sides are multiples of 8."""
-    parts = [_labels(weights, images[start : start + batch], classes) for start in range(0, len(images), batch)]
+def predict(
+    weights: Pytree,
+    images: NDArray[np.uint8],
+    classes: int,
+    *,
+    batch: int = 8,
+    shares: ArrayLike | None = None,
+    unweighted: float | None = None,
+) -> NDArray[np.uint8]:
+    """Returns labels uint8 ``[N, H, W]`` of pictures uint8 ``[N, H, W, 3]``, whose sides are multiples of 8.
+
+    `train` weighs rare classes more, so that lines come out too thick. With `unweighted`, 0 to 1, this share of the
+    weights is taken back, for classes with these `shares` of the pixels in training. Then the probabilities are also
+    the means of those in the four quarter turns of a picture, which must be square.
+    """
+    prior = None if unweighted is None else jnp.asarray(shares) ** (unweighted / 2)
+    parts = [_labels(weights, images[start : start + batch], classes, prior) for start in range(0, len(images), batch)]
     return np.concatenate([np.asarray(part, np.uint8) for part in parts])
 
 
 @partial(jax.jit, static_argnames="classes")
-def _labels(weights: Pytree, images: UInt8[Array, "B H W 3"], classes: int) -> Int[Array, "B H W"]:
-    logits: Pytree = UNet(classes).apply(weights, images)
-    return logits.argmax(axis=-1)
+def _labels(
+    weights: Pytree, images: UInt8[Array, "B H W 3"], classes: int, prior: Float[Array, " classes"] | None
+) -> Int[Array, "B H W"]:
+    def scores(turns: int) -> Float[Array, "B H W classes"]:
+        logits: Pytree = UNet(classes).apply(weights, jnp.rot90(images, turns, (1, 2)))
+        return jnp.rot90(logits if prior is None else jax.nn.softmax(logits), -turns, (1, 2))
+
+    return scores(0).argmax(axis=-1) if prior is None else (sum(map(scores, range(4))) * prior).argmax(axis=-1)
 
 
 def confusion(true: NDArray[np.uint8], found: NDArray[np.uint8], classes: int) -> NDArray[np.int_]:

@@ -131,14 +131,6 @@ def _preset(problem: Problem, *, method: str, preset: str) -> Optimizer:
     return make_optimizer(problem, PRESETS[method, preset])
 
 
-def _mirrored(problem: Problem) -> Optimizer:
-    """Makes the tuned MAP-Elites without refitted strips and windows, with mirrored moves and little filling."""
-    config = PRESETS["map-elites", "tuned"]
-    assert isinstance(config, AnnealedMapElitesConfig)
-    annealing = replace(config.annealing, moves=replace(config.annealing.moves, fill_probability=0.05, refit=0))
-    return make_optimizer(problem, replace(config, annealing=annealing, diagonal=True, strips=False))
-
-
 def _drawn(problem: Problem, *, hottest: int, penalty: int, restart: float, filling: float, refit: int) -> Optimizer:
     """Makes the tuned MAP-Elites without refitted strips, with settings that `--tune` draws."""
     config = PRESETS["map-elites", "tuned"]
@@ -362,7 +354,6 @@ ROWS = {
         preset: Row(f"MAP-Elites, `{preset}`", _in_jax(partial(_preset, method="map-elites", preset=preset)))
         for preset in ("paper", "standard", "tuned")
     },
-    "tuned-mirrored": Row("the same, no refitted strips and windows, little filling", _in_jax(_mirrored)),
     "drawn": Row(
         "the same, no refitted strips, with the effort of the other libraries",
         _in_jax(_drawn),

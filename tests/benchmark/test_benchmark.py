@@ -31,7 +31,7 @@ TASK = find_task("5x5A-100000")
 def perfect(task=TASK, runs=10):
     """Runs that found the witnesses at once."""
     budgets = BUDGETS.index(task.evaluations) + 1
-    parts = (task.witnesses, task.optimum, task.cyclomatic)
+    parts = task.witnesses, task.optimum, task.cyclomatic
     return Submission(task, *(np.broadcast_to(part, (runs, budgets, *part.shape)).copy() for part in parts))
 
 
@@ -74,9 +74,9 @@ def test_what_does_not_count_is_vacant():
     unfilled = find_task("5x5B-10000").witnesses
     open_cell = next(grid for grid in unfilled if (grid == 0).any())
     ring = np.array([[6, 5, 3, 6, 3], [10, 0, 10, 10, 10], [12, 5, 9, 12, 9], [0] * 5, [0] * 5])  # turns side by side
-    for place, grid in (((1, 0, 0), open_cell), ((2, 0, 0), ring)):
-        submission.grids[place] = grid
-        submission.fitness[place], submission.cyclomatic[place] = measured(grid)
+    for slot, grid in (((1, 0, 0), open_cell), ((2, 0, 0), ring)):
+        submission.grids[slot] = grid
+        submission.fitness[slot], submission.cyclomatic[slot] = measured(grid)
     best, scores = score_submission(submission)
     assert np.isinf(best[:3, 0, 0]).all() and np.isfinite(best[:3, 0, 1]).all()
     np.testing.assert_array_equal(scores.coverage[:, 0], [0.5] * 3 + [1] * 7)
@@ -115,18 +115,8 @@ def test_intervals_cover_the_mean_and_leave_out_what_is_no_number():
     assert np.isnan(confidence_interval(np.array([np.nan]))).all()
 
 
-def test_files_keep_archives(tmp_path):
-    write_submission(tmp_path / "a.npz", perfect())
-    read = read_submission(tmp_path / "a.npz")
-    assert read.task.name == TASK.name
-    for name in ("grids", "fitness", "cyclomatic"):
-        np.testing.assert_array_equal(getattr(read, name), getattr(perfect(), name))
-
-
 def arrays(**changed):
-    submission = perfect()
-    given = {"version": VERSION, "task": TASK.name, **submission._asdict(), **changed}
-    given["task"] = given["task"] if isinstance(given["task"], str) else TASK.name
+    given = {"version": VERSION} | perfect()._asdict() | {"task": TASK.name} | changed
     return {name: value for name, value in given.items() if value is not None}
 
 
@@ -150,10 +140,7 @@ def lie(name):
         ({"grids": perfect().grids.astype(float)}, "expected whole numbers in grids, got float64"),
         ({"grids": perfect().grids + 8}, "expected tile codes 0 to 15 in grids"),
         ({"fitness": perfect().fitness[..., :1]}, "expected fitness [10, 2, 2], got [10, 2, 1]"),
-        (
-            {"fitness": lie("fitness")},
-            "fitness: expected the grids' own values, got -54 for a grid that has -56, at run 3",
-        ),
+        ({"fitness": lie("fitness")}, "fitness: expected the grids' own values, got -54 for a grid that has -56, at"),
         ({"cyclomatic": lie("cyclomatic")}, "cyclomatic: expected the grids' own values, got 5 for a grid that has 3"),
     ],
 )
@@ -178,16 +165,13 @@ def test_other_files_are_refused_in_one_line(content, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (TASK._replace(optimum=TASK.optimum + 2), "expected none better than the certified -54, got -56"),
-        (
-            TASK._replace(cyclomatic=TASK.cyclomatic + 1),
-            "expected none in niches that are certified to be empty, got one at 3",
-        ),
+        ({"optimum": TASK.optimum + 2}, "expected none better than the certified -54, got -56"),
+        ({"cyclomatic": TASK.cyclomatic + 1}, "expected none in niches that are certified to be empty, got one at 3"),
     ],
 )
 def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
     with pytest.raises(InputError, match=words):
-        score_submission(perfect()._replace(task=wrong))
+        score_submission(perfect()._replace(task=TASK._replace(**wrong)))
 
 
 @pytest.mark.slow  # it compiles a search for itself
@@ -241,17 +225,17 @@ def test_runs_keep_their_archive_at_every_budget():
     submission = run(TASK, search, seeds=[3])
     grids = np.concatenate([grids for grids, _ in seen])
     measured = [np.concatenate(parts) for parts in zip(*(measured for _, measured in seen), strict=True)]
-    for place, budget in enumerate((10_000, 100_000)):
+    for index, budget in enumerate((10_000, 100_000)):
         fitness, cyclomatic, counts = (values[:budget] for values in measured)
         for niche in range(25):
             here = np.flatnonzero(counts & (cyclomatic == niche))
-            kept = submission.grids[0, place, niche]
+            kept = submission.grids[0, index, niche]
             if not len(here):
                 assert not kept.any()
                 continue
             first = here[fitness[here].argmin()]
             np.testing.assert_array_equal(kept, grids[first])
-            assert submission.fitness[0, place, niche] == fitness[first]
+            assert submission.fitness[0, index, niche] == fitness[first]
     assert len(grids) - len(seen[-1][0]) < 100_000  # and no batch more
     best, _ = score_submission(submission)
     assert best.shape == (1, 2, len(TASK.optimum)) and (best[0, 1] <= best[0, 0]).all()
@@ -293,8 +277,10 @@ def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
     np.testing.assert_array_equal(one.grids, other.grids)
     assert len({grids.tobytes() for grids in one.grids}) > 1
     write_submission(tmp_path / "mine.npz", one)
-    (_, scores), (_, again) = score_submission(one), score_submission(read_submission(tmp_path / "mine.npz"))
-    np.testing.assert_array_equal(scores.reliability, again.reliability)
+    read = read_submission(tmp_path / "mine.npz")
+    assert read.task.name == task.name
+    for kept, array in zip(read[1:], one[1:], strict=True):
+        np.testing.assert_array_equal(kept, array)
 
 
 def test_a_search_may_end_early_and_faults_are_named():

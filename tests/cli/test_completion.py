@@ -7,7 +7,7 @@ from contextlib import redirect_stdout
 import pytest
 
 from elitelanes_jax.cli.main import main, make_parser
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import Weights
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES
 from elitelanes_jax.search.spec import METHODS
 

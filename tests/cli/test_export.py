@@ -14,7 +14,7 @@ from elitelanes_jax import RoadMap, measure, read_map
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import Streets, draw_text, sumo, table_to_csv
 from elitelanes_jax.formats import map_to_json as map_json
-from elitelanes_jax.formats.sumo import Network, plain_xml
+from elitelanes_jax.formats.sumo import plain_xml
 from elitelanes_jax.formats.table import measure_maps, table_to_json
 
 GRID = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 13, 9], [8, 0, 0, 0]], np.int8)
@@ -93,7 +93,7 @@ def test_plain_xml_is_three_files_for_each_map(maps, tmp_path):
 
 def test_warnings_of_netconvert_are_told_but_for_most(maps, tmp_path, monkeypatch, capsys):
     warnings = ("Warning: " + "a" * 999, "Warning: b")
-    monkeypatch.setattr(sumo, "network", lambda *_: Network("text", warnings))
+    monkeypatch.setattr(sumo, "network", lambda *_: ("text", warnings))
     out = tmp_path / "out"
     assert main(["export", *maps, "--to", "sumo", "--out", str(out)]) == 0
     assert (out / "0000.net.xml").read_text() == "text"
@@ -104,14 +104,6 @@ def test_warnings_of_netconvert_are_told_but_for_most(maps, tmp_path, monkeypatc
         and told[3] == "elitelanes: 3 of 4 warnings shown"
     )
     assert max(map(len, told)) == len("elitelanes: ") + 200
-
-
-def test_a_file_that_is_too_large_is_named(maps, tmp_path, small_files_only, capsys):
-    out = tmp_path / "out"
-    small_files_only(99)
-    assert main(["export", *maps, "--to", "graphml", "--out", str(out)]) == 2
-    assert capsys.readouterr().err == f"elitelanes: {out / '0000.graphml'}: File too large\n"
-    assert not out.exists()
 
 
 def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):

@@ -1,8 +1,8 @@
 """--force replaces a folder of an earlier run, and no folder with anything else in it."""
 
 import json
-import os
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -72,25 +72,6 @@ def test_a_folder_with_anything_else_is_never_replaced(command, add, found, fold
     assert files(folder) == before
 
 
-def test_what_is_to_be_replaced_stays_where_the_new_run_fails(folder, monkeypatch):
-    before = files(folder)
-    assert main([*SMALL, "--maps", "999", "--force", "--out", str(folder)]) == 1
-    assert files(folder) == before
-    usual, moved = Path.rename, []
-
-    def rename(self, target):
-        moved.append(self)
-        if len(moved) == 8:  # the files are complete, four old entries are moved out, and a new one is in
-            raise OSError(28, os.strerror(28), str(target))
-        return usual(self, target)
-
-    monkeypatch.setattr(Path, "rename", rename)
-    assert main([*SMALL, "--maps", "2", "--force", "--out", str(folder)]) == 2
-    assert len(moved) > 8
-    assert files(folder) == before
-    assert [entry.name for entry in folder.parent.iterdir()] == ["out"]
-
-
 def test_pictures_are_replaced_too(folder, tmp_path, capsys):
     command = ["render", str(folder / "maps" / "0000" / "map.json"), "--out", str(tmp_path / "pictures")]
     assert main([*command, "--tile-px", "16", "--overlay"]) == 0
@@ -105,6 +86,21 @@ def test_pictures_are_replaced_too(folder, tmp_path, capsys):
     (tmp_path / "pictures" / "labels.png").unlink()
     assert main([*command, "--force"]) == 2
     assert capsys.readouterr().err.endswith("earlier run alone, got one with no labels.png\n")
+
+
+@pytest.mark.parametrize(
+    "options",
+    ["--from {}", "--like {}", "--fix {}", "--furnish {}", "--furnish 'signs {}'", "--style s.toml --from {}"],
+)
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_folder_with_a_map_that_a_search_reads_is_not_replaced(options, linked, folder, capsys):
+    before, link = files(folder), folder.parent / "link"
+    link.symlink_to(folder)
+    source = (link if linked else folder) / "maps" / "0001" / "map.json"
+    line = [*SMALL, *shlex.split(options.format(source)), "--out", str(folder), "--force"]
+    assert main(line) == 2
+    assert capsys.readouterr().err.endswith(f"to replace that contains no input, got one with {source}\n")
+    assert files(folder) == before
 
 
 @pytest.mark.parametrize("through", ["folder", "file", "out"])

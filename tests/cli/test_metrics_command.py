@@ -6,8 +6,8 @@ import pytest
 from oracle import measure as oracle
 
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats.text import draw_text
-from elitelanes_jax.network.metric_names import largest_metrics
+from elitelanes_jax.formats.sketch import draw_text
+from elitelanes_jax.network.records import largest_metrics
 from elitelanes_jax.problem.extremes import describe_features, extreme_maps, feature_bounds, feature_range, features_of
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES
 

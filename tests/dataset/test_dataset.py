@@ -3,25 +3,22 @@
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
-import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import killed_runs
 import numpy as np
 import pytest
-from ended_runs import MAPS, SPEC
 from folders import files, read_picture
 from given_maps import random_maps, small
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, load_tiles, make_dataset, measure, mirror, render, rotate
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import STANDARD, tiles_by_split
-from elitelanes_jax.dataset._formats import FORMATS, write_sample
+from elitelanes_jax.dataset._layouts import LAYOUTS, write_sample
 from elitelanes_jax.dataset._plan import given_maps, split_maps
 from elitelanes_jax.dataset._views import View, warp
 from elitelanes_jax.maps.spec import SPLITS
@@ -56,14 +53,6 @@ def given(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """The files of the dataset that processes are ended at."""
-    out = tmp_path_factory.mktemp("whole") / "out"
-    make_dataset(SPEC, out, maps=MAPS, workers=1)
-    return files(out)
-
-
 def _installed(package):
     try:
         __import__(package)
@@ -96,6 +85,10 @@ def test_an_evolved_dataset_has_these_files(evolved):
         names.remove(f"{split}/metadata.jsonl")
         assert pixels[split].tolist() == about["class_pixels"][split]
     assert names == {"README.md", "contact-sheet.png", "dataset.json"}
+    assert read_picture(evolved / "contact-sheet.png").shape[1] > 800
+    card = (evolved / "README.md").read_text()
+    assert card.startswith("---\n") and "license: apache-2.0" in card and "| 12 | 4 | 4 |" in card
+    assert "20 pictures of 20 road networks, 3 x 4 to 4 x 4 tiles" in card and "lane separator" in card
     assert len(forms) == 20
     assert sorted(sizes) == [(3, 4)] * 10 + [(4, 4)] * 10
 
@@ -121,19 +114,6 @@ def test_a_complete_dataset_stays_and_other_settings_are_refused(evolved, capsys
     assert main(["dataset", *EVOLVED, "--seed", "1", "--out", str(evolved)]) == 2
     assert "expected results with seed 1, got results with 0; use another folder, or --force" in capsys.readouterr().err
     assert files(evolved) == before
-
-
-def test_the_card_describes_the_dataset(evolved):
-    card = (evolved / "README.md").read_text()
-    assert card.startswith("---\n")
-    for words in (
-        "license: apache-2.0",
-        "20 pictures of 20 road networks, 3 x 4 to 4 x 4 tiles",
-        "| 12 | 4 | 4 |",
-        "lane separator",
-    ):
-        assert words in card
-    assert read_picture(evolved / "contact-sheet.png").shape[1] > 800
 
 
 @pytest.mark.parametrize("name", NAMES[:3])
@@ -225,7 +205,7 @@ def test_hugging_face_datasets_loads_one_split_and_layers_of_any_name(tmp_path, 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_two_layers_have_one_file(name):
-    layout = FORMATS[name]
+    layout = LAYOUTS[name]
     layers = ["image", "labels", *layout.layers, "images", "img", "ann", "points", "annotations", "layers"]
     assert len({layout.file(split, 3, layer) for layer in layers for split in range(3)}) == 3 * len(layers)
 
@@ -259,17 +239,12 @@ def test_pycocotools_loads_it(given):
 
 
 def test_mmsegmentation_finds_pairs(given):
-    """Finds an annotation of the same name for every image, as its BaseSegDataset does."""
-    out = given / "mmseg"
+    """Finds an annotation of the same name and size for every image, as its BaseSegDataset does."""
     for split, count in (("train", 6), ("val", 3), ("test", 3)):
-        images = sorted(file.name for file in (out / "img_dir" / split).iterdir())
-        assert len(images) == count
-        assert images == sorted(file.name for file in (out / "ann_dir" / split).iterdir())
-        for name in images:
-            annotation = read_picture(out / "ann_dir" / split / name)
-            assert annotation.dtype == np.uint8
-            assert annotation.ndim == 2
-            assert annotation.shape == read_picture(out / "img_dir" / split / name).shape[:2]
+        images, labels = (sorted((given / "mmseg" / kind / split).iterdir()) for kind in ("img_dir", "ann_dir"))
+        assert len(images) == count and [one.name for one in images] == [one.name for one in labels]
+        for image, annotation in zip(map(read_picture, images), map(read_picture, labels), strict=True):
+            assert annotation.dtype == np.uint8 and annotation.shape == image.shape[:2]
 
 
 def test_the_tile_sets_own_layers_and_points_get_the_same_view(tmp_path):
@@ -383,18 +358,6 @@ def test_fewer_maps_than_asked_for_end_the_command(tmp_path, capsys):
     assert f"{found} different ones of 44 maps of 3 x 4 tiles; larger sizes, more evaluations or fewer maps" in message
 
 
-def test_a_full_disk_stops_it_and_it_continues(tmp_path, small_files_only, whole):
-    out = tmp_path / "out"
-    small_files_only(15000)
-    with pytest.raises(OSError, match=f"File too large: '{tmp_path}/") as error:
-        make_dataset(SPEC, out, maps=MAPS, workers=2)
-    assert error.value.filename.endswith(("given.jsonl", ".png"))
-    assert not list(out.rglob("*.part"))
-    small_files_only(-1)
-    make_dataset(SPEC, out, maps=MAPS)
-    assert files(out) == whole
-
-
 def test_a_dataset_that_lost_pictures_is_not_called_complete(evolved, tmp_path, capsys):
     out = tmp_path / "out"
     shutil.copytree(evolved, out)
@@ -419,100 +382,15 @@ def test_a_full_disk_is_one_line_of_the_command(tmp_path, small_files_only, evol
     assert files(out) == files(evolved)
 
 
-@pytest.fixture
-def interrupts():
-    """Interruptions raise `KeyboardInterrupt`, as by default; they may have been ignored, as nohup does."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
-@pytest.mark.parametrize("number", range(4))
-def test_an_interruption_while_it_draws_ends_it_and_it_continues(tmp_path, monkeypatch, interrupts, given, number):
-    """Interrupts the main thread when one of the workers has drawn so many pictures."""
-    usual, drawn = FORMATS["imagefolder"], []
-
-    def interrupt(labels):
-        drawn.append(labels)
-        if len(drawn) == number + 1:
-            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
-        if len(drawn) > number:
-            time.sleep(0.2)  # on a busy machine the main thread may wait for its turn
-        return usual.note(labels)
-
-    monkeypatch.setitem(FORMATS, "imagefolder", usual._replace(note=interrupt))
-    threads = set(threading.enumerate())
-    with pytest.raises(KeyboardInterrupt):
-        make_dataset(small(), tmp_path / "out", maps=random_maps(), workers=3)
-    assert set(threading.enumerate()) <= threads
-    records = len(list((tmp_path / ".out-unfinished/kept/records").rglob("*.json")))
-    monkeypatch.undo()
-    make_dataset(small(), tmp_path / "out", maps=random_maps())
-    assert records < 12
-    assert files(tmp_path / "out") == files(given / "imagefolder")
-
-
-ANNOUNCED = "making a dataset of 40 maps of 5 x 5 tiles, 1 view each\n"
-
-
-def end_runs(out, runs, seed, *names):
-    """Ends runs by signals at random moments; returns the records of `ended_runs`."""
-    command = [sys.executable, str(Path(__file__).parent / "ended_runs.py"), str(out), str(runs), str(seed), *names]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    records = [json.loads(line) for line in done.stdout.splitlines()]
-    assert len(records) == runs
-    for record in records:
-        if record["signal"] == "SIGINT":
-            assert record["code"] == 130
-            assert record["said"].removeprefix(ANNOUNCED) == "ended: interrupted; it continues\n"
-            assert record["seconds"] < 10
-        else:
-            assert record["code"] == -signal.SIGKILL
-            assert record["said"] in ("", ANNOUNCED)
-    return records
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
-def test_ended_at_any_moment_it_continues_to_the_same_files(tmp_path, whole):
-    out = tmp_path / "out"
-    records = end_runs(out, 6, 0, "SIGINT", "SIGKILL")
-    assert {record["signal"] for record in records} == {"SIGINT", "SIGKILL"}
-    make_dataset(SPEC, out, maps=MAPS, workers=3)
-    assert files(out) == whole
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
-def test_a_hundred_runs_ended_at_any_moment_continue_to_the_same_files(tmp_path, whole, name):
-    for seed in range(20):
-        out = tmp_path / f"out-{seed}"
-        end_runs(out, 5, seed, name)
-        make_dataset(SPEC, out, maps=MAPS, workers=3)
-        assert files(out) == whole
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
-def test_twenty_runs_killed_while_maps_evolve_continue_to_the_same_files(tmp_path, evolved):
-    out = tmp_path / "out"
-    command = [Path(sys.executable).with_name("elitelanes"), "dataset", *EVOLVED, "--out", out]
-    rng = np.random.default_rng(0)
-    for _ in range(4):
-        ended = 0
-        while ended < 5:
-            with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
-                try:
-                    run.wait(rng.uniform(1.5, 5))
-                    shutil.rmtree(out)  # it was done before it could be killed
-                except subprocess.TimeoutExpired:
-                    run.send_signal(rng.choice([signal.SIGKILL, signal.SIGTERM]))
-                    ended += 1
-            assert run.returncode in (0, 130, -signal.SIGTERM, -signal.SIGKILL)
-        assert main(["dataset", *EVOLVED, "--out", str(out)]) == 0
-        assert files(out) == files(evolved)
-        shutil.rmtree(out)
+@pytest.mark.parametrize("what", ["dataset", pytest.param("evolved", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [6, pytest.param(99, marks=pytest.mark.slow)])
+def test_ended_at_any_moment_it_continues_to_the_same_files(kills, what, tmp_path):
+    program = [sys.executable, killed_runs.__file__, tmp_path / "out", str(kills), "0", what, "SIGINT", "SIGKILL"]
+    ran = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    *digests, last = map(json.loads, ran.stdout.splitlines())
+    assert last == {"kills": kills} and len(digests) > 1 and len({one["digest"] for one in digests}) == 1
 
 
 def test_it_works_where_the_system_counts_processors_otherwise(tmp_path, monkeypatch, given):
@@ -546,7 +424,7 @@ make_dataset(small(), out / "out", maps=random_maps())
 
 def test_it_works_without_fcntl(tmp_path, given):
     """Runs as on Windows, which lacks the module `fcntl`: one run at a time has a folder there too."""
-    command = [sys.executable, "-c", WITHOUT_FCNTL, str(Path(__file__).parent), str(tmp_path)]
+    command = [sys.executable, "-c", WITHOUT_FCNTL, str(Path(__file__).parents[1]), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout == f"{tmp_path / 'other'}: expected no other run at work in it, got one\n"
     assert files(tmp_path / "out") == files(given / "imagefolder")

@@ -10,7 +10,7 @@ from given_maps import random_maps, small
 
 from elitelanes_jax import DatasetSpec, InputError, make_dataset
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.dataset._formats import FORMATS
+from elitelanes_jax.dataset._layouts import LAYOUTS
 
 OTHERS = random_maps(seed=1)
 
@@ -27,10 +27,10 @@ def folder(written, tmp_path):
     return Path(shutil.copytree(written, tmp_path / "out"))
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", LAYOUTS)
 def test_another_dataset_takes_the_place_of_one_of_any_format(name, folder, tmp_path):
-    if FORMATS[name].needs and not importlib.util.find_spec(FORMATS[name].needs):
-        pytest.skip(f"{FORMATS[name].needs} is not installed")
+    if LAYOUTS[name].needs and not importlib.util.find_spec(LAYOUTS[name].needs):
+        pytest.skip(f"{LAYOUTS[name].needs} is not installed")
     with pytest.raises(InputError, match=r"expected results with .*, got .*; use another folder, or force=True"):
         make_dataset(small(format=name, seed=1), folder, maps=OTHERS)
     make_dataset(small(format=name, seed=1), folder, maps=OTHERS, force=True)
@@ -58,19 +58,6 @@ def test_the_one_before_stays_until_the_new_one_is_complete(folder, tmp_path, mo
 
 def interrupt(*_):
     raise KeyboardInterrupt
-
-
-def test_unfinished_work_is_deleted_if_that_is_asked_for(tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    with monkeypatch.context() as patch:
-        patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            make_dataset(small(seed=1), out, maps=OTHERS)
-    with pytest.raises(InputError, match=r"expected results with seed 0, got results with 1; delete .*out-unfinished"):
-        make_dataset(small(), out, maps=random_maps())
-    make_dataset(small(), out, maps=random_maps(), force=True)
-    make_dataset(small(), tmp_path / "expected", maps=random_maps())
-    assert files(out) == files(tmp_path / "expected")
 
 
 @pytest.mark.parametrize(

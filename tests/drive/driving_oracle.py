@@ -1,13 +1,25 @@
 """Lanes and ways as their definitions read, slow and obvious: polylines in NumPy, shortest paths by NetworkX."""
 
+import jax
 import networkx as nx
 import numpy as np
 from oracle import OPPOSITE, STEPS
 from scipy.spatial import KDTree
 
+from elitelanes_jax import random_grids, repair
+
 BITS = (8, 4, 2, 1)
 DIRECTIONS = np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # x east and y south, by heading
 POINTS = 10_000
+
+
+def drawn_maps(seed, count, shape, **how):
+    drawn = random_grids(jax.random.key(seed), count, shape)
+    return np.asarray(jax.jit(jax.vmap(lambda grid: repair(grid, **how)))(drawn))
+
+
+def pick(tree, index):
+    return jax.tree.map(lambda part: part[index], tree)
 
 
 def turned(heading, turn):

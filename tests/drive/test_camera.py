@@ -4,10 +4,11 @@ import cv2
 import jax
 import numpy as np
 import pytest
+from driving_oracle import drawn_maps
 
-from elitelanes_jax import InputError, random_grids, render, repair
+from elitelanes_jax import InputError, render
 from elitelanes_jax.drive import Camera, Pose, look, make_atlas, movements
-from elitelanes_jax.drive._camera import rays
+from elitelanes_jax.drive._camera import ground_points
 from elitelanes_jax.drive.lanes import Movement, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.tiles import choose_tiles, scale_tiles
@@ -18,7 +19,7 @@ frame = jax.jit(look)
 
 @pytest.fixture(scope="module")
 def scene(drawn_tiles):
-    grid = np.asarray(repair(random_grids(jax.random.key(0), 1, (5, 6))[0], fill=True))
+    grid = drawn_maps(0, 1, (5, 6), fill=True)[0]
     chosen = choose_tiles(grid, drawn_tiles, 1)
     scaled = scale_tiles(drawn_tiles, TILE_PX)
     picture = render(grid, drawn_tiles, tile_px=TILE_PX, chosen=chosen)
@@ -40,12 +41,10 @@ def homography(pose, camera):
     focal = camera.rows / 2 / np.tan(np.deg2rad(camera.field_of_view) / 2)
     intrinsic = np.array([[focal, 0, camera.columns / 2 - 0.5], [0, focal, camera.rows / 2 - 0.5], [0, 0, 1]])
     pitch, theta = np.deg2rad(camera.pitch), float(pose.theta)
-    east_north_up = {
-        "ahead": np.array([np.cos(theta) * np.cos(pitch), np.sin(theta) * np.cos(pitch), -np.sin(pitch)]),
-        "right": np.array([np.sin(theta), -np.cos(theta), 0]),
-    }
-    down = np.cross(east_north_up["ahead"], east_north_up["right"])
-    rotation = np.stack([east_north_up["right"], down, east_north_up["ahead"]])
+    # Of x east, y north and z up.
+    ahead = np.array([np.cos(theta) * np.cos(pitch), np.sin(theta) * np.cos(pitch), -np.sin(pitch)])
+    right = np.array([np.sin(theta), -np.cos(theta), 0])
+    rotation = np.stack([right, np.cross(ahead, right), ahead])
     centre = np.array([np.cos(theta) * camera.forward, np.sin(theta) * camera.forward, camera.height])
     centre[:2] += np.array([float(pose.x), -float(pose.y)]) * TILE
     onto = intrinsic @ np.column_stack([rotation[:, 0], rotation[:, 1], -rotation @ centre])
@@ -80,32 +79,21 @@ def test_labels_and_colours_are_those_of_opencvs_warp(scene):
     assert seen > 30
 
 
-def test_rays_meet_the_ground_where_points_project_from():
-    camera = Camera(rows=48, columns=64)
-    ahead, left = np.asarray(rays(camera)) * TILE
-    focal = 24 / np.tan(np.deg2rad(37.5))
-    pitch = np.deg2rad(19.15)
+@pytest.mark.parametrize(("distortion", "close"), [(None, 2e-3), ((-0.2, 0.05), 0.02)])
+def test_rays_meet_the_ground_where_points_project_from(distortion, close):
+    ahead, left = np.float64(ground_points(Camera(rows=48, columns=64, distortion=distortion))) * TILE
+    focal, pitch = 24 / np.tan(np.deg2rad(37.5)), np.deg2rad(19.15)
     seen = np.isfinite(ahead)
-    assert (seen == (np.arange(48)[:, None] > 24 - focal * np.tan(pitch) - 0.5)).all()
+    assert distortion or (seen == (np.arange(48)[:, None] > 24 - focal * np.tan(pitch) - 0.5)).all()
+    seen &= (distortion is None) | (ahead < 2)  # further away a ray hardly falls
     rows, columns = (index[seen] + 0.5 for index in np.mgrid[:48, :64])
-    right, down, depth = to_camera(ahead[seen], left[seen]).T
-    np.testing.assert_allclose(24 + focal * down / depth, rows, atol=2e-3)
-    np.testing.assert_allclose(32 + focal * right / depth, columns, atol=2e-3)
-
-    ahead, left = np.asarray(rays(Camera(rows=48, columns=64, distortion=(-0.2, 0.05)))) * TILE
-    seen = np.isfinite(ahead) & (ahead < 2)  # further away a ray hardly falls
-    rows, columns = (index[seen] + 0.5 for index in np.mgrid[:48, :64])
+    forward = ahead[seen] - 0.066
+    down, depth = 0.108 * np.cos(pitch) - forward * np.sin(pitch), forward * np.cos(pitch) + 0.108 * np.sin(pitch)
     intrinsic = np.array([[focal, 0, 32], [0, focal, 24], [0, 0, 1.0]])
-    bend = np.array([-0.2, 0.05, 0, 0])
-    projected, _ = cv2.projectPoints(to_camera(ahead[seen], left[seen]), np.zeros(3), np.zeros(3), intrinsic, bend)
-    np.testing.assert_allclose(projected[:, 0], np.stack([columns, rows], axis=1), atol=0.02)
-
-
-def to_camera(ahead, left):
-    """Points on the ground, in metres, as a camera has them that looks down by its pitch: right, down, depth."""
-    pitch, forward = np.deg2rad(19.15), ahead.astype(float) - 0.066
-    down = 0.108 * np.cos(pitch) - forward * np.sin(pitch)
-    return np.stack([-left.astype(float), down, forward * np.cos(pitch) + 0.108 * np.sin(pitch)], axis=-1)
+    bend = np.array([*(distortion or (0, 0)), 0, 0])
+    points = np.stack([-left[seen], down, depth], axis=-1)
+    projected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), intrinsic, bend)
+    np.testing.assert_allclose(projected[:, 0], np.stack([columns, rows], axis=1), atol=close)
 
 
 def test_light_and_noise_change_colours_alone(scene):
@@ -128,7 +116,6 @@ def test_light_and_noise_change_colours_alone(scene):
 
 
 def test_faults_are_named():
-    with pytest.raises(
-        InputError, match=r"atlas: expected \[T, P, P, 3\] and \[T, P, P\], got \(4, 8, 8\) and \(4, 8, 8\)"
-    ):
+    message = r"atlas: expected \[T, P, P, 3\] and \[T, P, P\], got \(4, 8, 8\) and \(4, 8, 8\)"
+    with pytest.raises(InputError, match=message):
         make_atlas(np.zeros((4, 8, 8)), np.zeros((4, 8, 8)))

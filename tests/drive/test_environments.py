@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 from conftest import compilations
+from driving_oracle import drawn_maps, pick
 
-from elitelanes_jax import random_grids, repair
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, auto_reset, make_levels
 from elitelanes_jax.drive.robot import Robot
 
@@ -21,15 +21,9 @@ every_environment = pytest.mark.parametrize("name", list(ENVIRONMENTS))
 
 
 @cache
-def maps(seed=1):
-    drawn = random_grids(jax.random.key(seed), COUNT, SHAPE)
-    return np.asarray(jax.jit(jax.vmap(lambda grid: repair(grid)))(drawn))
-
-
-@cache
 def made(name, seed=1):
     environment, settings, few = ENVIRONMENTS[name]
-    return environment, settings(make_levels(jax.random.key(seed), maps(seed)), **few)
+    return environment, settings(make_levels(jax.random.key(seed), drawn_maps(seed, COUNT, SHAPE)), **few)
 
 
 @cache
@@ -66,28 +60,17 @@ def close(one, other):
             np.testing.assert_array_equal(left, right)
 
 
-def pick(tree, number):
-    return jax.tree.map(lambda part: part[number], tree)
-
-
 @pytest.mark.slow
 @every_environment
-def test_alone_is_as_in_a_batch(name):
+def test_alone_compiled_or_not_is_as_in_a_batch(name):
     environment, params = made(name)
-    alone = jax.jit(auto_reset(environment).step)
+    step = auto_reset(environment).step
+    compiled = jax.jit(step)
     for keys, state, action, done in ride(name, steps=2):
         for number in range(0, COUNT, 5):
-            one = jax.device_get(alone(keys[number], pick(state, number), action[number], params))
-            close(one, pick(done, number))
-
-
-@pytest.mark.slow
-@every_environment
-def test_compiled_or_not_it_is_the_same(name):
-    environment, params = made(name)
-    for keys, state, action, done in ride(name, steps=2):
-        alone = jax.device_put((pick(state, 0), action[0]))
-        close(auto_reset(environment).step(keys[0], *alone, params), pick(done, 0))
+            alone = keys[number], *jax.device_put((pick(state, number), action[number])), params
+            close(compiled(*alone), pick(done, number))
+        close(step(*alone), pick(done, number))
 
 
 @every_environment
@@ -115,9 +98,8 @@ def test_other_levels_and_numbers_compile_nothing_and_a_state_goes_in_as_it_came
         second = list(ride(name, 2, steps=3))
     assert not compiled
     for _, state, _, done in second:
-        assert jax.tree.map(lambda part: (part.shape, part.dtype), state) == jax.tree.map(
-            lambda part: (part.shape, part.dtype), done.state
-        )
+        one, other = (jax.tree.map(lambda part: (part.shape, part.dtype), tree) for tree in (state, done.state))
+        assert one == other
     assert any((one.grid != two.grid).any() for one, (_, two, *_) in zip(first, second, strict=True))
 
 
@@ -127,12 +109,11 @@ def test_no_action_makes_what_is_no_number(name):
     start, step = programs(name)
     keys = jax.random.split(jax.random.key(3), COUNT)
     _, state = start(keys, params)
-    worst = [np.iinfo(np.int32).min, -1, 3, np.iinfo(np.int32).max]
+    worst = np.int32([-(2**31), -1, 3, 2**31 - 1])
     if not environment.actions:
-        worst = [np.nan, np.inf, -np.inf, 3e38]
+        worst = np.float32([np.nan, np.inf, -np.inf, 3e38])
     for number in range(12):
         action = np.resize(np.roll(worst, number), draw_actions(environment, np.random.default_rng(0)).shape)
-        done = step(keys, state, action.astype(np.float32 if not environment.actions else np.int32), params)
-        for part in jax.tree.leaves(done):
-            assert np.isfinite(part).all()
+        done = step(keys, state, action, params)
+        assert all(np.isfinite(part).all() for part in jax.tree.leaves(done))
         state = done.state

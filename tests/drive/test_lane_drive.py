@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from driving_oracle import drawn_maps
 
-from elitelanes_jax import random_grids, repair
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, Pose, lane_pose, make_levels, pure_pursuit
 from elitelanes_jax.drive.robot import TILE, Robot, drive, still, to_wheels
 from elitelanes_jax.formats import without_dead_ends
@@ -17,9 +17,7 @@ SHAPE, COUNT = (4, 5), 16
 
 @pytest.fixture(scope="module")
 def params():
-    drawn = random_grids(jax.random.key(1), COUNT, SHAPE)
-    maps = jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))(drawn)
-    return LaneDriveParams(make_levels(jax.random.key(2), maps), limit=3000)
+    return LaneDriveParams(make_levels(jax.random.key(2), drawn_maps(1, COUNT, SHAPE, fill=True)), limit=3000)
 
 
 def test_the_robot_drives_the_arc_of_its_wheels():
@@ -75,16 +73,12 @@ def ride(params, key, steps):
 
 def check_rides(params, rides):
     """Every ride reaches its goal by a shortest way and stays in its lane."""
-    done = np.asarray(rides.terminated)
-    assert done.any(axis=0).all()
-    last = done.argmax(axis=0)
-    driving = np.arange(len(done))[:, None] <= last
-    info = jax.device_get(rides.info)
-    assert info.success[last, np.arange(done.shape[1])].all()
+    done, info = rides.terminated, rides.info
+    last = done.argmax(axis=0), np.arange(done.shape[1])
+    driving = np.arange(len(done))[:, None] <= last[0]
+    assert done.any(axis=0).all() and info.success[last].all()
     assert (info.own_lane | ~driving).all() and not (info.off_road & driving).any()
-    assert (info.tiles[last, np.arange(done.shape[1])] == params.levels.shortest).all()
-    np.testing.assert_array_equal(info.spl[last, np.arange(done.shape[1])], 1)
-    return driving
+    assert (info.tiles[last] == params.levels.shortest).all() and (info.spl[last] == 1).all()
 
 
 @pytest.fixture(scope="module")
@@ -136,15 +130,8 @@ def test_turns_of_a_lane_are_drawn_and_lead_round_for_ever(params):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["drawn", "without dead ends"])
 def test_the_expert_drives_a_thousand_routes_on_a_thousand_maps(kind):
-    drawn = random_grids(jax.random.key(7), 1000, (8, 8))
-    if kind == "drawn":
-        maps = np.asarray(jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))(drawn))
-    else:
-        maps = np.stack([without_dead_ends(grid) for grid in np.asarray(jax.jit(jax.vmap(repair))(drawn))])
+    maps = drawn_maps(7, 1000, (8, 8), fill=kind == "drawn")
+    if kind != "drawn":
+        maps = np.stack([without_dead_ends(grid) for grid in maps])
     params = LaneDriveParams(make_levels(jax.random.key(8), maps))
-    done = [jax.device_get(ride(params, jax.random.key(9), 1200).info)]
-    success = done[0].success.any(axis=0)
-    assert success.sum() == 1000
-    first = done[0].success.argmax(axis=0)
-    driving = np.arange(1200)[:, None] <= first
-    assert (done[0].own_lane | ~driving).all()
+    check_rides(params, jax.device_get(ride(params, jax.random.key(9), 1200)))

@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from driving_oracle import BITS, POINTS, links, polyline, polyline_errors, turned
+from driving_oracle import BITS, POINTS, drawn_maps, links, pick, polyline, polyline_errors, turned
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from oracle import OPPOSITE
 
-from elitelanes_jax import InputError, random_grids, render, repair
+from elitelanes_jax import InputError, render
 from elitelanes_jax.drive import Pose, lane_pose, movements
 from elitelanes_jax.drive.lanes import LANE_OFFSET, Movement, lane_errors, lane_length, lane_point, linked, on_road
 from elitelanes_jax.network.movements import MOVEMENTS
@@ -22,7 +22,7 @@ EVERY = [(heading, turn) for heading in range(4) for turn in range(3)]
 
 @pytest.fixture(scope="module")
 def grid():
-    return np.asarray(repair(random_grids(jax.random.key(5), 1, SHAPE)[0], fill=True))
+    return drawn_maps(5, 1, SHAPE, fill=True)[0]
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +33,7 @@ def locate():
 def random_poses(count, seed=0, shape=SHAPE):
     rng = np.random.default_rng(seed)
     height, width = shape
-    drawn = rng.uniform(0, width, count), rng.uniform(0, height, count), rng.uniform(-np.pi, np.pi, count)
-    return Pose(*(part.astype(np.float32) for part in drawn))
+    return Pose(*rng.uniform([[0], [0], [-np.pi]], [[width], [height], [np.pi]], (3, count)).astype(np.float32))
 
 
 any_grids = hnp.arrays(np.int8, (3, 4), elements=st.integers(0, 15))
@@ -91,13 +90,10 @@ def test_lane_poses_are_those_of_polylines(grid, locate):
 
 @pytest.mark.slow
 def test_a_hundred_thousand_lane_poses_are_those_of_polylines(locate):
-    drawn = random_grids(jax.random.key(6), 100, SHAPE)
-    repaired = np.asarray(jax.vmap(lambda grid: repair(grid))(drawn))
-    compared = [
-        agree(grid, poses, jax.device_get(locate(grid, poses)))
-        for number, grid in enumerate(repaired)
-        for poses in [random_poses(1000, number)]
-    ]
+    compared = []
+    for number, grid in enumerate(drawn_maps(6, 100, SHAPE)):
+        poses = random_poses(1000, number)
+        compared.append(agree(grid, poses, jax.device_get(locate(grid, poses))))
     assert np.mean(compared) > 0.8  # some tiles have no movement
 
 
@@ -157,9 +153,9 @@ def test_compiled_or_not_and_many_at_once_it_is_the_same(grid, locate):
     poses = random_poses(64, 3)
     found = locate(grid, poses)
     for number in range(0, 64, 8):
-        one = lane_pose(grid, Pose(*(part[number] for part in poses)))
-        for alone, batched in zip(jax.tree.leaves(one), jax.tree.leaves(found), strict=True):
-            np.testing.assert_allclose(alone, batched[number], atol=1e-6)
+        one = lane_pose(grid, pick(poses, number))
+        for alone, batched in zip(jax.tree.leaves(one), jax.tree.leaves(pick(found, number)), strict=True):
+            np.testing.assert_allclose(alone, batched, atol=1e-6)
 
 
 def test_a_wrong_grid_is_refused():

@@ -1,14 +1,15 @@
 """Levels: drawn ones are as asked for, and faults are named."""
 
 import re
+from functools import partial
 
 import jax
 import networkx as nx
 import numpy as np
 import pytest
-from driving_oracle import lane_graph
+from driving_oracle import drawn_maps, lane_graph, pick
 
-from elitelanes_jax import InputError, random_grids, repair
+from elitelanes_jax import InputError
 from elitelanes_jax.drive import UNREACHABLE, LaneNode, check_level, make_levels
 from elitelanes_jax.drive._levels import make_level
 
@@ -21,16 +22,15 @@ RING = np.array([[6, 3, 0, 0], [12, 9, 0, 2], [0, 0, 4, 9]], np.int8)
 
 @pytest.fixture(scope="module")
 def maps():
-    drawn = random_grids(jax.random.key(1), 16, SHAPE)
-    return np.asarray(jax.jit(jax.vmap(lambda grid: repair(grid)))(drawn))
+    return drawn_maps(1, 16, SHAPE)
 
 
 def test_drawn_levels_are_as_far_as_asked(maps):
     for least, most in ((1, UNREACHABLE), (4, 6)):
-        levels = check_level(make_levels(jax.random.key(2), maps, 16, least=least, most=most), SHAPE)
+        levels = jax.device_get(check_level(make_levels(jax.random.key(2), maps, 16, least=least, most=most), SHAPE))
         starts = set()
         for number in range(16):
-            one = jax.tree.map(lambda part, number=number: np.asarray(part)[number].tolist(), levels)
+            one = pick(levels, number)
             graph = lane_graph(maps[number])
             lengths = nx.single_source_shortest_path_length(graph.reverse(copy=False), tuple(one.goal))
             assert lengths[tuple(one.start)] == one.shortest > 0
@@ -54,65 +54,54 @@ def test_goals_are_drawn_from_all_places_that_can_be_reached():
 
 def test_the_same_key_draws_the_same(maps):
     one, other, third = (make_levels(jax.random.key(seed), maps) for seed in (4, 4, 5))
-    for left, right in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-        np.testing.assert_array_equal(left, right)
+    jax.tree.map(np.testing.assert_array_equal, one, other)
     assert (one.start.row != third.start.row).any()
+
+
+ROAD = "expected a tile of the road .* got row"
 
 
 @pytest.mark.parametrize(
     ("start", "goal", "message"),
     [
-        (
-            (2, 0, 1),
-            (0, 1, 1),
-            "level.start: expected a tile of the road .* got row 2, column 0, heading 1",
-        ),
-        ((0, 0, 1), (0, 1, 1), "level.start: expected a tile of the road"),  # nothing behind that heading
-        ((0, 1, 1), (-1, 0, 1), "level.goal: expected a tile of the road"),
-        ((0, 1, 1), (0, 1, 4), "level.goal: .*heading 4"),
-        (
-            (0, 1, 1),
-            (2, 2, 3),
-            "level.goal: expected a node ahead .* got one that no way leads to",
-        ),
-        ((0, 1, 1), (0, 1, 1), "level.goal: expected a node ahead that can be reached from the start, got its start"),
-        ((1, 3, 0), (2, 2, 3), "level.goal: expected a node ahead that can be reached"),  # a dead end
+        ((2, 0, 1), (0, 1, 1), f"start: {ROAD} 2, column 0, heading 1"),
+        ((0, 0, 1), (0, 1, 1), f"start: {ROAD} 0, column 0, heading 1"),  # nothing behind that heading
+        ((0, 1, 1), (-1, 0, 1), f"goal: {ROAD} -1"),
+        ((0, 1, 1), (0, 1, 4), f"goal: {ROAD} 0, column 1, heading 4"),
+        ((0, 1, 1), (2, 2, 3), "goal: expected a node ahead .* got one that no way leads to"),
+        ((0, 1, 1), (0, 1, 1), "goal: expected a node ahead that can be reached from the start, got its start"),
+        ((1, 3, 0), (2, 2, 3), "goal: expected a node ahead that can be reached"),  # a dead end
     ],
 )
 def test_faults_of_a_level_are_named(start, goal, message):
-    level = make(RING, LaneNode(*start), LaneNode(*goal))
-    with pytest.raises(InputError, match=message):
-        check_level(level)
+    with pytest.raises(InputError, match=f"level.{message}"):
+        check_level(make(RING, LaneNode(*start), LaneNode(*goal)))
 
 
 def test_faults_of_a_batch_are_named(maps, any_types):
-    level = make(RING, LaneNode(0, 1, 1), LaneNode(1, 0, 3))
+    key, level = jax.random.key(0), make(RING, LaneNode(0, 1, 1), LaneNode(1, 0, 3))
+    levels = make_levels(key, maps[:3])
     assert check_level(level) is level and level.shortest == 2
-    with pytest.raises(InputError, match="level.grid: expected 4 x 5 tiles, got 3 x 4"):
-        check_level(level, SHAPE)
-    with pytest.raises(InputError, match="level.shortest: expected 2, the distance, got 3"):
-        check_level(level._replace(shortest=np.int32(3)))
-    with pytest.raises(InputError, match="level.ways: expected the result of shortest_ways"):
-        check_level(level._replace(ways=level.ways ^ 1))
     loose = np.array(level.grid)
     loose[2, 0] = 8
-    with pytest.raises(InputError, match="level.grid: expected connections that .* another at row 2, column 0"):
-        check_level(level._replace(grid=loose))
-    levels = make_levels(jax.random.key(0), maps[:3])
-    with pytest.raises(InputError, match=re.escape("level[1].shortest: expected")):
-        check_level(levels._replace(shortest=levels.shortest.at[1].set(99)))
-    with pytest.raises(InputError, match="level: expected equally many grids"):
-        check_level(levels._replace(shortest=levels.shortest[:2]))
-    with pytest.raises(InputError, match=re.escape("grids[1]: expected a map with a lane, got one without")):
-        make_levels(jax.random.key(0), np.stack([maps[0], 0 * maps[0]]))
-    with pytest.raises(InputError, match=re.escape("grids: map 0: grid: expected tile codes 0 to 15, got 16")):
-        make_levels(jax.random.key(0), np.full((1, *SHAPE), 16))
-    with pytest.raises(InputError, match="grids: expected one or more of one size, got several sizes"):
-        make_levels(jax.random.key(0), [maps[0], RING])
-    with pytest.raises(InputError, match="least: expected a whole number, 1 or more, got nan"):
-        make_levels(jax.random.key(0), maps[:1], least=float("nan"))
+    faults = {
+        "level.grid: expected 4 x 5 tiles, got 3 x 4": lambda: check_level(level, SHAPE),
+        "level.shortest: expected 2, the distance, got 3": lambda: check_level(level._replace(shortest=np.int32(3))),
+        "level.ways: expected the result of": lambda: check_level(level._replace(ways=level.ways ^ 1)),
+        "level.grid: expected connections that the neighbour returns, got another at row 2, column 0": lambda: (
+            check_level(level._replace(grid=loose))
+        ),
+        "level[1].shortest: expected": lambda: check_level(levels._replace(shortest=levels.shortest.at[1].set(99))),
+        "level: expected equally many grids": lambda: check_level(levels._replace(shortest=levels.shortest[:2])),
+        "level: expected one of make_level, or a batch of make_levels, got None": lambda: check_level(None),
+        "grids[1]: expected a map with a lane, got one without": lambda: make_levels(key, maps[:2] * [[[1]], [[0]]]),
+        "grids: map 0: grid: expected tile codes 0 to 15, got 16": lambda: make_levels(key, np.full((1, *SHAPE), 16)),
+        "grids: expected one or more of one size, got several sizes": lambda: make_levels(key, [maps[0], RING]),
+        "least: expected a whole number, 1 or more, got nan": lambda: make_levels(key, maps, least=float("nan")),
+    }
     for goal in (None, "abc", (1, 2), (float("nan"), 0, 0)):
-        with pytest.raises(InputError, match="goal: expected a row, a column and a heading, whole numbers, got "):
-            make_level(RING, LaneNode(0, 1, 1), goal)
-    with pytest.raises(InputError, match="level: expected one of make_level, or a batch of make_levels, got None"):
-        check_level(None)
+        words = f"goal: expected a row, a column and a heading, whole numbers, got {goal!r}"
+        faults[words] = partial(make_level, RING, LaneNode(0, 1, 1), goal)
+    for words, fault in faults.items():
+        with pytest.raises(InputError, match=re.escape(words)):
+            fault()

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from driving_oracle import pick
 from standing_oracle import CAMERA, TOWN, draw_back_to_front, some_objects, some_poses
 
 from elitelanes_jax import InputError, RoadMap
@@ -34,7 +35,7 @@ def shrink(picture):
 @pytest.mark.parametrize("distortion", [None, (-0.1, 0.02)])
 def test_views_are_those_of_a_renderer_that_draws_back_to_front(sight, distortion):
     things = some_objects(12)
-    (objects,) = (jax.tree.map(lambda part: part[0], make_objects([RoadMap(TOWN, objects=things)])),)
+    objects = pick(make_objects([RoadMap(TOWN, objects=things)]), 0)
     sight = sight._replace(camera=sight.camera.replace(distortion=distortion))
     look = jax.jit(lambda pose: look_around(pose, TOWN, sight, objects))
     plain = jax.jit(lambda pose: look_around(pose, TOWN, sight))
@@ -57,7 +58,7 @@ def test_the_nearest_objects_are_shown(sight):
     behind = [MapObject("house", 1.2, 0.5, 0.0, 0.3)]
     pose = Pose(jnp.float32(1.3), jnp.float32(0.5), jnp.float32(0))
     batch = make_objects([RoadMap(TOWN, objects=behind + ahead[::-1]), RoadMap(TOWN)])
-    first, second = (jax.tree.map(lambda part, index=index: part[index], batch) for index in (0, 1))
+    first, second = pick(batch, 0), pick(batch, 1)
     for count in (1, 3):
         few = sight._replace(camera=sight.camera.replace(objects=count))
         shown = set(np.unique(jax.jit(look_around)(pose, TOWN, few, first).instances)) - {0}
@@ -88,7 +89,7 @@ def test_a_disc_is_touched_where_a_point_of_the_arc_is_within_reach():
         steps = part_of_the_way(start, jnp.array(commands), np.linspace(1e-6, 1, 200, dtype=np.float32))
         away = rng.uniform(0, 0.2, 2) * rng.choice([-1, 1], 2)
         thing = MapObject("duckie", float(start.x) + away[0], float(start.y) + away[1], 0.0, 0.08)
-        objects = jax.tree.map(lambda part: part[0], make_objects([RoadMap(TOWN, objects=[thing])]))
+        objects = pick(make_objects([RoadMap(TOWN, objects=[thing])]), 0)
         least = np.hypot(steps.x - thing.x, steps.y - thing.y).min() * TILE
         reach = 0.03
         if abs(least - reach - thing.radius) > 1e-3:
@@ -99,18 +100,15 @@ def test_a_disc_is_touched_where_a_point_of_the_arc_is_within_reach():
 
 @pytest.mark.parametrize("collision", ["terminate", "cost"])
 def test_lane_drive_ends_or_pays_where_an_object_is_touched(collision):
-    road = RoadMap(TOWN)
-    _, params = make("LaneDrive", road, count=1, task="lane", start_d=0.0, start_phi=0.0)
-    _, start = LaneDrive.reset(jax.random.key(0), params)
+    road, settings = RoadMap(TOWN), {"count": 1, "task": "lane", "start_d": 0.0, "start_phi": 0.0}
+    _, free = make("LaneDrive", road, **settings)
+    _, start = LaneDrive.reset(jax.random.key(0), free)
     x, y, theta = (float(part) for part in start.pose)
     ahead = MapObject("cone", x + 0.35 * np.cos(theta), y - 0.35 * np.sin(theta), 0.0, 0.08)
     flat = MapObject("floor_tag", x + 0.1 * np.cos(theta), y - 0.1 * np.sin(theta), 0.0, 0.0)
-    _, params = make(
-        "LaneDrive", replace(road, objects=(flat, ahead)), count=1, task="lane", start_d=0.0, start_phi=0.0,
-        collision=collision, collision_cost=7.0,
-    )  # fmt: skip
+    settings |= {"collision": collision, "collision_cost": 7.0}
+    _, params = make("LaneDrive", replace(road, objects=(flat, ahead)), **settings)
     _, state = LaneDrive.reset(jax.random.key(0), params)
-    free = make("LaneDrive", road, count=1, task="lane", start_d=0.0, start_phi=0.0)[1]
     for _ in range(30):
         before = state
         done = LaneDrive.step(jax.random.key(1), state, jnp.array([0.5, 0.5]), params)

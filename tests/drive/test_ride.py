@@ -10,12 +10,13 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.drive.lanes import on_road
+from elitelanes_jax.drive import Camera, look_around, make_sight
+from elitelanes_jax.drive.lanes import Pose, on_road
 from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails, write_film
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.formats import MapObject, RoadMap
 from elitelanes_jax.formats.rides import RIDES, read_rides
-from elitelanes_jax.tiles.rendering import render
+from elitelanes_jax.tiles.rendering import render, scale_tiles
 
 GRID = np.array([[6, 7, 3], [12, 13, 9]], np.int8)
 
@@ -84,6 +85,7 @@ def test_rides_in_a_file_are_read_and_shown_on_their_map(rides, tmp_path):
         ({"rides": 3}, "rides: expected a list"),
         ({"rides": [7]}, "rides: expected tables"),
         ({"rides": [{"goal": [0, 0], "x": [1], "y": [1], "theta": [1, 2]}]}, "as many of each"),
+        ({"rides": [{"goal": [0, 0], "x": [10**309], "y": [1], "theta": [1]}]}, "up to 1e6"),
         ({"rides": [{"goal": [0], "x": [1], "y": [1], "theta": [1]}]}, "expected a goal"),
     ],
 )
@@ -164,6 +166,24 @@ def test_a_policy_of_ones_own_drives(rides):
     assert (own.x[0, own.steps[0] :] == own.x[0, -1]).all()
 
 
+def test_a_policy_with_a_camera_sees_its_picture_alone(drawn_tiles):
+    asked = []
+
+    def sees(observation):
+        asked.append(observation)
+        return 0.4, 0.3
+
+    sees.camera = Camera(rows=24, columns=32)
+    own = make_rides(GRID, 1, policy=sees, seconds=0.2, tiles=drawn_tiles)
+    assert asked[0][:5] == (None,) * 5 and asked[0].image.shape == (24, 32, 3) and asked[0].image.dtype == np.uint8
+    scaled = scale_tiles(drawn_tiles, 128)
+    sight = make_sight(scaled["image"], scaled["labels"], drawn_tiles.rotations, sees.camera)
+    for step, observation in enumerate(asked):
+        pose = Pose(own.x[0, step], own.y[0, step], own.theta[0, step])
+        close = np.isclose(observation.image, look_around(pose, GRID, sight).image, atol=1)
+        assert close.mean() > 0.99
+
+
 def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
     (tmp_path / "city.json").write_text(f'{{"codes": {GRID.tolist()}}}')
     for text, message in (
@@ -174,6 +194,7 @@ def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
         ("def act(seen): return seen.speeed", "policy: expected an action, got AttributeError"),
         ("def act(seen): return 1", "policy: expected two numbers, for the left and the right wheel, got shape ()"),
         ("def act(seen): return 0.5, float('nan')", "policy: expected two finite numbers, got 0.5 and nan"),
+        ("def act(seen): return 0, 0\nact.camera = 3", "--policy: expected Camera, got 3"),
     ):
         (tmp_path / "policy.py").write_text(text)
         command = ["drive", str(tmp_path / "city.json"), "--policy", str(tmp_path / "policy.py"), "--seconds", "0.1"]

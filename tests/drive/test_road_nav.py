@@ -3,9 +3,8 @@
 import jax
 import numpy as np
 import pytest
-from driving_oracle import BITS, lane_graph, turned
+from driving_oracle import BITS, drawn_maps, lane_graph, turned
 
-from elitelanes_jax import random_grids, repair
 from elitelanes_jax.drive import RoadNav, RoadNavParams, make_levels
 from elitelanes_jax.network.codes import rotate_codes
 
@@ -14,9 +13,7 @@ SHAPE, COUNT, LIMIT = (4, 5), 24, 12
 
 @pytest.fixture(scope="module")
 def params():
-    drawn = random_grids(jax.random.key(1), COUNT, SHAPE)
-    maps = jax.jit(jax.vmap(lambda grid: repair(grid)))(drawn)
-    levels = make_levels(jax.random.key(2), maps)
+    levels = make_levels(jax.random.key(2), drawn_maps(1, COUNT, SHAPE))
     return RoadNavParams(
         levels, limit=LIMIT, goal_reward=2.0, tile_cost=0.25, stuck_cost=3.0, goal="both", whole_map=True
     )

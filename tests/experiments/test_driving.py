@@ -1,8 +1,13 @@
-"""The programs that measure driving: on a few maps, that they run and what they say."""
+"""The programs that measure driving: on a few maps, that they run and what they say. And a driver that sees."""
 
+from pathlib import Path
+
+import jax
 import numpy as np
 import pytest
 
+from elitelanes_jax.drive import Pose, lane_pose
+from elitelanes_jax.drive.rides import load_policy, make_rides
 from elitelanes_jax.formats.duckietown import to_duckietown
 from experiments.navigation import expert
 from experiments.navigation import speed as driving_speed
@@ -29,3 +34,14 @@ def test_the_expert_drives_on_maps_made_by_people(tmp_path, capsys):
     assert "empty (no lane)" in said and "none (" in said
     assert expert.main(["--maps", "1", "--human-made", str(tmp_path / "nothing")]) == 2
     assert "--human-made: expected a folder of Duckietown's maps, got " in capsys.readouterr().err
+
+
+def test_the_driver_that_sees_its_camera_alone_stays_in_its_lane(drawn_tiles):
+    pytest.importorskip("flax", reason="flax is not here", exc_type=ImportError)
+    policy = load_policy(Path(__file__).parents[2] / "docs" / "examples" / "seeing_driver.py")
+    own = make_rides(TOWN, 1, policy=policy, seconds=20, seed=1, tiles=drawn_tiles)
+    end = int(own.steps[0])
+    poses = Pose(*(part[0, :end] for part in (own.x, own.y, own.theta)))
+    near = jax.vmap(lambda pose: lane_pose(TOWN, pose))(poses)
+    assert np.abs(near.d).max() < 0.15 and bool(near.own_lane.all())
+    assert np.hypot(np.diff(poses.x), np.diff(poses.y)).sum() > 5

@@ -12,8 +12,7 @@ from folders import files
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.weights import Weights, check_weights
+from elitelanes_jax.network.records import METRIC_NAMES, Weights, check_weights
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.search.result import Result
 from experiments.paper import runs

@@ -13,9 +13,19 @@ from hypothesis.extra import numpy as hnp
 from elitelanes_jax import RoadMap, rotate
 from elitelanes_jax.dataset import STANDARD, Transforms, draw_sample
 from elitelanes_jax.network.wfc import generate_batch
+from elitelanes_jax.tiles import default_tiles
 from experiments.perception import segmentation
+from experiments.perception.photographs import RECIPES
+from experiments.perception.photographs import main as photographed
 from experiments.perception.throughput import main as throughput
-from experiments.perception.training_sets import Condition, draw_maps, patterns, split_tiles, training_set
+from experiments.perception.training_sets import (
+    Condition,
+    draw_maps,
+    patterns,
+    shift_lines,
+    split_tiles,
+    training_set,
+)
 
 unet = pytest.importorskip("experiments.perception.unet", reason="flax and optax are not here", exc_type=ImportError)
 
@@ -102,6 +112,35 @@ def test_a_training_set_is_the_dataset_of_its_maps():
             assert (labels[number] == sample.layers["labels"]).all()
 
 
+def test_lines_shift_with_their_masks(drawn_tiles):
+    for tile, same, wide, narrow in zip(
+        *(shift_lines(drawn_tiles, shift).tiles for shift in (0, 0, 0.05, -0.05)), strict=True
+    ):
+        assert (same.image == tile.image).all() and (same.road == tile.road).all()
+        for moved in (wide, narrow):
+            for mask, least, most in ((moved.red, 0, 1), (moved.yellow, 1, 2)):  # of red and green, of green and blue
+                if mask.any():
+                    colour = moved.image[mask].mean(axis=0)
+                    assert colour[least] > colour[most] + 60
+        if tile.name.startswith("straight"):
+            shares = [one.road.mean() for one in (narrow, tile, wide)]
+            np.testing.assert_allclose(np.diff(shares), 0.1, atol=0.05)  # 0.05 tiles on each side, at the white line
+
+
+def test_lines_are_thinner_when_weights_are_taken_back():
+    weights = unet.UNet(4).init(jax.random.key(0), np.zeros((1, 16, 16, 3), np.uint8))
+    images = np.random.default_rng(0).integers(0, 256, (3, 16, 16, 3), np.uint8)
+    logits = [
+        np.rot90(unet.UNet(4).apply(weights, np.rot90(images, turns, (1, 2))), -turns, (1, 2)) for turns in range(4)
+    ]
+    shares, chances = np.array([0.2, 0.7, 0.06, 0.04]), sum(np.asarray(jax.nn.softmax(one)) for one in logits)
+    assert (unet.predict(weights, images, 4) == logits[0].argmax(-1)).all()
+    for unweighted in (0, 1.0):
+        found = unet.predict(weights, images, 4, batch=2, shares=shares, unweighted=unweighted)
+        assert (found == (chances * np.sqrt(shares) ** unweighted).argmax(-1)).mean() > 0.99
+    assert np.bincount(found.ravel(), minlength=4)[1] > np.bincount(logits[0].argmax(-1).ravel(), minlength=4)[1]
+
+
 def test_without_flax_it_says_what_to_install(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "flax", None)
     assert segmentation.main(["--out", str(tmp_path / "out")]) == 2
@@ -134,6 +173,16 @@ def test_it_runs_goes_on_and_comes_out_the_same(tmp_path, monkeypatch, capsys):
     assert [file.read_bytes() for file in files] == before
     assert segmentation.main([*arguments, "--seeds", "2"]) == 2
     assert "expected results of seeds 2, got some of 1" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_photographs_are_measured_with_every_recipe(tmp_path, capsys):
+    photographs = ["--photographs", str(default_tiles()), "--out", str(tmp_path / "out")]
+    assert photographed(["--quick", *photographs]) == 0
+    lines = (tmp_path / "out" / "photographs.md").read_text().splitlines()
+    assert len(lines) == 2 + 2 * 2 * len(RECIPES) and all(line.count("|") == 9 for line in lines)
+    assert photographed(["--recipes", "luck", *photographs]) == 2
+    assert "recipes: expected some of before, " in capsys.readouterr().err
 
 
 def test_throughput_tells_the_time_of_each_step(capsys):

@@ -1,8 +1,12 @@
 """Runs to be explored."""
 
+import os
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from elitelanes_jax import Metrics, Result, SearchSpec
 from elitelanes_jax.cli.main import main
@@ -12,7 +16,14 @@ from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.problem import paper_axes
 from elitelanes_jax.search import History, MeasuredElites, RunState
 
-__all__ = ["big_result", "float_result", "own_result", "write_run"]
+__all__ = ["IN_BROWSER", "big_result", "float_result", "own_result", "write_run"]
+
+PACKAGES = Path(__file__).parents[2] / "explorer" / "node_modules"
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+IN_BROWSER = pytest.mark.skipif(
+    not (PACKAGES / "playwright-core").is_dir() or not Path(CHROMIUM).exists() or shutil.which("node") is None,
+    reason="the browser's tests need make explorer and chromium",
+)
 
 _LINE = "generate --size 5 6 --seeds 3 --maps 3 --generations 5 --method ea --preset paper --tile-px 16 --quiet --out"
 
@@ -45,11 +56,7 @@ def own_result():
         grids.reshape(2, 20, 6, 6), fitness.astype(np.int32), descriptor, np.ones((2, 20), bool), metrics, features
     )
     state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
-    none = np.zeros(0, np.int32)
-    history = History(
-        none, none, np.zeros((2, 0), np.int32), np.zeros((2, 0), np.int32), none * 1.0, np.zeros((2, 0), np.int32)
-    )
-    return Result(elites, history, state, spec, spec.axes_on((6, 6)))
+    return Result(elites, History.empty(2), state, spec, spec.axes_on((6, 6)))
 
 
 def float_result():
@@ -70,14 +77,7 @@ def big_result():
     descriptor = np.broadcast_to(niches, (*shape, 5)).astype(np.int32)
     metrics = Metrics(*[zeros] * 19, zeros.astype(np.float32))
     elites = MeasuredElites(grids, zeros, descriptor, np.ones(shape, bool), metrics, {})
-    steps = np.arange(1, 501)
-    history = History(
-        steps,
-        steps * 40,
-        np.zeros((32, 500), np.int32),
-        np.zeros((32, 500), np.int32),
-        steps * 1.0,
-        np.zeros((32, 500), np.int32),
-    )
+    steps, counts = np.arange(1, 501), np.zeros((32, 500), np.int32)
+    history = History(steps, steps * 40, counts, counts, steps * 1.0, counts)
     state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
-    return Result(elites, history, state, SearchSpec(), paper_axes((12, 12)))
+    return Result(elites, history, state, SearchSpec(), axes)

@@ -8,25 +8,14 @@ const { grids, weights, alphabet, town } = JSON.parse(readFileSync(file, "utf8")
 const mask = alphabet.reduce((bits, code) => bits | (1 << code), 0);
 
 const gridOf = (rows) => ({ height: rows.length, width: rows[0].length, codes: Uint8Array.from(rows.flat()) });
-const text = (make) => {
-  try {
-    return make();
-  } catch (error) {
-    return error.message;
-  }
-};
 const made = grids.map(({ rows, dirty, fixed }) => {
   const grid = gridOf(rows);
   const metrics = kernel.measure(grid, mask);
-  const yaml = text(() => kernel.toDuckietown(grid));
   return {
     metrics: [...metrics],
     town: town && kernel.measureTown(grid),
     fitness: kernel.fitness(metrics, weights),
     repaired: dirty && [false, true].map((fill) => [...kernel.repair(grid, { dirty, fixed, fill }).codes]),
-    yaml,
-    again: yaml.startsWith("tile_size") ? [...kernel.fromDuckietown(yaml).codes] : null,
-    json: kernel.toMapJson(grid),
   };
 });
 process.stdout.write(JSON.stringify(made));

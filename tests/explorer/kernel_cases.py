@@ -116,13 +116,13 @@ def _read(text):
 def _objects(random, height, width):
     """Some objects anywhere, at right angles and others."""
     kinds = random.choice([*OBJECT_KINDS, "other:helicopter"], 3)
-    places = random.uniform(-1, 1 + np.array([width, height]), (3, 2)).round(6).tolist()
+    positions = random.uniform(-1, 1 + np.array([width, height]), (3, 2)).round(6).tolist()
     angles = [float(random.choice([0, pi / 2, pi, -pi / 2, -pi])), *random.uniform(-7, 7, 2).round(6).tolist()]
     tags, stays = random.integers(0, 587, 3).tolist(), [True, True, False]
-    found = zip(kinds.tolist(), places, angles, tags, stays, strict=True)
+    found = zip(kinds.tolist(), positions, angles, tags, stays, strict=True)
     return [
-        MapObject(kind, *place, angle, OBJECT_KINDS[base_kind(kind)].height, *more)
-        for kind, place, angle, *more in found
+        MapObject(kind, *position, angle, OBJECT_KINDS[base_kind(kind)].height, *more)
+        for kind, position, angle, *more in found
     ]
 
 

@@ -4,9 +4,7 @@ It needs the packages of `make explorer` and Debian's chromium.
 """
 
 import json
-import os
 import re
-import shutil
 import subprocess
 from collections import Counter
 from dataclasses import replace
@@ -16,52 +14,38 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from explored import big_result, float_result, own_result, write_run
+from explored import IN_BROWSER, big_result, float_result, own_result, write_run
 
-from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.explorer._collect import collect
-from elitelanes_jax.explorer.page import page_of
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.formats.plan import make_plan
+from elitelanes_jax import DatasetSpec, Result, RoadMap, Weights, load_tiles, read_map, render
+from elitelanes_jax.explorer import collect, page_of
+from elitelanes_jax.formats import MapObject, make_plan, map_to_json, read_maps, to_duckietown
 from elitelanes_jax.formats.rides import RIDES
-from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map, read_maps
-from elitelanes_jax.maps.furnishing.placing import furnish
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.maps import furnish
+from elitelanes_jax.network import METRIC_NAMES, measure_town, plain_measure
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
-from elitelanes_jax.search.result import Result
-from elitelanes_jax.tiles.rendering import LABEL_COLOURS, render
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.tiles import LABEL_COLOURS
 
 HERE = Path(__file__).parent
-PACKAGES = HERE.parents[1] / "explorer" / "node_modules"
-CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 
-pytestmark = pytest.mark.skipif(
-    not (PACKAGES / "playwright-core").is_dir() or not Path(CHROMIUM).exists() or shutil.which("node") is None,
-    reason="the browser's tests need make explorer and chromium",
-)
+pytestmark = IN_BROWSER
 
 HOSTILE = '<i><b>bold</b></i><img src=x onerror="alert(1)"><script>alert(2)</script>'
 TOWN = HERE.parents[1] / "docs" / "examples" / "town.json"
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
+def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("browser")
 
 
 @pytest.fixture(scope="module")
-def run(place):
-    return write_run(place / "run")
+def run(folder):
+    return write_run(folder / "run")
 
 
 @pytest.fixture(scope="module")
 def drawn(run):
-    """The first map that the run wrote, and its place among the elites."""
+    """The first map that the run wrote, and its index among the elites."""
     (shown, *_) = collect([run]).values["runs"][0]["maps"]
     return read_map(run / "maps" / shown["name"] / "map.json"), shown["elite"]
 
@@ -88,23 +72,23 @@ def furnished():
 
 
 @pytest.fixture(scope="module")
-def seen(place, run, drawn, furnished):
-    (place / "ride.json").write_text(json.dumps(a_ride(drawn[0].codes)))
-    (place / "run.html").write_text(page_of(collect([run, place / "ride.json"])))
-    (place / "own.html").write_text(page_of(collect(own_result())))
-    (place / "float.html").write_text(page_of(collect(float_result())))
-    (place / "big.html").write_text(page_of(collect(big_result())))
+def seen(folder, run, drawn, furnished):
+    (folder / "ride.json").write_text(json.dumps(a_ride(drawn[0].codes)))
+    (folder / "run.html").write_text(page_of(collect([run, folder / "ride.json"])))
+    (folder / "own.html").write_text(page_of(collect(own_result())))
+    (folder / "float.html").write_text(page_of(collect(float_result())))
+    (folder / "big.html").write_text(page_of(collect(big_result())))
     for px in (64, 32):
-        (place / f"photo{px}.html").write_text(page_of(collect([read_map(TOWN)], tiles=photographs(), tile_px=px)))
+        (folder / f"photo{px}.html").write_text(page_of(collect([read_map(TOWN)], tiles=photographs(), tile_px=px)))
     hostile = collect([RoadMap(np.array([[6, 3], [12, 9]], np.int8))])
     hostile.values["runs"][0]["labels"] = [HOSTILE]
     hostile.values["title"] = HOSTILE
-    (place / "hostile.html").write_text(page_of(hostile))
-    (place / "furnished.html").write_text(page_of(collect([furnished])))
+    (folder / "hostile.html").write_text(page_of(hostile))
+    (folder / "furnished.html").write_text(page_of(collect([furnished])))
     duckie, sign = MapObject("duckie", 1.5, 1.5, 0.0, 0.08, static=False), MapObject("sign_stop", 0.5, 0.5, pi, 0.18, 1)
-    (place / "objects.json").write_text(map_to_json(RoadMap(np.zeros((4, 4), np.int8), objects=(duckie, sign))))
-    (place / "town.yaml").write_text(to_duckietown(furnished.codes, objects=furnished.objects))
-    command = ["node", HERE / "browser.mjs", place, str(drawn[1])]
+    (folder / "objects.json").write_text(map_to_json(RoadMap(np.zeros((4, 4), np.int8), objects=(duckie, sign))))
+    (folder / "town.yaml").write_text(to_duckietown(furnished.codes, objects=furnished.objects))
+    command = ["node", HERE / "browser.mjs", folder, str(drawn[1])]
     ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert ran.returncode == 0, ran.stderr
     return json.loads(ran.stdout)
@@ -144,37 +128,37 @@ def test_a_recorded_ride_is_played(seen):
     assert re.fullmatch(r"[0-5]\.\d s", seen["ride"]["time"]) and seen["ride"]["time"] != "0.0 s"
 
 
-def test_saved_files_are_those_of_python(seen, drawn, place):
+def test_saved_files_are_those_of_python(seen, drawn, folder):
     road_map = drawn[0]
-    saved = read_map(place / "saved.json")
+    saved = read_map(folder / "saved.json")
     np.testing.assert_array_equal(saved.codes, road_map.codes)
     assert dict(saved.metrics) == dict(road_map.metrics)
     assert (saved.fitness, saved.descriptor, saved.niche, saved.drawn) == (
         *(road_map.fitness, road_map.descriptor, road_map.niche),
         road_map.drawn,
     )
-    assert (place / "saved.yaml").read_text() == to_duckietown(road_map.codes)
+    assert (folder / "saved.yaml").read_text() == to_duckietown(road_map.codes)
     assert seen["niche"]["svg"].endswith(".svg")
-    assert (place / "saved.svg").read_text().startswith('<svg xmlns="http://www.w3.org/2000/svg"')
+    assert (folder / "saved.svg").read_text().startswith('<svg xmlns="http://www.w3.org/2000/svg"')
     picture = render(road_map, tile_px=64)
-    np.testing.assert_array_equal(cv2.imread(str(place / "saved.png"))[..., ::-1], picture.image)
+    np.testing.assert_array_equal(cv2.imread(str(folder / "saved.png"))[..., ::-1], picture.image)
     colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
-    np.testing.assert_array_equal(cv2.imread(str(place / "labels.png"))[..., ::-1], colours)
+    np.testing.assert_array_equal(cv2.imread(str(folder / "labels.png"))[..., ::-1], colours)
 
 
 @pytest.mark.parametrize("px", [64, 32])
-def test_photographed_tiles_are_brought_together_as_render_does_it(seen, place, px):
+def test_photographed_tiles_are_brought_together_as_render_does_it(seen, folder, px):
     tiles = photographs()
     plain, expected = (
         render(read_map(TOWN), tiles, tile_px=px, blend=blend).image.astype(int) for blend in (False, True)
     )
-    picture = cv2.imread(str(place / f"photo{px}.png"))[..., ::-1].astype(int)
+    picture = cv2.imread(str(folder / f"photo{px}.png"))[..., ::-1].astype(int)
     assert np.abs(plain - expected).max() > 30
     assert np.abs(picture - expected).max() <= 1
     assert (picture == expected).mean() > 0.9999
 
 
-def test_maps_are_filtered_sorted_and_compared(seen, run, place):
+def test_maps_are_filtered_sorted_and_compared(seen, run, folder):
     elites = Result.load(run / "archive.npz").elites
     crossings = np.asarray(elites.metrics.crossings)[np.asarray(elites.valid)]
     maps = seen["maps"]
@@ -182,7 +166,7 @@ def test_maps_are_filtered_sorted_and_compared(seen, run, place):
     assert maps["where"] == f"--where crossings={least}.."
     assert int(maps["kept"]) == (crossings >= least).sum()
     assert maps["sorted"] == sorted(crossings, reverse=True)[:12]
-    listed = read_maps(place / "selection.json")
+    listed = read_maps(folder / "selection.json")
     assert sorted(one.metrics["crossings"] for one in listed) == sorted(crossings[crossings >= least])
     grids, fitness = (np.asarray(array)[np.asarray(elites.valid)] for array in (elites.grids, elites.fitness))
     for one in listed:
@@ -190,7 +174,7 @@ def test_maps_are_filtered_sorted_and_compared(seen, run, place):
         assert one.metrics == {
             name: float(value) if name == "coverage" else value for name, value in plain_measure(one.codes).items()
         }
-    assert DatasetSpec(maps_from=place / "selection.json", split=(1, 0, 0)).shapes == [(5, 6)]
+    assert DatasetSpec(maps_from=folder / "selection.json", split=(1, 0, 0)).shapes == [(5, 6)]
     assert (maps["compared"], maps["left"]) == (2, 1)
     assert maps["rows"] > 20
     assert re.search(r"pins=0\.\d+,0\.\d+", maps["compareHash"])
@@ -198,14 +182,14 @@ def test_maps_are_filtered_sorted_and_compared(seen, run, place):
     assert "evaluations per second" in seen["run"]["settings"]
 
 
-def test_features_beside_the_metrics_are_shown_filtered_and_saved(seen, place):
+def test_features_beside_the_metrics_are_shown_filtered_and_saved(seen, folder):
     result = own_result()
     elites, own = result.elites, seen["own"]
     symmetry, corners = (elites.features[name] for name in ("symmetry", "corners"))
     kept = (symmetry >= 600) & (symmetry <= 900) & (corners >= 2)
     assert (own["kept"], own["where"], own["legend"]) == (str(kept.sum()), "--where symmetry=0.6..0.9", "Corners")
     assert own["note"] == "Corners: not in the text, as --where does not take it."
-    listed = read_maps(place / "own.json")
+    listed = read_maps(folder / "own.json")
     assert sorted(one.metrics["symmetry"] for one in listed) == sorted(symmetry[kept] / 1000)
     assert sorted(one.metrics["corners"] for one in listed) == sorted(corners[kept])
     best = np.unravel_index(elites.fitness.argmin(), elites.fitness.shape)
@@ -218,12 +202,12 @@ def test_features_beside_the_metrics_are_shown_filtered_and_saved(seen, place):
     assert own["left"] == "Corners: only a search can measure it; the sum here leaves it out."
 
 
-def test_a_float_fitness_is_shown_filtered_and_saved_with_its_fractions(seen, place):
+def test_a_float_fitness_is_shown_filtered_and_saved_with_its_fractions(seen, folder):
     fitness, shown = float_result().elites.fitness.ravel(), seen["float"]
     among = sorted(fitness[(fitness >= -2.5) & (fitness <= 0.25)].tolist())
     assert 0 < len(among) < fitness.size
     assert shown["kept"] == str(len(among))
-    assert sorted(one.fitness for one in read_maps(place / "float.json")) == among
+    assert sorted(one.fitness for one in read_maps(folder / "float.json")) == among
     assert shown["range"].endswith("..") and float(shown["range"][:-2]) % 1 != 0
     assert shown["narrowed"] == shown["again"] == str((fitness >= float(shown["range"][:-2])).sum())
     marks = [float(mark.replace("−", "-")) for mark in shown["marks"]]
@@ -233,17 +217,17 @@ def test_a_float_fitness_is_shown_filtered_and_saved_with_its_fractions(seen, pl
     assert "Above the proven floor" not in shown["quantities"]
     assert (shown["total"], shown["row"]) == ("Weighted sum", "–")
     assert shown["note"] == "The fitness of this run is a user's function. Only a search can compute it."
-    assert read_map(place / "float-drawn.json").fitness is None
+    assert read_map(folder / "float-drawn.json").fitness is None
 
 
-def test_drawing(seen, place):
+def test_drawing(seen, folder):
     draw = seen["draw"]
     assert draw["open"] == {"deadEnds": 2, "bridges": 6}
     ring = np.zeros((6, 6), np.int8)
     ring[1, 2:4] = ring[4, 2:4] = 5
     ring[2:4, 1] = ring[2:4, 4] = 10
     ring[1, 1], ring[1, 4], ring[4, 1], ring[4, 4] = 6, 3, 12, 9
-    written = read_map(place / "drawn.json")
+    written = read_map(folder / "drawn.json")
     np.testing.assert_array_equal(written.codes, ring)
     metrics = plain_measure(ring)
     assert {name: written.metrics[name] for name in METRIC_NAMES} == {name: metrics[name] for name in METRIC_NAMES}
@@ -251,14 +235,14 @@ def test_drawing(seen, place):
     total = sum(weights[name] * metrics[name] for name in METRIC_NAMES) - weights["components"]
     assert draw["ring"] == {"deadEnds": 0, "cyclomatic": 1, "fitness": str(total).replace("-", "−")}
     assert draw["undone"] == 2
-    template = parse_fixed_cells(place / "fix.json")
+    template = parse_fixed_cells(folder / "fix.json")
     assert template.fixed.sum() == 2 and template.grid[1, 1] == 6 and template.grid[2, 2] == 0
     assert draw["mended"] == 1
     assert draw["mismatches"] == 2
     numbers = [int(draw[name].replace("−", "-").replace(",", "")) for name in ("total", "weighted")]
     assert numbers[1] - numbers[0] == 2 * 500
     assert "--weights crossings=500" in draw["weights"]
-    dropped, expected = read_map(place / "dropped.json"), read_map(place / "town.yaml")
+    dropped, expected = read_map(folder / "dropped.json"), read_map(folder / "town.yaml")
     np.testing.assert_array_equal(dropped.codes, expected.codes)
     for one, other in zip(dropped.objects, expected.objects, strict=True):
         assert one._replace(x=0, y=0, angle=0) == other._replace(x=0, y=0, angle=0)
@@ -272,21 +256,23 @@ def test_drawing(seen, place):
     assert draw["elsewhere"] == "ring.json: 2 × 2 tiles" and "view=draw" in draw["opened"]
 
 
-def test_furnished_maps_are_shown_and_saved_with_their_objects(seen, place, furnished):
+def test_furnished_maps_are_shown_and_saved_with_their_objects(seen, folder, furnished):
     assert sum(int(words.split()[-1]) for words in seen["objects"]["listed"]) == len(furnished.objects)
     stops = sum(thing.kind == "sign_stop" for thing in furnished.objects)
     assert f"stop sign {stops}" in seen["objects"]["listed"]
-    assert read_map(place / "furnished.json").objects == furnished.objects
-    assert [one.objects for one in read_maps(place / "list.json")] == [furnished.objects]
-    assert (place / "furnished.yaml").read_text() == to_duckietown(furnished.codes, objects=furnished.objects)
+    assert read_map(folder / "furnished.json").objects == furnished.objects
+    assert [one.objects for one in read_maps(folder / "list.json")] == [furnished.objects]
+    assert (folder / "furnished.yaml").read_text() == to_duckietown(furnished.codes, objects=furnished.objects)
     picture = render(furnished, tile_px=64)
-    shown, labels = (cv2.imread(str(place / f"furnished{name}.png"))[..., ::-1].astype(int) for name in ("", "-labels"))
+    shown, labels = (
+        cv2.imread(str(folder / f"furnished{name}.png"))[..., ::-1].astype(int) for name in ("", "-labels")
+    )
     assert (np.abs(shown - picture.image).max(axis=-1) > 30).mean() < 1e-3 < (picture.instances > 0).mean() / 10
     assert (labels == np.array(LABEL_COLOURS)[picture.labels]).all(axis=-1).mean() > 0.99
 
 
-def test_a_plan_is_saved(place, furnished):
-    plan, svg = make_plan(furnished), (place / "plan.svg").read_text()
+def test_a_plan_is_saved(folder, furnished):
+    plan, svg = make_plan(furnished), (folder / "plan.svg").read_text()
     texts = Counter(re.findall(r"<text[^>]*>([^<]*)</text>", svg))
     names = {"crossing3": "3-way", "crossing4": "4-way"}
     expected = [f"{row},{column}" for row, column, *_ in plan.placed]
@@ -303,8 +289,8 @@ def test_a_plan_is_saved(place, furnished):
     assert svg.count("<use ") == len(plan.placed) + 4
 
 
-def test_objects_are_added_moved_turned_and_deleted(seen, place):
-    duckie, fixed, sign = read_map(place / "moved.json").objects
+def test_objects_are_added_moved_turned_and_deleted(seen, folder):
+    duckie, fixed, sign = read_map(folder / "moved.json").objects
     assert duckie == MapObject(
         "duckie", pytest.approx(2.25, abs=0.02), pytest.approx(1.75, abs=0.02), 0, 0.08, static=False
     )
@@ -329,7 +315,9 @@ def test_objects_are_added_moved_turned_and_deleted(seen, place):
     assert objects["refused"][0] == "x: expected a number from -1 to 5, got 99"
     assert objects["refused"][1] == "tag: expected a whole number from 0 to 586, got 587"
     assert float(objects["refused"][2]) == sign.x
-    assert (place / "moved.yaml").read_text() == to_duckietown(np.zeros((4, 4), np.int8), objects=[duckie, fixed, sign])
+    assert (folder / "moved.yaml").read_text() == to_duckietown(
+        np.zeros((4, 4), np.int8), objects=[duckie, fixed, sign]
+    )
     assert objects["missed"] == []
 
 

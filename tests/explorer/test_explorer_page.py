@@ -83,14 +83,13 @@ def test_tiles_are_those_that_render_draws(run):
     lots = read_array(payload.values["lots"], blob)
     rotations = payload.values["tiles"]["rotations"]
     grid = np.random.default_rng(0).choice(tiles.alphabet, (7, 9))
-    chosen = [
-        rotations[str(code)][int(lots[place] * len(rotations[str(code)]))] for place, code in enumerate(grid.flat)
-    ]
+    listed = zip((rotations[str(code)] for code in grid.flat), lots, strict=False)
+    chosen = [pictures[int(lot * len(pictures))] for pictures, lot in listed]
     expected = choose_tiles(grid, tiles)
     assert chosen == (expected[..., 0] * 4 + expected[..., 1]).ravel().tolist()
     for shown in payload.values["runs"][0]["maps"]:
         road_map = read_map(run / "maps" / shown["name"] / "map.json")
-        drawn = recall_choice(road_map.codes, road_map.drawn.tiles, road_map.drawn.quarter_turns, tiles)
+        drawn = recall_choice(road_map, tiles)
         assert shown["pictures"] == (drawn[..., 0] * 4 + drawn[..., 1]).ravel().tolist()
 
 
@@ -98,9 +97,9 @@ def test_hostile_names_stay_text(tmp_path):
     folder = tmp_path / "a<b>'\"&"
     folder.mkdir()
     (folder / "run.json").write_text(json.dumps({"versions": {}, "settings": {HOSTILE: [HOSTILE]}}))
-    place = folder / "maps" / "0000<script>"
-    place.mkdir(parents=True)
-    (place / "map.json").write_text(map_to_json(RoadMap(LOOP)))
+    map_folder = folder / "maps" / "0000<script>"
+    map_folder.mkdir(parents=True)
+    (map_folder / "map.json").write_text(map_to_json(RoadMap(LOOP)))
     page = page_of(collect([folder], title=HOSTILE))
     elements = Elements(page)
     assert [tag for tag, _, _ in elements.found].count("script") == 3
@@ -229,10 +228,8 @@ def test_the_fractions_of_a_map_file_are_kept():
 
 def test_results_stand_side_by_side_with_as_many_seeds_as_are_asked_for():
     (own, big) = collect_results({"own": own_result(), "big": big_result()}, seeds=1).values["runs"]
-    assert [(one["name"], one["seeds"], one["seed"]["array"][2]) for one in (own, big)] == [
-        ("own", 1, 20),
-        ("big", 1, 400),
-    ]
+    shown = [(one["name"], one["seeds"], one["seed"]["array"][2]) for one in (own, big)]
+    assert shown == [("own", 1, 20), ("big", 1, 400)]
     assert own["features"]["corners"]["array"][2] == 20 and own["weights"]["symmetry"] == -3
     assert big["history"]["best_fitness"]["array"][2] == big["history"]["steps"]
 
@@ -240,10 +237,8 @@ def test_results_stand_side_by_side_with_as_many_seeds_as_are_asked_for():
 def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
     maps = [RoadMap(LOOP), RoadMap(np.array([[6, 5, 3], [12, 5, 9]], np.int8)), RoadMap(LOOP)]
     runs = collect(maps).values["runs"]
-    assert [(one["name"], one["shape"], len(one["maps"])) for one in runs] == [
-        ("maps of 2 x 2", [2, 2], 2),
-        ("maps of 2 x 3", [2, 3], 1),
-    ]
+    shown = [(one["name"], one["shape"], len(one["maps"])) for one in runs]
+    assert shown == [("maps of 2 x 2", [2, 2], 2), ("maps of 2 x 3", [2, 3], 1)]
     groups = collect_results({"one": maps[:1], "both": maps}).values["runs"]
     assert [one["name"] for one in groups] == ["one", "both, maps of 2 x 2", "both, maps of 2 x 3"]
     with pytest.raises(InputError, match="results: expected at least one"):

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import socket
 import subprocess
 import sys
@@ -12,19 +11,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explored import big_result, float_result
+from explored import IN_BROWSER, big_result, float_result
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.explorer._widget import continue_search, show
+from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax.explorer import show
+from elitelanes_jax.explorer._widget import continue_search
 from elitelanes_jax.explorer.page import static_text
-from elitelanes_jax.formats.objects import MapObject, object_values
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats import MapObject
+from elitelanes_jax.formats.objects import object_values
 
 pytest.importorskip("anywidget")
 
 HERE = Path(__file__).parent
-PACKAGES = HERE.parents[1] / "explorer" / "node_modules"
-CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
 
 CELLS = [
@@ -111,25 +109,14 @@ def free_port():
         return listener.getsockname()[1]
 
 
-IN_BROWSER = pytest.mark.skipif(
-    not (PACKAGES / "playwright-core").is_dir() or not Path(CHROMIUM).exists() or shutil.which("node") is None,
-    reason="the browser's tests need make explorer and chromium",
-)
-
-
-def seen_in(program, address, place, command):
+def seen_in(program, address, folder, command):
     """What a program for Node saw at the address of a notebook's server, which runs meanwhile."""
     port = free_port()
-    home = {name: str(place / name.lower()) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "IPYTHONDIR")}
+    home = {name: str(folder / name.lower()) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "IPYTHONDIR")}
     paths = os.pathsep.join([str(HERE.parents[1]), os.environ.get("PYTHONPATH", "")])
-    with (place / "server.log").open("w") as log:
-        server = subprocess.Popen(
-            [*command, f"--port={port}"],
-            env=os.environ | home | {"PYTHONPATH": paths},
-            stdout=log,
-            stderr=log,
-            cwd=place,
-        )
+    with (folder / "server.log").open("w") as log:
+        env = os.environ | home | {"PYTHONPATH": paths}
+        server = subprocess.Popen([*command, f"--port={port}"], env=env, stdout=log, stderr=log, cwd=folder)
     try:
         for _ in range(300):
             with socket.socket() as probe:
@@ -160,8 +147,12 @@ def test_the_widget_in_jupyterlab(tmp_path):
     slow.parent.mkdir(parents=True)
     slow.write_text("import time; time.sleep(12)")  # a kernel that is not ready when the notebook is there
     command = [sys.executable, "-m", "jupyterlab", "--ServerApp.port_retries=0", "--no-browser", "--allow-root"]
-    command += ["--expose-app-in-browser"]
-    command += ["--ServerApp.token=", "--ServerApp.password=", f"--ServerApp.root_dir={tmp_path}"]
+    command += [
+        "--expose-app-in-browser",
+        "--ServerApp.token=",
+        "--ServerApp.password=",
+        f"--ServerApp.root_dir={tmp_path}",
+    ]
     seen = seen_in("jupyter.mjs", "/lab/tree/explorer.ipynb?reset", tmp_path, command)
     assert seen["errors"] == []
     assert seen["map"].startswith("niche ")
@@ -189,25 +180,10 @@ def test_the_module_keeps_to_anywidget_s_contract():
     """VS Code, marimo and JupyterLab give a module a model and an element; its styles stay within that element."""
     module, style = static_text("explorer.js"), static_text("explorer.css")
     assert re.search(r"export\{\w+ as default,\w+ as kernel\};?\s*$", module)
-    for word in (
-        "require(",
-        "import(",
-        "requirejs",
-        "Jupyter",
-        "@jupyter",
-        "acquireVsCodeApi",
-        "eval(",
-        "new Function",
-        "fetch(",
-    ):
-        assert word not in module, word
+    words = ("require(", "import(", "requirejs", "Jupyter", "@jupyter", "acquireVsCodeApi", "eval(", "new Function")
+    assert not [word for word in (*words, "fetch(") if word in module]
+    own = (".elx", "#elitelanes-explorer")
+    own += ("html:has(>body>#elitelanes-explorer)", "body:has(>#elitelanes-explorer)")
     for selectors in re.findall(r"(?:^|[{}])([^{}@]+)\{", style):
         for selector in re.split(r",(?![^(]*\))", selectors):
-            assert selector.strip().startswith(
-                (
-                    ".elx",
-                    "#elitelanes-explorer",
-                    "html:has(>body>#elitelanes-explorer)",
-                    "body:has(>#elitelanes-explorer)",
-                )
-            ), selector
+            assert selector.strip().startswith(own), selector

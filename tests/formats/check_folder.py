@@ -3,37 +3,25 @@
 python check_folder.py {duckietown,sumo} FOLDER
 
 duckietown-world has to make the graph of lanes that the map says. In SUMO a car enters every edge of the network, in
-both directions of each road, and 20 at least; all have to arrive, none by a collision or moved on by force. What has
-passed is written beside the folder, so that a run goes on where the last one ended. Exit code 1 says that a map failed.
+both directions of each road, and 20 at least; all have to arrive, none by a collision or moved on by force. The digests
+of the maps that passed are written next to the folder, and the next run skips these maps. Exit code 1: a map failed.
 """
 
+import sys
 import tempfile
 from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from duckietown_lanes import OWN_ENVIRONMENT, check_lanes, read_by_duckietown_world
+from duckietown_lanes import check_lanes, read_by_duckietown_world
 from sumo_drive import drive, read
 
-from elitelanes_jax import InputError, read_map
-from elitelanes_jax._util.checks import one_of, path
-from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax import read_map
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax.cli.arguments import Parser, checked_by
-from elitelanes_jax.cli.program import guarded, leave, say, warn
 from elitelanes_jax.formats import convert, to_duckietown
 from elitelanes_jax.formats.sumo import plain_xml
 from elitelanes_jax.network import canonical_form
-
-_AT_ONCE = 50  # duckietown-world takes two seconds to start
-
-
-def graphs_of(grids, folder):
-    """The graphs of lanes that duckietown-world makes."""
-    files = [folder / f"{number}.yaml" for number in range(len(grids))]
-    for file, grid in zip(files, grids, strict=True):
-        file.write_text(to_duckietown(grid))
-    return read_by_duckietown_world(files)
 
 
 def check_drive(grid, folder):
@@ -45,59 +33,45 @@ def check_drive(grid, folder):
     assert drive(net, connections, folder, 0, vehicles) == (vehicles, "")
 
 
-def passing(by, maps, folder):
-    """Those of some maps, pairs of file and grid by digest, that pass."""
-    graphs = graphs_of([grid for _, grid in maps.values()], folder) if by == "duckietown" else [None] * len(maps)
-    passed = []
-    for (digest, (file, grid)), graph in zip(maps.items(), graphs, strict=True):
-        try:
-            check_drive(grid, folder) if graph is None else check_lanes(grid, graph)
-        except AssertionError as error:
-            warn(f"{file}: {str(error)[:500]}")
-        else:
-            passed.append(digest)
-    return passed
-
-
-def main(arguments=None):
-    parser = Parser(prog="check_folder", description=__doc__)
-    parser.add_argument("by", type=checked_by(one_of("duckietown", "sumo")), metavar="{duckietown,sumo}")
-    parser.add_argument("folder", type=checked_by(path), metavar="FOLDER")
-    options = parser.parse_args(arguments)
-    return guarded("check_folder", lambda: _main(options.by, options.folder), interrupted="what passed is kept")
-
-
-def _main(by, folder):
+def checks_of(by, grids, folder):
+    """Yields a function for each map, which raises AssertionError if the map fails."""
     if by == "sumo":
-        import_optional("sumo", "driving needs SUMO", "eclipse-sumo")
-    elif not OWN_ENVIRONMENT.exists():
-        raise InputError("duckietown-world is not here: make duckietown")
+        yield from (lambda grid=grid: check_drive(grid, folder) for grid in grids)
+        return
+    files = [folder / f"{number}.yaml" for number in range(len(grids))]
+    for file, grid in zip(files, grids, strict=True):
+        file.write_text(to_duckietown(grid))
+    for grid, graph in zip(grids, read_by_duckietown_world(files), strict=True):
+        yield lambda grid=grid, graph=graph: check_lanes(grid, graph)
+
+
+def main(by, folder):
     maps = {}
     for file in sorted(folder.glob("maps/*/map.json")):
         grid = np.asarray(read_map(file).codes)
         maps[sha256(repr(grid.tolist()).encode()).hexdigest()[:16]] = file, grid
-    if not maps:
-        raise InputError(f"{folder}: expected maps/*/map.json, got none")
+    if by not in ("duckietown", "sumo") or not maps:
+        sys.exit(f"{__doc__}\nexpected duckietown or sumo, and maps in {folder}/maps/*/map.json")
     kept = folder.with_name(f"{folder.name}-{by}.txt")
     passed = set(kept.read_text().split()) & set(maps) if kept.exists() else set()
-    missing = [digest for digest in maps if digest not in passed]
-    step = _AT_ONCE if by == "duckietown" else 1
-    with (
-        Progress(by, len(maps), "maps", done=len(passed)) as progress,
-        kept.open("a") as lines,
-        tempfile.TemporaryDirectory() as scratch,
-    ):
-        for first in range(0, len(missing), step):
-            some = missing[first : first + step]
-            good = passing(by, {digest: maps[digest] for digest in some}, Path(scratch))
-            lines.writelines(f"{digest}\n" for digest in good)
-            lines.flush()
-            passed.update(good)
-            progress.count(len(some))
+    missing = iter([digest for digest in maps if digest not in passed])
+    progress = Progress(by, len(maps), "maps", done=len(passed))
+    with progress, kept.open("a") as lines, tempfile.TemporaryDirectory() as scratch:
+        while some := list(islice(missing, 50)):  # duckietown-world takes two seconds to start
+            checks = checks_of(by, [maps[digest][1] for digest in some], Path(scratch))
+            for digest, check in zip(some, checks, strict=True):
+                try:
+                    check()
+                except AssertionError as error:
+                    print(f"{maps[digest][0]}: {str(error)[:500]}", file=sys.stderr)
+                else:
+                    passed.add(digest)
+                    print(digest, file=lines, flush=True)
+                progress.count()
     distinct = len({canonical_form(grid) for _, grid in maps.values()})
-    say(f"{len(passed)} of {len(maps)} maps passed, {distinct} distinct even if turned or mirrored", asked=True)
+    print(f"{len(passed)} of {len(maps)} maps passed, {distinct} distinct even if turned or mirrored")
     return int(len(passed) < len(maps))
 
 
 if __name__ == "__main__":
-    leave(main)
+    sys.exit(main(sys.argv[1], Path(sys.argv[2])))

@@ -9,13 +9,15 @@ import jax
 import networkx as nx
 import numpy as np
 import pytest
+from conftest import grids
+from hypothesis import example, given
 from oracle import road_graph
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats import RoadMap, read_map
 from elitelanes_jax.maps import furnish
+from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.growth import grow_town
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.wfc import generate_batch
@@ -31,12 +33,18 @@ _grow = jax.jit(grow_town, static_argnums=1)
 # Those of duckietown-world, where make duckietown has installed it.
 _PEOPLES = Path(__file__).parents[2].glob(".venv-duckietown/**/gd1/maps/*.yaml")
 
-
 KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)  # a road back to its own crossing, and two dead ends
 RING = np.array([[6, 3], [12, 9]], np.int8)
 BLOCK = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)  # crossings next to crossings
 BATCHES = ["people", *range(40)]
 KEPT = Path(__file__).parents[2] / "results" / "simulator-maps.npz"
+
+
+def on_any_roads(test):
+    """Runs a test on all sorts of grids that have a road."""
+    for grid in (KNOT, RING, BLOCK):
+        test = example(grid)(test)
+    return given(grids(thin=True).filter(lambda grid: road_graph(grid).number_of_edges()))(test)
 
 
 def maps(batch):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from test_map_objects import check_same
 
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, read_dt_maps, to_dt_maps
@@ -18,19 +19,15 @@ def write(folder, road_map, **settings):
 
 
 def test_all_tiles_and_kinds_are_read_as_they_are_written(tmp_path):
-    """In every field; poses with six decimals."""
-    objects = [
-        MapObject(
-            kind, 0.3 * index, 0.5, 0.1 * index - 1, usual.height * 1.5, 7 if "sign" in kind else None, index % 2 > 0
-        )
-        for index, (kind, usual) in enumerate({**OBJECT_KINDS, "other:boat": OBJECT_KINDS["other"]}.items())
-    ]
+    objects = []
+    for index, (kind, usual) in enumerate({**OBJECT_KINDS, "other:boat": OBJECT_KINDS["other"]}.items()):
+        tag = 7 if "sign" in kind else None
+        pose = 0.3 * index, 0.5, 0.1 * index - 1
+        objects.append(MapObject(kind, *pose, usual.height * 1.5, tag, index % 2 > 0))
     write(tmp_path, RoadMap(ROW, objects=objects), tile_size=0.6)
     found = read_dt_maps(tmp_path)
     np.testing.assert_array_equal(found.codes, ROW)
-    for one, other in zip(found.objects, objects, strict=True):
-        assert one[1:5] == pytest.approx(other[1:5], abs=1e-5)
-        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+    check_same(found.objects, objects)
 
 
 def test_frames_are_relative_to_others(tmp_path):
@@ -62,6 +59,9 @@ def test_dead_ends_and_sizes_are_refused():
         ("frames", "pose: {", "pose: 3 #", "frames.yaml: expected readable YAML|expected a pose"),
         ("citizens", "citizens:", "people:", "citizens.yaml: expected a table of tables under 'citizens'"),
         ("tile_maps", "x: 1.0", "x: 0", "tile_size: expected metres"),
+        ("tile_maps", "{x: 1.0, y: 1.0}", "1.0", "tile_size: expected a table, got '1.0'"),
+        ("tiles", "i: 1", "i: 0", "tiles: expected one tile in each cell, got several"),
+        ("tiles", "i: 1", "i: 0.5", "i: expected a whole number, got 0.5"),
         ("traffic_signs", "type: stop", "type: go on", "kind: expected one of .*got 'other:go on'"),
     ],
 )

@@ -135,6 +135,7 @@ def test_messages_are_short_whatever_a_file_unfolds_to():
         ("tiles: &a [*a, *a]", "tiles: expected one of"),
         ("a: *b\ntiles: [[floor, floor], [floor, floor]]", r"expected readable YAML, got an alias of nothing, \*b"),
         ("{[a]: b}", "expected readable YAML, its keys texts, got a list for a key"),
+        ("tiles: [[floor]]\ntiles: [[4way]]", "YAML: expected each key once, got tiles twice"),
         ("a: b\n---\na: b", "expected readable YAML of one document, got several"),
         ("%TAG ! a\n" * 99, "expected readable YAML, got 16 directives and more"),
         ("", 'got no "tiles"'),

@@ -16,10 +16,10 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.drive import Camera, LaneNode, Pose, lane_pose, look, make_atlas, route
 from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
-from elitelanes_jax.formats import MapObject
+from elitelanes_jax.formats import MapObject, to_nav2
 from elitelanes_jax.formats.gltf import to_gltf
-from elitelanes_jax.formats.lane_graph import lane_graph
 from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
+from elitelanes_jax.formats.streets import lane_graph
 from elitelanes_jax.maps.exporting import FORMATS
 from elitelanes_jax.network import wfc
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles, stand
@@ -43,8 +43,8 @@ def test_the_robot_has_the_measures_of_ours():
         assert [float(part) * WHEEL_RADIUS for part in motor.get("ctrlrange").split()] == pytest.approx(
             [-robot.top_speed, robot.top_speed], rel=1e-5
         )
-    for geom in model.findall(".//geom[@name='ground']"):
-        assert [255 * float(part) for part in geom.get("rgba").split()[:3]] == pytest.approx(camera.ground, abs=0.2)
+    ground = model.find(".//geom[@name='ground']").get("rgba").split()[:3]
+    assert [255 * float(part) for part in ground] == pytest.approx(camera.ground, abs=0.2)
 
 
 @pytest.mark.parametrize("number", range(12))
@@ -57,7 +57,7 @@ def test_the_robot_starts_in_the_middle_of_a_lane(number):
     assert found.own_lane and abs(found.d) < 1e-4 and abs(found.phi) < 1e-4
 
 
-@pytest.mark.parametrize("write", [to_mjcf, lambda codes, picture, size: to_gltf(np.shape(codes), b"", size)])
+@pytest.mark.parametrize("write", [to_mjcf, to_nav2, lambda codes, picture, size: to_gltf(np.shape(codes), b"", size)])
 @pytest.mark.parametrize("size", [0, -1, float("nan"), 1e9, "x"])
 def test_sizes_that_no_floor_has_are_refused(write, size):
     with pytest.raises(InputError, match=r"tile_size: expected metres"):
@@ -125,12 +125,13 @@ def test_objects_stand_on_the_floor_and_face_their_readers():
     model = ET.fromstring(to_mjcf(TOWN, "town.png", 2 * TILE, standing))
     solids = [one for one in model.iter("geom") if one.get("type") in ("box", "cylinder")][: len(standing)]
     for (thing, *_), solid in zip(standing, solids, strict=True):
-        x, y, z = (float(part) for part in solid.get("pos").split())
-        assert (x, y, z) == pytest.approx(
-            (thing.x * 2 * TILE, (len(TOWN) - thing.y) * 2 * TILE, thing.height), rel=1e-5
-        )
+        place = [float(part) for part in solid.get("pos").split()]
+        expected = thing.x * 2 * TILE, (len(TOWN) - thing.y) * 2 * TILE, thing.height
+        assert place == pytest.approx(expected, rel=1e-5)
         half = [float(part) for part in solid.get("size").split()]
-        assert half[-1] == z and half[0] == pytest.approx(thing.footprint[0]) and (len(half) == 2) == thing.is_round
+        assert (
+            half[-1] == place[2] and half[0] == pytest.approx(thing.footprint[0]) and (len(half) == 2) == thing.is_round
+        )
 
 
 def city(number, largest=24):

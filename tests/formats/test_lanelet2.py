@@ -6,12 +6,8 @@ from itertools import pairwise
 
 import networkx as nx
 import pytest
-from conftest import grids
-from hypothesis import assume, example, given
-from oracle import road_graph
-from simulator_maps import BATCHES, BLOCK, KNOT, RING, distances, lane_graph, maps, name
+from simulator_maps import BATCHES, BLOCK, KNOT, distances, lane_graph, maps, name, on_any_roads
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.lanelet2 import to_lanelet2
 from elitelanes_jax.formats.streets import Streets
 
@@ -46,12 +42,8 @@ def directed(nodes, bound, lane, grid, streets, left):
     return bound if abs(nodes[bound[0]] - start) < 1e-5 else bound[::-1]
 
 
-@given(grids(thin=True))
-@example(KNOT)
-@example(RING)
-@example(BLOCK)
+@on_any_roads
 def test_lanelets_join_as_movements_do(grid):
-    assume(road_graph(grid).number_of_edges())
     streets = Streets()
     lanelets, _, nodes = read(to_lanelet2(grid, streets))
     graph = lane_graph(grid)
@@ -98,12 +90,6 @@ def test_at_three_arms_the_third_gives_way():
         ("yield", "0_1_south_left"),
         ("yield", "0_1_south_right"),
     }
-
-
-def test_texts_are_the_same_for_the_same_map():
-    assert to_lanelet2(KNOT) == to_lanelet2(KNOT.tolist())
-    with pytest.raises(InputError, match="grid: expected a road, two tiles that connect to each other, got none"):
-        to_lanelet2([[4, 4], [0, 0]])
 
 
 # From here on by Lanelet2 itself: make simulators.

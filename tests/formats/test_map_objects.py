@@ -16,6 +16,13 @@ OBJECTS = (
 )
 
 
+def check_same(found, expected):
+    """Poses are written with six decimals."""
+    for one, other in zip(found, expected, strict=True):
+        assert one[1:5] == pytest.approx(other[1:5], abs=1e-5)
+        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+
+
 def test_a_map_file_keeps_objects(tmp_path):
     """What is written is read, in every field."""
     road_map = RoadMap(GRID, objects=OBJECTS)
@@ -23,6 +30,8 @@ def test_a_map_file_keeps_objects(tmp_path):
     found = read_map(tmp_path / "map.json")
     assert found == road_map
     assert found.objects == OBJECTS
+    text = (tmp_path / "map.json").read_text()
+    assert text.count('"static"') == 1 and text.count('"tag"') == 2  # those that have no default
 
 
 def test_defaults_are_those_of_the_kind():
@@ -46,6 +55,7 @@ def test_footprints_follow_the_height():
         ([3], "objects: object 0: expected"),
         ([{"kind": "dukie", "x": 0, "y": 0}], "kind: expected one of .*is it duckie"),
         ([OBJECTS[0], {"kind": "cone", "x": 3.1, "y": 0}], "object 1: x: expected tiles from -1 to 3, got 3.1"),
+        ([{"kind": "cone", "x": 10**309, "y": 0}], "object 0: x: expected tiles from -1 to 3, got 10000"),
         ([{"kind": "cone", "x": 0}], "object 0: y: .*got None"),
         ([{"kind": "cone", "x": 0, "y": 0, "size": 2}], "got 'size'"),
         ([{"kind": "cone", "x": 0, "y": 0, "angle": float("nan")}], "angle: expected radians"),
@@ -76,16 +86,13 @@ def test_four_ways_to_say_where_an_object_is(tmp_path):
         "      tag: {~TagInstance: {family: 36h11, tag_id: 31, size: 0.08}}}\n",
         encoding="utf-8",
     )
-    found = read_map(file).objects
     expected = [
         MapObject("duckie", 1.5, 0.25, math.pi / 2, 0.06, static=False),
         MapObject("sign_oneway_left", 1.5, 0.25, math.pi / 2, 0.18),
         MapObject("truck", 1.6, 0.6, 1.5, 0.2),
         MapObject("sign_stop", 1 - 0.18, 1 + 0.07, math.pi, 0.18, tag=31),
     ]
-    for one, other in zip(found, expected, strict=True):
-        assert one[1:5] == pytest.approx(other[1:5])
-        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+    check_same(read_map(file).objects, expected)
 
 
 def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
@@ -94,9 +101,7 @@ def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
     objects = (*OBJECTS, *more)
     file = tmp_path / "map.yaml"
     file.write_text(to_duckietown(GRID, objects=objects, tile_size=0.6), encoding="utf-8")
-    for one, other in zip(read_map(file).objects, objects, strict=True):
-        assert one[1:5] == pytest.approx(other[1:5], abs=1e-5)
-        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+    check_same(read_map(file).objects, objects)
     assert "kind: helicopter" in file.read_text(encoding="utf-8")
     assert "objects" not in to_duckietown(GRID)
 
@@ -111,8 +116,10 @@ def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
         ("[{kind: duckie, pos: [1]}]", "pos: expected two numbers"),
         ("[{kind: duckie, pos: [1, x]}]", "pos: expected a number, got 'x'"),
         ("[{kind: duckie, pos: [1, nan]}]", "pos: expected a number"),
+        ("[{kind: duckie, pos: [1, 1_0]}]", "pos: expected a number, got '1_0'"),
         ("[{kind: duckie, pose: 3}]", "~SE2Transform: expected a table"),
         ("[{kind: sign_stop, attach: {tile: [1, 1], slot: 9}}]", "slot: expected a whole number, 0 to 7, got 9"),
+        ("[{kind: floor_tag, pos: [1, 1], tag: {~TagInstance: {tag_id: 3.7}}}]", "tag_id: expected a whole number"),
         ("[{kind: duckie, pos: [9, 1]}]", "x: expected tiles from -1 to 3, got 9"),
     ],
 )

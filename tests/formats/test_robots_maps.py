@@ -1,6 +1,5 @@
 """Maps for robots: nav2's and MovingAI's files, by readers of their formats' rules, and the graph of lanes in them."""
 
-import heapq
 import json
 import math
 import subprocess
@@ -13,18 +12,18 @@ import yaml
 from conftest import grids
 from hypothesis import assume, example, given, settings
 from oracle import road_graph
+from simulator_maps import KNOT
 
 from elitelanes_jax import InputError
 from elitelanes_jax.drive import lane_nodes, movements
 from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point, on_road
 from elitelanes_jax.formats import to_movingai, to_nav2
-from elitelanes_jax.formats.lane_graph import LENGTHS, lane_graph, lane_points
+from elitelanes_jax.formats.streets import LENGTHS, lane_graph, lane_points
 from elitelanes_jax.network import wfc
 from elitelanes_jax.network.movements import linked_codes
 
 TOWN = wfc.generate_batch(np.random.default_rng(0), 1, (9, 7), border="closed").grid[0]
 ANY = np.random.default_rng(1).integers(0, 16, (9, 7)).astype(np.int8)
-KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)
 
 
 @pytest.mark.parametrize("grid", [TOWN, ANY], ids=["town", "any"])
@@ -88,19 +87,18 @@ def test_the_route_server_finds_the_lanes(grid):
     numbers = [feature["properties"]["id"] for feature in features]
     assert len(set(numbers)) == len(numbers)
     found = nx.DiGraph()
-    for feature in features:
+    for feature in features:  # nodes come first
         about, geometry = feature["properties"], feature["geometry"]
         if geometry["type"] == "Point":
             assert about["frame"] == "map"
             found.add_node(about["id"], at=complex(*geometry["coordinates"]))
-    for feature in features:
-        about, geometry = feature["properties"], feature["geometry"]
-        if geometry["type"] == "MultiLineString":
-            (line,) = geometry["coordinates"]
-            ends = [found.nodes[about[name]]["at"] for name in ("startid", "endid")]
-            assert [complex(*place) for place in line] == ends
-            assert abs(ends[1] - ends[0]) <= about["cost"] + 1e-5 and about["cost"] < 1.02 * abs(ends[1] - ends[0])
-            found.add_edge(about["startid"], about["endid"], cost=about["cost"])
+            continue
+        assert geometry["type"] == "MultiLineString"
+        (line,) = geometry["coordinates"]
+        start, end = (complex(*place) for place in line)
+        assert (found.nodes[about["startid"]]["at"], found.nodes[about["endid"]]["at"]) == (start, end)
+        assert abs(end - start) - 1e-5 <= about["cost"] < 1.02 * abs(end - start)
+        found.add_edge(about["startid"], about["endid"], cost=about["cost"])
     graph = lane_graph(grid)
     expected = nx.DiGraph()
     used = sorted(set(graph.edges.ravel().tolist()))
@@ -135,25 +133,14 @@ def octile_steps(free, cell):
                 yield beside[0], abs(down * right)
 
 
-def astar(free, start, goal):
-    """The straight and diagonal steps of a shortest path, by A* with the octile distance."""
-
-    def left(cell):
-        short, long = sorted((abs(cell[0] - goal[0]), abs(cell[1] - goal[1])))
-        return long - short + short * math.sqrt(2)
-
-    best, queue = {start: 0.0}, [(left(start), 0, 0, start)]
-    while queue:
-        _, straight, diagonal, cell = heapq.heappop(queue)
-        if cell == goal:
-            return straight, diagonal
+def cells_of(free):
+    """The graph of the cells that can be entered, with the lengths of steps."""
+    graph = nx.Graph()
+    for cell in map(tuple, np.argwhere(free).tolist()):
+        graph.add_node(cell)
         for other, slanted in octile_steps(free, cell):
-            steps = straight + 1 - slanted, diagonal + slanted
-            length = steps[0] + steps[1] * math.sqrt(2)
-            if length < best.get(other, math.inf) - 1e-9:
-                best[other] = length
-                heapq.heappush(queue, (length + left(other), *steps, other))
-    raise AssertionError("no path")
+            graph.add_edge(cell, other, length=math.sqrt(1 + slanted))
+    return graph
 
 
 @pytest.mark.parametrize(("codes", "cells"), [(TOWN, 5), (TOWN, 8), (KNOT, 6)])
@@ -162,13 +149,13 @@ def test_the_lengths_of_tasks_are_those_of_shortest_paths(codes, cells):
     free, (version, *lines) = read_movingai(grid), tasks.splitlines()
     assert version == "version 1" and len(lines) == 100
     assert to_movingai(codes, "town.map", cells) == (grid, tasks)
-    listed = []
+    listed, graph = [], cells_of(free)
     for line in lines:
         bucket, name, width, height, *ends, length = line.split("\t")
         assert (name, int(height), int(width)) == ("town.map", *free.shape)
         x, y, goal_x, goal_y = map(int, ends)
-        straight, diagonal = astar(free, (y, x), (goal_y, goal_x))
-        assert float(length) == pytest.approx(straight + diagonal * math.sqrt(2), abs=6e-9)
+        shortest = nx.dijkstra_path_length(graph, (y, x), (goal_y, goal_x), "length")
+        assert float(length) == pytest.approx(shortest, abs=6e-9)
         assert int(bucket) == float(length) // 4
         listed.append(float(length))
     assert listed == sorted(listed)
@@ -183,9 +170,7 @@ def test_cells_are_connected_as_tiles_are(grid):
     links = road_graph(np.asarray(linked_codes(np.asarray(grid))))
     for cells in (5, 6, 7):
         free = read_movingai(to_movingai(grid, "town.map", cells)[0])
-        graph = nx.Graph()
-        graph.add_nodes_from(map(tuple, np.argwhere(free).tolist()))
-        graph.add_edges_from((cell, other) for cell in list(graph) for other, _ in octile_steps(free, cell))
+        graph = cells_of(free)
         found = {(one[0] // cells, one[1] // cells, two[0] // cells, two[1] // cells) for one, two in graph.edges}
         pairs = {frozenset(((a, b), (c, d))) for a, b, c, d in found if (a, b) != (c, d)}
         assert set(map(frozenset, links.edges)) == {
@@ -209,14 +194,14 @@ def test_pogema_leads_a_robot_through_the_maps(tmp_path):
     subprocess.run([python, script, tmp_path], check=True, env={"PATH": ""}, capture_output=True)
 
 
+@pytest.mark.parametrize("name", [None, "", "a\tmap", "a\nmap"])
+def test_names_that_no_list_of_tasks_can_hold_are_refused(name):
+    with pytest.raises(InputError, match="name: expected"):
+        to_movingai(TOWN, name)
+
+
 @pytest.mark.parametrize("cells", [4, 0, -1, 257, 5.5, "x"])
 def test_numbers_of_cells_that_do_not_fit_are_refused(cells):
     for write in (lambda: to_movingai(TOWN, "town.map", cells), lambda: to_nav2(TOWN, "town.pgm", cells=cells)):
         with pytest.raises(InputError, match="cells: expected a whole number, 5 to 256"):
             write()
-
-
-@pytest.mark.parametrize("size", [0, -1, math.nan, 1e9, "x"])
-def test_sizes_of_tiles_that_do_not_fit_are_refused(size):
-    with pytest.raises(InputError, match="tile_size: expected metres"):
-        to_nav2(TOWN, "town.pgm", size)

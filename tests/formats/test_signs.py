@@ -45,17 +45,13 @@ def signals_of(text):
         for signal in road.iter("signal"):
             ahead = signal.get("orientation") == "+"
             assert float(signal.get("s")) == pytest.approx(float(road.get("length")) if ahead else 0)
-            assert signal.find("validity").attrib == {
-                "fromLane": "-1" if ahead else "1",
-                "toLane": "-1" if ahead else "1",
-            }
+            lane = "-1" if ahead else "1"
+            assert signal.find("validity").attrib == {"fromLane": lane, "toLane": lane}
             angle = end[1] if ahead else start[1] + np.pi
             tile = junctions[road.find("link/successor" if ahead else "link/predecessor").get("elementId")]
             place = signal.find("positionInertial")
-            if place is not None:
-                assert (
-                    abs(np.exp(1j * float(place.get("hdg"))) - np.exp(1j * angle)) < 1e-6
-                )  # who reads it drives there
+            if place is not None:  # who reads it drives there
+                assert abs(np.exp(1j * float(place.get("hdg"))) - np.exp(1j * angle)) < 1e-6
                 place = float(place.get("x")) + 1j * float(place.get("y"))
             into = round(1 - angle / (np.pi / 2)) % 4
             found.setdefault((*tile, into), []).append((signal.get("name"), signal.get("type"), place))

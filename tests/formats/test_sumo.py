@@ -7,24 +7,23 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from itertools import pairwise
+from operator import eq
 from pathlib import Path
 
 import jax
 import networkx as nx
 import numpy as np
 import pytest
-from conftest import grids
-from hypothesis import assume, example, given
+from hypothesis import example
 from oracle import road_graph
+from simulator_maps import KNOT, RING, all_reach_all, on_any_roads
 from sumo_drive import drive, elements, points, read, run
 
 from elitelanes_jax import InputError, evolve
-from elitelanes_jax.formats import Streets, convert, write_sumo
+from elitelanes_jax.formats import Streets, convert, to_commonroad, to_lanelet2, to_opendrive, write_sumo
 from elitelanes_jax.formats.sumo import network, plain_xml
 from elitelanes_jax.network.wfc import generate_batch
 
-KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)  # a road back to its own crossing, and two dead ends
-RING = np.array([[6, 3], [12, 9]], np.int8)
 CITY = generate_batch(np.random.default_rng(0), 1, (9, 12), border="closed").grid[0]
 TO_SCALE = Streets(tile=8.43, right_of_way="right_before_left")
 
@@ -36,19 +35,11 @@ def opposites(edges):
     return {name: by_shape[tuple(edge["shape"][::-1])] for name, edge in edges.items()}
 
 
-def linked(grid):
-    """The tiles that roads lead through, and their links."""
-    graph = road_graph(grid)
-    return graph.subgraph([tile for tile in graph if graph.degree(tile)])
-
-
-@given(grids(thin=True))
+@on_any_roads
 @example(CITY)
-@example(KNOT)
-@example(RING)
 def test_roads_are_the_links_in_both_directions(grid):
-    graph = linked(grid)
-    assume(graph)
+    graph = road_graph(grid)
+    graph = graph.subgraph([tile for tile in graph if graph.degree(tile)])
     plain = plain_xml(grid, Streets(tile=10))
     nodes, edges, _ = read(plain)
     stops = {node["id"] for node in elements(plain.nodes) if node["type"] == "allway_stop"}
@@ -73,26 +64,14 @@ def test_roads_are_the_links_in_both_directions(grid):
         length += sum(abs(b - a) for a, b in pairwise(shape))
     opposite = opposites(edges)
     assert all(edges[opposite[name]]["from"] == edge["to"] for name, edge in edges.items())
-    across = {True: 10, False: 10 * 8 * math.sin(math.pi / 32)}  # a straight, or a quarter circle of eight chords
-    assert length == pytest.approx(
-        2
-        * sum(across[_straight(graph[tile])] if graph.degree(tile) == 2 else 5 * graph.degree(tile) for tile in graph),
-        abs=0.05,
-    )
+    turn = 10 * 8 * math.sin(math.pi / 32)  # a quarter circle of eight chords
+    bends = sum(graph.degree(tile) == 2 and not any(map(eq, *graph[tile])) for tile in graph)
+    assert length == pytest.approx(2 * (5 * sum(dict(graph.degree).values()) - bends * (10 - turn)), abs=0.05)
 
 
-def _straight(neighbours):
-    (a, b), (c, d) = neighbours
-    return a == c or b == d
-
-
-@given(grids(thin=True))
+@on_any_roads
 @example(CITY)
-@example(KNOT)
-@example(RING)
 def test_traffic_may_go_on_everywhere_and_back_at_dead_ends(grid):
-    graph = linked(grid)
-    assume(graph)
     _, edges, connections = read(plain_xml(grid))
     opposite = opposites(edges)
     expected = set()
@@ -100,11 +79,7 @@ def test_traffic_may_go_on_everywhere_and_back_at_dead_ends(grid):
         onward = {other for other in edges if edges[other]["from"] == edge["to"]} - {opposite[name]}
         expected |= {(name, other) for other in onward or {opposite[name]}}
     assert len(connections) == len(expected) and set(connections) == expected
-
-    # Every edge is reached from every other: on a ring alone nobody turns round.
-    parts = [graph.subgraph(part) for part in nx.connected_components(graph)]
-    directions = sum(2 if all(part.degree(tile) == 2 for tile in part) else 1 for part in parts)
-    assert nx.number_strongly_connected_components(nx.DiGraph(connections)) == directions
+    assert all_reach_all(nx.DiGraph(connections), grid)
 
 
 def test_a_ring_is_two_roads_around_a_circle():
@@ -131,19 +106,9 @@ def test_north_is_up_and_crossings_are_junctions():
     assert all(3.2 + float(node["radius"]) < 8.43 / 2 for node in tight)
 
 
-def test_files_are_the_texts(tmp_path):
-    files = write_sumo(tmp_path / "city", KNOT)
-    assert [file.name for file in files] == ["city.nod.xml", "city.edg.xml", "city.con.xml"]
-    assert tuple(file.read_text() for file in files) == plain_xml(KNOT)
-
-
-def test_measures_may_be_numbers_of_numpy():
-    streets = Streets(np.int64(30), np.float32(3.2), np.float64(8.33))
-    assert plain_xml(KNOT, streets) == plain_xml(KNOT)
-
-
 def test_no_file_is_replaced_before_all_are_written(tmp_path, small_files_only):
     files = write_sumo(tmp_path / "new" / "city", KNOT)
+    assert [file.name for file in files] == ["city.nod.xml", "city.edg.xml", "city.con.xml"]
     nodes, edges, _ = plain_xml(RING)
     assert len(nodes) < len(edges)
     small_files_only(len(nodes))
@@ -171,17 +136,17 @@ def test_measures_are_checked(change, message):
         Streets(**change)
 
 
-@pytest.mark.parametrize(
-    ("codes", "streets", "message"),
-    [
-        (np.zeros((3, 3), int), Streets(), "grid: expected a road, two tiles that connect to each other, got none"),
+@pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, plain_xml])
+def test_the_same_map_makes_the_same_network_and_what_is_none_is_refused(write):
+    same = write(KNOT.tolist(), Streets(np.int64(30), np.float64(3.2), 8.33))
+    assert same == write(KNOT) == write(np.asarray(KNOT, np.int64))
+    for codes, streets, message in (
+        ([[4, 4], [0, 0]], Streets(), "grid: expected a road, two tiles that connect to each other, got none"),
         ([[4, 16], [0, 0]], Streets(), "grid: expected tile codes 0 to 15, got 16"),
-    ],
-)
-def test_what_makes_no_streets_is_refused(codes, streets, message, tmp_path):
-    with pytest.raises(InputError, match=message):
-        write_sumo(tmp_path / "city", codes, streets)
-    assert not list(tmp_path.iterdir())
+        (KNOT, {"tile": 30}, "streets: expected Streets, got"),
+    ):
+        with pytest.raises(InputError, match=message):
+            write(codes, streets)
 
 
 class _FakeSumo:
@@ -267,7 +232,7 @@ def test_two_hundred_maps_convert_and_all_vehicles_arrive(source, tmp_path):
         _, edges, connections = read(plain_xml(grid))
         assert convert(net, grid) == ()
         if seed % 20 == 0:
-            assert network(grid).text == net.read_text()
+            assert network(grid)[0] == net.read_text()
         built = ET.parse(net)
         made = [(pair.get("from"), pair.get("to")) for pair in built.iter("connection")]
         assert sorted(pair for pair in made if pair[0][0] != ":") == sorted(connections)

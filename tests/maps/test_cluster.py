@@ -17,7 +17,7 @@ from killed_runs import digest
 from elitelanes_jax import DatasetSpec, GenerateSpec, InputError, SearchSpec, generate, make_dataset
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import make
-from elitelanes_jax.maps import cluster, dask_executor, generate_on
+from elitelanes_jax.maps import cluster, dask_executor, generate_on, parts
 
 SEARCH = SearchSpec(method="ea", preset="paper", generations=12)
 SPEC = GenerateSpec(size=(5, 6), maps=3, seeds=7, tile_px=16, search=SEARCH)
@@ -46,7 +46,7 @@ class Lossy(ThreadPoolExecutor):
 
 
 def test_workers_search_what_one_machine_does(whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "_SEEDS_A_PART", 3)
+    monkeypatch.setattr(parts, "_SEEDS_A_PART", 3)
     out = tmp_path / "maps"
     executor = Lossy(lost=3)
     with executor, pytest.raises(ConnectionError) as error:
@@ -133,27 +133,44 @@ def test_without_dask_it_is_said(tmp_path, capsys, monkeypatch):
     assert "a cluster needs Dask: pip install distributed" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_a_dask_cluster_whose_worker_is_killed(tmp_path, monkeypatch):
+def complete_despite_a_killed_worker(started, make):
+    """Kills a worker of a Dask cluster once something has started that a call makes with an executor."""
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(cluster, "_SEEDS_A_PART", 2)
-    spec = SPEC.replace(search=SEARCH.replace(generations=30_000))
-    generate(spec, tmp_path / "one")
-    out = tmp_path / "maps"
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
 
         def kill_one():
-            parts = tmp_path / ".maps-unfinished" / "kept"
-            while not list(parts.glob(".[1-4]-unfinished")):
+            while not started():
                 time.sleep(0.01)
             with distributed.Client(workers.scheduler_address) as client:
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
 
         with ThreadPoolExecutor(1) as killer, dask_executor(workers.scheduler_address) as executor:
             killed = killer.submit(kill_one)
-            generate_on(executor, spec, out)
+            make(executor)
             killed.result()
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_whose_worker_is_killed(tmp_path, monkeypatch):
+    monkeypatch.setattr(parts, "_SEEDS_A_PART", 2)
+    spec, out = SPEC.replace(search=SEARCH.replace(generations=30_000)), tmp_path / "maps"
+    generate(spec, tmp_path / "one")
+    complete_despite_a_killed_worker(
+        lambda: list(tmp_path.glob(".maps-unfinished/kept/.[1-4]-unfinished")),
+        lambda executor: generate_on(executor, spec, out),
+    )
     assert digest(out) == digest(tmp_path / "one")
+
+
+@pytest.mark.slow
+def test_a_dataset_on_a_dask_cluster_whose_worker_is_killed(tmp_path):
+    spec = DatasetSpec(maps=16, views=25, size=((5, 6), (6, 6)), tile_px=64, search=SEARCH)
+    make_dataset(spec, tmp_path / "one")
+    complete_despite_a_killed_worker(
+        lambda: len(list(tmp_path.glob(".many-unfinished/kept/records/*/*.json"))) >= 50,
+        lambda executor: make_dataset(spec, tmp_path / "many", executor=executor),
+    )
+    assert files(tmp_path / "many") == files(tmp_path / "one")
 
 
 @pytest.mark.slow
@@ -168,24 +185,3 @@ def test_the_command_on_a_dask_cluster(whole, tmp_path):
         )
     assert re.search("searching 1 part of 1 on workers", ran.stderr)
     assert digest(Path(tmp_path / "maps")) == whole
-
-
-@pytest.mark.slow
-def test_a_dataset_on_a_dask_cluster_whose_worker_is_killed(tmp_path):
-    distributed = pytest.importorskip("distributed")
-    spec = DatasetSpec(maps=16, views=25, size=((5, 6), (6, 6)), tile_px=64, search=SEARCH)
-    make_dataset(spec, tmp_path / "one")
-    out = tmp_path / "many"
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
-
-        def kill_one():
-            while len(list(tmp_path.glob(".many-unfinished/kept/records/*/*.json"))) < 50:
-                time.sleep(0.01)
-            with distributed.Client(workers.scheduler_address) as client:
-                os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
-
-        with ThreadPoolExecutor(1) as killer, dask_executor(workers.scheduler_address) as executor:
-            killed = killer.submit(kill_one)
-            make_dataset(spec, out, executor=executor)
-            killed.result()
-    assert files(out) == files(tmp_path / "one")

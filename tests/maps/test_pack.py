@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirror, read_map, rotate
-from elitelanes_jax._util.files import write_atomic
-from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import movements
 from elitelanes_jax.drive.lanes import Movement, lane_length
-from elitelanes_jax.maps import FormatOptions, PackSpec, exporting, pack, packing
+from elitelanes_jax.maps import FormatOptions, PackSpec, exporting, pack
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure, wfc
 
@@ -101,32 +99,15 @@ def test_the_same_maps_give_the_same_bytes_after_an_interruption_too(packed, tmp
         drawn.append(name)
         if len(drawn) == 9:
             raise KeyboardInterrupt
-        return usual.files(road_map, name, **settings)
+        return usual.convert(road_map, name, **settings)
 
-    monkeypatch.setitem(exporting.FORMATS, "duckietown", usual._replace(files=interrupt))
+    monkeypatch.setitem(exporting.FORMATS, "duckietown", usual._replace(convert=interrupt))
     with pytest.raises(KeyboardInterrupt):
         pack(SPEC, MAPS, tmp_path / "pack")
     assert not (tmp_path / "pack").exists()
     pack(SPEC, MAPS, tmp_path / "pack")
     assert contents(tmp_path / "pack") == expected
     assert len(drawn) == len(MAPS) + 3  # a map for the check of the settings, twice, and the interrupted one again
-
-
-def test_a_full_disk_is_one_line_that_says_how_to_continue(packed, tmp_path, monkeypatch, capsys):
-    def fail(file, content):
-        if file.suffix == ".yaml":
-            raise OSError(28, "No space left on device", str(file))
-        write_atomic(file, content)
-
-    out = tmp_path / "pack"
-    line = ["pack", str(packed), "--to", "duckietown", "--trips", "5", "--out", str(out)]
-    with monkeypatch.context() as patch:
-        patch.setattr(packing, "write_atomic", fail)
-        assert main(line) == 2
-    said = capsys.readouterr().err
-    assert said.endswith(": No space left on device; what is complete is kept, and the same command resumes\n")
-    assert said.startswith(f"elitelanes: {out}/duckietown/") and not out.exists()
-    assert main(line) == 0
 
 
 def test_an_id_is_that_of_all_rotations_and_mirror_images(packed, tmp_path):

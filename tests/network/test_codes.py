@@ -1,9 +1,12 @@
-"""Tile codes: their bits, their kinds, their turns."""
+"""Tile codes, shapes, checked grids and random ones."""
 
+import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax.network import CROSSINGS, EAST, KINDS, NORTH, ROAD_ALPHABET, SOUTH, WEST
+from elitelanes_jax import InputError, random_grids
+from elitelanes_jax.network import CROSSINGS, EAST, KINDS, NORTH, ROAD_ALPHABET, SOUTH, WEST, check_shape
+from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, check_alphabet, rotate_codes
 
 
@@ -33,3 +36,51 @@ def test_alphabets():
     for wrong, got in (([], "none"), ([16], "16"), ([-1], "-1"), ([1.5], "1.5"), (["road"], "'road'")):
         with pytest.raises(ValueError, match=f"alphabet: expected tile codes, whole numbers 0 to 15, got {got}"):
             check_alphabet(wrong)
+
+
+def test_random_grids_are_uniform_over_the_alphabet():
+    grids = np.asarray(random_grids(jax.random.key(0), 1000, (12, 12)))
+    assert grids.shape == (1000, 12, 12)
+    assert grids.dtype == np.int8
+    counts = np.bincount(grids.ravel(), minlength=16)
+    assert tuple(np.flatnonzero(counts)) == ROAD_ALPHABET
+    expected = grids.size / len(ROAD_ALPHABET)
+    # Chi square with 10 degrees of freedom: over 29.6 once in a thousand keys.
+    assert ((counts[list(ROAD_ALPHABET)] - expected) ** 2 / expected).sum() < 29.6
+
+
+def test_a_random_grid_does_not_depend_on_how_many_there_are():
+    key = jax.random.key(7)
+    many = random_grids(key, 50, (3, 5), alphabet=[3, 9])
+    np.testing.assert_array_equal(random_grids(key, 4, (3, 5), alphabet=[3, 9]), many[:4])
+    assert set(np.unique(many)) == {3, 9}
+    assert random_grids(key, 0).shape == (0, 12, 12)
+    assert random_grids(key, 3, (1, 4)).shape == (3, 1, 4)
+
+
+@pytest.mark.parametrize("shape", [(5, 0), (2,), (2, 2, 2), (2.5, 3), "ab", None, 7, (2, 2000)])
+def test_bad_shapes_are_refused(shape):
+    with pytest.raises(ValueError, match="shape: expected"):
+        check_shape(shape)
+
+
+def test_new_maps_are_at_least_two_by_two():
+    assert check_shape((1, 5)) == (1, 5)
+    with pytest.raises(InputError, match="shape: expected sides from 2 to 1024 for new maps, got 1 x 5"):
+        check_shape((1, 5), new=True)
+
+
+def test_checked_grids_are_int8_and_the_same():
+    for kind in (np.int8, np.uint8, np.int64, np.uint32):
+        grid = check_grid(np.arange(16, dtype=kind).reshape(4, 4))
+        assert grid.dtype == np.int8
+        np.testing.assert_array_equal(grid.ravel(), np.arange(16))
+    assert check_grid([[1, 2], [3, 4]]).tolist() == [[1, 2], [3, 4]]
+    assert isinstance(check_grid(jax.numpy.zeros((2, 2), int)), jax.Array)
+    assert isinstance(check_grid([[1, 2], [3, 4]]), np.ndarray)
+
+
+def test_a_count_below_none_is_refused(any_types):
+    for count in (-1, 2.5, "three"):
+        with pytest.raises(InputError, match=f"count: expected a whole number, 0 or more, got {count!r}"):
+            random_grids(jax.random.key(0), count)

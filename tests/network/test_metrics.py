@@ -1,4 +1,6 @@
-"""Metrics against the oracle: every grid of 2 x 2, many random ones, and the shapes that are hard on labelling."""
+"""Metrics against the oracle: all small grids, many random ones, and the shapes that are hard on labelling."""
+
+from math import prod
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +14,13 @@ from elitelanes_jax.network import METRIC_NAMES, plain_measure
 from elitelanes_jax.network.metrics import stack_metrics, unstack_metrics
 from experiments.search.corridors import serpentine, spiral
 
+
+def slow(*shapes):
+    return [pytest.param(shape, marks=pytest.mark.slow) for shape in shapes]
+
+
 SHAPES = [(2, 2), (2, 9), (9, 2), (5, 7), (12, 12), (16, 16), (16, 17), (20, 65)]
-SHAPES += [pytest.param(shape, marks=pytest.mark.slow) for shape in ((2, 3), (3, 2), (33, 17))]
+SHAPES += slow((2, 3), (3, 2), (33, 17), (1, 9), (1, 65), (1, 1024), (65, 1))
 
 measure_many = jax.jit(jax.vmap(measure))
 repair_many = jax.jit(jax.vmap(repair))
@@ -24,37 +31,41 @@ fill_many = jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))
 
 def compare(grids):
     found = jax.device_get(measure_many(jnp.asarray(grids)))
-    worth = jax.device_get(jax.jit(fitness)(found))
-    for number, grid in enumerate(grids):
+    fitnesses = jax.device_get(jax.jit(fitness)(found))
+    for index, grid in enumerate(grids):
         expected = oracle(grid)
-        got = {name: getattr(found, name)[number] for name in Metrics._fields}
+        got = {name: getattr(found, name)[index] for name in Metrics._fields}
         assert got == expected, f"\n{grid}"
         assert plain_measure(grid) == expected, f"\n{grid}"
-        assert worth[number] == oracle_fitness(expected)
+        assert fitnesses[index] == oracle_fitness(expected)
 
 
 def kinds_of_grids(rng, count, shape):
-    """Unrepaired, repaired in several ways, sparse."""
+    """Unrepaired, with long straights, sparse, repaired in several ways."""
     anything = rng.integers(0, 16, (count, *shape)).astype(np.int8)
     yield anything
+    yield np.where(rng.random(anything.shape) < 0.9, 5, anything).astype(np.int8)
     yield np.where(rng.random(anything.shape) < rng.random((count, 1, 1)), anything, 0).astype(np.int8)
     yield np.array(repair_many(anything))
     yield np.array(repair_raster_many(anything))
     sparse = np.where(rng.random(anything.shape) < 0.6, anything, 0).astype(np.int8)
     yield np.array(repair_raster_many(sparse))
-    yield np.array(fill_many(sparse))
+    if min(shape) > 1:
+        yield np.array(fill_many(sparse))
 
 
-def test_every_grid_of_two_by_two():
+@pytest.mark.parametrize("shape", [(2, 2), (1, 1), (1, 3), *slow((1, 2), (1, 4))], ids=str)
+def test_every_small_grid(shape):
     """Compares one grid of each class under rotation and mirroring with the oracle, and all others with that one."""
-    numbers = np.arange(16**4)
-    grids = np.stack(np.unravel_index(numbers, (16,) * 4), axis=-1).reshape(-1, 2, 2).astype(np.int8)
+    numbers, values = np.arange(16 ** prod(shape)), 16 ** np.arange(prod(shape))[::-1]
+    grids = (numbers[:, None] // values % 16).reshape(-1, *shape).astype(np.int8)
     images = [rotate_many(side, turns) for side in (grids, mirror_many(grids)) for turns in range(4)]
-    places = np.min([image.reshape(-1, 4) @ (16 ** np.arange(4)[::-1]) for image in images], axis=0)
-    compare(grids[places == numbers])
-    found = measure_many(grids)
-    for name, values in found._asdict().items():
-        np.testing.assert_array_equal(values, values[places], err_msg=name)
+    first = np.min([image.reshape(len(grids), -1) @ values for image in images if image.shape == grids.shape], axis=0)
+    compare(grids[first == numbers])
+    found, turned = measure_many(grids), measure_many(rotate_many(grids, 1))
+    for name in Metrics._fields:
+        for other in (found, turned):
+            np.testing.assert_array_equal(getattr(other, name), getattr(found, name)[first], err_msg=name)
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
@@ -76,11 +87,7 @@ def test_a_hundred_thousand_random_grids():
     assert compared >= 100_000
 
 
-@pytest.mark.parametrize(
-    "shape",
-    [(12, 12), (17, 17), (64, 64), *(pytest.param(s, marks=pytest.mark.slow) for s in ((16, 16), (40, 90)))],
-    ids=str,
-)
+@pytest.mark.parametrize("shape", [(12, 12), (17, 17), (64, 64), *slow((16, 16), (40, 90))], ids=str)
 def test_long_corridors(shape):
     """One slow grid among quick ones, every way round: labels have to travel its whole length, also upwards."""
     rng = np.random.default_rng(5)
@@ -91,17 +98,8 @@ def test_long_corridors(shape):
     compare(np.concatenate([np.stack(slow), quick]))
 
 
-# A label is one byte up to 254 inner corners, two up to 65,534 places, then four.
-@pytest.mark.parametrize(
-    "shape",
-    [
-        (2, 255),
-        (2, 256),
-        (254, 256),
-        *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((253, 255), (254, 255))),
-    ],
-    ids=str,
-)
+# A label is one byte up to 254 inner corners, two up to 65,534 corners, then four.
+@pytest.mark.parametrize("shape", [(2, 255), (2, 256), (254, 256), *slow((253, 255), (254, 255))], ids=str)
 def test_where_labels_get_wider(shape):
     """A long corridor above, faces of all kinds below."""
     grid, below = serpentine(shape), shape[0] // 2 + 1

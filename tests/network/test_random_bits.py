@@ -57,7 +57,7 @@ def test_categorical_draws_from_the_softmax(logits):
 
 
 def test_categorical_is_the_rule_in_python_numbers():
-    """The place of the first cumulative weight over the product's upper half, weights within 1 / 5,000."""
+    """The index of the first cumulative weight over the product's upper half, weights within 1 / 5,000."""
     rng = np.random.default_rng(7)
     logits = rng.integers(-4 * UNIT, 4 * UNIT, (11, 200)).astype(np.int32)
     words = rng.integers(0, 2**32, 200, np.uint32)

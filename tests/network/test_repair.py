@@ -24,17 +24,18 @@ def test_repair_is_the_rule_applied_to_every_edge(grid, seed):
     np.testing.assert_array_equal(repair(grid), oracle_repair(grid, np.zeros(grid.shape)))
 
 
-def test_every_two_by_two_grid_with_every_mask():
-    codes = np.stack(np.unravel_index(np.arange(16**4), (16,) * 4), axis=-1).reshape(-1, 2, 2).astype(np.int8)
+@pytest.mark.parametrize("shape", [(2, 2), (1, 3), (3, 1), pytest.param((1, 2), marks=pytest.mark.slow)], ids=str)
+def test_every_small_grid_with_every_mask(shape):
+    cells = shape[0] * shape[1]
+    codes = (np.arange(16**cells)[:, None] // 16 ** np.arange(cells) % 16).reshape(-1, *shape).astype(np.int8)
     repair_many = jax.jit(jax.vmap(repair, (0, None)))
-    for bits in range(16):
-        dirty = np.array([bits >> place & 1 for place in range(4)], bool).reshape(2, 2)
+    for bits in range(2**cells):
+        dirty = (bits >> np.arange(cells) & 1).astype(bool).reshape(shape)
         repaired = np.array(repair_many(codes, dirty))
-        for number in range(bits, len(codes), 97):
-            np.testing.assert_array_equal(repaired[number], oracle_repair(codes[number], dirty))
+        for index in range(bits, len(codes), 1 + len(codes) // 600):
+            np.testing.assert_array_equal(repaired[index], oracle_repair(codes[index], dirty))
         metrics = jax.vmap(measure)(repaired)
-        assert not metrics.mismatches.any()
-        assert not metrics.boundary_violations.any()
+        assert not (metrics.mismatches.any() or metrics.boundary_violations.any())
 
 
 @given(grids(thin=True))
@@ -99,7 +100,9 @@ def test_a_stub_leads_straight_on():
     assert repair(grid, fill=True)[1, 1] & 4
 
 
-def test_bad_masks_are_refused():
+def test_bad_masks_and_thin_grids_to_fill_are_refused():
+    with pytest.raises(InputError, match="fill: expected a grid of at least 2 x 2, got 1 x 3"):
+        repair([[5, 5, 5]], fill=True)
     for dirty in (np.zeros((2, 3), bool), np.zeros((2, 2), float), True, "x", [[1], [1, 2]], [[0, 1], [1, 0]]):
         with pytest.raises(InputError, match="dirty: expected bool of the grid's shape"):
             repair([[0, 0], [0, 0]], dirty)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from conftest import grids
 from hypothesis import given
-from oracle import measure as oracle
 from oracle import road_graph
 
 from elitelanes_jax.network.codes import rotate_codes
@@ -16,14 +15,7 @@ from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 
 
 @given(grids(thin=True))
-def test_metrics_do_not_change(grid):
-    expected = oracle(grid)
-    for image in (rotate(grid), rotate(grid, 2), rotate(grid, -1), mirror(grid), rotate(mirror(grid), 3)):
-        assert oracle(image) == expected
-
-
-@given(grids(thin=True))
-def test_places_and_codes_go_together(grid):
+def test_cells_and_codes_go_together(grid):
     width = grid.shape[1]
     quarter, flipped = rotate(grid), mirror(grid)
     for row, column in np.ndindex(grid.shape):

@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax.network.bits import exponential, random_bits
-from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.bits import exponential, random_bits, random_grids
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.xla import UNIT
 from elitelanes_jax.optimizers._annealing import AnnealingConfig, Cooling, metropolis_accepts, random_grid

@@ -16,8 +16,8 @@ from oracle import CERTIFICATES
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.optimizers._annealed import (
     AnnealedGwoConfig,
     AnnealedPsoConfig,
@@ -52,7 +52,6 @@ MAKERS = {
     "gwo": partial(gwo, config=GwoConfig(horizon=100)),
     "ea, tuned": partial(annealed_ea, config=TUNED),
     "map-elites, tuned": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED)),
-    "map-elites, tuned, mirrored": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, diagonal=True)),
     "map-elites, irregular": partial(
         annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, accept_equal=True, require_feasible=True)
     ),
@@ -66,7 +65,6 @@ GENERATIONS = 30
 # The tuned swarms are the tuned EA with other mates, and the others differ from theirs in a choice: slow proofs.
 SLOW = {
     "map-elites, irregular",
-    "map-elites, tuned, mirrored",
     "pso, tuned",
     "gwo, tuned",
     "map-elites, parents from the archive",

@@ -44,17 +44,6 @@ def test_a_tournament_is_won_by_the_best_that_was_drawn():
     assert winners[:, 0, 0].tolist() == [10, 19, 0]
 
 
-def test_tournament_winners_are_as_good_as_they_should_be():
-    sorted_population = random_population(PROBLEM, jax.random.key(0), 20)._replace(
-        grids=jnp.broadcast_to(jnp.arange(20, dtype=jnp.int8)[:, None, None], (20, 4, 5))
-    )
-    bits = jax.random.bits(jax.random.key(1), (40_000, 3), jnp.uint32)
-    places = np.asarray(tournament(bits, sorted_population)[:, 0, 0])
-    share = np.bincount(places, minlength=20) / len(places)
-    better = (np.arange(20, 0, -1) / 20) ** 3
-    np.testing.assert_allclose(share, better - np.append(better[1:], 0), atol=0.006)
-
-
 def test_offspring_are_repaired_and_in_their_parents_order():
     dirty = jnp.zeros((4, 5), bool).at[0, 0].set(True)
     mark = Move(1, lambda bits, grid: Variation(jnp.where(dirty, bits[0].astype(jnp.int8), grid), dirty))

@@ -1,4 +1,4 @@
-"""The archive against a dictionary filled one grid at a time, and its ties."""
+"""The archive against a dictionary filled one grid at a time, its ties, its niches, and its measures."""
 
 from functools import partial
 from math import prod
@@ -11,11 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax import Axis, InputError, Problem, measure
+from elitelanes_jax import Axis, InputError, Problem
 from elitelanes_jax.network import METRIC_NAMES
-from elitelanes_jax.network.metrics import stack_metrics
-from elitelanes_jax.problem import Population, insert, niche_bins, niche_index, paper_axes
-from elitelanes_jax.problem.descriptor import compute_descriptor, resolve_axes
+from elitelanes_jax.problem import Population, coverage, gaps, insert, niche_bins, niche_index, paper_axes, qd_score
+from elitelanes_jax.problem.descriptor import resolve_axes
 
 AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2, width=1))
 
@@ -29,10 +28,7 @@ def one_by_one(batches, accept_equal=False):
     best, since = {}, {}
     for number, (grids, fitness, all_features) in enumerate(batches):
         for grid, value, features in zip(grids, fitness, all_features, strict=True):
-            cyclomatic, dead_ends = (
-                features[METRIC_NAMES.index("cyclomatic")],
-                features[METRIC_NAMES.index("dead_ends")],
-            )
+            cyclomatic, dead_ends = (features[METRIC_NAMES.index(axis.metric)] for axis in AXES)
             niche = min(cyclomatic // 2, 2) * 2 + min(dead_ends, 1)
             drift = accept_equal and niche in best and value == best[niche][1] and since[niche] < number
             if niche not in best or value < best[niche][1] or drift:
@@ -96,13 +92,8 @@ def test_several_niches_are_a_batch_joined_to_itself(batches, data):
 
 def test_the_papers_niches():
     axes = paper_axes((12, 12))
-    assert [axis.metric for axis in axes] == [
-        "cyclomatic",
-        "components",
-        "dead_ends",
-        "adjacent_crossings",
-        "adjacent_turns",
-    ]
+    names = ["cyclomatic", "components", "dead_ends", "adjacent_crossings", "adjacent_turns"]
+    assert [axis.metric for axis in axes] == names
     assert prod(axis.bins for axis in axes) == 400
     cases = {
         (0, 0, 0, 0, 0): (0, 0, 0, 0, 0),
@@ -124,37 +115,38 @@ def test_bins_grow_with_the_area(shape, width):
     assert paper_axes(shape)[0].width == width
 
 
-def test_descriptors_are_the_metrics_of_the_axes():
-    grids = np.random.default_rng(1).integers(0, 16, (9, 4, 4)).astype(np.int8)
-    metrics = jax.vmap(measure)(grids)
-    descriptor = compute_descriptor(stack_metrics(metrics), METRIC_NAMES, AXES)
-    np.testing.assert_array_equal(descriptor[:, 0], metrics.cyclomatic)
-    np.testing.assert_array_equal(descriptor[:, 1], metrics.dead_ends)
-
-
 @pytest.mark.usefixtures("any_types")
-def test_axes_are_checked():
-    assert resolve_axes([Axis("bridges", 3)], (12, 12)) == (Axis("bridges", 3, 24),)
+def test_axes_are_read_and_checked():
+    for axes, expected in (
+        ([Axis("bridges", 3)], Axis("bridges", 3, 24)),
+        ("cyclomatic:25", Axis("cyclomatic", 25, 1)),
+        (["straight_share:10"], Axis("straight_share", 10, 100)),
+        ("crossings:8:3", Axis("crossings", 8, 3)),
+        ([{"metric": "crossings", "bins": 8, "width": 3}], Axis("crossings", 8, 3)),
+        ({"crossings": (8, 3)}, Axis("crossings", 8, 3)),
+    ):
+        assert resolve_axes(axes, (12, 12)) == (expected,)
+    assert resolve_axes("cyclomatic:25 turns:3:1", (24, 24)) == (Axis("cyclomatic", 25, 4), Axis("turns", 3, 1))
     for axes, message in (
         (5, "axes: expected axes such as 'straight_share:10', got 5"),
         ([], "axes: expected at least one axis, got none"),
         (["bridges"], "axes 'bridges': expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more"),
         ([{"metric": "bridges", "size": 3}], "axes: expected axes such as 'straight_share:10', got {'metric'"),
         ([Axis("speed", 3)], "axes 'speed': expected a metric, or a share such as straight_share, got 'speed'"),
-        (
-            [Axis("bridges", 0)],
-            "'bridges': expected whole numbers, at least one bin and no negative width, got",
-        ),
-        (
-            [Axis("bridges", 3, width=2**31)],
-            "'bridges': expected numbers of at most 1,073,741,824, got 2,147,483,648",
-        ),
-        (
-            [Axis("bridges", 3, width=0.5)],
-            "'bridges': expected whole numbers, at least one bin and no negative width",
-        ),
+        ([Axis("bridges", 0)], "'bridges': expected whole numbers, at least one bin and no negative width, got"),
+        ([Axis("bridges", 3, width=2**31)], "'bridges': expected numbers of at most 1,073,741,824, got 2,147,483,648"),
+        ([Axis("bridges", 3, width=0.5)], "'bridges': expected whole numbers, at least one bin and no negative width"),
         (["coverage:10:1001"], "expected at most 1001 bins of 1000 thousandths, got 10 of width 1001"),
         (["coverage:1002"], "expected at most 1001 bins of 1000 thousandths, got 1002 of width 0"),
     ):
         with pytest.raises(InputError, match=message):
             resolve_axes(axes, (12, 12))
+
+
+def test_measures_of_archives_by_hand():
+    fitness = np.array([[5, -3, 2**31 - 1, 20], [2**31 - 1, 1, 2, 3]])
+    filled = np.array([[True, True, False, True], [False, True, True, True]])
+    assert qd_score(fitness, filled, 10).tolist() == [5 + 13 + 0, 9 + 8 + 7]
+    assert coverage(filled).tolist() == [0.75, 0.75]
+    assert coverage(filled, [True, True, False, False]).tolist() == [1, 0.5]
+    np.testing.assert_array_equal(gaps(fitness, filled, [5, -5, 0, 0]), [[0, 2, np.nan, 20], [np.nan, 6, 2, 3]])

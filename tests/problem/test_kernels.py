@@ -7,6 +7,7 @@ import pytest
 
 from elitelanes_jax import InputError, Result, SearchSpec, evolve
 from elitelanes_jax.network import METRIC_NAMES, measure_town
+from elitelanes_jax.problem.kernels import digest
 
 SHAPE, PAPER = (5, 5), {"preset": "paper"}
 
@@ -26,12 +27,7 @@ RUN = {"axes": "cyclomatic:4:2 middle:16:1", "where": {"row_sum": (30, 40)}, "fe
 
 @pytest.fixture(scope="module")
 def result():
-    return evolve(
-        jax.random.split(jax.random.key(0), 2),
-        SHAPE,
-        **RUN,
-        generations=20,
-    )
+    return evolve(jax.random.split(jax.random.key(0), 2), SHAPE, **RUN, generations=20)
 
 
 def test_values_are_those_of_the_kernels(result):
@@ -86,13 +82,6 @@ def test_measuring_alone_changes_nothing():
     assert plain.elites.features == {} and set(measured.elites.features) == set(FEATURES)
 
 
-def test_a_run_in_parts_is_one_run(result):
-    keys = jax.random.split(jax.random.key(0), 2)
-    half = evolve(keys, SHAPE, generations=10, **RUN)
-    joined = evolve(keys, SHAPE, generations=10, state=half.state, **RUN)
-    jax.tree.map(np.testing.assert_array_equal, joined.elites, result.elites)
-
-
 def test_values_may_be_negative():
     features, options = {"low": lambda grid: -grid[0, 0].astype(jnp.int32) - 5}, {"method": "ea", "evaluations": 0}
     result = evolve(jax.random.key(0), (3, 3), features=features, where="low=-11..-9", **options, **PAPER)
@@ -122,6 +111,22 @@ def test_wrong_features_are_named(features, options, message, any_types):
     with pytest.raises(InputError) as caught:
         evolve(jax.random.key(0), SHAPE, features=features, **options)
     assert message in str(caught.value)
+
+
+def counting(codes):
+    """Makes a feature that counts cells of some codes: other codes give other constants in the same jaxpr."""
+    table = np.zeros(16, np.int32)
+    table[codes] = 1
+    return lambda grid: jnp.asarray(table)[grid.astype(int)].sum()
+
+
+def test_a_digest_is_of_the_jaxpr_and_its_constants():
+    grid = jax.ShapeDtypeStruct((3, 4), jnp.int8)
+    assert digest(counting([5, 10]), grid) == digest(counting([5, 10]), grid)
+    nested = [jax.jit(counting(codes)) for codes in ([3], [6])]
+    looped = [lambda grid, f=f: jax.lax.fori_loop(0, 2, lambda _, total: total + f(grid), 0) for f in nested]
+    functions = [counting([5, 10]), counting([3]), counting([6]), *nested, *looped, lambda grid: grid.sum()]
+    assert len({digest(function, grid) for function in functions}) == len(functions)
 
 
 def test_own_features_come_after_the_metrics():

@@ -12,13 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from oracle import measure as oracle
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.codes import CONNECTIONS
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.metrics import measure, stack_metrics
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.problem.descriptor import Axis, resolve_axes
-from elitelanes_jax.problem.features import FEATURES, SHARES, with_shares
+from elitelanes_jax import InputError, measure
+from elitelanes_jax.network import METRIC_NAMES
+from elitelanes_jax.network.metrics import stack_metrics
+from elitelanes_jax.problem import SHARES
+from elitelanes_jax.problem.features import FEATURES, with_shares
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges, range_limits, range_penalty, satisfies
 
@@ -102,45 +100,16 @@ def test_ranges_are_read():
         assert message in str(error.value)
 
 
-def test_axes_are_read():
-    assert resolve_axes("cyclomatic:25", (12, 12)) == (Axis("cyclomatic", 25, 1),)
-    assert resolve_axes("cyclomatic:25", (24, 24)) == (Axis("cyclomatic", 25, 4),)
-    assert resolve_axes(["straight_share:10", "crossings:8:3"], (12, 12)) == (
-        Axis("straight_share", 10, 100),
-        Axis("crossings", 8, 3),
-    )
-    assert resolve_axes([{"metric": "crossings", "bins": 8, "width": 3}], (12, 12)) == (Axis("crossings", 8, 3),)
-
-
-@given(grids(), st.integers(0, 2**32 - 1), st.booleans())
-def test_fixed_tiles_stay_and_decide(grid, seed, fill):
-    rng = np.random.default_rng(seed)
-    whole = np.asarray(repair(grid))  # given cells that agree with each other
-    fixed = rng.random(grid.shape) < 0.3
-    dirty = rng.random(grid.shape) < 0.5
-    mended = np.asarray(repair(np.where(fixed, whole, grid), dirty, fill=fill, fixed=fixed))
-    np.testing.assert_array_equal(mended[fixed], whole[fixed])
-    found = oracle(mended)
-    assert found["mismatches"] == found["boundary_violations"] == 0
-    if fill:
-        # A free tile has two connections, or no free neighbour that it lacks one to.
-        for row, column in np.argwhere(~fixed & (CONNECTIONS[mended] < 2)):
-            for side, down, right in ((8, -1, 0), (4, 0, 1), (2, 1, 0), (1, 0, -1)):
-                place = (row + down, column + right)
-                if 0 <= place[0] < grid.shape[0] and 0 <= place[1] < grid.shape[1] and not fixed[place]:
-                    assert mended[row, column] & side
-
-
-def test_templates_are_read(tmp_path):
+def test_fixed_cells_are_read(tmp_path):
     file = tmp_path / "city.json"
     file.write_text("[[6, 5, null], [null, 0, null]]")
-    template = parse_fixed_cells(file)
-    assert template.shape == (2, 3)
-    assert template.rows == [[6, 5, None], [None, 0, None]]
-    assert template.codes == (6, 5, None, None, 0, None)
-    assert parse_fixed_cells([[6, 5, None], [None, 0, None]]) == template == parse_fixed_cells(template)
-    np.testing.assert_array_equal(template.fixed, [[1, 1, 0], [0, 1, 0]])
-    assert hash(template) == hash(parse_fixed_cells(template.rows))
+    fixed = parse_fixed_cells(file)
+    assert fixed.shape == (2, 3)
+    assert fixed.rows == [[6, 5, None], [None, 0, None]]
+    assert fixed.codes == (6, 5, None, None, 0, None)
+    assert parse_fixed_cells([[6, 5, None], [None, 0, None]]) == fixed == parse_fixed_cells(fixed)
+    np.testing.assert_array_equal(fixed.fixed, [[1, 1, 0], [0, 1, 0]])
+    assert hash(fixed) == hash(parse_fixed_cells(fixed.rows))
     for text, message in (
         ("[[", "expected JSON"),
         (f"[[{'1' * 5000}]]", "expected JSON"),
@@ -148,19 +117,10 @@ def test_templates_are_read(tmp_path):
         ("7", "expected rows of tile codes"),
         ("[[1, 2], [3]]", "expected rows of one length, got 2 rows of 1 or 2"),
         ("[[5, 5]]", "shape: expected sides from 2 to 1024 for new maps, got 1 x 2"),
-        (
-            "[[99, null, null], [null, null, null]]",
-            "0 to 15, or null for a free cell, got 99 at row 0, column 0",
-        ),
+        ("[[99, null, null], [null, null, null]]", "0 to 15, or null for a free cell, got 99 at row 0, column 0"),
         ("[[8, null, null], [null, null, null]]", "got one that leaves it to the north at row 0, column 0"),
-        (
-            "[[4, 0, null], [null, null, null]]",
-            "to the east at row 0, column 0 that row 0, column 1 does not",
-        ),
-        (
-            "[[0, 1, null], [null, null, null]]",
-            "to the west at row 0, column 1 that row 0, column 0 does not",
-        ),
+        ("[[4, 0, null], [null, null, null]]", "to the east at row 0, column 0 that row 0, column 1 does not"),
+        ("[[0, 1, null], [null, null, null]]", "to the west at row 0, column 1 that row 0, column 0 does not"),
     ):
         file.write_text(text)
         with pytest.raises(InputError) as error:
@@ -171,7 +131,7 @@ def test_templates_are_read(tmp_path):
         parse_fixed_cells(tmp_path / "none.json")
 
 
-def test_templates_are_of_lists_and_arrays():
+def test_fixed_cells_are_lists_or_arrays():
     whole = [[6, 5, 3], [12, 5, 9]]
     array = np.array(whole, np.int8)
     for cells in (array, jnp.asarray(array), array.astype(object), [[np.int8(code) for code in row] for row in whole]):

@@ -31,7 +31,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.optimizers._map_elites import map_elites
 from elitelanes_jax.optimizers.loop import advance, start
 from elitelanes_jax.problem.problem import road_problem

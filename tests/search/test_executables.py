@@ -22,6 +22,7 @@ from elitelanes_jax.search import _executables, _programs
 from elitelanes_jax.search._executables import Kept, find_file, load, save
 from elitelanes_jax.search.evolution import compile_search, evolve
 from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.tiles.tileset import load_tiles
 
 SHAPE = (4, 5)
 run = partial(evolve, 3, SHAPE, seeds=2, method="ea", preset="paper", generations=3, progress=False)
@@ -125,6 +126,20 @@ def test_a_search_finds_what_other_threads_compiled(folder, monkeypatch):
     _programs._find.cache_clear()
     folder.rename(folder.with_name("aside"))
     assert arrays(found[0]) == arrays(evolve(3, (4, 5), seeds=2, spec=spec, progress=False))
+
+
+def test_programs_on_disk_are_loaded_ahead_and_missing_ones_are_not_compiled(folder, monkeypatch):
+    spec = SearchSpec(method="ea", preset="paper", evaluations=200)
+    ahead = partial(compile_search, seed_keys(3, 2), SHAPE, spec, compiles=False)
+    with monkeypatch.context() as patch:
+        in_a_new_process(patch)
+        ahead()
+    assert not folder.exists()
+    expected = arrays(evolve(3, SHAPE, seeds=2, spec=spec, progress=False))
+    in_a_new_process(monkeypatch)
+    ahead()
+    monkeypatch.setattr(_programs.Programs, "_load", lambda _, names: [] if not names else pytest.fail(str(names)))
+    assert arrays(evolve(3, SHAPE, seeds=2, spec=spec.replace(alphabet=load_tiles().alphabet))) == expected
 
 
 def flip(content):

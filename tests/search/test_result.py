@@ -50,16 +50,6 @@ def test_what_is_saved_is_loaded(result, tmp_path):
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "result.npz").read_bytes()
 
 
-def test_a_search_goes_on_from_a_file(result, tmp_path):
-    result.save(tmp_path / "result.npz")
-    options = {"spec": result.spec, "generations": 4}
-    more, expected = (
-        evolve(KEYS, SHAPE, state=one.state, **options) for one in (Result.load(tmp_path / "result.npz"), result)
-    )
-    chex.assert_trees_all_equal(more.state, expected.state)
-    chex.assert_trees_all_equal(more.elites, expected.elites)
-
-
 @pytest.mark.parametrize("method", ["ea", *(pytest.param(one, marks=pytest.mark.slow) for one in METHODS)])
 def test_one_key_alone_and_any_method(method, tmp_path):
     alone = search(KEYS[1], SHAPE, method=method, generations=0)
@@ -67,21 +57,6 @@ def test_one_key_alone_and_any_method(method, tmp_path):
     kept = Result.load(str(tmp_path / "alone.npz"))
     same(kept, alone)
     assert search(KEYS[1], SHAPE, method=method, generations=0, state=kept.state).state.generation == 0
-
-
-def test_settings_of_all_kinds(result, tmp_path):
-    spec = SearchSpec(
-        method="ea",
-        generations=3,
-        axes=["crossings:8:2", {"metric": "tiles", "bins": 4, "target": 2}],
-        where={"turn_share": (0.1, 1 / 3), "crossings": (None, 6)},
-        weights={"dead_ends": 7},
-        fix=[[0, None, None], [None, None, None]],
-        initial=[[[6, 5, 3], [12, 5, 9]]],
-        alphabet=[3, 5, 6, 9, 10, 12, 15],
-    )
-    replace(result, spec=spec).save(tmp_path / "result.npz")
-    assert Result.load(tmp_path / "result.npz").spec == spec
 
 
 def test_without_the_state_equal_searches_give_equal_bytes(result, tmp_path):

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from elitelanes_jax import Axis, DatasetSpec, GenerateSpec, InputError, SearchSpec, evolve, generate, mirror, rotate
 from elitelanes_jax.cli.arguments import add_options, read_options
 from elitelanes_jax.cli.generate import describe_maps
-from elitelanes_jax.maps.run import DIFFERENCE
+from elitelanes_jax.maps.generation import DIFFERENCE
 from elitelanes_jax.network import measure_town, plain_measure
 from elitelanes_jax.network.plain_metrics import plain_town
 from elitelanes_jax.problem.features import feature_unit
@@ -72,10 +72,11 @@ VALUES = {
     "preset": ["tuned", "irregular", "paper"],
     "evaluations": [200_000, "500", 8],
     "generations": [None, 7, "3"],
-    "axes": [None, ["turns:5"], "edges:2:3", (Axis("tiles", 5),)],
-    "where": [(), ["turns=3.."], ["edges=9..", "bridges=0"], {"turns": (2, None), "tiles": 7}],
+    "axes": [None, ["turns:5"], "edges:2:3", (Axis("tiles", 5),), [{"metric": "tiles", "bins": 4, "target": 2}]],
+    "where": [(), ["turns=3.."], ["edges=9..", "bridges=0"], {"turns": (2, None), "turn_share": (0.1, 1 / 3)}],
     "weights": [(), ["turns=3"], {"edges": -1, "bridges": 2}, [("turns", 0)]],
     "targets": [(), {"turns": [4, 5]}, {"edges": [1]}],
+    "fix": [None, [[0, None, None], [None, 3, None]]],
     "rules": [None, "duckietown"],
     "fill": [None, False],
     "initial": [(), ["ring.json"], [RING]],
@@ -131,7 +132,7 @@ def in_a_file(given):
     def toml(value):
         if isinstance(value, dict):
             return "{" + ", ".join(f"{name} = {toml(item)}" for name, item in value.items()) + "}"
-        return json.dumps(value)
+        return f"[{', '.join(map(toml, value))}]" if isinstance(value, list | tuple) else json.dumps(value)
 
     try:
         text = "".join(f"{name} = {toml(value)}\n" for name, value in given.items())

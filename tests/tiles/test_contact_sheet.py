@@ -9,20 +9,12 @@ from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
 @pytest.mark.parametrize("count", [1, 2, 5, 16, 17])
 def test_every_picture_is_on_it_whole_and_once(count):
     pictures = [np.full((60, 90, 3), 10 + number, np.uint8) for number in range(count)]
-    sheet = contact_sheet("title", pictures, [("first", "second")] * count)
-    assert sheet.dtype == np.uint8
+    plain = contact_sheet("", pictures, [("", "")] * count)
+    assert (contact_sheet("title", pictures, [("", "")] * count) != plain).any()
+    assert (contact_sheet("", pictures, [("", "fitness 3")] * count) != plain).any()
     for number in range(count):
-        rows, columns = np.nonzero((sheet == 10 + number).all(axis=2))
-        inside = sheet[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-        assert inside.shape >= (60, 90, 3)
-        assert ((sheet == 10 + number).all(axis=2)).sum() >= 60 * 90
-
-
-def test_captions_leave_their_mark():
-    picture = [np.zeros((60, 90, 3), np.uint8)]
-    plain = contact_sheet("", picture, [("", "")])
-    assert (contact_sheet("title", picture, [("", "")]) != plain).any()
-    assert (contact_sheet("", picture, [("", "fitness 3")]) != plain).any()
+        rows, columns = np.nonzero((plain == 10 + number).all(axis=2))
+        assert (np.ptp(rows) + 1, np.ptp(columns) + 1, len(rows)) == (60, 90, 60 * 90)
 
 
 def test_no_text_is_cut_off_or_runs_into_its_neighbour():

@@ -1,24 +1,17 @@
 """Rendering: pictures, masks and labels go together, at every size."""
 
 import json
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
+from folders import read_picture
 
-from elitelanes_jax import InputError, RoadMap, random_grids, render, repair, rotate
+from elitelanes_jax import InputError, RoadMap, render, repair, rotate
 from elitelanes_jax.formats import map_to_json
 from elitelanes_jax.formats.road_map import Drawn
-from elitelanes_jax.tiles import (
-    LABEL_COLOURS,
-    LABELS,
-    Picture,
-    TileSet,
-    choose_tiles,
-    default_tiles,
-    overlay,
-    write_picture,
-)
+from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles, overlay, write_picture
 from elitelanes_jax.tiles.rendering import recall_choice
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
@@ -46,12 +39,8 @@ def test_shapes_types_and_values(tiles, size):
 
 def test_labels_are_lines_over_road_over_background(tiles):
     picture = render(GRID, tiles, tile_px=40)
-    for row, column in np.ndindex(picture.labels.shape):
-        expected = 0
-        for label, mask in enumerate((picture.road, picture.red, picture.yellow), start=1):
-            if mask[row, column]:
-                expected = label
-        assert picture.labels[row, column] == expected
+    lines_first = [mask > 0 for mask in (picture.yellow, picture.red, picture.road)]
+    np.testing.assert_array_equal(picture.labels, np.select(lines_first, [3, 2, 1]))
     assert set(np.unique(picture.labels)) == {0, 1, 2, 3}
 
 
@@ -67,26 +56,26 @@ def test_each_cell_is_its_tile_turned(drawn_tiles):
             np.testing.assert_array_equal(getattr(picture, name)[here] > 0, np.rot90(getattr(tile, name), turns))
 
 
-def test_roads_go_on_over_every_seam_and_end_at_every_border(drawn_tiles):
-    for seed in range(3):
-        grid = np.array(repair(random_grids_one(seed), fill=True))
-        for size in (16, 50, 384):
-            road = render(grid, drawn_tiles, tile_px=size, seed=seed).road > 0
-            assert not (road[0].any() or road[-1].any() or road[:, 0].any() or road[:, -1].any())
-            for column in range(1, grid.shape[1]):
-                west, east = road[:, column * size - 1], road[:, column * size]
-                np.testing.assert_array_equal(west, east)
-                linked = np.repeat(grid[:, column] & 1, size) > 0
-                assert not (west & ~linked).any()
-                assert west.any() == linked.any()
-            for row in range(1, grid.shape[0]):
-                np.testing.assert_array_equal(road[row * size - 1], road[row * size])
+SPARSE = np.where(RNG.random((8, 9)) < 0.8, RNG.integers(0, 16, (8, 9)), 0).astype(np.int8)
 
 
-def random_grids_one(seed):
-    import jax
-
-    return random_grids(jax.random.key(seed), 1, (5, 4))[0]
+@pytest.mark.parametrize(("grid", "fill"), [(GRID, True), (SPARSE.T, True), (SPARSE, False)])
+@pytest.mark.parametrize("size", [16, 50, 384])
+def test_roads_go_on_over_every_seam_and_end_at_every_border(grid, fill, size, drawn_tiles):
+    grid = np.array(repair(np.array(grid), fill=fill))
+    assert fill or {1, 2, 4, 8} <= set(grid.flat)
+    picture = render(grid, drawn_tiles, tile_px=size, seed=3)
+    assert ((picture.labels > 0) == (picture.road > 0)).all()
+    (height, width), road = grid.shape, picture.road
+    road = road.reshape(height, size, width, size).swapaxes(1, 2)
+    for row, column in np.ndindex(grid.shape):
+        for side, edge in enumerate((8, 4, 2, 1)):
+            along = np.rot90(road[row, column], side)[0]
+            assert along.any() == bool(grid[row, column] & edge)
+            if edge == 4 and along.any():
+                np.testing.assert_array_equal(along, road[row, column + 1][:, 0])
+            if edge == 2 and along.any():
+                np.testing.assert_array_equal(along[::-1], road[row + 1, column][0])
 
 
 def test_thin_lines_stay_at_every_size(drawn_tiles):
@@ -107,9 +96,6 @@ def test_variants_are_drawn_at_random_and_the_same_every_time(drawn_tiles):
     draws, counts = np.unique(chosen.reshape(-1, 2), axis=0, return_counts=True)
     assert {tuple(draw) for draw in draws} == set(drawn_tiles.rotations[10])
     assert (abs(counts - 900 / 8) < 5 * np.sqrt(900 / 8)).all()
-    one, other = render(grid, drawn_tiles, tile_px=16, seed=1), render(grid, drawn_tiles, tile_px=16, seed=1)
-    for name in PIXELS:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_a_turned_map_is_the_turned_picture(drawn_tiles):
@@ -130,48 +116,41 @@ def test_an_overlay_colours_each_label(drawn_tiles):
     np.testing.assert_array_equal(overlay(picture, opacity=0), picture.image)
 
 
-def test_dead_ends_are_drawn_and_every_road_goes_on(drawn_tiles):
-    sparse = np.where(RNG.random((8, 9)) < 0.8, RNG.integers(0, 16, (8, 9)), 0).astype(np.int8)
-    grid = np.array(repair(sparse))
-    assert {1, 2, 4, 8} <= set(grid.flat)
-    picture = render(grid, drawn_tiles, tile_px=48, seed=3)
-    road = picture.road.reshape(8, 48, 9, 48).swapaxes(1, 2)
-    assert ((picture.labels > 0) == (picture.road > 0)).all()
-    for row, column in np.ndindex(grid.shape):
-        for side, edge in enumerate((8, 4, 2, 1)):
-            along = np.rot90(road[row, column], side)[0]
-            assert along.any() == bool(grid[row, column] & edge)
-            if edge == 4 and along.any():
-                np.testing.assert_array_equal(along, road[row, column + 1][:, 0])
-            if edge == 2 and along.any():
-                np.testing.assert_array_equal(along[::-1], road[row + 1, column][0])
-
-
-def test_tiles_are_recalled_where_they_still_fit(drawn_tiles):
+@pytest.fixture
+def drawn_map(drawn_tiles):
+    """The map, and the choice that it is drawn with."""
     chosen = choose_tiles(GRID, drawn_tiles, seed=3)
-    names = [[drawn_tiles.tiles[place].name for place, _ in row] for row in chosen]
-    turns = chosen[..., 1].tolist()
-    np.testing.assert_array_equal(recall_choice(GRID, names, turns, drawn_tiles), chosen)
-    fewer = TileSet(drawn_tiles.name, "", drawn_tiles.pictures[4:])
-    for grid, tile_set in ((rotate(GRID, 2), drawn_tiles), (GRID[:2], drawn_tiles), (GRID, fewer)):
-        assert recall_choice(grid, names, turns, tile_set) is None
+    names = [[drawn_tiles.tiles[index].name for index, _ in row] for row in chosen]
+    return RoadMap(GRID, drawn=Drawn(drawn_tiles.name, names, chosen[..., 1].tolist())), chosen
+
+
+def test_tiles_are_recalled_where_they_still_fit(drawn_tiles, drawn_map):
+    road_map, chosen = drawn_map
+    np.testing.assert_array_equal(recall_choice(road_map, drawn_tiles), chosen)
+    assert recall_choice(GRID, drawn_tiles) is None
+    fewer, other = (TileSet(name, "", drawn_tiles.pictures[4:]) for name in (drawn_tiles.name, "other"))
+    turned = SimpleNamespace(codes=rotate(GRID, 2), drawn=road_map.drawn)
+    cut = SimpleNamespace(codes=GRID[:2], drawn=road_map.drawn)
+    for grid, tile_set in ((turned, drawn_tiles), (cut, drawn_tiles), (road_map, fewer), (road_map, other)):
+        assert recall_choice(grid, tile_set) is None
 
 
 def test_what_has_no_picture_is_named(drawn_tiles):
-    without = TileSet("without", "", tuple(tile for tile in drawn_tiles.tiles if tile.code != 2))
-    expected = r"codes 3, 5, .*\), got 8 \(end\) at row 1, column 0; a tile end_1 in the set .* --dead-ends grass"
-    with pytest.raises(ValueError, match=expected):
-        render([[6, 3], [8, 9]], without)
-    partial = TileSet("partial", "", tuple(tile for tile in drawn_tiles.tiles if tile.code != 15))
-    with pytest.raises(ValueError, match=r"the set 'partial' can draw .* got 15 \(crossing4\)"):
-        choose_tiles([[15, 15], [15, 15]], partial)
+    for code, grid, expected in (
+        (
+            2,
+            [[6, 3], [8, 9]],
+            r"codes 3, 5, .*\), got 8 \(end\) at row 1, column 0; a tile end_1 .* --dead-ends grass",
+        ),
+        (15, [[15, 15], [15, 15]], r"the set 'partial' can draw .* got 15 \(crossing4\)"),
+    ):
+        partial = TileSet("partial", "", tuple(tile for tile in drawn_tiles.tiles if tile.code != code))
+        with pytest.raises(InputError, match=expected):
+            render(grid, partial)
 
 
-def test_what_the_command_takes_is_taken(drawn_tiles, tmp_path):
-    chosen = choose_tiles(GRID, drawn_tiles, seed=3)
-    names = [[drawn_tiles.tiles[place].name for place, _ in row] for row in chosen]
-    road_map = RoadMap(GRID, drawn=Drawn(drawn_tiles.name, names, chosen[..., 1].tolist()))
-    file = tmp_path / "map.json"
+def test_what_the_command_takes_is_taken(drawn_tiles, drawn_map, tmp_path):
+    (road_map, _), file = drawn_map, tmp_path / "map.json"
     file.write_text(map_to_json(road_map))
     expected = render(GRID, drawn_tiles, tile_px=16, seed=3).image
     for given in (road_map, file, str(file)):
@@ -185,44 +164,24 @@ def test_what_the_command_takes_is_taken(drawn_tiles, tmp_path):
             render(GRID, wrong)
 
 
-@pytest.mark.parametrize("seed", ["a", -1, 2.5])
-def test_bad_seeds_are_refused(drawn_tiles, seed):
-    with pytest.raises(InputError, match="seed: expected whole numbers, 0 or more, got"):
-        render(GRID, drawn_tiles, seed=seed)
-
-
-@pytest.mark.parametrize("size", [15, 513, 0, -4, 32.0, "64"])
-def test_sizes_out_of_range_are_refused(drawn_tiles, size):
-    with pytest.raises(ValueError, match="tile_px: expected 16 to 512 pixels a tile"):
-        render(GRID, drawn_tiles, tile_px=size)
-
-
-def test_pictures_are_plain_arrays(drawn_tiles):
-    assert Picture._fields == (*PIXELS, "layers", "points", "instances")
-    assert json.dumps(LABELS)
-
-
-def test_a_choice_that_does_not_show_the_grid_is_refused(drawn_tiles):
+def test_wrong_arguments_are_refused(drawn_tiles):
     chosen = choose_tiles(GRID, drawn_tiles)
-    wrong = chosen.copy()
+    wrong, outside = chosen.copy(), chosen.copy()
     wrong[1, 2, 1] = (wrong[1, 2, 1] + 1) % 4 if GRID[1, 2] != 15 else 7
-    outside = chosen.copy()
     outside[0, 0, 0] = 99
-    for choice, message in (
-        (chosen[:2], r"chosen: expected integers of shape \(4, 6, 2\), got int64 of shape \(2, 6, 2\)"),
-        (chosen * 1.0, r"chosen: expected integers of shape \(4, 6, 2\), got float64"),
-        (outside, "chosen: expected a tile of the set .* at row 0, column 0, got tile 99"),
-        (-1 - chosen, "chosen: expected a tile of the set .* at row 0, column 0"),
-        (wrong, "chosen: expected a tile of the set .* at row 1, column 2, got tile"),
+    for arguments, message in (
+        *(({"seed": seed}, "seed: expected whole numbers, 0 or more, got") for seed in ("a", -1, 2.5)),
+        *(({"tile_px": size}, "tile_px: expected 16 to 512 pixels") for size in (15, 513, 0, -4, 32.0, "64")),
+        ({"grid": [[6.0, 3.0], [12.0, 9.0]]}, "grid: expected integer tile codes"),
+        ({"grid": [6, 3]}, "grid: expected two dimensions"),
+        ({"chosen": chosen[:2]}, r"chosen: expected integers of shape \(4, 6, 2\), got int64 of shape \(2, 6, 2\)"),
+        ({"chosen": chosen * 1.0}, r"chosen: expected integers of shape \(4, 6, 2\), got float64"),
+        ({"chosen": outside}, "chosen: expected a tile of the set .* at row 0, column 0, got tile 99"),
+        ({"chosen": -1 - chosen}, "chosen: expected a tile of the set .* at row 0, column 0"),
+        ({"chosen": wrong}, "chosen: expected a tile of the set .* at row 1, column 2, got tile"),
     ):
         with pytest.raises(InputError, match=message):
-            render(GRID, drawn_tiles, chosen=choice)
-
-
-def test_what_is_no_grid_is_refused(drawn_tiles):
-    for grid, message in (([[6.0, 3.0], [12.0, 9.0]], "integer tile codes"), ([6, 3], "two dimensions")):
-        with pytest.raises(InputError, match=f"grid: expected {message}"):
-            render(grid, drawn_tiles)
+            render(**{"grid": GRID, "tiles": drawn_tiles} | arguments)
 
 
 @pytest.fixture
@@ -274,9 +233,7 @@ def test_masks_and_points_of_ones_own_are_written(marked_tiles, drawn_tiles, tmp
     write_picture(tmp_path, picture)
     written = sorted(path.name for path in tmp_path.iterdir())
     assert written == sorted([f"{name}.png" for name in (*PIXELS, "cones", "signs")] + ["points.json"])
-    np.testing.assert_array_equal(
-        cv2.imread(str(tmp_path / "cones.png"), cv2.IMREAD_UNCHANGED), picture.layers["cones"]
-    )
+    np.testing.assert_array_equal(read_picture(tmp_path / "cones.png"), picture.layers["cones"])
     points = json.loads((tmp_path / "points.json").read_text())
     assert points == {name: listed.tolist() for name, listed in picture.points.items()}
     plain = render([[6, 3], [12, 9]], drawn_tiles, tile_px=32)

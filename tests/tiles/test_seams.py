@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax.tiles import TileSet, describe_seams, find_seams, seam_picture
-from elitelanes_jax.tiles.tile import Tile
+from elitelanes_jax.tiles.files import Tile
 
 
 def tile(name, code, road):
@@ -35,14 +35,7 @@ def test_offsets_are_the_largest_distances_from_road_to_road(roads):
     roads[:, 4] = roads[:, :, 4] = True  # some road on every side
     tiles = TileSet("random", "", (tile("turn_1", 3, roads[0]), tile("crossing4_1", 15, roads[1])))
     seams = find_seams(tiles)
-    assert [(place, side.letter) for place, side in seams.sides] == [
-        (0, "S"),
-        (0, "W"),
-        (1, "N"),
-        (1, "E"),
-        (1, "S"),
-        (1, "W"),
-    ]
+    assert [f"{place}{side.letter}" for place, side in seams.sides] == ["0S", "0W", "1N", "1E", "1S", "1W"]
     for one, other in np.ndindex(6, 6):
         expected = displaced(along(tiles, seams.sides, one), along(tiles, seams.sides, other))
         assert seams.offsets[one, other] == expected
@@ -50,9 +43,7 @@ def test_offsets_are_the_largest_distances_from_road_to_road(roads):
     large = tile("turn_1", 3, roads[0].repeat(3, 0).repeat(3, 1))
     seams = find_seams(TileSet("two sizes", "", (large, tiles.tiles[1])))
     assert seams.pixels == 27
-    assert seams.offsets[0, 2] == displaced(
-        along(tiles, seams.sides, 0).repeat(3), along(tiles, seams.sides, 2).repeat(3)
-    )
+    assert seams.offsets[0, 2] == displaced(*(along(tiles, seams.sides, side).repeat(3) for side in (0, 2)))
 
 
 def spoilt(drawn_tiles, pixels):

@@ -57,22 +57,16 @@ def test_sides_may_be_stated(folder):
     assert [tile.code for tile in tiles.tiles[:3]] == [3, 6, 3]
 
 
-def test_a_set_may_lack_the_four_way_crossing(folder):
-    shutil.rmtree(folder / "crossing4_1")
-    assert load_tiles(folder).alphabet == ROAD_ALPHABET[:-1]
-
-
-def test_a_set_may_lack_ends(folder):
-    for number in (1, 2):
-        shutil.rmtree(folder / f"end_{number}")
+def test_a_set_may_lack_ends_and_four_way_crossings_and_numbers_are_sorted_as_numbers(folder):
+    without("end_*")(folder)
     tiles = load_tiles(folder)
     assert tiles.alphabet == ROAD_ALPHABET
     assert "no end: maps with dead ends cannot be drawn" in describe_tiles(tiles)
-
-
-def test_numbers_are_sorted_as_numbers(folder):
+    without("crossing4_1")(folder)
     shutil.copytree(folder / "turn_1", folder / "turn_10")
-    assert [tile.name for tile in load_tiles(folder).tiles][:5] == ["turn_1", "turn_2", "turn_3", "turn_4", "turn_10"]
+    tiles = load_tiles(folder)
+    assert tiles.alphabet == ROAD_ALPHABET[:-1]
+    assert [tile.name for tile in tiles.tiles][:5] == ["turn_1", "turn_2", "turn_3", "turn_4", "turn_10"]
 
 
 def test_masks_of_zeros_and_ones_and_grey_pictures_are_fine(folder):
@@ -114,38 +108,35 @@ def clear(folder, part):
 
 def sparse(name):
     """A file of 20 GB without a single block on the disk."""
-
-    def spoil(folder):
-        (folder / name).touch()
-        os.truncate(folder / name, 20 * 2**30)
-
-    return spoil
+    return lambda folder: ((folder / name).touch(), os.truncate(folder / name, 20 * 2**30))
 
 
-def toml(text):
-    return lambda folder: (folder / "tileset.toml").write_text(text)
-
-
-def points(text):
-    return lambda folder: (folder / "turn_1" / "points.json").write_text(text)
+def text(name, content):
+    return lambda folder: (folder / name).write_text(content)
 
 
 def drawn(name, picture):
     return lambda folder: write(folder, name, picture)
 
 
-def image(content):
-    """Bytes, or a function from those that were there, in place of a tile's picture."""
-
-    def spoil(folder):
-        file = folder / "turn_1" / "image.png"
-        file.write_bytes(content if isinstance(content, bytes) else content(file.read_bytes()))
-
-    return spoil
+def image(change):
+    """Other bytes instead of a tile's picture, made from those that were there."""
+    return lambda folder: (folder / "turn_1/image.png").write_bytes(change((folder / "turn_1/image.png").read_bytes()))
 
 
 def without(pattern):
     return lambda folder: [shutil.rmtree(place) for place in folder.glob(pattern)]
+
+
+def misnamed(name, *lost):
+    """A tile's folder under another name, without some of its files."""
+
+    def spoil(folder):
+        for file in lost:
+            (folder / "turn_1" / file).unlink()
+        (folder / "turn_1").rename(folder / name)
+
+    return spoil
 
 
 def png(width, height, rows, cut=False):
@@ -155,134 +146,81 @@ def png(width, height, rows, cut=False):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     packed = zlib.compress(rows)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
-        + chunk(b"IDAT", packed[:-6] if cut else packed)
-        + chunk(b"IEND", b"")
-    )
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", packed[:-6] if cut else packed) + chunk(b"IEND", b"")
 
 
-UNREADABLE = "turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read"
+TOMLS = {
+    "name =": "expected a readable TOML file, got: ",
+    "name = " + "[" * 10_000: "expected a readable TOML file, got: ",
+    "name = " + "9" * 10_000: "expected a readable TOML file, got: Exceeds the limit",
+    "name" + ".a" * 5_000 + " = 1": r"expected name to be text, got {'a': {'a': .{0,80}$",
+    "name = 3": "expected name to be text, got 3",
+    "opens = 3": r"expected a table \[opens\], got 3",
+    'blend = "off"': "expected blend to be true or false, got 'off'",
+    'license = "MIT"': "expected the keys name, licence, blend, opens, got 'license'",
+    '[opens]\nturn_9 = "SW"': r"\[opens\]: expected a tile of the set, got 'turn_9'",
+    '[opens]\nbridge = "NS"': r"expected in \[opens\] kinds \(turn, .*\) or tiles, got 'bridge'",
+    "[opens]\nturn_1 = true\nturn = 5": "expected turn_1 to open 2 sides that meet, as letters of NESW, got True",
+    '[opens]\nturn = "NS"': "expected turn to open 2 sides that meet, as letters of NESW, got 'NS'",
+    '[opens]\nstraight_2 = "NX"': "expected straight_2 to open 2 sides that face each other, as letters .* got 'NX'",
+}
+POINTS = {
+    "{": "expected a readable JSON file, got: ",
+    "[[1, 2]]": r'expected points by name, {"name": \[\[x, y\], ...\]}, got \[\[1, 2\]\]',
+    '{"cones": [[1, 2], [true, 4]]}': r"'cones': expected points \[x, y\], got \[true, 4\]",
+    '{"cones": 3}': r"'cones': expected points \[x, y\], got 3",
+    '{"cones": [[1, NaN]]}': r"'cones': expected points \[x, y\], got \[1, NaN\]",
+    '{"cones": [[1, 384.5]]}': r"'cones': expected points within 384 x 384 pixels, got \[1, 384.5\]",
+    '{"cones": [[1, 1%s]]}' % ("0" * 400): r"'cones': expected points within 384 x 384 pixels, got \[1, 10000",
+}
+GREY = "expected a mask of two values, 0 and one other, got"
+LAYER = "expected a mask's name in small letters, .* none of labels, overlay, instances, got"
+PICTURES = {
+    "straight_1/road.png": (np.zeros((100, 90)), "expected 384 x 384 pixels like image.png, got 90 x 100"),
+    "turn_1/yellow.png": (np.full((384, 384), [[0, 7, 9] * 128]), f"{GREY} 3: 0, 7, 9"),
+    "turn_2/yellow.png": (np.full((384, 384), [[1, 255] * 192]), f"{GREY} 2: 1, 255"),
+    "turn_1/red.png": (np.full((384, 384, 3), [0, 0, 255]), "expected a grey mask, got one in colours"),
+    "turn_1/image.png": (np.zeros((384, 300, 3)), "expected a square picture, got 300 x 384 pixels"),
+    "turn_1/cones.png": (np.zeros((100, 90)), "expected 384 x 384 pixels like image.png, got 90 x 100"),
+    "turn_1/labels.png": (np.zeros((384, 384)), f"{LAYER} 'labels'"),
+    "turn_1/Road.png": (np.zeros((384, 384)), f"{LAYER} 'Road'"),
+}
+NO_PNG = "expected a PNG picture of 8 bits a channel, got"
+BYTES = [
+    (lambda before: b"no picture", f"{NO_PNG} one that cannot be read"),
+    (lambda before: before[:9000], f"{NO_PNG} one that cannot be read"),
+    (lambda before: before.replace(b"\x55", b"\x56"), f"{NO_PNG} one that cannot be read"),
+    (lambda before: b"", f"{NO_PNG} one that cannot be read"),
+    (lambda before: png(0, 0, b""), f"{NO_PNG} one that cannot be read"),
+    (lambda before: png(60_000, 60_000, b"\0" * 99), "it has 60000 x 60000 pixels, not 1 to 4096 a side"),
+    (lambda before: png(8, 8, b"\0" * 71), "it is damaged or unfinished"),
+    (lambda before: png(8, 8, b"\0" * 10**6), "it is damaged or unfinished"),
+    (lambda before: png(8, 8, b"\0" * 99, cut=True), f"{NO_PNG} one that cannot be read"),
+    (lambda before: cv2.imencode(".png", np.zeros((384, 384, 3), np.uint16))[1].tobytes(), f"{NO_PNG} uint16"),
+]
 SPOILS = [
-    (
-        lambda folder: (folder / "turn_2" / "red.png").unlink(),
-        r"turn_2: expected image.png, road.png, red.png and yellow.png, got no red.png",
-    ),
-    (
-        drawn("straight_1/road.png", np.zeros((100, 90), np.uint8)),
-        r"straight_1/road.png: expected 384 x 384 pixels like image.png, got 90 x 100",
-    ),
-    (
-        drawn("turn_1/yellow.png", np.full((384, 384), [[0, 7, 9] * 128], np.uint8)),
-        r"turn_1/yellow.png: expected a mask of two values, 0 and one other, got 3: 0, 7, 9",
-    ),
-    (
-        drawn("turn_1/yellow.png", np.full((384, 384), [[1, 255] * 192], np.uint8)),
-        r"turn_1/yellow.png: expected a mask of two values, 0 and one other, got 2: 1, 255",
-    ),
-    (
-        drawn("turn_1/red.png", np.full((384, 384, 3), [0, 0, 255], np.uint8)),
-        r"turn_1/red.png: expected a grey mask, got one in colours",
-    ),
-    (
-        lambda folder: (folder / "crossing4_1" / "image.png").write_bytes(b"no picture"),
-        r"crossing4_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
-    ),
-    (image(lambda before: before[:9000]), UNREADABLE),
-    (image(lambda before: before.replace(b"\x55", b"\x56")), UNREADABLE),
-    (image(b""), UNREADABLE),
-    (
-        drawn("turn_1/image.png", np.zeros((384, 384, 3), np.uint16)),
-        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got uint16",
-    ),
-    (
-        drawn("turn_1/image.png", np.zeros((384, 300, 3), np.uint8)),
-        r"turn_1/image.png: expected a square picture, got 300 x 384 pixels",
-    ),
+    *((text("tileset.toml", content), f"tileset.toml: {words}") for content, words in TOMLS.items()),
+    *((text("turn_1/points.json", content), f"turn_1/points.json: {words}") for content, words in POINTS.items()),
+    *((drawn(file, pixels.astype(np.uint8)), f"{file}: {words}") for file, (pixels, words) in PICTURES.items()),
+    *((image(change), f"turn_1/image.png: .*{words}") for change, words in BYTES),
+    (lambda folder: (folder / "turn_2/red.png").unlink(), "turn_2: expected image.png, road.png, .*, got no red.png"),
     (without("crossing*"), r"expected tiles of every kind a map needs .*, got no crossing"),
     (without("straight*"), r"expected tiles of every kind a map needs .*, got no straight"),
     (without("*_*"), r"got no straight and no turn and no crossing"),
-    (
-        lambda folder: (folder / "turn_1").rename(folder / "trun_1"),
-        r"trun_1: expected a folder <kind>_<number>, the kind one of turn, straight, crossing3, crossing4, end",
-    ),
-    (toml("name ="), r"tileset.toml: expected a readable TOML file, got: "),
-    (toml("name = " + "[" * 10_000), r"tileset.toml: expected a readable TOML file, got: "),
-    (toml("name = " + "9" * 10_000), r"tileset.toml: expected a readable TOML file, got: Exceeds the limit"),
-    (toml("name" + ".a" * 5_000 + " = 1"), r"tileset.toml: expected name to be text, got {'a': {'a': .{0,80}$"),
+    (misnamed("trun_1"), r"trun_1: expected a folder <kind>_<number>, the kind one of turn, straight, crossing3"),
+    (misnamed("Turn_1", "image.png", "red.png"), r"Turn_1: expected a folder <kind>_<number>"),
     (sparse("tileset.toml"), r"tileset.toml: expected a file of at most 64 KiB, got a larger one"),
     (sparse("turn_1/image.png"), r"turn_1/image.png: expected a file of at most 72 MiB, got a larger one"),
     (sparse("turn_1/points.json"), r"turn_1/points.json: expected a file of at most 8 MiB, got a larger one"),
-    (toml("name = 3"), r"tileset.toml: expected name to be text, got 3"),
-    (toml("opens = 3"), r"tileset.toml: expected a table \[opens\], got 3"),
-    (toml('[opens]\nturn_9 = "SW"'), r"tileset.toml: \[opens\]: expected a tile of the set, got 'turn_9'"),
-    (
-        toml("[opens]\nturn_1 = true\nturn = 5"),
-        r"tileset.toml: expected turn_1 to open 2 sides that meet, as letters of NESW, got True",
-    ),
-    (toml('license = "MIT"'), r"tileset.toml: expected the keys name, licence, blend, opens, got 'license'"),
-    (toml('blend = "off"'), "tileset.toml: expected blend to be true or false, got 'off'"),
-    (
-        lambda folder: (
-            [(folder / "turn_1" / f"{name}.png").unlink() for name in ("image", "red")],
-            (folder / "turn_1").rename(folder / "Turn_1"),
-        ),
-        r"Turn_1: expected a folder <kind>_<number>",
-    ),
-    (image(png(0, 0, b"")), UNREADABLE),
-    (image(png(60_000, 60_000, b"\0" * 99)), UNREADABLE + ": it has 60000 x 60000 pixels, not 1 to 4096 a side"),
-    (image(png(8, 8, b"\0" * 71)), UNREADABLE + ": it is damaged or unfinished"),
-    (image(png(8, 8, b"\0" * 10**6)), UNREADABLE + ": it is damaged or unfinished"),
-    (image(png(8, 8, b"\0" * 99, cut=True)), UNREADABLE),
-    (
-        drawn("turn_1/cones.png", np.zeros((100, 90), np.uint8)),
-        r"turn_1/cones.png: expected 384 x 384 pixels like image.png, got 90 x 100",
-    ),
-    (
-        drawn("turn_1/labels.png", np.zeros((384, 384), np.uint8)),
-        r"turn_1/labels.png: expected a mask's name in small letters, .* none of labels, overlay, instances, got "
-        "'labels'",
-    ),
-    (
-        drawn("turn_1/Road.png", np.zeros((384, 384), np.uint8)),
-        r"turn_1/Road.png: expected a mask's name in small letters, .*, got 'Road'",
-    ),
-    (points("{"), r"turn_1/points.json: expected a readable JSON file, got: "),
-    (points("[[1, 2]]"), r'turn_1/points.json: expected points by name, {"name": \[\[x, y\], ...\]}, got \[\[1, 2\]\]'),
-    (
-        points('{"cones": [[1, 2], [true, 4]]}'),
-        r"turn_1/points.json: 'cones': expected points \[x, y\], got \[true, 4\]",
-    ),
-    (points('{"cones": 3}'), r"turn_1/points.json: 'cones': expected points \[x, y\], got 3"),
-    (points('{"cones": [[1, NaN]]}'), r"turn_1/points.json: 'cones': expected points \[x, y\], got \[1, NaN\]"),
-    (
-        points('{"cones": [[1, 384.5]]}'),
-        r"turn_1/points.json: 'cones': expected points within 384 x 384 pixels, got \[1, 384.5\]",
-    ),
-    (
-        points('{"cones": [[1, 1%s]]}' % ("0" * 400)),
-        r"turn_1/points.json: 'cones': expected points within 384 x 384 pixels, got \[1, 10000",
-    ),
     (
         lambda folder: clear(folder, np.s_[:3]),
         r"straight_1/road.png: expected the road to reach the side N, which the tile opens \(see \[opens\] in "
         r"tileset.toml\), got road on 0 of its 384 pixels; it ends 3 pixels short of it",
     ),
     (
-        lambda folder: (folder / "crossing3_1" / "road.png").write_bytes(
-            (folder / "crossing4_1" / "road.png").read_bytes()
-        ),
+        lambda folder: shutil.copy(folder / "crossing4_1/road.png", folder / "crossing3_1"),
         r"crossing3_1/road.png: expected the road to end before the side E \(see .*\), got road on 284 of its 384",
-    ),
-    (toml('[opens]\nbridge = "NS"'), r"tileset.toml: expected in \[opens\] kinds \(turn, .*\) or tiles, got 'bridge'"),
-    (
-        toml('[opens]\nturn = "NS"'),
-        r"tileset.toml: expected turn to open 2 sides that meet, as letters of NESW, got 'NS'",
-    ),
-    (
-        toml('[opens]\nstraight_2 = "NX"'),
-        r"tileset.toml: expected straight_2 to open 2 sides that face each other, as letters of NESW, got 'NX'",
     ),
 ]
 
@@ -307,9 +245,8 @@ def test_all_that_is_wrong_is_found_at_once(folder):
         load_tiles(folder)
 
 
-def test_no_folder(tmp_path):
-    with pytest.raises(ValueError, match="nowhere: expected a folder of tile pictures, got none"):
-        load_tiles(tmp_path / "nowhere")
+@pytest.mark.parametrize(("name", "got"), [("nowhere", "none"), ("file", "a file")])
+def test_no_folder(name, got, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ValueError, match="file: expected a folder of tile pictures, got a file"):
-        load_tiles(tmp_path / "file")
+    with pytest.raises(ValueError, match=f"{name}: expected a folder of tile pictures, got {got}"):
+        load_tiles(tmp_path / name)

@@ -40,14 +40,14 @@ def foreign(folder):
 
 
 @pytest.fixture(params=["next to it", "in it"])
-def place(request, monkeypatch):
-    """The place of the hidden folder: in an output folder that is a mount, or whose parent cannot be written to."""
+def hidden(request, monkeypatch):
+    """Where the hidden folder is: in an output folder that is a mount, or whose parent cannot be written to."""
     if request.param == "in it":
         monkeypatch.setattr(os, "access", lambda *_: False)
 
 
 @pytest.mark.parametrize("out", ["out", "deep/down/out", "empty", "link", "."])
-def test_a_folder_is_there_when_it_is_complete(tmp_path, out, place, monkeypatch):
+def test_a_folder_is_there_when_it_is_complete(tmp_path, out, hidden, monkeypatch):
     (tmp_path / "empty").mkdir()
     (tmp_path / "there").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "there")
@@ -64,7 +64,7 @@ def test_a_folder_is_there_when_it_is_complete(tmp_path, out, place, monkeypatch
 
 @pytest.mark.parametrize("out", ["out", "deep/down/out", "empty"])
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_nothing_remains_of_what_went_wrong(tmp_path, out, error, place):
+def test_nothing_remains_of_what_went_wrong(tmp_path, out, error, hidden):
     (tmp_path / "empty").mkdir()
 
     def fails():
@@ -97,7 +97,7 @@ def test_folders_that_cannot_be_made_are_refused(tmp_path, monkeypatch):
     refused(tmp_path / "out", "out: expected a path that can be written to, got .*: permission denied")
 
 
-def test_one_process_at_a_time_works_for_a_folder(tmp_path, place):
+def test_one_process_at_a_time_works_for_a_folder(tmp_path, hidden):
     (tmp_path / "out").mkdir()
     with output_folder(tmp_path / "out", SETTINGS) as work:
         (work.files / "file").write_text("text")
@@ -105,34 +105,24 @@ def test_one_process_at_a_time_works_for_a_folder(tmp_path, place):
     assert contents(tmp_path) == {"out/file": "text"}
 
 
-def test_a_folder_is_replaced_if_that_is_asked_for(tmp_path, place):
+def test_a_folder_is_replaced_if_that_is_asked_for(tmp_path, hidden):
     out = tmp_path / "out"
     write(out, "old", ("one", "three"))
     before = out.stat().st_ino
     refused(out, "got one with files in it; force=True replaces it", foreign=foreign)
     refused(out, "got one with files in it$", force=True)
-    refused(
-        out,
-        r"expected a folder to replace that contains no input, got one with .*link",
-        **{
-            "foreign": foreign,
-            "force": True,
-            "inputs": [tmp_path / "other", link(tmp_path, out / "three")],
-        },
-    )
+    (tmp_path / "link").symlink_to(out / "three")
+    inputs = [tmp_path / "other", tmp_path / "link"]
+    words = r"expected a folder to replace that contains no input, got one with .*link"
+    refused(out, words, foreign=foreign, force=True, inputs=inputs)
     write(out, foreign=foreign, force=True)
     assert contents(out) == {"one": "new", "sub/two": "new"}
     assert out.stat().st_ino == before
 
 
-def link(folder, target):
-    (folder / "link").symlink_to(target)
-    return folder / "link"
-
-
 @pytest.mark.parametrize("when", ["before", "meanwhile"])
 @pytest.mark.parametrize("name", ["notes.txt", "sub/notes.txt", ".git/HEAD", "sub/link"])
-def test_a_folder_with_anything_else_is_never_replaced(when, name, tmp_path, place):
+def test_a_folder_with_anything_else_is_never_replaced(when, name, tmp_path, hidden):
     out = tmp_path / "out"
     write(out, "old")
 
@@ -176,7 +166,7 @@ def kill_at(patch, step):
 
 
 @pytest.mark.parametrize("there", ["nothing", "empty", "old"])
-def test_killed_at_any_step_of_the_end_the_next_run_does_the_rest(there, tmp_path, monkeypatch, place):
+def test_killed_at_any_step_of_the_end_the_next_run_does_the_rest(there, tmp_path, monkeypatch, hidden):
     """The folder has all its old files or all its new files, in whole or, while they are moved, in part."""
     for step in count(1):
         out = tmp_path / str(step) / "out"
@@ -205,7 +195,7 @@ def test_killed_at_any_step_of_the_end_the_next_run_does_the_rest(there, tmp_pat
 
 
 @pytest.mark.parametrize("step", range(1, 7))
-def test_everything_stays_as_it_was_if_the_last_step_goes_wrong(step, tmp_path, monkeypatch, place):
+def test_everything_stays_as_it_was_if_the_last_step_goes_wrong(step, tmp_path, monkeypatch, hidden):
     out = tmp_path / "out"
     write(out, "old", ("one", "three"))
     usual, steps = Path.rename, count(1)
@@ -222,7 +212,7 @@ def test_everything_stays_as_it_was_if_the_last_step_goes_wrong(step, tmp_path, 
     assert contents(tmp_path) == {"out/one": "old", "out/three": "old"}
 
 
-def test_work_is_resumed_with_the_same_settings_alone(tmp_path, place):
+def test_work_is_resumed_with_the_same_settings_alone(tmp_path, hidden):
     out = tmp_path / "out"
 
     def interrupted():
@@ -236,10 +226,10 @@ def test_work_is_resumed_with_the_same_settings_alone(tmp_path, place):
         with pytest.raises(KeyboardInterrupt):
             interrupted()
         assert has_unfinished(out) and not out.exists()
-    message = (
+    words = (
         r"out: expected results with x \[3\], got results with .2.; delete .*-unfinished, or use force=True, to start"
     )
-    refused(out, message, {"seed": 1, "more": {"x": [3]}})
+    refused(out, words, {"seed": 1, "more": {"x": [3]}})
     assert has_unfinished(out)
     with output_folder(out, {"seed": 2}, force=True) as work:
         assert not list(work.kept.iterdir())

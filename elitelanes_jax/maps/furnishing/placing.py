@@ -48,21 +48,16 @@ def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int) -> tuple[Map
     free = [crossing for crossing in found if has_free_corners(codes, crossing)]
     random = np.random.default_rng([seed, 2**32 - 1])
     order, corners = random.permutation(len(free)), random.integers(4, size=len(free))
-    lit = [int(index) for index in order[: round(spec.lights * len(free))]]
-    if spec.signs != "none":
-        signs = place_signs(found, set(free), spec.signs, {free[index] for index in lit})
-        for sign in signs:
-            _add(space, tags.give(sign))
-    for index in sorted(lit):
-        _add(space, place_light(free[index], int(corners[index])))
+    lit = sorted(int(index) for index in order[: round(spec.lights * len(free))])
+    signs = place_signs(found, set(free), spec.signs, {free[index] for index in lit}) if spec.signs != "none" else []
+    lights = [place_light(free[index], int(corners[index])) for index in lit]
+    for thing in [*map(tags.give, signs), *lights]:
+        if not space.is_clear(thing):
+            raise InputError(
+                f"objects: expected none in the way of {thing.kind} at x {thing.x:g}, y {thing.y:g}, got one"
+            )
+        space.add(thing)
     if spec.street_names != "none":
         place_street_names(space, spec.street_names, tags)
     place_scenery(space, spec, seed)
     return tuple(space.objects)
-
-
-def _add(space: Space, sign: MapObject) -> None:
-    """Adds a sign or light, whose place depends on the map alone."""
-    if not space.is_clear(sign):
-        raise InputError(f"objects: expected none in the way of {sign.kind} at x {sign.x:g}, y {sign.y:g}, got one")
-    space.add(sign)

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
-from elitelanes_jax.maps.furnishing.space import Space
+from elitelanes_jax.maps.furnishing.space import Space, make_object
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.roads import LANE_OFFSET
@@ -41,8 +40,8 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int) -> None:
         while placed < wanted and tries:
             tries -= 1
             spot = spots[random.integers(len(spots))]
-            x, y, angle = (round(value, 6) for value in draw(spot, random))
-            thing = MapObject(kind, x, y, angle, OBJECT_KINDS[kind].height, static=name != "crossing_duckies")
+            x, y, angle = draw(spot, random)
+            thing = make_object(kind, x, y, round(angle, 6), static=name != "crossing_duckies")
             placed += space.place(thing, in_lane=name.startswith("lane_"))
         if placed < wanted and amount >= 1:
             raise InputError(f"{name}: expected a number that fits, got {wanted}, of which {placed} fit")

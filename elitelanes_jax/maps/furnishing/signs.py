@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.graph import Cell, linked_tiles
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.maps.furnishing.space import make_object
 from elitelanes_jax.network.codes import CORNERS, SIDE_TOWARDS, SIDES
 
 # From the corner of the crossing, in tiles along both sides of the cell next to it. Signs of human-made maps have 0.04
@@ -47,14 +48,8 @@ def has_free_corners(codes: NDArray[np.int8], crossing: Cell) -> bool:
 def place_signs(found: Mapping[Cell, list[int]], free: set[Cell], which: str, lit: set[Cell]) -> list[MapObject]:
     """Returns the signs of all crossings, without tags: for each stop line the topology, then the control.
 
-    Args:
-      found: the crossings with their sides.
-      free: those without a road at a corner.
-      which: "all", or "possible" to leave out all others.
-      lit: the crossings with traffic lights.
-
-    Raises:
-      InputError: for "all" if a crossing has a road at a corner.
+    The crossings in `lit` have traffic lights. Crossings that are not `free`, because a road is at a corner, are left
+    out if `which` is "possible", and raise `InputError` if it is "all".
     """
     signs = []
     for crossing, sides in found.items():
@@ -73,7 +68,7 @@ def place_light(crossing: Cell, corner: int) -> MapObject:
     """Returns the traffic light of a crossing whose stand is at one of its four corners."""
     down, right = CORNERS[corner]
     x, y = crossing[1] + 0.5 + right * (0.5 + _STAND), crossing[0] + 0.5 + down * (0.5 + _STAND)
-    return MapObject("trafficlight", x, y, atan2(down, -right), OBJECT_KINDS["trafficlight"].height)
+    return make_object("trafficlight", x, y, atan2(down, -right))
 
 
 def _signs_for(crossing: Cell, sides: list[int], heading: int, control: str) -> list[MapObject]:
@@ -86,5 +81,5 @@ def _signs_for(crossing: Cell, sides: list[int], heading: int, control: str) -> 
     for kind, to_right in ((topology, 0.5 + _NEAR), (control, -0.5 - _SECOND)):
         x = crossing[1] + 0.5 + (0.5 + _NEAR) * ahead.right + to_right * right.right
         y = crossing[0] + 0.5 + (0.5 + _NEAR) * ahead.down + to_right * right.down
-        signs.append(MapObject(kind, round(x, 6), round(y, 6), angle, OBJECT_KINDS[kind].height))
+        signs.append(make_object(kind, x, y, angle))
     return signs

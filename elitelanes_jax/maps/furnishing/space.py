@@ -9,28 +9,28 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.graph import Cell
-from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
 
 Point = tuple[float, float]
 
 _CLEARANCE = 0.01  # between footprints, in tiles
 
 
-def outline(thing: MapObject, tile_size: float = TILE_SIZE) -> list[Point]:
+def make_object(kind: str, x: float, y: float, angle: float, *, static: bool = True) -> MapObject:
+    """Returns an object of its kind's usual height, with its position rounded to six digits."""
+    return MapObject(kind, round(x, 6), round(y, 6), angle, OBJECT_KINDS[kind].height, static=static)
+
+
+def _outline(thing: MapObject) -> list[Point]:
     """Returns the four corners of an object's footprint, in tiles; of the square around it, if it is round."""
-    length, width = (side / 2 / tile_size for side in thing.footprint)
+    length, width = (side / 2 / TILE_SIZE for side in thing.footprint)
     along, across = (cos(thing.angle), -sin(thing.angle)), (sin(thing.angle), cos(thing.angle))
-    return [
-        (
-            thing.x + u * length * along[0] + v * width * across[0],
-            thing.y + u * length * along[1] + v * width * across[1],
-        )
-        for u, v in ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    ]
+    steps = [(u * length, v * width) for u, v in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
+    return [(thing.x + u * along[0] + v * across[0], thing.y + u * along[1] + v * across[1]) for u, v in steps]
 
 
-def overlap(one: Sequence[Point], other: Sequence[Point], clearance: float = 0.0) -> bool:
-    """Returns whether two rectangles overlap or are closer than a clearance along the sides of one of them."""
+def _are_close(one: Sequence[Point], other: Sequence[Point]) -> bool:
+    """Returns whether two rectangles overlap or nearly touch along the sides of one of them."""
     for corners in (one, other):
         for index in (0, 1):
             (ax, ay), (bx, by) = corners[index], corners[index + 1]
@@ -38,7 +38,7 @@ def overlap(one: Sequence[Point], other: Sequence[Point], clearance: float = 0.0
             nx, ny = (bx - ax) / size, (by - ay) / size
             first = [x * nx + y * ny for x, y in one]
             second = [x * nx + y * ny for x, y in other]
-            if max(first) + clearance <= min(second) or max(second) + clearance <= min(first):
+            if max(first) + _CLEARANCE <= min(second) or max(second) + _CLEARANCE <= min(first):
                 return False
     return True
 
@@ -53,21 +53,20 @@ class Space:
 
     def place(self, thing: MapObject, *, in_lane: bool = False) -> bool:
         """Adds an object if it fits: off all roads unless it is in a lane, and clear of the other objects."""
-        fits = (in_lane or all(map(self._is_free, _cells(outline(thing))))) and self.is_clear(thing)
+        fits = (in_lane or all(map(self._is_free, _cells(_outline(thing))))) and self.is_clear(thing)
         if fits:
             self.add(thing)
         return fits
 
     def is_clear(self, thing: MapObject) -> bool:
         """Returns whether an object keeps clear of those that were added."""
-        corners = outline(thing)
-        others = (other for cell in _cells(corners) for other in self._outlines[cell])
-        return not any(overlap(corners, other, _CLEARANCE) for other in others)
+        corners = _outline(thing)
+        return not any(_are_close(corners, other) for cell in _cells(corners) for other in self._outlines[cell])
 
     def add(self, thing: MapObject) -> None:
         """Adds an object without checking whether it fits."""
         self.objects.append(thing)
-        corners = outline(thing)
+        corners = _outline(thing)
         for cell in _cells(corners, _CLEARANCE):
             self._outlines[cell].append(corners)
 

@@ -99,22 +99,17 @@ EVERYTHING = FurnishSpec(
 
 
 def parse_furnish(given: UserValue) -> FurnishSpec:
-    """Reads what a map is furnished with.
-
-    Args:
-      given: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
-        ``street_names``, ``all`` for some of everything, ``unique_tags``, settings such as ``duckies=6`` that override
-        these words, and a file .toml, .json or .yaml with objects of your own.
-
-    Raises:
-      InputError: for anything else.
-    """
+    """Reads what a map is furnished with, see `furnish`; raises `InputError`."""
     if isinstance(given, FurnishSpec):
         return given
     if isinstance(given, Mapping):
         check_names(given, FurnishSpec.options())
         return FurnishSpec().replace(**given)
-    words = _split_words(given)
+    listed = [str(given)] if isinstance(given, str | Path) else given
+    if not isinstance(listed, list | tuple) or not all(isinstance(one, str) for one in listed):
+        expected = "a FurnishSpec, or words such as signs, all, duckies=6"
+        raise InputError(f"expected {expected}, got {shorten(repr(given), 40)}")
+    words = [word for text in listed for part in split_settings(text) for word in _words(part)]
     settings = [name for name, one in FurnishSpec.options().items() if one.metavar]
     spec = EVERYTHING if "all" in words else FurnishSpec()
     values: dict[str, UserValue] = {}
@@ -134,14 +129,6 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
             expected = f"all, signs, street_names, unique_tags, {names}, or a file .toml, .json or .yaml"
             raise InputError(f"expected {expected}, got {shorten(repr(word), 40)}")
     return spec.replace(**values)
-
-
-def _split_words(given: UserValue) -> list[str]:
-    listed = [str(given)] if isinstance(given, str | Path) else given
-    if not isinstance(listed, list | tuple) or not all(isinstance(one, str) for one in listed):
-        expected = "a FurnishSpec, or words such as signs, all, duckies=6"
-        raise InputError(f"expected {expected}, got {shorten(repr(given), 40)}")
-    return [word for text in listed for part in split_settings(text) for word in _words(part)]
 
 
 def _words(text: str) -> list[str]:

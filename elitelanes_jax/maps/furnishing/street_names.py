@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
-from elitelanes_jax.maps.furnishing.space import Space
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.maps.furnishing.space import Space, make_object
 from elitelanes_jax.maps.furnishing.tagging import Tags
 from elitelanes_jax.network.codes import KIND_OF, SIDES
 
@@ -25,13 +25,8 @@ _BESIDE = 0.58  # tiles from the middle of a straight tile: as far from the road
 def place_street_names(space: Space, which: str, tags: Tags) -> None:
     """Adds the street name signs of all roads between crossings. All signs of a road have the same name.
 
-    Args:
-      space: the map, with the signs of its crossings.
-      which: "all", or "possible" to leave out signs that do not fit.
-      tags: those in use.
-
-    Raises:
-      InputError: for "all" if a sign does not fit; or if tags must be unique and there are not enough.
+    Signs that do not fit are left out if `which` is "possible". Raises `InputError` for "all" if one does not fit, and
+    if tags must be unique and there are not enough.
     """
     links = linked_tiles(space.codes)
     for path in walk_roads(links, {tile for tile, others in links.items() if len(others) != 2}):
@@ -56,7 +51,8 @@ def _in_the_corner(codes: NDArray[np.int8], tile: Cell) -> MapObject:
     """Returns the sign of a turn, in the outer corner of its tile."""
     sides = [side for side in SIDES if codes[tile] & side.bit]
     right, down = sum(side.right for side in sides), sum(side.down for side in sides)
-    return _sign(tile[1] + 0.5 - _CORNER * right, tile[0] + 0.5 - _CORNER * down, right, down)
+    x, y = tile[1] + 0.5 - _CORNER * right, tile[0] + 0.5 - _CORNER * down
+    return make_object("sign_street_name", x, y, atan2(-down, right))
 
 
 def _beside(codes: NDArray[np.int8], tile: Cell) -> Iterator[MapObject]:
@@ -65,10 +61,5 @@ def _beside(codes: NDArray[np.int8], tile: Cell) -> Iterator[MapObject]:
     for down, right in ((side.right, side.down) for side in SIDES if codes[tile] in (5, 10) and codes[tile] & side.bit):
         row, column = tile[0] + down, tile[1] + right
         if not (0 <= row < height and 0 <= column < width and codes[row, column]):
-            yield _sign(tile[1] + 0.5 + _BESIDE * right, tile[0] + 0.5 + _BESIDE * down, -right, -down)
-
-
-def _sign(x: float, y: float, right: int, down: int) -> MapObject:
-    """Returns a sign that faces a direction."""
-    kind = "sign_street_name"
-    return MapObject(kind, round(x, 6), round(y, 6), atan2(-down, right), OBJECT_KINDS[kind].height)
+            x, y = tile[1] + 0.5 + _BESIDE * right, tile[0] + 0.5 + _BESIDE * down
+            yield make_object("sign_street_name", x, y, atan2(down, -right))

@@ -20,16 +20,10 @@ class Tags:
         self._used: dict[tuple[str, int], list[Point]] = defaultdict(list)
 
     def give(self, sign: MapObject, numbers: Sequence[int] | None = None) -> MapObject:
-        """Returns a sign with a tag number of its kind, the first one that is not in use.
+        """Returns a sign with the first tag number that is not in use, of `numbers` or of all of its kind.
 
-        If all numbers are in use, it gets the number whose nearest use is farthest away; of several, the first one.
-
-        Args:
-          sign: without a tag.
-          numbers: to choose from; by default all of the kind.
-
-        Raises:
-          InputError: if all numbers are in use and a number must not be used twice.
+        If all are in use, it gets the number whose nearest use is farthest away; of several, the first one. Raises
+        `InputError` if a number must not be used twice.
         """
         numbers = numbers or SIGN_TAGS[sign.kind]
         tag = max(numbers, key=lambda number: self._distance(sign, [number]))
@@ -40,13 +34,10 @@ class Tags:
         return sign._replace(tag=tag)
 
     def name_street(self, signs: Sequence[MapObject]) -> list[MapObject]:
-        """Returns the signs of a road with tags of one street name.
+        """Returns the signs of a road with tags of one street name; raises `InputError` as `give` does.
 
         The name is one whose nearest use is farthest away, and among unused names the one with the fewest tags that
         are enough.
-
-        Raises:
-          InputError: as `give`.
         """
 
         def preference(numbers: Sequence[int]) -> tuple[float, int]:

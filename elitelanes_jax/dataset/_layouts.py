@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,34 +33,48 @@ _DESCRIBING = (
 )
 
 
-class Format(NamedTuple):
+class Layout(NamedTuple):
     """A layout.
 
+    In `path`, `metadata` and `program` the words SPLIT and SHORT stand for a split's name and its usual short name.
+
     Attributes:
-      layers: the layers beside image, labels and the further masks of the tile set.
-      file: (split, index, layer) -> the path of a picture in the folder.
-      note: sample -> additions to its record, for `list_samples`.
-      list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
-      program: lines of Python that load a split, named SPLIT or SHORT, from the folder ``DIR``.
-      needs: a package that writing it needs.
+      path: of a picture, with FOLDER for the folder of its layer or LAYER for the layer, and NUMBER for the sample.
+      program: lines of Python that load a split from the folder ``DIR``.
       metadata: the file with a line of JSON for each sample of a split.
+      rows: (folder, split, records of its samples in order) -> the lines; may write further files.
+      layers: the layers beside image, labels and the further masks of the tile set.
+      folders: of layers whose folder has another name.
+      note: sample -> additions to its record, for `rows`.
+      needs: a package that writing it needs.
     """
 
-    layers: tuple[str, ...]
-    file: Callable[[int, int, str], str]
-    note: Callable[[Sample], Record]
-    list_samples: Callable[[Path, int, Iterable[Record]], None]
+    path: str
     program: str
-    needs: str | None = None
     metadata: str = "metadata/SHORT.jsonl"
+    rows: Callable[[Path, int, Iterable[Record]], Iterable[Record]] = lambda folder, split, records: records
+    layers: tuple[str, ...] = ()
+    folders: Mapping[str, str] = {}
+    note: Callable[[Sample], Record] = lambda sample: {}
+    needs: str | None = None
+
+    def file(self, split: int, index: int, layer: str) -> str:
+        """Returns the path of a picture in the folder."""
+        path = _in_split(self.path, split).replace("NUMBER", f"{index:06d}")
+        return path.replace("FOLDER", self.folders.get(layer, _folder(layer))).replace("LAYER", layer)
+
+    def list_samples(self, folder: Path, split: int, records: Iterable[Record]) -> None:
+        """Writes the files that list a split's samples."""
+        lines = (f"{json.dumps(row)}\n".encode() for row in self.rows(folder, split, records))
+        write_atomic(folder / _in_split(self.metadata, split), lines)
 
     def loading(self, split: int) -> str:
         """Returns a program that loads a split."""
-        return self.program.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
+        return _in_split(self.program, split)
 
     def loading_arrays(self, split: int, poses: bool) -> str:
         """Returns a program that loads a split as NumPy arrays, with poses or tile codes."""
-        metadata = self.metadata.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
+        metadata = _in_split(self.metadata, split)
         image, labels = (
             self.file(split, 0, layer).replace("000000", "{row['number']:06d}") for layer in ("image", "labels")
         )
@@ -75,15 +89,15 @@ class Format(NamedTuple):
         )
 
 
-def find_format(name: str) -> Format:
-    """Returns a format by its name; raises `MissingPackageError` if a package that it needs is not installed."""
-    layout = FORMATS[name]
+def find_layout(name: str) -> Layout:
+    """Returns a layout by its name; raises `MissingPackageError` if a package that it needs is not installed."""
+    layout = LAYOUTS[name]
     if layout.needs is not None:
         import_optional(layout.needs, f"format: {name} needs {layout.needs}")
     return layout
 
 
-def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
+def write_sample(sample: Sample, layout: Layout, split: int, out: Path) -> None:
     """Writes the pictures of a sample where a format has them.
 
     Raises:
@@ -100,7 +114,7 @@ def foreign_to_dataset(folder: Path) -> str | None:
     try:
         about = read_json(folder / RECORD)
         layers = ("image", "labels", *MASKS, "instances", *about["tile_set"]["layers"])
-        layout = FORMATS[about["settings"]["format"]]
+        layout = LAYOUTS[about["settings"]["format"]]
         if "elitelanes_jax" not in about["versions"]:
             return f"{RECORD} of another program"
     except FileNotFoundError:
@@ -116,7 +130,7 @@ def check_pictures(folder: Path, about: Record) -> Record:
     """Returns the record of a complete dataset; raises `InputError` if pictures are missing."""
     for split, count in enumerate(about["pictures"].values()):
         for layer in ("image", "labels"):
-            files = FORMATS[about["settings"]["format"]].file(split, 0, layer).replace("000000", "*")
+            files = LAYOUTS[about["settings"]["format"]].file(split, 0, layer).replace("000000", "*")
             if (found := len(list(folder.glob(files)))) != count:
                 raise InputError(f"{folder}: expected {count:,} files {files}, got {found:,}; force=True draws all")
     return about
@@ -124,39 +138,18 @@ def check_pictures(folder: Path, about: Record) -> Record:
 
 _SHORT = ("train", "val", "test")
 
-# The pictures of every dataset. Further masks of the tile set have their own folder next to them.
-_USUAL = ("image", "labels", *MASKS, "instances")
 
-
-def _write_lines(file: Path, rows: Iterable[Record]) -> None:
-    write_atomic(file, (f"{json.dumps(row)}\n".encode() for row in rows))
-
-
-# --- plain: a folder for each map, with all its masks
-
-
-def _plain_file(split: int, index: int, layer: str) -> str:
-    return f"{SPLITS[split]}/{index:06d}/{layer}.png"
-
-
-def _plain_index(folder: Path, split: int, records: Iterable[Record]) -> None:
-    rows = ({"folder": f"{record['number']:06d}"} | record for record in records)
-    _write_lines(folder / SPLITS[split] / "metadata.jsonl", rows)
-
-
-# --- imagefolder: Hugging Face datasets
-
-
-def _imagefolder_file(split: int, index: int, layer: str) -> str:
-    return f"{SPLITS[split]}/{_folder(layer)}/{index:06d}.png"
+def _in_split(text: str, split: int) -> str:
+    return text.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
 
 
 def _folder(layer: str) -> str:
-    return layer if layer in _USUAL else f"layers/{layer}"
+    """Returns the folder of a layer. Further masks of the tile set are apart from those of every dataset."""
+    return layer if layer in ("image", "labels", *MASKS, "instances") else f"layers/{layer}"
 
 
-def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> None:
-    def row(record: Record) -> Record:
+def _imagefolder_rows(folder: Path, split: int, records: Iterable[Record]) -> Iterator[Record]:
+    for record in records:
         names = {
             f"{_folder(layer).replace('/', '_')}_file_name": f"{_folder(layer)}/{record['number']:06d}.png"
             for layer in ("image", "labels", *record["layers"], *(["instances"] if "objects" in record else []))
@@ -166,28 +159,7 @@ def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> N
             columns |= {"distance": None} if record.get("camera") else {}
             listed = {name: [one[key or name] for one in record["objects"]] for name, key in columns.items()}
             record = record | {"objects": listed}
-        return names | {key: value for key, value in record.items() if key != "layers" and value != {}}
-
-    _write_lines(folder / SPLITS[split] / "metadata.jsonl", map(row, records))
-
-
-# --- mmseg: MMSegmentation
-
-
-def _mmseg_file(split: int, index: int, layer: str) -> str:
-    folder = {"image": "img_dir", "labels": "ann_dir"}.get(layer, _folder(layer))
-    return f"{folder}/{_SHORT[split]}/{index:06d}.png"
-
-
-def _mmseg_index(folder: Path, split: int, records: Iterable[Record]) -> None:
-    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", records)
-
-
-# --- coco: one annotation for each class of an image, run-length encoded
-
-
-def _coco_file(split: int, index: int, layer: str) -> str:
-    return f"{'images' if layer == 'image' else _folder(layer)}/{_SHORT[split]}/{index:06d}.png"
+        yield names | {key: value for key, value in record.items() if key != "layers" and value != {}}
 
 
 def _coco_note(sample: Sample) -> Record:
@@ -208,28 +180,29 @@ def _runs(mask: NDArray[np.bool_]) -> Record:
     return {"segmentation": runs | counts, "area": int(masks.area(runs)), "bbox": masks.toBbox(runs).tolist()}
 
 
-def _coco_index(folder: Path, split: int, records: Iterable[Record]) -> None:
+def _coco_rows(folder: Path, split: int, records: Iterable[Record]) -> Iterator[Record]:
+    """Yields the records, then writes an annotation for each class of an image and for each object, and YOLO's text."""
     images: list[Record] = []
     annotations: list[Record] = []
     objects: list[Record] = []
-    rows: list[Record] = []
+    has_objects = False
     for record in records:
         index, found, runs = record["number"], record.pop("annotations"), record.pop("object_runs", None)
         height, width = record["pixels"]
         images.append({"id": index, "file_name": f"{index:06d}.png", "height": height, "width": width})
         annotations += [{"image_id": index} | one for one in found]
         if runs is not None:
+            has_objects = True
             own = [_category(one) | shape for one, shape in zip(record["objects"], runs, strict=True)]
             objects += [{"image_id": index} | one for one in own]
             _write_yolo(folder / "labels" / _SHORT[split] / f"{index:06d}.txt", own, height, width)
-        rows.append(record)
+        yield record
     categories = [{"id": index, "name": name} for index, name in enumerate(LABELS) if index]
     _write_coco(folder / "annotations" / f"{_SHORT[split]}.json", images, annotations, categories)
-    if any("objects" in row for row in rows):
+    if has_objects:
         categories = [{"id": index + 1, "name": name} for index, name in enumerate(OBJECT_KINDS)]
         _write_coco(folder / "annotations" / f"objects_{_SHORT[split]}.json", images, objects, categories)
         _write_data(folder)
-    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", rows)
 
 
 def _write_coco(file: Path, images: list[Record], annotations: list[Record], categories: list[Record]) -> None:
@@ -243,11 +216,11 @@ def _category(one: Record) -> Record:
     return {"category_id": list(OBJECT_KINDS).index(base_kind(one["kind"])) + 1, "iscrowd": 0} | about
 
 
-# YOLO's text lies where Ultralytics looks for it: in labels/ where the picture is in images/.
-
-
 def _write_yolo(file: Path, objects: list[Record], height: int, width: int) -> None:
-    """Writes a line for each object: its class from 0, and the middle and the size of its box as shares."""
+    """Writes a line for each object: its class from 0, and the middle and the size of its box as shares.
+
+    Ultralytics looks for it in labels/ if the picture is in images/.
+    """
     lines = []
     for one in objects:
         x, y, wide, high = one["bbox"]
@@ -264,57 +237,48 @@ def _write_data(folder: Path) -> None:
     write_atomic(folder / "data.yaml", "\n".join(lines).encode() + b"\n")
 
 
-def _no_note(sample: Sample) -> Record:
-    return {}
-
-
-FORMATS = {
-    "imagefolder": Format(
-        (),
-        _imagefolder_file,
-        _no_note,
-        _imagefolder_index,
+LAYOUTS = {
+    "imagefolder": Layout(
+        "SPLIT/FOLDER/NUMBER.png",
         "# pip install datasets pillow\n"
         "from datasets import load_dataset\n\n"
         'dataset = load_dataset("imagefolder", data_dir="DIR")\n'
         'sample = dataset["SPLIT"][0]\n'
         'print(sample["image"].size, sample["labels"].getextrema())',
-        metadata="SPLIT/metadata.jsonl",
+        "SPLIT/metadata.jsonl",
+        _imagefolder_rows,
     ),
-    "mmseg": Format(
-        (),
-        _mmseg_file,
-        _no_note,
-        _mmseg_index,
+    "mmseg": Layout(
+        "FOLDER/SHORT/NUMBER.png",
         "from mmseg.datasets import BaseSegDataset\n\n"
         f"metainfo = dict(classes={LABELS!r})\n"
         'prefix = dict(img_path="img_dir/SHORT", seg_map_path="ann_dir/SHORT")\n'
         'dataset = BaseSegDataset(data_root="DIR", img_suffix=".png", data_prefix=prefix, metainfo=metainfo)\n'
         "print(len(dataset))",
+        folders={"image": "img_dir", "labels": "ann_dir"},
     ),
-    "coco": Format(
-        (),
-        _coco_file,
-        _coco_note,
-        _coco_index,
+    "coco": Layout(
+        "FOLDER/SHORT/NUMBER.png",
         "from pycocotools.coco import COCO\n\n"
         'coco = COCO("DIR/annotations/SHORT.json")\n'
         "image = coco.loadImgs(coco.getImgIds()[:1])[0]\n"
         'masks = [coco.annToMask(one) for one in coco.loadAnns(coco.getAnnIds(image["id"]))]\n'
         'print(image["file_name"], len(masks))',
+        rows=_coco_rows,
+        folders={"image": "images"},
+        note=_coco_note,
         needs="pycocotools",
     ),
-    "plain": Format(
-        MASKS,
-        _plain_file,
-        _no_note,
-        _plain_index,
+    "plain": Layout(
+        "SPLIT/NUMBER/LAYER.png",
         "import json\nfrom pathlib import Path\n\nimport cv2\n\n"
         'folder = Path("DIR") / "SPLIT"\n'
         'rows = [json.loads(line) for line in (folder / "metadata.jsonl").open()]\n'
         'labels = cv2.imread(str(folder / rows[0]["folder"] / "labels.png"), cv2.IMREAD_UNCHANGED)\n'
         "print(len(rows), labels.shape)",
-        metadata="SPLIT/metadata.jsonl",
+        "SPLIT/metadata.jsonl",
+        lambda folder, split, records: ({"folder": f"{record['number']:06d}"} | record for record in records),
+        MASKS,
     ),
 }
-"""The formats, by name."""
+"""The layouts, by the names that ``--format`` takes."""

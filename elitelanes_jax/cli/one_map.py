@@ -1,0 +1,169 @@
+"""The commands on a single map: ``elitelanes show``, ``render``, ``plan`` and ``furnish``."""
+
+import argparse
+import sys
+import textwrap
+from dataclasses import replace
+from functools import partial
+
+from elitelanes_jax._util.checks import check_named, name, one_of, path, real, whole
+from elitelanes_jax._util.errors import InputError, pluralize
+from elitelanes_jax._util.files import check_new
+from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
+from elitelanes_jax.cli.program import say
+from elitelanes_jax.formats.road_map import read_map
+
+_SEED = checked_by(whole(0, 2**32 - 1))
+
+
+def add_show(commands: Commands) -> None:
+    command = add_command(commands, "show", _show, help="draw a map in the terminal, with its metrics")
+    command.add_argument("map", type=checked_by(path), metavar="MAP", help="a map.json, or a map of Duckietown, .yaml")
+
+
+def _show(options: argparse.Namespace) -> int:
+    from elitelanes_jax.formats.sketch import draw_text
+    from elitelanes_jax.formats.table import measure_maps
+
+    codes = read_map(options.map).codes
+    (figures,) = measure_maps([str(options.map)], [codes])
+    drawn = draw_text(codes)
+    try:
+        drawn.encode(getattr(sys.stdout, "encoding", None) or "ascii")
+    except UnicodeEncodeError:
+        drawn = draw_text(codes, ascii_only=True)
+    words = [f"{figures.pop('height')} x {figures.pop('width')} tiles"]
+    words += [f"{key.replace('_', ' ')} {round(value, 3)}" for key, value in figures.items() if key != "file"]
+    say(drawn + "\n\n" + "\n".join(textwrap.wrap(", ".join(words), 100)), asked=True)
+    return 0
+
+
+def add_render(commands: Commands) -> None:
+    command = add_command(commands, "render", _render, help="draw a map file again: other tiles, another size")
+    add_shared(command, "map")
+    add_shared(
+        command, "--out", required=False, help="folder to write to, new or empty; by default map/ next to map.json"
+    )
+    add_shared(command, "--tiles", "--tile-px", "--blend")
+    command.add_argument(
+        "--objects",
+        type=checked_by(path),
+        metavar="DIR",
+        help="folder of the pictures of the map's objects; by default the package's own",
+    )
+    command.add_argument(
+        "--seed",
+        type=_SEED,
+        metavar="N",
+        help="draw other variants of tiles and objects; by default the map's own tiles, if the set has them",
+    )
+    command.add_argument(
+        "--dead-ends",
+        type=checked_by(one_of("grass")),
+        metavar="HOW",
+        help="grass: remove roads that lead nowhere; by default they are drawn with the set's tiles of kind end",
+    )
+    command.add_argument("--overlay", action="store_true", help="also write the picture with the labels over it")
+    add_shared(command, "--force")
+
+
+def _render(options: argparse.Namespace) -> int:
+    from elitelanes_jax.formats.duckietown import without_dead_ends
+    from elitelanes_jax.maps.folder import foreign_to_picture
+    from elitelanes_jax.tiles.object_set import load_objects
+    from elitelanes_jax.tiles.rendering import overlay, render, write_picture, write_png
+    from elitelanes_jax.tiles.tileset import load_tiles
+
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
+    objects = options.objects and load_objects(options.objects)
+    if options.dead_ends:
+        road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
+    out, foreign = options.out or options.map.with_suffix(""), partial(foreign_to_picture, layers=tiles.layers)
+    with naming(options.map):
+        picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects)
+    with output_folder(out, {"command": "render"}, foreign=foreign, force=options.force) as work:
+        write_picture(work.files, picture)
+        if options.overlay:
+            write_png(work.files / "overlay.png", overlay(picture))
+    say(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
+    return 0
+
+
+def add_plan(commands: Commands) -> None:
+    command = add_command(
+        commands,
+        "plan",
+        _plan,
+        help="a plan to build a map from: tiles, tape, signs",
+        description="Writes a plan to build a map from: where each tile lies, the sides of the floor, signs and "
+        "objects, and a bill of tiles and tape. A PDF also has a check-list.",
+    )
+    add_shared(command, "map")
+    out = "a new file that ends in .pdf, .svg or .png"
+    command.add_argument("--out", type=checked_by(path), required=True, metavar="FILE", help=out)
+    command.add_argument(
+        "--tile-size",
+        type=checked_by(real(0.55, 2, unit="metres")),
+        default=0.585,
+        metavar="METRES",
+        help="side of a tile; by default 0.585, as Duckietown has it",
+    )
+
+
+def _plan(options: argparse.Namespace) -> int:
+    from elitelanes_jax.formats.plan import write_plan
+
+    road_map = read_map(options.map)
+    check_new(options.out)
+    try:
+        plan = write_plan(road_map, options.out, tile_size=options.tile_size)
+    except InputError as error:
+        words = str(error).replace("file: ", "--out: ", 1).replace("map: ", f"{options.map}: ", 1)
+        raise type(error)(words) from None
+    tape = ", ".join(f"{metres:.2f} m {colour}" for colour, metres in plan.tape.items())
+    say(f"{len(plan.placed)} tiles on {plan.floor[0]:g} x {plan.floor[1]:g} m, tape {tape}, in {options.out}")
+    return 0
+
+
+def add_furnish(commands: Commands) -> None:
+    command = add_command(
+        commands,
+        "furnish",
+        _furnish,
+        help="place signs, buildings, trees, vehicles and duckies on a map",
+        description="Places signs by Duckietown's rules, and other objects at random; replaces the map's objects.",
+        notes="""examples:
+  elitelanes furnish map.json signs --out signed.json
+  elitelanes furnish map.json all trees=0.4 duckies=6 --seed 3 --out furnished.json
+  elitelanes furnish map.json signs street_names own.toml --unique-tags --out named.json
+""",
+    )
+    add_shared(command, "map")
+    command.add_argument(
+        "furnish",
+        type=checked_by(name),
+        nargs="+",
+        metavar="WHAT",
+        help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of the cells without "
+        "road, and a file .toml, .json or .yaml with objects of your own",
+    )
+    command.add_argument(
+        "--unique-tags", action="store_true", help="refuse to use a tag number twice; the same as the word unique_tags"
+    )
+    command.add_argument("--out", type=checked_by(path), required=True, metavar="FILE", help="a new map file, .json")
+    command.add_argument("--seed", type=_SEED, default=0, metavar="N", help="of the places; by default 0")
+
+
+def _furnish(options: argparse.Namespace) -> int:
+    from elitelanes_jax.maps.furnishing.placing import furnish
+    from elitelanes_jax.maps.furnishing.spec import parse_furnish
+
+    spec = check_named("furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags)
+    check_new(options.out)
+    road_map = read_map(options.map)
+    with naming(options.map):
+        furnished = furnish(road_map, spec, seed=options.seed)
+    furnished.save(options.out)
+    say(f"{pluralize(len(furnished.objects or ()), 'object')} in {options.out}")
+    return 0

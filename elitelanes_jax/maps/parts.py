@@ -1,0 +1,185 @@
+"""Runs whose seeds are searched in parts: joined by `merge`, or searched on an executor's workers."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from elitelanes_jax._util.checks import check_named, path, paths
+from elitelanes_jax._util.errors import InputError, pluralize
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.folders import first_difference, has_unfinished, output_folder
+from elitelanes_jax._util.packages import installed_versions
+from elitelanes_jax._util.progress import Progress, announce
+from elitelanes_jax._util.records import record
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.cluster import run_on
+from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps
+from elitelanes_jax.maps.generation import Evolved, Run, describe_archive, generate, plan_run, write_run
+from elitelanes_jax.maps.spec import GenerateSpec, parse_part
+from elitelanes_jax.search.compile_cache import use_compile_cache
+from elitelanes_jax.search.result import Result
+from elitelanes_jax.search.spec import SearchSpec
+
+_EXPECTED = "expected a part of a run, made by elitelanes generate --part"
+
+# Fewer seeds do not keep the cores of a worker busy.
+_SEEDS_A_PART = 16
+
+
+def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False) -> list[RoadMap]:
+    """Joins the parts of a run, and writes the folder that `generate` writes without parts, byte for byte.
+
+    In ``run.json`` the seconds are the sum over the parts, and the speed is their median.
+
+    Args:
+      parts: folders, in any order.
+      out: the folder, new or empty.
+      force: whether the folder is replaced, if an earlier run wrote all files in it.
+
+    Returns:
+      The maps, as they were written.
+
+    Raises:
+      InputError: for a folder that is not a part, a part of another run or tile set, or a part that comes twice or is
+        missing.
+      NotEnoughMapsError: if there are fewer valid and different maps than the parts' specification requests.
+      OSError: if the folder cannot be written.
+    """
+    folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
+    with output_folder(out, {"command": "merge"}, inputs=folders, foreign=foreign_to_maps, force=force) as work:
+        return write_run(work.files, join_parts(folders))
+
+
+def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: bool = False) -> list[RoadMap]:
+    """Evolves maps on an executor's workers, and writes the folder that `generate` writes, byte for byte.
+
+    The seeds are searched in parts of 16. After an error, an interruption or a kill, the same call runs only the
+    missing parts, and resumes the started ones.
+
+    Args:
+      executor: of processes or machines that share the disk with this process.
+      spec: of the search and the folder, without a part.
+      out: the folder, new or empty.
+      force: whether the folder is replaced, if an earlier run wrote all files in it.
+
+    Returns:
+      The maps, as they were written.
+
+    Raises:
+      InputError: as `generate`, or for a specification with a part.
+      NotEnoughMapsError: if there are fewer valid and different maps than requested.
+      OSError: if the folder cannot be written, or a worker fails.
+    """
+    spec, out = check_named("spec", record(GenerateSpec), spec), check_named("out", path, out)
+    if spec.part is not None:
+        raise InputError("part: expected none, because workers run all the parts, got {}/{}".format(*spec.part))
+    plan_run(spec)  # checks it
+    inputs = [spec.tiles] if spec.tiles else []
+    settings = {"command": "generate on workers", "settings": spec.to_plain(), "versions": installed_versions()}
+    with output_folder(out, settings, inputs=inputs, foreign=foreign_to_maps, force=force) as work:
+        count = -(-spec.seeds // _SEEDS_A_PART)
+        parts = {work.kept / str(index): spec.replace(part=(index, count)) for index in range(1, count + 1)}
+        _run_parts(executor, parts)
+        return write_run(work.files, join_parts([*parts]))
+
+
+def _run_parts(executor: Executor, parts: Mapping[Path, GenerateSpec]) -> None:
+    waiting = {folder: spec for folder, spec in parts.items() if not (folder / RECORD).exists()}
+    announce(f"searching {pluralize(len(waiting), 'part')} of {len(parts)} on workers")
+    jobs = {f"part {folder.name} of {len(parts)}": (spec, folder.absolute()) for folder, spec in waiting.items()}
+    with Progress("searching", len(parts), "parts", done=len(parts) - len(waiting)) as bar:
+        run_on(executor, _run_part, jobs, lambda _: bar.count())
+
+
+def _run_part(spec: GenerateSpec, folder: Path) -> None:
+    """Runs a part on a worker, unless a lost worker has completed it."""
+    use_compile_cache()
+    if not (folder / RECORD).exists():
+        generate(spec, folder)
+
+
+def join_parts(folders: Sequence[Path]) -> Evolved:
+    """Joins all parts of a run, in any order; the result has no state to continue from. Raises `InputError`."""
+    records = [_read_record(folder) for folder in folders]
+    settings = {**records[0]["settings"], "part": None}
+    expected = {"versions": installed_versions(), "settings": settings, "tile_set": records[0]["tile_set"]}
+    by_index: dict[int, Path] = {}
+    count = records[0]["settings"]["part"][1]
+    for folder, about in zip(folders, records, strict=True):
+        index, parts = about["settings"]["part"]
+        if parts != count:
+            raise InputError(f"{folder}: expected one of {count} parts, as {folders[0]} is, got one of {parts}")
+        got = {name: about[name] for name in expected} | {"settings": {**about["settings"], "part": None}}
+        if (difference := first_difference(expected, got)) is not None:
+            name, mine, found = difference
+            raise InputError(f"{folder}: expected a part of a run with {name} {mine!r}, got {found!r}")
+        if index in by_index:
+            raise InputError(f"{folder}: expected each part once, got {index}/{count} again, after {by_index[index]}")
+        by_index[index] = folder
+    if missing := [f"{index}/{count}" for index in range(1, count + 1) if index not in by_index]:
+        few = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
+        raise InputError(f"parts: expected all {count} parts, got all but {few}")
+    run = plan_run(_read_spec(folders[0], settings))
+    archives = {folder: about.get("archive") for folder, about in zip(folders, records, strict=True)}
+    results = [_read_archive(by_index[index], run, (index, count), archives) for index in range(1, count + 1)]
+    speeds = [about["times"]["evaluations_per_second"] for about in records]
+    known = [speed for speed in speeds if speed is not None]
+    return Evolved(
+        run=run,
+        result=_join(results),
+        seconds=sum(about["times"]["seconds"]["evolve"] for about in records),
+        speed=round(float(np.median(known))) if known else None,
+        device=", ".join(sorted({about["device"] for about in records})),
+    )
+
+
+def _read_record(folder: Path) -> dict[str, Plain]:
+    if not folder.exists() and has_unfinished(folder):
+        raise InputError(f"{folder}: expected a complete part, got unfinished work; the same command completes it")
+    try:
+        record = read_json(folder / RECORD)
+        part = record["settings"]["part"]
+        times = record["times"]["seconds"]["evolve"], record["times"]["evaluations_per_second"], record["device"]
+        complete = {"versions", "tile_set"} <= set(record) and len(times) == 3 and (part is None or parse_part(part))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # an InputError is a ValueError
+        complete = False
+    if not complete:
+        raise InputError(f"{folder}: {_EXPECTED}, got {'another folder' if folder.exists() else 'none'}")
+    if part is None:
+        raise InputError(f"{folder}: {_EXPECTED}, got a whole run")
+    return record
+
+
+def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
+    try:
+        return GenerateSpec(**settings | {"search": SearchSpec.from_plain(settings["search"])})
+    except (InputError, TypeError, KeyError) as error:
+        raise InputError(f"{folder / RECORD}: expected settings of a run, got: {error}") from None
+
+
+def _read_archive(folder: Path, run: Run, part: tuple[int, int], archives: dict[Path, Plain]) -> Result:
+    file, (spec, search, tiles) = folder / ARCHIVE, run
+    result = Result.load(file)
+    if result.spec != search:
+        if result.spec == search.replace(alphabet=result.spec.alphabet):
+            raise InputError(f"{folder}: expected a part for the tile set {tiles.name!r}, got one for another set")
+        raise InputError(f"{file}: expected the search in {RECORD} next to it, got another search")
+    shape, expected = result.elites.grids.shape, (len(spec.replace(part=part).seed_indices), *spec.size)
+    if shape[:-3] + shape[-2:] != expected:
+        raise InputError("{}: expected {} seeds of {} x {}, got {}".format(file, *expected, shape))
+    if describe_archive(result) != archives[folder]:
+        raise InputError(f"{file}: expected the archive of the same run as {RECORD} next to it, got another one")
+    return result
+
+
+def _join(results: Sequence[Result]) -> Result:
+    elites = jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *(result.elites for result in results))
+    names = ("best_fitness", "elite_count", "refused")
+    joined = {name: np.concatenate([getattr(result.history, name) for result in results]) for name in names}
+    return replace(results[0], elites=elites, history=results[0].history._replace(**joined))
