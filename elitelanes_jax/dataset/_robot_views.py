@@ -6,9 +6,7 @@ smaller at a larger distance, and averaged; labels once, at the nearest pixel of
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -20,7 +18,7 @@ from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.drive.lanes import LANE_OFFSET
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.network.codes import EAST, KINDS, SIDES, SOUTH
+from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import list_movements
 
 _F = TypeVar("_F", np.float32, np.float64)
@@ -32,11 +30,7 @@ _WHITE_LINE = 0.09  # tiles from the tile's edge
 _LEVELS = 6  # the number of sizes of the map: whole, a half, a quarter and so on
 
 
-_Places = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]
-
-
-@dataclass(frozen=True, eq=False)
-class Viewpoint:
+class Viewpoint(NamedTuple):
     """A camera at a position on a map.
 
     Attributes:
@@ -46,8 +40,6 @@ class Viewpoint:
       sky: its colour, RGB.
       tile_px: side of a tile of the rendered map in pixels.
       lines: tiles by which the white lines are shifted outwards.
-      bends: tiles by which the lines of turns are shifted away from the turn's corner.
-      corners: float ``[2, H + 2, W + 2]``, of `_corners`.
       about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and ``camera``.
     """
 
@@ -56,14 +48,7 @@ class Viewpoint:
     sky: tuple[int, int, int]
     tile_px: int
     lines: float
-    bends: float
-    corners: Float[NDArray, "2 rows columns"]
     about: dict[str, Plain]
-
-    @cached_property
-    def pixels(self) -> _Places:
-        """The rays of the pixels, see `_places`."""
-        return _places(self, 1)
 
 
 def draw_viewpoint(
@@ -81,7 +66,7 @@ def draw_viewpoint(
     along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
     lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
     sky = _HORIZONS[rng.integers(len(_HORIZONS))]
-    lines, bends = (float(part) for part in rng.uniform(-1, 1, 2) * (viewpoints.lines, viewpoints.bends))
+    lines = float(rng.uniform(-1, 1) * viewpoints.lines)
 
     d, phi = beside * viewpoints.offset, np.radians(turned * viewpoints.heading)
     bend = turn - 1  # to the left
@@ -95,30 +80,23 @@ def draw_viewpoint(
     y = row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
     theta = np.arctan2(-ahead_y, ahead_x) + angle + phi
     theta = float(np.pi - (np.pi - theta) % (2 * np.pi))
-    nearest = _nearest(lanes, x, y, theta)
-    # The robot follows the lane that its camera sees. The second point is a little ahead.
-    drawn = np.array([[x, y], [x + 1e-4 * np.cos(theta), y - 1e-4 * np.sin(theta)]])
-    corners = _corners(codes)
-    (x, y), (x_ahead, y_ahead) = _bend_points(drawn, corners, bends)
-    theta = float(np.arctan2(y - y_ahead, x_ahead - x)) if bends else theta
 
     height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
     view = float(min(viewpoints.field_of_view * wide, 175))
     on_lane = {"d": float(d), "phi": float(phi), "curvature": bend / radius}
     camera = {"height": height, "forward": viewpoints.forward, "pitch": pitch, "field_of_view": view}
-    shifts = (("lines", lines), ("bends", bends))
     about = {
         **on_lane,
         "pose": {"x": float(x), "y": float(y), "theta": theta},
-        "nearest": nearest or on_lane,
+        "nearest": _nearest(lanes, x, y, theta) or on_lane,
         "movement": {"row": row, "column": column, "heading": heading, "turn": turn},
-        "camera": camera | {"sky": sky} | {name: value for name, value in shifts if getattr(viewpoints, name)},
+        "camera": camera | {"sky": sky} | ({"lines": lines} if viewpoints.lines else {}),
     }
     size = (viewpoints.rows, viewpoints.columns)
     to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
     onto_ground = np.array([[1, 0, -viewpoints.forward], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
     matrix = project(camera, size) @ onto_ground @ to_robot
-    return Viewpoint(matrix, size, sky, tile_px, lines, bends, corners, about)
+    return Viewpoint(matrix, size, sky, tile_px, lines, about)
 
 
 def _nearest(lanes: Int[NDArray, "N 4"], x: float, y: float, theta: float) -> dict[str, Plain]:
@@ -167,7 +145,7 @@ def see(
 
 def see_labels(labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint) -> UInt8[NDArray, "rows columns"]:
     """Draws the camera's view of a mask or labels, the nearest pixel; 0 beyond the map and above the horizon."""
-    x, y, near = viewpoint.pixels
+    x, y, near = _places(viewpoint, 1)
     seen = _sample(labels, x, y, cv2.INTER_NEAREST, (0, 0, 0))
     seen[~near] = 0
     return seen
@@ -195,7 +173,7 @@ def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray
     return np.asarray(np.array([[focal, 0, columns / 2], [0, focal, rows / 2], [0, 0, 1]]) @ seen)
 
 
-def _places(viewpoint: Viewpoint, finer: int) -> _Places:
+def _places(viewpoint: Viewpoint, finer: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
     """Returns where the rays of pixels meet the ground, x and y in pixels of the map, and whether they meet it."""
     rows, columns = (side * finer for side in viewpoint.size)
     back = np.linalg.inv(viewpoint.matrix)
@@ -205,13 +183,12 @@ def _places(viewpoint: Viewpoint, finer: int) -> _Places:
     depth = 1 / np.where(near, inverse_depth, 1)
     # Distant points exceed OpenCV's range.
     x, y = (np.clip(np.where(near, part * depth, -1e6), -1e6, 1e6).astype(np.float32) for part in (x, y))
-    x, y = _unbend(x, y, viewpoint.corners, viewpoint.tile_px, viewpoint.bends)
     return *(_shift_lines(part, viewpoint.tile_px, -viewpoint.lines) for part in (x, y)), near
 
 
 def above_horizon(viewpoint: Viewpoint) -> Bool[NDArray, "rows columns"]:
     """Returns which pixels show the sky."""
-    return ~viewpoint.pixels[2]
+    return ~_places(viewpoint, 1)[2]
 
 
 def shift_points(points: Float[NDArray, "N 2"], viewpoint: Viewpoint) -> Float[NDArray, "N 2"]:
@@ -219,48 +196,7 @@ def shift_points(points: Float[NDArray, "N 2"], viewpoint: Viewpoint) -> Float[N
     shifted = points
     for _ in range(20):  # a fixed point, because the shift depends on the position after it
         shifted = points + _shift_lines(shifted, viewpoint.tile_px, viewpoint.lines) - shifted
-    return _bend_points(shifted / viewpoint.tile_px, viewpoint.corners, viewpoint.bends) * viewpoint.tile_px
-
-
-def _corners(codes: Int[NDArray, "H W"]) -> Float[NDArray, "2 rows columns"]:
-    """Returns x and y of the corner that each tile's turn surrounds, in tiles; far away for other tiles.
-
-    The table has one more tile on each side of the map.
-    """
-    corners = np.full((2, codes.shape[0] + 2, codes.shape[1] + 2), 1e3, np.float32)
-    rows, columns = np.nonzero(np.isin(codes, KINDS["turn"]))
-    turns = codes[rows, columns]
-    corners[:, rows + 1, columns + 1] = columns + ((turns & EAST) > 0), rows + ((turns & SOUTH) > 0)
-    return corners
-
-
-def _bend_points(
-    points: Float[NDArray, "N 2"], corners: Float[NDArray, "2 rows columns"], bends: float
-) -> Float[NDArray, "N 2"]:
-    """Returns the points that `_unbend` maps to these points, in tiles."""
-    bent = points
-    for _ in range(20 if bends else 0):  # a fixed point; the error shrinks by 0.4 or more in a round
-        bent = points + bent - np.stack(_unbend(*bent.T, corners, 1, bends), axis=1)
-    return bent
-
-
-def _unbend(
-    x: NDArray[_F], y: NDArray[_F], corners: Float[NDArray, "2 rows columns"], tile_px: int, bends: float
-) -> tuple[NDArray[_F], NDArray[_F]]:
-    """Shifts points of turns along the ray from the turn's corner, by at most `bends` tiles towards it.
-
-    The shift is largest in the middle of the road and of the turn. It is 0 at the corner, at the tile's edges, and a
-    tile away from the corner.
-    """
-    if not bends:
-        return x, y
-    height, width = (side - 2 for side in corners.shape[1:])
-    column, row = (np.clip(np.floor(part / tile_px), -1, side).astype(int) for part, side in ((x, width), (y, height)))
-    right, down = corners[:, row + 1, column + 1]
-    across, along = x / tile_px - right, y / tile_px - down
-    square = np.maximum(across**2 + along**2, 1e-9)
-    shift = 16 * bends * (across * along / square) ** 2 * np.maximum(1 - np.sqrt(square), 0) * tile_px
-    return np.asarray(x - across * shift, x.dtype), np.asarray(y - along * shift, y.dtype)
+    return shifted
 
 
 def _shift_lines(places: NDArray[_F], tile_px: int, lines: float) -> NDArray[_F]:

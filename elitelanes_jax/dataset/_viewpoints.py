@@ -24,8 +24,6 @@ class Viewpoints(Record):
       wobble: largest change of height, pitch and field of view, either way, as a share, 0 to 0.5.
       lines: largest shift of the white lines, outwards or inwards, in tiles, 0 to 0.08. The middle of the road and the
         tile's edges stay, and what lies between is stretched: line positions and widths differ between labs.
-      bends: largest shift of the lines on turns, away from the turn's corner or towards it, in tiles, 0 to 0.1. `d`,
-        `phi` and `nearest` follow the lane that is seen.
     """
 
     rows: int = option(480, whole(16, 4096))
@@ -38,7 +36,6 @@ class Viewpoints(Record):
     field_of_view: float = option(75.0, real(1, 170))
     wobble: float = option(0.05, real(0, 0.5))
     lines: float = option(0.0, real(0, 0.08))
-    bends: float = option(0.0, real(0, 0.1))
 
 
 def parse_viewpoints(texts: UserValue) -> Viewpoints:

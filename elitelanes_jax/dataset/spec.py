@@ -62,7 +62,7 @@ class DatasetSpec(Record):
         shadow=, vignette=, gamma=, saturation=, warmth=SHARE, motion=PIXELS, compression=SHARE; by default standard
       camera: views from a robot on the lanes instead of views from above: alone, or with rows=PIXELS, columns=PIXELS,
         offset=TILES, heading=DEGREES, height=METRES, forward=METRES, pitch=DEGREES, field_of_view=DEGREES,
-        wobble=SHARE, lines=TILES, bends=TILES
+        wobble=SHARE, lines=TILES
       seed: seed of everything random
       maps_from: files or folders of maps, or lists of maps such as the explorer saves, to draw instead of evolving
         maps; they determine the number of maps and the sizes

@@ -1,7 +1,5 @@
 """Variation of views: off by default, within its ranges, the same every time, and only where it belongs."""
 
-import dataclasses
-
 import cv2
 import numpy as np
 import pytest
@@ -111,45 +109,6 @@ def test_lines_move_outwards_and_points_with_them():
         )
         assert not len(found) or np.abs(found.mean(axis=0) + 0.5 - (down, across)).max() < 2
     assert draw_viewpoint(rng(), SMALL, LOOP, PX).lines == 0
-
-
-@pytest.mark.parametrize("turn", [-1, 1])
-def test_turns_bend_and_the_robot_follows_the_lane_that_it_sees(turn):
-    """Where the camera is, the map shows the point at which the metadata's offset and angle hold."""
-    centred = SMALL.replace(bends=0.08, lines=0.05, offset=0.0, heading=0.0)
-    bends = []
-    for number in range(60):
-        viewpoint = draw_viewpoint(rng(number), centred, LOOP, PX)
-        about = viewpoint.about
-        pose, on_turn = about["pose"], np.sign(about["curvature"]) == turn
-        column, row = int(pose["x"]), int(pose["y"])
-        corner = (column + (LOOP[row, column] & 4 > 0), row + (LOOP[row, column] & 2 > 0))
-        away = np.hypot(pose["x"] - corner[0], pose["y"] - corner[1])
-        if on_turn:
-            bends.append((viewpoint.bends, away - (0.5 + 0.2 * turn)))
-            assert about["camera"]["bends"] == viewpoint.bends and abs(viewpoint.bends) <= 0.08
-        assert about["nearest"]["d"] == pytest.approx(0, abs=1e-6)
-        edges = np.array([[PX * 1.5, PX], [PX, PX * 1.5], [PX * 2.0, PX * 1.7]])
-        still = dataclasses.replace(viewpoint, bends=0.0)
-        np.testing.assert_allclose(shift_points(edges, viewpoint), shift_points(edges, still), atol=1e-6)
-    shifts = np.array(bends)
-    assert len(shifts) > 5 and (shifts[:, 0] * shifts[:, 1] >= -1e-9).all()
-    assert 0.02 < np.abs(shifts[:, 1]).max() <= 0.08
-    assert np.all(np.abs(shifts[:, 1]) <= np.abs(shifts[:, 0]))
-
-
-def test_a_bent_mark_is_seen_at_its_bent_point():
-    for number in range(30):
-        viewpoint = draw_viewpoint(rng(number), SMALL.replace(bends=0.1, lines=0.05), LOOP, PX)
-        pose = viewpoint.about["pose"]
-        x, y = (PX * (pose["x"] + 0.45 * np.cos(pose["theta"])), PX * (pose["y"] - 0.45 * np.sin(pose["theta"])))
-        marked = np.zeros((5 * PX, 5 * PX), np.uint8)
-        marked[int(y), int(x)] = 1
-        found = np.argwhere(see_labels(marked, viewpoint))
-        ((across, down),) = map_points(
-            shift_points(np.array([[int(x) + 0.5, int(y) + 0.5]]), viewpoint), viewpoint.matrix
-        )
-        assert not len(found) or np.abs(found.mean(axis=0) + 0.5 - (down, across)).max() < 2
 
 
 def test_words():

@@ -9,7 +9,7 @@ continues, and more seeds add runs. Each seed has its own maps, views, first wei
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,9 +31,7 @@ from experiments.perception.gym_duckietown.world import our_towns
 __all__ = ["CONDITIONS", "Condition", "draw_views", "main", "report"]
 
 _MAPS, _SIZE, _EVALUATIONS, _BATCH = 40, 7, 2000, 32
-_BASE = DatasetSpec().replace(
-    transforms=["varied", "blur=0.5"], camera=["rows=120", "columns=160", "lines=0.07", "bends=0.08"]
-)
+_BASE = DatasetSpec().replace(transforms=["varied", "blur=0.5"], camera=["rows=120", "columns=160", "lines=0.07"])
 
 
 class Condition(NamedTuple):
@@ -77,7 +75,6 @@ CONDITIONS = {
         "one height, pitch and field of view", "-10 to 0 %: they are exactly ours", camera={"wobble": 0}
     ),
     "lines": Condition("white lines at one place", "+10 to +30 %", camera={"lines": 0}),
-    "bends": Condition("turns of one shape", "+20 % or more on curves", camera={"bends": 0}),
 }
 """The conditions by name."""
 
@@ -94,15 +91,16 @@ def draw_views(condition: Condition, count: int, seed: int) -> Views:
     few = [tile for at, tile in enumerate(tiles.tiles) if kinds[:at].count(kinds[at]) < condition.pictures]
     drawn = replace(tiles, tiles=tuple(few))
     assert _BASE.camera is not None
-    transforms = _BASE.transforms.replace(**condition.transforms)
-    camera = _BASE.camera.replace(**condition.camera)
-    samples = [
-        draw_sample(
-            *(RoadMap(codes[index % len(codes)]), drawn, index),
-            **{"seed": seed, "tile_px": 96, "transforms": transforms, "camera": camera, "layers": ()},
-        )
-        for index in range(count)
-    ]
+    draw = partial(
+        draw_sample,
+        tiles=drawn,
+        seed=seed,
+        tile_px=96,
+        layers=(),
+        transforms=_BASE.transforms.replace(**condition.transforms),
+        camera=_BASE.camera.replace(**condition.camera),
+    )
+    samples = [draw(RoadMap(codes[index % len(codes)]), index=index) for index in range(count)]
     images, labels = (np.stack([one.layers[name] for one in samples]) for name in ("image", "labels"))
     lanes = [[one.record["nearest"][name] for name in ("d", "phi", "curvature")] for one in samples]
     return Views(images, labels.astype(np.uint8), np.array(lanes, np.float32))
@@ -155,8 +153,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser("ablations", __doc__)
     parser.add_argument("pictures", type=Path, metavar="PICTURES")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="of runs and the table")
-    parser.add_argument("--views", type=whole(1), default=1000, metavar="N", help="of each run; default 1000")
-    parser.add_argument("--steps", type=whole(1), default=300, metavar="N", help="of each training; default 300")
+    parser.add_argument("--views", type=whole(1), default=600, metavar="N", help="of each run; default 600")
+    parser.add_argument("--steps", type=whole(1), default=200, metavar="N", help="of each training; default 200")
     parser.add_argument("--seeds", type=whole(1), default=3, metavar="N", help="default 3")
     parser.add_argument("--conditions", nargs="+", choices=CONDITIONS, default=list(CONDITIONS), metavar="NAME")
     options = parser.parse_args(arguments)

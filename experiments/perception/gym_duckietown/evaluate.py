@@ -87,7 +87,9 @@ def label_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> st
         for name, find in finders.items():
             found = np.asarray(find(shown.images[~shown.objects]), np.uint8)
             scores = list(ious(confusion(true, found, len(LABELS))))
-            scores += [ious(confusion(true[part] > 0, found[part] > 0, 2))[1] for part in (beside >= 0, ~beside)]
+            scores += [
+                ious(confusion(true[part].clip(0, 1), found[part].clip(0, 1), 2))[1] for part in (beside >= 0, ~beside)
+            ]
             rows.append([style, name, *(f"{score:.3f}" for score in scores)])
     return table(["style", "method", *LABELS, "paved", "paved, not beside white lines"], rows, left=2)
 

@@ -117,7 +117,8 @@ def take(world: World, place: DuckietownMap, style: str, count: int, seed: int) 
     ours = np.column_stack([near.d, near.phi]).astype(np.float32)
     objects = np.full(count, len(about["objects"]) > 0)
     found = np.isfinite(lanes).all(axis=1)
-    return Pictures(*(part[found] for part in (images, labels, lanes, ours, kinds, objects, white)))
+    taken = Pictures(images, labels, lanes, ours, kinds, objects, white)
+    return Pictures(*(np.compress(found, part, axis=0) for part in taken))
 
 
 def our_views(codes: NDArray[np.int8], poses: Float[NDArray, "N 3"]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
