@@ -38,9 +38,9 @@ from .optimizers._annealed import annealed_ea as annealed_ea
 from .optimizers._annealed import annealed_gwo as annealed_gwo
 from .optimizers._annealed import annealed_pso as annealed_pso
 from .optimizers._annealed_map_elites import annealed_map_elites as annealed_map_elites
-from .optimizers._ea import ea as ea
 from .optimizers._gwo import gwo as gwo
 from .optimizers._map_elites import map_elites as map_elites
+from .optimizers._population import ea as ea
 from .optimizers._pso import pso as pso
 from .optimizers.base import Optimizer as Optimizer
 from .optimizers.loop import run as run

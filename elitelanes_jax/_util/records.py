@@ -5,9 +5,11 @@ A field is one line: its default and its check. The command line makes its optio
 """
 
 import inspect
+import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, field, fields, replace
+from pathlib import Path
 from typing import NamedTuple, Self
 
 from elitelanes_jax._util.checks import Check, check_named
@@ -54,6 +56,7 @@ class Record:
 
     def __post_init__(self) -> None:
         """Checks each field, then all together. The message of an `InputError` starts with the field's name."""
+        self._keep_inputs(vars(self))
         for name, one in self.options().items():
             earlier = () if one.after is None else (getattr(self, one.after),)
             object.__setattr__(self, name, check_named(name, one.check, getattr(self, name), *earlier))
@@ -67,6 +70,21 @@ class Record:
         """Returns the `Option` of each field, by name."""
         return {one.name: one.metadata["option"] for one in fields(cls) if one.metadata}  # type: ignore[arg-type]
 
+    def values(self) -> dict[str, UserValue]:
+        """Returns the values of the fields, by name."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Returns the files and folders that the options named, and those of nested records."""
+        named: tuple[str, ...] = vars(self).get("_inputs", ())
+        return named
+
+    def _keep_inputs(self, given: Mapping[str, UserValue], *more: str) -> Self:
+        if named := (*more, *_named(list(given.values()))):
+            vars(self)["_inputs"] = named
+        return self
+
     def replace(self, **values: UserValue) -> Self:
         """Returns the record with new values in some fields.
 
@@ -74,7 +92,18 @@ class Record:
           InputError: for an unknown name or a wrong value.
         """
         check_names(values, self.options())
-        return replace(self, **values) if values else self  # type: ignore[type-var]
+        return replace(self, **values)._keep_inputs(values, *self.inputs) if values else self  # type: ignore[type-var]
+
+
+def _named(value: UserValue) -> Iterator[str]:
+    """Yields the files and folders that a value names, also by a word of a text, such as "signs objects.toml"."""
+    if isinstance(value, Record):
+        yield from value.inputs
+    elif isinstance(value, str | Path):
+        yield from filter(os.path.exists, dict.fromkeys([str(value), *str(value).split()]))
+    elif isinstance(value, list | tuple):
+        for one in value:
+            yield from _named(one)
 
 
 def check_names(names: Iterable[str], known: Iterable[str]) -> None:

@@ -162,7 +162,7 @@ def make_dataset(
         except InputError:
             if not force:
                 raise
-    inputs = [*(own.paths if own else ()), *(folder for folder in (spec.tiles, spec.objects) if folder)]
+    inputs: list[str | Path] = [*(own.paths if own else ()), *spec.inputs]
     with output_folder(
         out, identity, inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:

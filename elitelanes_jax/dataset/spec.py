@@ -187,10 +187,10 @@ class DatasetSpec(Record):
 
     def to_plain(self) -> dict[str, UserValue]:
         """Returns plain values for JSON; for given maps their digest."""
-        return vars(self) | {
+        return self.values() | {
             "maps_from": self.maps_from and self.maps_from.digest,
-            "transforms": vars(self.transforms),
-            "camera": self.camera and vars(self.camera),
+            "transforms": self.transforms.values(),
+            "camera": self.camera and self.camera.values(),
             "search": self.search.to_plain(),
             "tiles": self.tiles and str(self.tiles),
             "furnish": self.furnish and self.furnish.settings(),

@@ -175,7 +175,7 @@ class FormatOptions(Record):
 
     def given(self) -> dict[str, UserValue]:
         """Returns the settings that are not None, by name."""
-        return {key: value for key, value in vars(self).items() if value is not None}
+        return {key: value for key, value in self.values().items() if value is not None}
 
     def check_taken_by(self, *names: str) -> None:
         """Checks that each setting is one of a format among the names; raises `InputError`."""

@@ -93,8 +93,7 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
         run = plan_run(spec)
     finally:
         loaded()
-    inputs = [spec.tiles] if spec.tiles else []
-    with output_folder(out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force) as work:
+    with output_folder(out, run.identity(), inputs=spec.inputs, foreign=foreign_to_maps, force=force) as work:
         return write_run(work.files, _evolve(run, keys, work.kept / "search"))
 
 

@@ -73,7 +73,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         "versions": installed_versions(),
     }
     identity = {"command": "pack", **about}
-    inputs = [*maps.paths, *filter(None, [spec.formats.tiles])]
+    inputs: list[str | Path] = [*maps.paths, *spec.inputs]
     with output_folder(out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True) as work:
         write_json(work.kept / "maps.json", [one.id for one in packed])
         rows = []

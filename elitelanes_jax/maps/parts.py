@@ -80,9 +80,8 @@ def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: boo
     if spec.part is not None:
         raise InputError("part: expected none, because workers run all the parts, got {}/{}".format(*spec.part))
     plan_run(spec)  # checks it
-    inputs = [spec.tiles] if spec.tiles else []
     settings = {"command": "generate on workers", "settings": spec.to_plain(), "versions": installed_versions()}
-    with output_folder(out, settings, inputs=inputs, foreign=foreign_to_maps, force=force) as work:
+    with output_folder(out, settings, inputs=spec.inputs, foreign=foreign_to_maps, force=force) as work:
         count = -(-spec.seeds // _SEEDS_A_PART)
         parts = {work.kept / str(index): spec.replace(part=(index, count)) for index in range(1, count + 1)}
         _run_parts(executor, parts)

@@ -77,7 +77,8 @@ def pick(
     axes = results[0].axes if spec.axes is None else resolve_axes(spec.axes, (height, width), search.features)
     measured = _measured(search, axes, results)
     foreign, force = foreign_to_maps if force_archive or own else _foreign_or_archive, force or force_archive
-    with output_folder(out, {"command": "pick"}, inputs=[] if own else files, foreign=foreign, force=force) as work:
+    inputs = [*spec.inputs, *(own.spec.inputs if own else files)]
+    with output_folder(out, {"command": "pick"}, inputs=inputs, foreign=foreign, force=force) as work:
         elites = _join(files, results, measured, axes, tiles)
         size, count = f"{height} x {width} tiles", pluralize(spec.maps, "map")
         announce(f"choosing {count} of {size} among {elites.valid.sum():,} elites")

@@ -106,7 +106,7 @@ class GenerateSpec(Record):
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
-        return vars(self) | {
+        return self.values() | {
             "search": self.search.to_plain(),
             "tiles": self.tiles and str(self.tiles),
             "furnish": self.furnish and self.furnish.settings(),
@@ -148,7 +148,7 @@ class PickSpec(Record):
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
-        return vars(self) | {
+        return self.values() | {
             "furnish": self.furnish and self.furnish.settings(),
             "where": [str(item) for item in self.where],
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
@@ -186,4 +186,4 @@ class PackSpec(Record):
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
         formats = {name: str(value) if name == "tiles" else value for name, value in self.formats.given().items()}
-        return vars(self) | {"formats": formats}
+        return self.values() | {"formats": formats}

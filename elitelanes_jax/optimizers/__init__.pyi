@@ -7,7 +7,6 @@ from ._annealed import annealed_pso as annealed_pso
 from ._annealed_map_elites import AnnealedMapElitesConfig as AnnealedMapElitesConfig
 from ._annealed_map_elites import annealed_map_elites as annealed_map_elites
 from ._annealing import AnnealingConfig as AnnealingConfig
-from ._ea import ea as ea
 from ._emitters import Niches as Niches
 from ._gwo import GwoConfig as GwoConfig
 from ._gwo import gwo as gwo
@@ -30,6 +29,7 @@ from ._moves import with_symmetric_copy as with_symmetric_copy
 from ._mutations import Move as Move
 from ._mutations import Variation as Variation
 from ._population import EvolutionConfig as EvolutionConfig
+from ._population import ea as ea
 from ._population import evaluate as evaluate
 from ._population import random_population as random_population
 from ._population import truncate as truncate

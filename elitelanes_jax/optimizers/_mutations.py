@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int8, Real, UInt32
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import CROSSINGS
 from elitelanes_jax.network.xla import materialize
@@ -74,8 +73,6 @@ def change_tile(alphabet: tuple[int, ...]) -> Move:
 def insert_crossing(alphabet: tuple[int, ...]) -> Move:
     """Changes one random tile to a crossing of the alphabet, each equally likely; the tile may stay the same."""
     crossings = jnp.array([code for code in alphabet if code in CROSSINGS], jnp.int8)
-    if not crossings.size:
-        raise InputError(f"alphabet: expected at least one crossing among {CROSSINGS}, got {alphabet}")
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty = _one_tile(bits, grid)
@@ -84,45 +81,31 @@ def insert_crossing(alphabet: tuple[int, ...]) -> Move:
     return Move(3, apply)
 
 
-def with_probability(probability: Real[ArrayLike, ""], move: Move) -> Move:
-    """Makes a move with the given probability. Otherwise the grid does not change and no tile is dirty."""
-
-    def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        happens = bernoulli(bits[-1], probability)
-        varied = move.apply(bits[:-1], grid, mate)
-        return Variation(jnp.where(happens, varied.grid, grid), varied.dirty & happens)
-
-    return Move(move.bits + 1, apply)
-
-
-def compose(*moves: Move) -> Move:
-    """Makes all moves, one after another; a tile is dirty if any move changed it."""
-
-    def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        dirty, used = jnp.zeros(grid.shape, bool), 0
-        for move in moves:
-            grid, changed = move.apply(bits[used : used + move.bits], grid, mate)
-            dirty, used = dirty | changed, used + move.bits
-        return Variation(grid, dirty)
-
-    return Move(sum(move.bits for move in moves), apply)
-
-
 def paper_mutation(
     alphabet: tuple[int, ...],
     tile_rate: Real[ArrayLike, ""] = 0.7,
     crossing_rate: Real[ArrayLike, ""] = 0.5,
 ) -> Move:
-    """Returns the paper's two mutations, each with its probability (table "Algorithm-specific parameters").
+    """Makes the paper's two mutations in turn, each with its probability (table "Algorithm-specific parameters").
 
     For an alphabet without crossings, returns the first one alone. The paper's base configuration also has a "mutation
     rate 0.3", which is not used because its role is unclear: as a probability per tile it fits the paper's results
     worst.
     """
-    changed = with_probability(tile_rate, change_tile(alphabet))
-    if not set(alphabet) & set(CROSSINGS):
-        return changed
-    return compose(changed, with_probability(crossing_rate, insert_crossing(alphabet)))
+    mutations = [(change_tile(alphabet), tile_rate)]
+    if set(alphabet) & set(CROSSINGS):
+        mutations.append((insert_crossing(alphabet), crossing_rate))
+
+    def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
+        dirty, used = jnp.zeros(grid.shape, bool), 0
+        for mutation, rate in mutations:
+            last = used + mutation.bits
+            varied, happens = mutation.apply(bits[used:last], grid), bernoulli(bits[last], rate)
+            grid, dirty = jnp.where(happens, varied.grid, grid), dirty | varied.dirty & happens
+            used = last + 1
+        return Variation(grid, dirty)
+
+    return Move(sum(mutation.bits + 1 for mutation, _ in mutations), apply)
 
 
 def _one_tile(bits: UInt32[Array, " bits"], grid: Int8[Array, "H W"]) -> Bool[Array, "H W"]:

@@ -15,8 +15,9 @@ from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
-from elitelanes_jax.network.bits import randint
-from elitelanes_jax.optimizers._mutations import Move
+from elitelanes_jax.network.bits import randint, random_bits
+from elitelanes_jax.optimizers._mutations import Move, paper_mutation
+from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
@@ -76,6 +77,26 @@ def survivors(config: EvolutionConfig, parents: Population, offspring: Populatio
     """Returns the next population, sorted, best first; among equal grids parents come first, then earlier offspring."""
     both = (offspring,) if config.survivors == "comma" else (parents, offspring)
     return truncate(*both, count=config.population)
+
+
+def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimizer:
+    """Makes an evolutionary algorithm for a problem; its state is the `Population`, sorted, best first.
+
+    The default configuration is the preset `paper`.
+    """
+    mutation = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
+
+    def init(key: Array) -> Population:
+        return random_population(problem, key, config.population)
+
+    def step(key: Array, state: Population) -> tuple[Population, Info]:
+        bits = random_bits(key, (config.offspring, config.tournament + mutation.bits))
+        parents = tournament(bits[:, : config.tournament], state)
+        offspring = breed(problem, mutation, bits[:, config.tournament :], parents)
+        state = survivors(config, state, offspring)
+        return state, Info(state.fitness[0], jnp.int32(config.population), count_refused(offspring))
+
+    return Optimizer(init, step, elites=lambda state: state, evaluations_per_step=config.offspring)
 
 
 def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:

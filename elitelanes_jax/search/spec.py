@@ -196,7 +196,7 @@ class SearchSpec(Record):
           InputError: for an unknown option, a wrong value, or options that exclude each other.
         """
         _check_budget(given)
-        self._resolve(given, {})
+        self._resolve(given, {})._keep_inputs(given)
 
     def replace(self, **given: Unpack[SpecOptions]) -> "SearchSpec":  # type: ignore[override]
         """Returns a specification with new options, as if they had been given to the constructor with the earlier ones.
@@ -206,11 +206,12 @@ class SearchSpec(Record):
         """
         new_budget = _check_budget(given)
         kept = {name: value for name, value in self._given.items() if not (new_budget and name in _BUDGET)}
-        return _empty()._resolve({**kept, **given}, self._defaults)
+        return _empty()._resolve({**kept, **given}, self._defaults)._keep_inputs(given, *self.inputs)
 
     def with_defaults(self, **defaults: Unpack[SpecOptions]) -> "SearchSpec":
         """Returns the specification with other defaults, which a style overrides. Raises as the constructor does."""
-        return _empty()._resolve(self._given, _check_options(defaults, self.features))
+        made = _empty()._resolve(self._given, _check_options(defaults, self.features))
+        return made._keep_inputs(defaults, *self.inputs)
 
     @classmethod
     def from_plain(cls, plain: Plain) -> "SearchSpec":
@@ -279,7 +280,7 @@ class SearchSpec(Record):
         """
         chosen = self.large if self.large is not None and min(shape) >= LARGE else self
         values = {name: getattr(chosen, name) for name in _DEFAULTS} | {"large": None}
-        return _empty()._fill(values, origins=self._origins)
+        return _empty()._fill(values, origins=self._origins)._keep_inputs({}, *self.inputs)
 
     @contextmanager
     def naming_origins(self) -> Iterator[None]:

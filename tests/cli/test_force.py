@@ -9,7 +9,15 @@ from pathlib import Path
 import pytest
 from folders import files
 
-from elitelanes_jax import InputError, PickSpec, merge, pick
+from elitelanes_jax import (
+    GenerateSpec,
+    InputError,
+    PickSpec,
+    SearchSpec,
+    generate,
+    merge,
+    pick,
+)
 from elitelanes_jax.cli.main import main
 
 DRAWN = Path(__file__).parents[2] / "tiles"
@@ -100,6 +108,26 @@ def test_a_folder_with_a_map_that_a_search_reads_is_not_replaced(options, linked
     line = [*SMALL, *shlex.split(options.format(source)), "--out", str(folder), "--force"]
     assert main(line) == 2
     assert capsys.readouterr().err.endswith(f"to replace that contains no input, got one with {source}\n")
+    assert files(folder) == before
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda file, out: generate(GenerateSpec(search=SearchSpec(initial=[file]), size=(5, 6)), out, force=True),
+        lambda file, out: generate(
+            GenerateSpec(size=(5, 6)).replace(search=SearchSpec(like=str(file)).replace(method="ea")), out, force=True
+        ),
+        lambda file, out: generate(GenerateSpec(furnish=f"signs=possible {file}", maps=1), out, force=True),
+        lambda file, out: pick(PickSpec(unlike=[file]), [out.parent / "other.npz"], out, force_archive=True),
+    ],
+    ids=["initial", "like", "furnish", "unlike"],
+)
+def test_a_folder_with_a_file_that_a_specification_named_is_not_replaced(write, folder):
+    before, source = files(folder), folder / "maps" / "0001" / "map.json"
+    shutil.copy(folder / "archive.npz", folder.parent / "other.npz")
+    with pytest.raises(InputError, match="contains no input, got one with .*map.json"):
+        write(source, folder)
     assert files(folder) == before
 
 

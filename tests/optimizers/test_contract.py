@@ -27,11 +27,10 @@ from elitelanes_jax.optimizers._annealed import (
 )
 from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
 from elitelanes_jax.optimizers._annealing import AnnealingConfig
-from elitelanes_jax.optimizers._ea import ea
 from elitelanes_jax.optimizers._gwo import GwoConfig, gwo
 from elitelanes_jax.optimizers._map_elites import MapElitesConfig, map_elites
 from elitelanes_jax.optimizers._moves import MoveWeights
-from elitelanes_jax.optimizers._population import EvolutionConfig
+from elitelanes_jax.optimizers._population import EvolutionConfig, ea
 from elitelanes_jax.optimizers._pso import PsoConfig, pso
 from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.loop import advance, run, start

@@ -267,9 +267,12 @@ def test_the_best_of_equals_is_the_first_and_never_a_vacant_slot():
 
 def test_with_64_bit_numbers_allowed_it_is_the_same():
     usual = search(KEY, SHAPE, method="ea", generations=12)
-    with jax.enable_x64(True):
+    jax.config.update("jax_enable_x64", True)
+    try:
         wide = search(jax.random.key(3), SHAPE, method="ea", generations=12)
         assert fitness(wide.elites.metrics).dtype == jnp.int32
+    finally:
+        jax.config.update("jax_enable_x64", False)
     chex.assert_trees_all_equal(usual.elites, wide.elites)
     chex.assert_trees_all_equal_dtypes(usual.elites, wide.elites)
     chex.assert_trees_all_equal_dtypes(usual.state.inner, wide.state.inner)

@@ -33,6 +33,7 @@ def test_the_drawn_set_has_all_kinds_in_their_sizes():
             assert columns / rows == pytest.approx(wide / usual.height, abs=2 / rows)
 
 
+@pytest.mark.skipif(int(cv2.__version__.split(".")[0]) < 5, reason="OpenCV 4 smooths edges in another way")
 def test_the_script_draws_the_set(tmp_path):
     kinds = ["cone", "floor_tag", "sign_stop"]
     draw_all(tmp_path, kinds)

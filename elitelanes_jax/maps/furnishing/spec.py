@@ -78,7 +78,7 @@ class FurnishSpec(Record):
 
     def settings(self) -> dict[str, Plain]:
         """Returns the settings by name, as JSON has them."""
-        return vars(self) | {"objects": [object_values(thing) for thing in self.objects]}
+        return self.values() | {"objects": [object_values(thing) for thing in self.objects]}
 
 
 EVERYTHING = FurnishSpec(
