@@ -8,40 +8,19 @@ of the same line's edge in the other picture. The maps are development maps with
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import cv2
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax import load_tiles
-from elitelanes_jax.drive import Camera, Pose, look, make_atlas
-from elitelanes_jax.tiles import choose_tiles, scale_tiles
 from experiments.common import Parser, leave, run, table, whole, write
+from experiments.perception.gym_duckietown.pictures import CLASSES, classes_of, our_views
 from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
 
-__all__ = ["CLASSES", "classes_of", "main"]
+__all__ = ["compare", "main"]
 
-CLASSES = ("beyond", "road", "stop line", "separator", "white line")
-"""The classes of gym-duckietown's label pictures, in `LABELS`' order, and white lines."""
-
-_COLOURS = np.array(  # the last one is beyond the tiles, see `bridge`
-    [(127, 127, 127), (0, 0, 0), (255, 0, 0), (255, 255, 0), (255, 255, 255), (255, 0, 255)]
-)
 _MAPS = ("ETHZ_loop_bordered", "4way_bordered")
-
-
-def classes_of(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Returns the indices in `CLASSES`, uint8 ``[...]``, of pictures of labels ``[..., 3]``: the nearest colour."""
-    found = np.zeros(images.shape[:-1], np.uint8)
-    nearest = np.full(images.shape[:-1], np.inf, np.float32)
-    for index, colour in enumerate(_COLOURS):
-        away = ((images.astype(np.float32) - colour) ** 2).sum(axis=-1)
-        found[away < nearest] = index % len(CLASSES)
-        nearest = np.minimum(nearest, away)
-    return found
 
 
 def _by_colour(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -65,24 +44,18 @@ def _edge_distances(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> NDArray
 
 def compare(poses: int) -> str:
     """Returns the table of distances."""
-    tiles = load_tiles()
-    scaled = scale_tiles(tiles, 384)
-    atlas, camera = make_atlas(scaled["image"], scaled["labels"]), Camera(rows=480, columns=640)
     apart: dict[tuple[str, int], list[NDArray[np.float32]]] = {}
     with World() as world:
         for place in (one for one in read_maps("development", towns=False) if one.name in _MAPS):
-            chosen = choose_tiles(place.codes, tiles)
-            cells = chosen[..., 0] * 4 + chosen[..., 1]
             at = random_poses(place.codes, poses, 0)
-            view = jax.jit(jax.vmap(partial(look, tiles=cells, atlas=atlas, camera=camera), in_axes=(None, 0)))
-            ours = jax.device_get(view(jax.random.key(0), Pose(*at.T.astype(np.float32))))
+            drawn, drawn_labels = our_views(place.codes, at)
             pictures = {}
             for style in ("labels", "synthetic", "photos"):
                 world.load(place, style=style)
                 pictures[style] = world.ask("look", poses=at)["image"]
             for index in range(poses):
                 true = classes_of(pictures["labels"][index])
-                own = np.where(_by_colour(ours.image[index]) == 4, 4, ours.labels[index])
+                own = np.where(_by_colour(drawn[index]) == 4, 4, drawn_labels[index])
                 near = np.arange(480) >= 240  # beyond half a metre a line is thinner than a pixel or two
                 for name, other in {
                     "synthetic": _by_colour(pictures["synthetic"][index]),

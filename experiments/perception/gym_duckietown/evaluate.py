@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 from numpy.typing import NDArray
@@ -21,9 +22,10 @@ from experiments.perception.gym_duckietown.nets import find_labels, find_poses, 
 from experiments.perception.gym_duckietown.pictures import KINDS, TILE, Pictures, read_pictures
 from experiments.perception.unet import confusion, ious
 
-__all__ = ["label_table", "main", "pose_table"]
+__all__ = ["errors_of", "label_table", "main", "pose_table"]
 
 _RESAMPLES = 1000
+_BAND = 4  # pixels
 
 Finder = Callable[[UInt8[NDArray, "N 120 160 3"]], NDArray[np.generic]]
 
@@ -41,7 +43,7 @@ def _classical_labels(images: UInt8[NDArray, "N 120 160 3"]) -> UInt8[NDArray, "
     return found
 
 
-def _errors(pictures: Pictures, found: Float[NDArray, "N 2"]) -> Float[NDArray, "N 2"]:
+def errors_of(pictures: Pictures, found: Float[NDArray, "N 2"]) -> Float[NDArray, "N 2"]:
     """Returns the errors in centimetres and radians."""
     d, phi = (found[:, :2] - pictures.lanes[:, :2]).T
     return np.abs(np.column_stack([d * TILE * 100, (phi + np.pi) % (2 * np.pi) - np.pi]))
@@ -61,7 +63,7 @@ def pose_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> str
     for style, shown in pictures.items():
         found = {name: np.asarray(find(shown.images), float) for name, find in finders.items()}
         for name, lanes in {**found, "our lane pose": shown.ours}.items():
-            errors = _errors(shown, lanes)
+            errors = errors_of(shown, lanes)
             parts = {"all": np.ones(len(errors), bool)} | {kind: shown.kinds == k for k, kind in enumerate(KINDS)}
             for part, which in parts.items():
                 if part == "all" or name in list(finders)[:1]:
@@ -73,15 +75,23 @@ def pose_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> str
 
 
 def label_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> str:
-    """Returns a table of each class's IoU on maps without objects."""
+    """Returns a table of each class's IoU on maps without objects.
+
+    Paved are road, stop lines and lane separators together. Pixels within `_BAND` of a white line of gym-duckietown's
+    labels, which do not fit its photographs, are beside white lines.
+    """
     rows = []
     for style, shown in pictures.items():
-        plain = ~shown.objects
+        true, white = shown.labels[~shown.objects], shown.white[~shown.objects]
+        beside = np.stack([cv2.dilate(one.astype(np.uint8), np.ones((2 * _BAND + 1,) * 2)) for one in white]) > 0
         for name, find in finders.items():
-            found = np.asarray(find(shown.images[plain]), np.uint8)
-            scores = ious(confusion(shown.labels[plain], found, len(LABELS)))
+            found = np.asarray(find(shown.images[~shown.objects]), np.uint8)
+            scores = list(ious(confusion(true, found, len(LABELS))))
+            scores += [
+                ious(confusion(true[part].clip(0, 1), found[part].clip(0, 1), 2))[1] for part in (beside >= 0, ~beside)
+            ]
             rows.append([style, name, *(f"{score:.3f}" for score in scores)])
-    return table(["style", "method", *LABELS], rows, left=2)
+    return table(["style", "method", *LABELS, "paved", "paved, not beside white lines"], rows, left=2)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -15,22 +15,42 @@ from typing import NamedTuple
 import cv2
 import jax
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from numpy.typing import NDArray
 
-from elitelanes_jax.drive import Pose, lane_pose
+from elitelanes_jax import load_tiles
+from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
+from elitelanes_jax.tiles import choose_tiles, scale_tiles
 from experiments.common import Parser, leave, run, whole
-from experiments.perception.gym_duckietown.compare import CLASSES, classes_of
 from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
 from experiments.perception.gym_duckietown.world import DuckietownMap, World, random_poses, read_maps
 
-__all__ = ["KINDS", "STYLES", "TILE", "Pictures", "main", "read_pictures", "shrink", "take"]
+__all__ = [
+    "CLASSES",
+    "KINDS",
+    "STYLES",
+    "TILE",
+    "Pictures",
+    "classes_of",
+    "main",
+    "our_views",
+    "read_pictures",
+    "shrink",
+    "take",
+]
 
 STYLES = ("photos", "synthetic")
 KINDS = ("straight", "curve", "crossing")
 
 TILE = 0.585
 """The side of a tile in metres."""
+
+CLASSES = ("beyond", "road", "stop line", "separator", "white line")
+"""The classes of gym-duckietown's label pictures, in `LABELS`' order, and white lines."""
+
+_COLOURS = np.array(  # the last one is beyond the tiles, see `bridge`
+    [(127, 127, 127), (0, 0, 0), (255, 0, 0), (255, 255, 0), (255, 255, 255), (255, 0, 255)]
+)
 
 _CURVATURES = np.array([-1 / 0.3, 0, 1 / 0.7], np.float32)  # of a right turn, straight on, a left turn, in 1 / tiles
 _PORTION = 16  # poses of one request
@@ -46,6 +66,7 @@ class Pictures(NamedTuple):
       ours: float32 ``[N, 2]``, our lane pose at the same pose.
       kinds: uint8 ``[N]``, indices of `KINDS`.
       objects: bool ``[N]``, whether the map has objects.
+      white: bool ``[N, 120, 160]``, white lines, which are background in the labels.
     """
 
     images: UInt8[NDArray, "N 120 160 3"]
@@ -54,6 +75,18 @@ class Pictures(NamedTuple):
     ours: Float[NDArray, "N 2"]
     kinds: UInt8[NDArray, " N"]
     objects: NDArray[np.bool_]
+    white: Bool[NDArray, "N 120 160"]
+
+
+def classes_of(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Returns the indices in `CLASSES`, uint8 ``[...]``, of pictures of labels ``[..., 3]``: the nearest colour."""
+    found = np.zeros(images.shape[:-1], np.uint8)
+    nearest = np.full(images.shape[:-1], np.inf, np.float32)
+    for index, colour in enumerate(_COLOURS):
+        away = ((images.astype(np.float32) - colour) ** 2).sum(axis=-1)
+        found[away < nearest] = index % len(CLASSES)
+        nearest = np.minimum(nearest, away)
+    return found
 
 
 def shrink(images: UInt8[NDArray, "N 480 640 3"]) -> UInt8[NDArray, "N 120 160 3"]:
@@ -77,13 +110,25 @@ def take(world: World, place: DuckietownMap, style: str, count: int, seed: int) 
     images = np.concatenate([shrink(part["image"]) for part in shown[style]])
     # Nearest pixels, as our labels are.
     labels = np.concatenate([classes_of(part["image"][:, 2::4, 2::4]) for part in shown["labels"]])
-    labels[labels == CLASSES.index("white line")] = 0
+    white = labels == CLASSES.index("white line")
+    labels[white] = 0
     lane = np.concatenate([part["lane"] for part in shown[style]]) / (TILE, 1)
     lanes = np.column_stack([lane, _CURVATURES[np.asarray(near.movement.turn)]]).astype(np.float32)
     ours = np.column_stack([near.d, near.phi]).astype(np.float32)
     objects = np.full(count, len(about["objects"]) > 0)
     found = np.isfinite(lanes).all(axis=1)
-    return Pictures(images[found], labels[found], lanes[found], ours[found], kinds[found], objects[found])
+    taken = Pictures(images, labels, lanes, ours, kinds, objects, white)
+    return Pictures(*(np.compress(found, part, axis=0) for part in taken))
+
+
+def our_views(codes: NDArray[np.int8], poses: Float[NDArray, "N 3"]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Draws our camera's pictures, uint8 ``[N, 480, 640, 3]``, and labels at poses."""
+    tiles = load_tiles()
+    scaled, chosen = scale_tiles(tiles, 384), choose_tiles(codes, tiles)
+    atlas, cells = make_atlas(scaled["image"], scaled["labels"]), chosen[..., 0] * 4 + chosen[..., 1]
+    view = partial(look, jax.random.key(0), tiles=cells, atlas=atlas, camera=Camera(rows=480, columns=640))
+    seen = jax.device_get(jax.jit(jax.vmap(view))(Pose(*poses.T.astype(np.float32))))
+    return seen.image, seen.labels
 
 
 def read_pictures(file: Path) -> Pictures:

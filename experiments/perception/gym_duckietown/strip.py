@@ -8,18 +8,15 @@ spread over the ride. A ride ends when the robot leaves the road or hits somethi
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
-import cv2
-import jax
 import numpy as np
 
-from elitelanes_jax import InputError, load_tiles
-from elitelanes_jax.drive import Camera, Pose, look, make_atlas
-from elitelanes_jax.tiles import choose_tiles, png_of, scale_tiles
+from elitelanes_jax import InputError
+from elitelanes_jax.tiles import png_of
 from experiments.common import Parser, leave, run, whole, write
-from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS, read_weights
+from experiments.perception.gym_duckietown.nets import read_weights
+from experiments.perception.gym_duckietown.pictures import our_views, shrink
 from experiments.perception.gym_duckietown.rides import ride, sees
 from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
 
@@ -53,14 +50,9 @@ def _run(options: argparse.Namespace) -> None:
             world, start, place.codes, sees(read_weights(options.weights, "pose")), options.seconds
         )
     shown = np.linspace(0, len(images) - 1, _SHOWN).round().astype(int)
-    tiles = load_tiles()
-    scaled, chosen = scale_tiles(tiles, 384), choose_tiles(place.codes, tiles)
-    atlas, camera = make_atlas(scaled["image"], scaled["labels"]), Camera(rows=480, columns=640)
-    cells = chosen[..., 0] * 4 + chosen[..., 1]
-    view = jax.jit(partial(look, jax.random.key(0), tiles=cells, atlas=atlas, camera=camera))
-    ours = [np.asarray(view(Pose(*poses[index].astype(np.float32).tolist())).image) for index in shown]
+    ours, _ = our_views(place.codes, np.stack(poses)[shown])
     pictures = [*(images[index] for index in shown), *ours]
-    small = [cv2.resize(image, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA) for image in pictures]
+    small = shrink(np.stack(pictures))
     rows = [np.concatenate(small[first : first + _SHOWN], axis=1) for first in (0, _SHOWN)[options.ours :]]
     write(options.out, png_of(np.concatenate(rows).astype(np.uint8)))
     print(about)

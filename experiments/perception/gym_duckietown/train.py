@@ -97,9 +97,17 @@ def _label_loss(weights: Pytree, images: Array, labels: Array, lanes: Array, sha
     return (weight * losses).sum() / weight.sum()
 
 
-def train(task: str, views: Views, steps: int, seed: int, checkpoint: Path, say: Callable[[str], None]) -> Pytree:
+def train(
+    task: str,
+    views: Views,
+    steps: int,
+    seed: int,
+    checkpoint: Path,
+    say: Callable[[str], None],
+    batch: int | None = None,
+) -> Pytree:
     """Trains a network; returns its weights. The checkpoint is kept up to date, and continued if it exists."""
-    batch, loss = _BATCH[task], _pose_loss if task == "pose" else _label_loss
+    batch, loss = batch or _BATCH[task], _pose_loss if task == "pose" else _label_loss
     schedule = optax.warmup_cosine_decay_schedule(0, _LEARNING_RATE[task], min(200, steps), steps + 1)
     optimizer = optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=1e-4))
     weights = NETS[task].init(jax.random.key(seed), jnp.zeros((1, ROWS, COLUMNS, 3), jnp.uint8))
@@ -141,7 +149,7 @@ def _score(task: str, weights: Pytree, views: Views) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("train", __doc__)
-    parser.add_argument("task", choices=NETS)
+    parser.add_argument("task", choices=_STEPS)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="weights, .npz")
     parser.add_argument("--steps", type=whole(1), metavar="N", help=f"by default {_STEPS}")

@@ -99,9 +99,11 @@ def read_maps(part: str, python: Path = PYTHON, *, towns: bool = True) -> list[D
     return found + [DuckietownMap(f"town {index}", to_duckietown(one), one) for index, one in enumerate(ours)]
 
 
-def our_towns(size: int, count: int, seed: int, evaluations: int = 50_000) -> list[NDArray[np.int8]]:
-    """Evolves different towns of size x size tiles, as ``generate --style town`` does."""
-    spec = SearchSpec(style="town", evaluations=evaluations)
+def our_towns(
+    size: int, count: int, seed: int, evaluations: int = 50_000, style: str = "town"
+) -> list[NDArray[np.int8]]:
+    """Evolves different maps of size x size tiles, as ``generate --style town`` does."""
+    spec = SearchSpec(style=style, evaluations=evaluations)
     found = evolve(seed_keys(seed, max(2, count // 4)), (size, size), spec=spec, progress=False)
     return [road_map.codes for road_map in found.choose(count, seed).maps]
 

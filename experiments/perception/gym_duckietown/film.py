@@ -1,0 +1,67 @@
+"""Films a ride in gym-duckietown beside our drawing of the map from the same poses.
+
+    python -m experiments.perception.gym_duckietown.film WEIGHTS MAP --out FILE.mp4 [--policy] [--seconds N]
+
+Duckietown's terms of use restrict gym-duckietown's pictures, so the film is made here and not kept in the repository.
+"""
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import cv2
+import jax
+import numpy as np
+
+from elitelanes_jax import InputError, load_tiles
+from elitelanes_jax.drive import Camera, Pose, look, make_atlas
+from elitelanes_jax.tiles import choose_tiles, scale_tiles
+from experiments.common import Parser, leave, run, whole
+from experiments.perception.gym_duckietown.nets import read_weights
+from experiments.perception.gym_duckietown.rides import chooses, ride, sees
+from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
+
+__all__ = ["main"]
+
+_RATE = 15  # pictures a second, each that the network sees
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("film", __doc__)
+    parser.add_argument("weights", type=Path)
+    parser.add_argument("map", metavar="MAP", help="one of people's maps in maps.toml")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".mp4")
+    parser.add_argument("--policy", action="store_true", help="the weights are those of a policy")
+    parser.add_argument("--seconds", type=whole(1, 600), default=30, metavar="N", help="default 30")
+    options = parser.parse_args(arguments)
+    return run("film", lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    maps = {place.name: place for part in ("development", "test") for place in read_maps(part, towns=False)}
+    if options.map not in maps:
+        raise InputError(f"map: expected one of {', '.join(maps)}, got {options.map!r}")
+    place = maps[options.map]
+    weights = read_weights(options.weights, "policy" if options.policy else "pose")
+    driver, start = (chooses if options.policy else sees)(weights), random_poses(place.codes, 1, 7)[0]
+    with World() as world:
+        world.load(place)
+        about, images, poses = ride(world, start, place.codes, driver, options.seconds, pause=1)
+    tiles = load_tiles()
+    scaled, chosen = scale_tiles(tiles, 384), choose_tiles(place.codes, tiles)
+    atlas, camera = make_atlas(scaled["image"], scaled["labels"]), Camera(rows=480, columns=640)
+    cells = chosen[..., 0] * 4 + chosen[..., 1]
+    view = jax.jit(partial(look, jax.random.key(0), tiles=cells, atlas=atlas, camera=camera))
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(options.out), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, (1280, 480))
+    for image, pose in zip(images, poses, strict=True):
+        ours = np.asarray(view(Pose(*pose.astype(np.float32).tolist())).image)
+        writer.write(np.ascontiguousarray(np.concatenate([image, ours], axis=1)[..., ::-1]))
+    writer.release()
+    print(f"{len(images)} pictures in {options.out}: {about}")
+
+
+if __name__ == "__main__":
+    leave(main())
