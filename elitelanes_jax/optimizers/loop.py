@@ -72,7 +72,7 @@ def over_seeds(function: Callable[..., Pytree], *trees: Pytree) -> Pytree:
     if jax.tree.leaves(trees)[0].shape[0] > 1:
         return jax.vmap(function)(*trees)
     found = function(*jax.tree.map(lambda array: array[0], trees))
-    return jax.tree.map(lambda array: array[None], found)
+    return jax.tree.map(lambda array: jnp.asarray(array)[None], found)  # a user's may be a Python number
 
 
 def advance(
