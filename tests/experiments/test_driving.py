@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 
+from elitelanes_jax import InputError
 from elitelanes_jax.drive import Pose, lane_pose
 from elitelanes_jax.drive.rides import load_policy, make_rides
 from elitelanes_jax.formats.duckietown import to_duckietown
@@ -45,3 +46,32 @@ def test_the_driver_that_sees_its_camera_alone_stays_in_its_lane(drawn_tiles):
     near = jax.vmap(lambda pose: lane_pose(TOWN, pose))(poses)
     assert np.abs(near.d).max() < 0.15 and bool(near.own_lane.all())
     assert np.hypot(np.diff(poses.x), np.diff(poses.y)).sum() > 5
+
+
+def test_a_policy_sees_varied_pictures_and_drives_within_its_limits():
+    pytest.importorskip("flax", reason="flax is not here", exc_type=ImportError)
+    from experiments.perception.gym_duckietown.policy import to_motion, vary
+
+    plain = np.full((30, 40, 3), 60, np.uint8)
+    plain[:10], plain[10:15] = (115, 210, 255), (86, 118, 72)  # the camera's sky and ground
+    shown = [np.asarray(vary(jax.random.key(seed), plain)).astype(float) for seed in range(40)]
+    assert (shown[0] == vary(jax.random.key(0), plain)).all()
+    assert np.std([one[:10].mean() for one in shown]) > 20 and np.std([one[10:15].mean() for one in shown]) > 20
+    assert np.median([one[15:].std(axis=(0, 1)).mean() for one in shown]) < 20  # the road stays plain
+    found = [to_motion(np.array(action)) for action in ((-9.0, -9.0), (0.0, 0.5), (9.0, 9.0))]
+    np.testing.assert_allclose(found, [(0.15, -4), (0.225, 2), (0.3, 4)])
+
+
+@pytest.mark.slow
+def test_a_policy_is_trained_and_its_weights_choose_actions(tmp_path, capsys):
+    pytest.importorskip("flax", reason="flax is not here", exc_type=ImportError)
+    from experiments.perception.gym_duckietown import nets, policy
+
+    assert policy.main(["--out", str(tmp_path / "policy.npz"), "--updates", "1"]) == 0
+    assert "update 1 of 1, reward of a step " in capsys.readouterr().out
+    weights = nets.read_weights(tmp_path / "policy.npz", "policy")
+    images = np.random.default_rng(0).integers(0, 256, (3, 120, 160, 3), np.uint8)
+    actions = nets.choose_actions(weights, images)
+    assert actions.shape == (3, 2) and np.abs(actions).max() <= 1
+    with pytest.raises(InputError, match="expected weights of train pose, got those of another network"):
+        nets.read_weights(tmp_path / "policy.npz", "pose")

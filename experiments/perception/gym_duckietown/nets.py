@@ -16,13 +16,19 @@ from elitelanes_jax import InputError
 from experiments.common import Pytree, write
 from experiments.perception.unet import UNet
 
-__all__ = ["COLUMNS", "NETS", "ROWS", "SCALES", "find_labels", "find_poses", "read_weights", "write_weights"]
+__all__ = [
+    *("COLUMNS", "NETS", "POLICY_ROWS", "ROWS", "SCALES", "choose_actions", "find_labels", "find_poses"),
+    *("read_weights", "write_weights"),
+]
 
 ROWS, COLUMNS = 120, 160
 """The pictures that the networks see."""
 
 SCALES = np.array([0.05, 0.25, 2.0], np.float32)
 """The unit of each output of `PoseNet`: tiles, radians, and 1 / tiles. All are about as hard to find."""
+
+POLICY_ROWS = 30
+"""The rows of the pictures that a policy sees."""
 
 _BATCH = 32
 
@@ -45,7 +51,25 @@ class PoseNet(nn.Module):
         return nn.Dense(3)(nn.relu(nn.Dense(96)(x)))
 
 
-NETS: dict[str, nn.Module] = {"pose": PoseNet(), "labels": UNet(4)}
+class PolicyNet(nn.Module):
+    """A network from pictures to an action, for PPO. It sees pictures of 30 x 40 pixels, the means of larger ones."""
+
+    @nn.compact
+    def __call__(self, images: UInt8[Array, "B H W 3"]) -> Float[Array, "B 5"]:
+        """Maps uint8 ``[B, 30 k, 40 k, 3]`` to means of speed and turn, their log deviations, and a value."""
+        side = images.shape[1] // POLICY_ROWS
+        x = nn.avg_pool(images.astype(jnp.float32), (side, side), (side, side))
+        x = (x - x.mean(axis=(1, 2, 3), keepdims=True)) / (x.std(axis=(1, 2, 3), keepdims=True) + 8)
+        # Products of patches: XLA's gradients of strided convolutions are slow in loops.
+        x = x.reshape(len(images), 6, 5, 8, 5, 3).swapaxes(2, 3).reshape(len(images), 48, 75)
+        x = nn.relu(nn.Dense(48)(x)).reshape(len(images), -1)
+        x = nn.relu(nn.Dense(64)(nn.relu(nn.Dense(128)(x))))
+        mean = nn.Dense(2, kernel_init=nn.initializers.orthogonal(0.01))(x)
+        deviation = jnp.broadcast_to(self.param("deviation", nn.initializers.constant(-1.0), (2,)), mean.shape)
+        return jnp.concatenate([mean, deviation, nn.Dense(1)(x)], axis=-1)
+
+
+NETS: dict[str, nn.Module] = {"pose": PoseNet(), "labels": UNet(4), "policy": PolicyNet()}
 """The networks by task."""
 
 
@@ -59,6 +83,17 @@ def _poses(weights: Pytree, images: Array) -> Array:
 def _labels(weights: Pytree, images: Array) -> Array:
     logits: Pytree = NETS["labels"].apply(weights, images)
     return logits.argmax(axis=-1).astype(jnp.uint8)
+
+
+@jax.jit
+def _actions(weights: Pytree, images: Array) -> Array:
+    found: Pytree = NETS["policy"].apply(weights, images)
+    return jnp.clip(found[:, :2], -1, 1)
+
+
+def choose_actions(weights: Pytree, images: UInt8[NDArray, "N 120 160 3"]) -> Float[NDArray, "N 2"]:
+    """Returns a policy's likeliest speed and turn, -1 to 1; see `policy`."""
+    return _in_batches(partial(_actions, weights), images)
 
 
 def find_poses(weights: Pytree, images: UInt8[NDArray, "N 120 160 3"]) -> Float[NDArray, "N 3"]:

@@ -2,6 +2,8 @@
 
     python -m experiments.perception.gym_duckietown.rides WEIGHTS --out FILE [--part test] [--seconds 60] [--rides N]
 
+With `--policy`, the network chooses the speed and the turn, see `policy`.
+
 Physics have 30 steps a second, the network sees every second one. A ride ends when the robot leaves the drivable tiles
 or hits an object. FILE keeps each finished ride: after an interruption, the same command continues.
 """
@@ -20,17 +22,18 @@ from numpy.typing import NDArray
 from elitelanes_jax import InputError
 from elitelanes_jax.drive import Pose, lane_pose
 from experiments.common import Parser, Untyped, leave, run, table, whole, write
-from experiments.perception.gym_duckietown.nets import find_poses, read_weights
+from experiments.perception.gym_duckietown.nets import choose_actions, find_poses, read_weights
 from experiments.perception.gym_duckietown.pictures import TILE, shrink
+from experiments.perception.gym_duckietown.policy import to_motion
 from experiments.perception.gym_duckietown.world import DuckietownMap, World, random_poses, read_maps
 
-__all__ = ["TRUTH", "follow", "main", "ride", "sees"]
+__all__ = ["TRUTH", "chooses", "follow", "main", "ride", "sees"]
 
 TRUTH = "truth"
 """The driver that is told the lane pose: the limit of the controller."""
 
-Eyes = Callable[[dict[str, Untyped]], Float[NDArray, "3"]]
-"""Returns tiles and radians to the left of the lane, and its curvature, for an answer of the bridge."""
+Driver = Callable[[dict[str, Untyped]], Float[NDArray, "2"]]
+"""Returns the commands of both wheels for an answer of the bridge."""
 
 _FRAMES, _RATE = 2, 30
 _SPEED, _LOOKAHEAD = 0.25, 0.2  # metres a second, metres
@@ -47,14 +50,25 @@ def follow(lane: Float[NDArray, "3"]) -> Float[NDArray, "2"]:
     left = beside * np.cos(phi) - ahead * np.sin(phi)
     bend = 2 * left / (ahead**2 + beside**2)
     speed = _SPEED / (1 + _SLOWING * abs(bend))
-    both, apart = speed / _FORWARD, speed * bend / _TURN
+    return _wheels(speed, speed * bend)
+
+
+def _wheels(speed: float, turn: float) -> Float[NDArray, "2"]:
+    both, apart = speed / _FORWARD, turn / _TURN
     return np.array([both - apart, both + apart]) / 2
 
 
 def ride(
-    world: World, start: Float[NDArray, "3"], codes: NDArray[np.int8], eyes: Eyes, seconds: float
+    world: World,
+    start: Float[NDArray, "3"],
+    codes: NDArray[np.int8],
+    driver: Driver,
+    seconds: float,
+    pause: int = _RATE // _FRAMES,
 ) -> tuple[dict[str, float], list[UInt8[NDArray, "480 640 3"]], list[Float[NDArray, "3"]]]:
-    """Drives from a pose; returns what happened, a picture of each second, and the poses of these pictures.
+    """Drives from a pose; returns what happened, every picture after a `pause`, and the poses of these pictures.
+
+    A pause of 15 pictures is a second.
 
     The table has the seconds until the robot left the road or hit something, the metres, and the share of the time in
     the oncoming lane.
@@ -63,11 +77,11 @@ def ride(
     metres, oncoming, images, poses = 0.0, 0, list[NDArray[np.uint8]](), list[NDArray[np.float64]]()
     steps = round(seconds * _RATE / _FRAMES)
     for step in range(steps):
-        if step % (_RATE // _FRAMES) == 0:
+        if step % pause == 0:
             images.append(seen["image"])
             poses.append(seen["pose"])
         before = seen["pose"]
-        seen = world.ask("step", action=follow(eyes(seen)), frames=_FRAMES)
+        seen = world.ask("step", action=driver(seen), frames=_FRAMES)
         metres += float(np.hypot(*(seen["pose"] - before)[:2])) * TILE
         oncoming += bool(_nearest(codes, np.float32(seen["pose"])).oncoming)
         if seen["hit"] or not seen["on_road"]:
@@ -85,7 +99,7 @@ def _nearest(codes: NDArray[np.int8], pose: Float[NDArray, "3"]) -> Untyped:
 
 def _truth(codes: NDArray[np.int8], seen: dict[str, Untyped]) -> NDArray[np.float64]:
     near = _nearest(codes, np.float32(seen["pose"]))
-    return np.array([near.d, near.phi, (-1 / 0.3, 0, 1 / 0.7)[int(near.movement.turn)]])
+    return follow(np.array([near.d, near.phi, (-1 / 0.3, 0, 1 / 0.7)[int(near.movement.turn)]]))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,6 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=whole(1, 600), default=60, metavar="S", help="of a ride; default 60")
     parser.add_argument("--rides", type=whole(1, 100), default=1, metavar="N", help="on each map; default 1")
     parser.add_argument("--domain-rand", action="store_true", help="with gym-duckietown's random light and camera")
+    parser.add_argument("--policy", action="store_true", help="the weights are those of a policy")
     parser.add_argument("--people", action="store_true", help="without our towns, whose search takes a minute")
     options = parser.parse_args(arguments)
     return run("rides", lambda: _run(options))
@@ -107,27 +122,42 @@ def _run(options: argparse.Namespace) -> None:
     kept = json.loads(options.out.read_text(encoding="utf-8")) if options.out.exists() else {"settings": settings}
     if kept["settings"] != settings:
         raise InputError(f"{options.out}: expected rides with the same options, got {kept['settings']}")
-    weights = None if options.weights == TRUTH else read_weights(Path(options.weights), "pose")
+    driver = None
+    if options.weights != TRUTH:
+        weights = read_weights(Path(options.weights), "policy" if options.policy else "pose")
+        driver = chooses(weights) if options.policy else sees(weights)
     with World() as world:
         for place in read_maps(options.part, towns=not options.people):
             if place.name not in kept:
-                kept[place.name] = _rides_on(world, place, weights, options)
+                kept[place.name] = _rides_on(world, place, driver, options)
                 write(options.out, json.dumps(kept, indent=1))
                 print(place.name, kept[place.name], flush=True)
     print(report({name: found for name, found in kept.items() if name != "settings"}))
 
 
-def _rides_on(world: World, place: DuckietownMap, weights: Untyped, options: argparse.Namespace) -> dict[str, Untyped]:
+def _rides_on(
+    world: World, place: DuckietownMap, driver: Driver | None, options: argparse.Namespace
+) -> dict[str, Untyped]:
     about = world.load(place, domain_rand=options.domain_rand)
-    eyes = partial(_truth, place.codes) if weights is None else sees(weights)
+    driver = partial(_truth, place.codes) if driver is None else driver
     starts = random_poses(place.codes, options.rides, 7)
-    found = [ride(world, start, place.codes, eyes, options.seconds)[0] for start in starts]
+    found = [ride(world, start, place.codes, driver, options.seconds)[0] for start in starts]
     return {"objects": len(about["objects"]), "rides": found}
 
 
-def sees(weights: Untyped) -> Eyes:
-    """Returns a function that finds the lane in an answer's picture."""
-    return lambda seen: np.asarray(find_poses(weights, shrink(seen["image"][None]))[0], float)
+def sees(weights: Untyped) -> Driver:
+    """Returns a driver that finds the lane in the picture, and follows it."""
+    return lambda seen: follow(np.asarray(find_poses(weights, shrink(seen["image"][None]))[0], float))
+
+
+def chooses(weights: Untyped) -> Driver:
+    """Returns a driver that does what a policy chooses."""
+
+    def drive(seen: dict[str, Untyped]) -> Float[NDArray, "2"]:
+        speed, turn = to_motion(choose_actions(weights, shrink(seen["image"][None]))[0])
+        return _wheels(float(speed), float(turn))
+
+    return drive
 
 
 def report(kept: dict[str, Untyped]) -> str:

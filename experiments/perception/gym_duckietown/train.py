@@ -149,7 +149,7 @@ def _score(task: str, weights: Pytree, views: Views) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("train", __doc__)
-    parser.add_argument("task", choices=NETS)
+    parser.add_argument("task", choices=_STEPS)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="weights, .npz")
     parser.add_argument("--steps", type=whole(1), metavar="N", help=f"by default {_STEPS}")
