@@ -2,7 +2,6 @@
 
 import base64
 import json
-from collections.abc import Iterable
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
@@ -11,18 +10,18 @@ from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer._payload import Payload
-from elitelanes_jax.formats.road_map import RoadMap
 
 if TYPE_CHECKING:
-    from elitelanes_jax.search.result import Result
+    pass
 
 _MARK = "<!doctype html>\n<!-- A page of elitelanes explore. -->\n"
 
 
 def explore(
-    what: "Result | RoadMap | str | Path | Iterable[RoadMap] | Iterable[str | Path]",
+    what: UserValue,
     out: str | Path,
     *,
     tiles: str | Path | None = None,
@@ -34,7 +33,7 @@ def explore(
     """Writes the page of a result, of maps, or of files of runs and maps, whole or not at all.
 
     Args:
-      what: a `Result`, a `RoadMap` or several, or a path or several; see `collect`.
+      what: a `Result`, a map or several, or a path or several; see `collect`.
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
       blend: whether to blend the tiles; see `collect`.

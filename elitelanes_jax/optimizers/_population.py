@@ -17,7 +17,7 @@ from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.optimizers._mutations import Move, paper_mutation
-from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
@@ -84,6 +84,7 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
 
     The default configuration is the preset `paper`.
     """
+    check_arguments(problem, config, EvolutionConfig)
     mutation = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
 
     def init(key: Array) -> Population:
