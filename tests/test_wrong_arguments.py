@@ -12,6 +12,7 @@ from elitelanes_jax import (
     GenerateSpec,
     InputError,
     Result,
+    RoadMap,
     SearchSpec,
     annealed_ea,
     ea,
@@ -29,7 +30,7 @@ from elitelanes_jax import (
 )
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.benchmark import compute_scores, find_task, run_tasks, score_submission, write_submission
-from elitelanes_jax.dataset import map_points, tiles_by_split
+from elitelanes_jax.dataset import draw_sample, map_points, tiles_by_split
 from elitelanes_jax.drive import (
     LaneDrive,
     LaneDriveParams,
@@ -37,6 +38,8 @@ from elitelanes_jax.drive import (
     RoadNav,
     RoadNavParams,
     auto_reset,
+    distances,
+    film,
     lane_pose,
     make_levels,
     make_objects,
@@ -60,9 +63,29 @@ from elitelanes_jax.formats import (
 )
 from elitelanes_jax.maps import PackSpec, furnish
 from elitelanes_jax.network import canonical_form
-from elitelanes_jax.optimizers import AnnealingConfig, EvolutionConfig, MoveWeights, run, seed_keys
+from elitelanes_jax.optimizers import (
+    AnnealingConfig,
+    EvolutionConfig,
+    MoveWeights,
+    evaluate,
+    random_population,
+    run,
+    seed_keys,
+)
+from elitelanes_jax.optimizers.interop import evosax_task, qdax_moves, ribs_archive_space
 from elitelanes_jax.problem import extreme_maps, tuned_axes, with_town_features
-from elitelanes_jax.tiles import choose_tiles, overlay, png_of, propose_masks, scale_tiles, stand, write_png
+from elitelanes_jax.tiles import (
+    choose_tiles,
+    find_seams,
+    mask_folder,
+    overlay,
+    png_of,
+    propose_masks,
+    scale_tiles,
+    stand,
+    write_picture,
+    write_png,
+)
 
 GRID = np.array([[6, 3], [12, 9]])
 TASK = find_task("5x5A-10000")
@@ -199,6 +222,32 @@ WRONG = {
     'expected a Duckietown map, {"tiles": [[...], ...]}, got no "tiles"; read_map reads': lambda: from_duckietown(
         "town.yaml"
     ),
+    "weights: expected Weights, got [1]": lambda: road_problem((4, 4), weights=[1]),
+    "fill: expected True or False, got 1": lambda: road_problem((4, 4), fill=1),
+    "grids: expected int8 [P, 4, 4], got int32 (2, 2)": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
+    "count: expected a whole number, 1 or more, got 0": lambda: random_population(
+        road_problem((4, 4)), jax.random.key(0), 0
+    ),
+    "problem: expected Problem, got (5, 5)": lambda: qdax_moves((5, 5)),
+    "problem: expected Problem, got None": lambda: evosax_task(None),
+    "problem: expected Problem, got []": lambda: ribs_archive_space([]),
+    "out: expected a name that ends in .html, got page.png": lambda: explore(GRID, "page.png"),
+    "tile_px: expected a whole number, 16 to 512, got 9": lambda: explore(GRID, "page.html", tile_px=9),
+    "road_map: expected RoadMap, got array(": lambda: draw_sample(GRID, load_tiles(), 0),
+    "transforms: expected Transforms, got 'standard'": lambda: draw_sample(
+        RoadMap(GRID), load_tiles(), 0, transforms="standard"
+    ),
+    "executor: expected one of concurrent.futures, got 3": lambda: make_dataset(
+        DatasetSpec(maps_from=[GRID], split=(1, 0, 0)), "out", executor=3
+    ),
+    "tiles: expected TileSet, got 'tiles'": lambda: find_seams("tiles"),
+    "picture: expected Picture, got 3": lambda: write_picture("out", 3),
+    "folder: expected a name, got 4": lambda: mask_folder(4),
+    "blend: expected on or off, got 'maybe'": lambda: load_tiles(blend="maybe"),
+    "rides: expected Rides, got None": lambda: next(film(GRID, load_tiles(), None)),
+    "goal: expected LaneNode, got (0, 1, 1)": lambda: distances(GRID, (0, 1, 1)),
+    "start: expected LaneNode, got (0, 0, 3)": lambda: route(GRID, (0, 0, 3), LaneNode(0, 1, 0)),
+    "task: expected Task, got '5x5A-10000'": lambda: compute_scores("5x5A-10000", np.zeros((2, 2))),
 }
 
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
 from elitelanes_jax._util.checks import check_named, none_or, whole
+from elitelanes_jax._util.records import record
 from elitelanes_jax.drive.lanes import LaneNode, Movement, linked
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
@@ -43,9 +44,9 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
       goal: a node. If the grid does not have it, all distances are `UNREACHABLE`.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid (see `check_grid`), or a goal that is no `LaneNode`.
     """
-    return _distances(check_grid(grid), goal)
+    return _distances(check_grid(grid), check_named("goal", record(LaneNode), goal))
 
 
 @jax.jit
@@ -149,8 +150,10 @@ def route(grid: Int[ArrayLike, "H W"], start: LaneNode, goal: LaneNode, *, most:
       most: N, the largest number of nodes; by default 4·H·W, the nodes of a grid. A longer route is cut after N nodes.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or `most` below 1.
+      InputError: for a bad grid (see `check_grid`), nodes that are no `LaneNode`, or `most` below 1.
     """
+    check_named("start", record(LaneNode), start)
+    check_named("goal", record(LaneNode), goal)
     return _route(check_grid(grid), start, goal, check_named("most", none_or(whole(1)), most))
 
 

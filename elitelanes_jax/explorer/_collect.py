@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
@@ -100,6 +100,7 @@ def collect(
         for a bad tile set. The message names the file.
     """
     given: UserValue = what
+    check_named("tile_px", whole(16, 512), tile_px)
     if hasattr(given, "elites") and hasattr(given, "axes"):
         name = title or "result"
         return _pack([_from_result(given, name)], _load_tiles(tiles, blend), tile_px, name)

@@ -8,6 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from elitelanes_jax._util.checks import check_named, file_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.types import UserValue
@@ -45,10 +46,11 @@ def explore(
       The number of bytes written.
 
     Raises:
-      InputError: as `collect`; or for a file that exists, unless it is such a page and `force` is given.
+      InputError: as `collect`; for a file that exists, unless it is such a page and `force` is given; or for the
+        suffix of another format.
       OSError: if it cannot be written.
     """
-    out = Path(out)
+    out = Path(check_named("out", file_named(".html"), out))
     _check_out(out, force)
     content = page_of(collect(what, tiles=tiles, blend=blend, tile_px=tile_px, title=title)).encode()
     write_atomic(out, content)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int8, Key, Real, UInt32
 
-from elitelanes_jax._util.checks import one_of, real, whole
+from elitelanes_jax._util.checks import check_named, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
@@ -54,7 +54,8 @@ class EvolutionConfig(Record):
 
 
 def random_population(problem: Problem, key: Key[Array, ""], count: int) -> Population:
-    """Returns a first population, sorted, best first; the key is consumed."""
+    """Returns a first population, sorted, best first; the key is consumed. Raises `InputError` for a count below 1."""
+    check_named("count", whole(1), count)
     return truncate(evaluate(problem, problem.random(key, count)), count=count)
 
 

@@ -214,9 +214,11 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
       picture: from `render`.
 
     Raises:
+      InputError: for an argument of another type.
       OSError: if a file cannot be written.
     """
-    folder = Path(folder)
+    folder = Path(check_named("folder", path, folder))
+    check_named("picture", record(Picture), picture)
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("image", *MASKS, "labels"):
         write_png(folder / f"{name}.png", getattr(picture, name))
