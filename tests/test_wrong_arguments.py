@@ -12,7 +12,10 @@ from elitelanes_jax import (
     GenerateSpec,
     InputError,
     Result,
+    RoadMap,
     SearchSpec,
+    annealed_ea,
+    ea,
     evolve,
     explore,
     fitness,
@@ -22,11 +25,27 @@ from elitelanes_jax import (
     merge,
     random_grids,
     render,
+    road_problem,
     rotate,
 )
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax.benchmark import find_task, run_tasks, score_submission
-from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_rides
+from elitelanes_jax.benchmark import compute_scores, find_task, run_tasks, score_submission, write_submission
+from elitelanes_jax.dataset import draw_sample, map_points, tiles_by_split
+from elitelanes_jax.drive import (
+    LaneDrive,
+    LaneDriveParams,
+    LaneNode,
+    RoadNav,
+    RoadNavParams,
+    auto_reset,
+    distances,
+    film,
+    lane_pose,
+    make_levels,
+    make_objects,
+    make_rides,
+    route,
+)
 from elitelanes_jax.formats import (
     Streets,
     from_duckietown,
@@ -43,10 +62,33 @@ from elitelanes_jax.formats import (
     write_sumo,
 )
 from elitelanes_jax.maps import PackSpec, furnish
-from elitelanes_jax.optimizers import MoveWeights, run
-from elitelanes_jax.tiles import choose_tiles, propose_masks, stand, write_png
+from elitelanes_jax.network import canonical_form
+from elitelanes_jax.optimizers import (
+    AnnealingConfig,
+    EvolutionConfig,
+    MoveWeights,
+    evaluate,
+    random_population,
+    run,
+    seed_keys,
+)
+from elitelanes_jax.optimizers.interop import evosax_task, qdax_moves, ribs_archive_space
+from elitelanes_jax.problem import extreme_maps, tuned_axes, with_town_features
+from elitelanes_jax.tiles import (
+    choose_tiles,
+    find_seams,
+    mask_folder,
+    overlay,
+    png_of,
+    propose_masks,
+    scale_tiles,
+    stand,
+    write_picture,
+    write_png,
+)
 
 GRID = np.array([[6, 3], [12, 9]])
+TASK = find_task("5x5A-10000")
 RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
 
 
@@ -132,6 +174,80 @@ WRONG = {
     "to: expected one of duckietown, dt-maps, graphml": lambda: PackSpec(to=3),
     "furnish: 3: expected one of objects, signs, lights": lambda: furnish(GRID, {3: 3}),
     "town.json: expected a readable JSON file": lambda: furnish("town.json"),
+    "grid: expected rows of one length": lambda: canonical_form([[6, 3], [12]]),
+    "points: expected shape [N, 2], got [1, 3]": lambda: map_points([[1, 2, 3]], np.eye(3)),
+    "matrix: expected shape [3, 3], got [2, 2]": lambda: map_points([[1, 2]], np.eye(2)),
+    "tiles: expected TileSet, got DatasetSpec(": lambda: tiles_by_split(DatasetSpec(), load_tiles()),
+    "size: expected a whole number, 1 or more, got 0": lambda: scale_tiles(load_tiles(), 0),
+    "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got float64 [4, 4, 3]": lambda: write_png(
+        "map.png", np.zeros((4, 4, 3))
+    ),
+    "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got uint8 [0, 4]": lambda: png_of(
+        np.zeros((0, 4), np.uint8)
+    ),
+    "picture: expected Picture, got array(": lambda: overlay(np.zeros((4, 4), np.uint8)),
+    "hold_out_tiles: expected a split with a test": lambda: DatasetSpec(split=(0.9, 0.1, 0), hold_out_tiles=True),
+    "params: expected RoadNavParams, got LaneDriveParams(": lambda: begin(RoadNav, LaneDriveParams),
+    "params: expected LaneDriveParams, got RoadNavParams(": lambda: begin(LaneDrive, RoadNavParams),
+    "state: expected LaneDriveState, got RoadNavState(": lambda: LaneDrive.step(
+        *begin(RoadNav, RoadNavParams), np.zeros(2), LaneDriveParams(levels())
+    ),
+    "action: expected one whole number, got float": lambda: RoadNav.step(
+        *begin(RoadNav, RoadNavParams), 1.7, RoadNavParams(levels())
+    ),
+    "environment: expected Environment, got RoadNavParams(": lambda: auto_reset(RoadNavParams(levels())),
+    "pose: expected Pose, got (0.5, 0.5, 0.0)": lambda: lane_pose(GRID, (0.5, 0.5, 0.0)),
+    "most: expected a whole number, 1 or more, got 0": lambda: route(
+        GRID, LaneNode(0, 0, 3), LaneNode(0, 1, 0), most=0
+    ),
+    "maps: expected a list of RoadMap, got 'town.json'": lambda: make_objects("town.json"),
+    "best: expected shape [..., 2] for 5x5A-10000, got [2, 9]": lambda: compute_scores(TASK, np.zeros((2, 9))),
+    "best: expected no fitness below the optimum": lambda: compute_scores(TASK, TASK.optimum[None] - [[0, 1]]),
+    "submission: expected Submission, got '5x5A'": lambda: write_submission("own.npz", "5x5A"),
+    "name: expected a metric, or a share such as straight_share, got 'bridge'; is it bridges?": lambda: extreme_maps(
+        "bridge"
+    ),
+    "shape: expected (height, width), two whole numbers, got 5": lambda: tuned_axes(5),
+    "names: expected features that the search has measured, got boxfill": lambda: with_town_features(
+        {}, ["boxfill"], GRID
+    ),
+    "problem: expected Problem, got (4, 4)": lambda: ea((4, 4)),
+    "config: expected EvolutionConfig, got AnnealingConfig(": lambda: ea(road_problem((4, 4)), AnnealingConfig()),
+    "config: expected AnnealingConfig, got EvolutionConfig(": lambda: annealed_ea(
+        road_problem((4, 4)), EvolutionConfig()
+    ),
+    "keys: expected keys [S], such as those of seed_keys, got 0": lambda: run(ea(road_problem((4, 4))), 0, 3),
+    "seed: expected a whole number, 0 to 4294967295, got -1": lambda: seed_keys(-1, 2),
+    "what: map 0: grid: expected two dimensions": lambda: explore([3], "page.html"),
+    'expected a Duckietown map, {"tiles": [[...], ...]}, got no "tiles"; read_map reads': lambda: from_duckietown(
+        "town.yaml"
+    ),
+    "weights: expected Weights, got [1]": lambda: road_problem((4, 4), weights=[1]),
+    "fill: expected True or False, got 1": lambda: road_problem((4, 4), fill=1),
+    "grids: expected int8 [P, 4, 4], got int32 (2, 2)": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
+    "count: expected a whole number, 1 or more, got 0": lambda: random_population(
+        road_problem((4, 4)), jax.random.key(0), 0
+    ),
+    "problem: expected Problem, got (5, 5)": lambda: qdax_moves((5, 5)),
+    "problem: expected Problem, got None": lambda: evosax_task(None),
+    "problem: expected Problem, got []": lambda: ribs_archive_space([]),
+    "out: expected a name that ends in .html, got page.png": lambda: explore(GRID, "page.png"),
+    "tile_px: expected a whole number, 16 to 512, got 9": lambda: explore(GRID, "page.html", tile_px=9),
+    "road_map: expected RoadMap, got array(": lambda: draw_sample(GRID, load_tiles(), 0),
+    "transforms: expected Transforms, got 'standard'": lambda: draw_sample(
+        RoadMap(GRID), load_tiles(), 0, transforms="standard"
+    ),
+    "executor: expected one of concurrent.futures, got 3": lambda: make_dataset(
+        DatasetSpec(maps_from=[GRID], split=(1, 0, 0)), "out", executor=3
+    ),
+    "tiles: expected TileSet, got 'tiles'": lambda: find_seams("tiles"),
+    "picture: expected Picture, got 3": lambda: write_picture("out", 3),
+    "folder: expected a name, got 4": lambda: mask_folder(4),
+    "blend: expected on or off, got 'maybe'": lambda: load_tiles(blend="maybe"),
+    "rides: expected Rides, got None": lambda: next(film(GRID, load_tiles(), None)),
+    "goal: expected LaneNode, got (0, 1, 1)": lambda: distances(GRID, (0, 1, 1)),
+    "start: expected LaneNode, got (0, 0, 3)": lambda: route(GRID, (0, 0, 3), LaneNode(0, 1, 0)),
+    "task: expected Task, got '5x5A-10000'": lambda: compute_scores("5x5A-10000", np.zeros((2, 2))),
 }
 
 

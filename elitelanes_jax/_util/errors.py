@@ -44,5 +44,6 @@ def reason(error: OSError) -> str:
 
 
 def shorten(text: str, limit: int = 80) -> str:
-    """Cuts a text to a number of characters."""
+    """Cuts a text to a number of characters, on one line: arrays have several."""
+    text = " ".join(line.strip() for line in text.splitlines()) if "\n" in text else text
     return text if len(text) <= limit else text[: limit - 3] + "..."

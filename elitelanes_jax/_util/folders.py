@@ -66,6 +66,8 @@ def output_folder(
       OSError: of the block. It names a file as if it were in the output folder already.
     """
     asked, out = out, Path(os.path.realpath(out))
+    if out.is_symlink():
+        raise InputError(f"{asked}: expected a folder, got a link that leads to itself")
     hidden = _hidden(out)
     work = Unfinished(hidden / _FILES, hidden / _KEPT)
     missing, done = [parent for parent in out.parents if not parent.exists()], False

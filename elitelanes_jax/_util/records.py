@@ -114,10 +114,10 @@ def check_names(names: Iterable[str], known: Iterable[str]) -> None:
             raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{suggest(name, known)}")
 
 
-def record(kind: type[Record]) -> Check:
-    """Makes a check for a record of a type."""
+def record(kind: type) -> Check:
+    """Makes a check for an object of a type, such as a record."""
 
-    def check(value: UserValue) -> Record:
+    def check(value: UserValue) -> UserValue:
         if not isinstance(value, kind):
             raise InputError(f"expected {kind.__name__}, got {shorten(repr(value))}")
         return value

@@ -6,7 +6,7 @@ import textwrap
 from dataclasses import replace
 from functools import partial
 
-from elitelanes_jax._util.checks import check_named, name, one_of, path, real, whole
+from elitelanes_jax._util.checks import check_named, file_named, name, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new
 from elitelanes_jax._util.folders import output_folder
@@ -151,7 +151,8 @@ def add_furnish(commands: Commands) -> None:
     command.add_argument(
         "--unique-tags", action="store_true", help="refuse to use a tag number twice; the same as the word unique_tags"
     )
-    command.add_argument("--out", type=checked_by(path), required=True, metavar="FILE", help="a new map file, .json")
+    named = checked_by(file_named(".json"))
+    command.add_argument("--out", type=named, required=True, metavar="FILE", help="a new map file, .json")
     command.add_argument("--seed", type=_SEED, default=0, metavar="N", help="of the places; by default 0")
 
 

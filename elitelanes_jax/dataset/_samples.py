@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named, none_or
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels, shift_points
 from elitelanes_jax.dataset._standing import stand
@@ -60,8 +62,11 @@ def draw_sample(
       objects: whose pictures to draw the map's objects with; None to leave them out.
 
     Raises:
-      InputError: for a camera on a map without a lane, or an object without a picture.
+      InputError: for a camera on a map without a lane, an object without a picture, or an argument of another type.
     """
+    check_named("road_map", record(RoadMap), road_map)
+    check_named("transforms", record(Transforms), transforms)
+    check_named("camera", none_or(record(Viewpoints)), camera)
     chosen = choose_tiles(road_map.codes, tiles, [seed, index])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
     size = (picture.labels.shape[0], picture.labels.shape[1])
@@ -112,7 +117,7 @@ def draw_sample(
         seen["image"] = compress(rng, seen["image"], transforms.compression)
     transform = view._asdict() | {"matrix": view.matrix.tolist()}
     del transform["size"]
-    record = {
+    metadata = {
         "number": index,
         "size": list(road_map.codes.shape),
         "pixels": list(view.size),
@@ -129,7 +134,7 @@ def draw_sample(
         "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }
-    return Sample({**seen, **instances}, {name: value for name, value in record.items() if value is not None})
+    return Sample({**seen, **instances}, {name: value for name, value in metadata.items() if value is not None})
 
 
 def _within(points: NDArray[np.float64], view: View) -> list[list[float]]:

@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.maps.given import GivenMaps
@@ -43,8 +45,10 @@ def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet,
     and at least one; kinds with a single picture are not in the test.
 
     Raises:
-      InputError: if no map could be drawn from the tiles held out.
+      InputError: if no map could be drawn from the tiles held out, or for arguments of other types.
     """
+    check_named("tiles", record(TileSet), tiles)
+    check_named("spec", record(DatasetSpec), spec)
     if not spec.hold_out_tiles:
         return tiles, tiles, tiles
     rng = np.random.default_rng([spec.seed, 2])

@@ -127,9 +127,19 @@ def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
 
 
 def map_points(points: ArrayLike, matrix: ArrayLike) -> NDArray[np.float64]:
-    """Maps points ``[N, 2]`` of the plain map to points ``[N, 2]`` of the view with this matrix; NaN behind it."""
-    points = np.asarray(points, np.float64).reshape(-1, 2)
-    across = np.column_stack([points, np.ones(len(points))]) @ np.asarray(matrix, np.float64).T
+    """Maps points ``[N, 2]`` of the plain map to points ``[N, 2]`` of the view with this matrix; NaN behind it.
+
+    Raises `InputError` for points of another shape, or a matrix that is not ``[3, 3]``.
+    """
+    points, matrix = np.asarray(points, np.float64), np.asarray(matrix, np.float64)
+    points = points.reshape(-1, 2) if points.shape in ((0,), (2,)) else points
+    for name, value, expected, fits in (
+        ("points", points, "[N, 2]", points.ndim == 2 and points.shape[1] == 2),
+        ("matrix", matrix, "[3, 3]", matrix.shape == (3, 3)),
+    ):
+        if not fits:
+            raise InputError(f"{name}: expected shape {expected}, got {list(value.shape)}")
+    across = np.column_stack([points, np.ones(len(points))]) @ matrix.T
     depth = across[:, 2:]
     return np.asarray(np.where(depth > 0, across[:, :2] / np.where(depth > 0, depth, 1), np.nan))
 

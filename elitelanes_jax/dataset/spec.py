@@ -121,6 +121,8 @@ class DatasetSpec(Record):
                 hint = "" if self.maps_from is None else "; a split of 1 0 0 trains on all"
                 expected = f"enough for one in the {name}, {share:g} of them"
                 raise InputError(f"{few}: expected {expected}, got {self.maps}{hint}")
+        if self.hold_out_tiles and not self.split[2]:
+            raise InputError("hold_out_tiles: expected a split with a test, which shows these tiles, got a share of 0")
         if self.camera is not None:
             self._check_camera()
         self._check_pixels()
@@ -136,7 +138,9 @@ class DatasetSpec(Record):
         """Sets the number and the sizes of given maps."""
         defaults = {one.name: one.default for one in fields(self)}
         if self.search != defaults["search"]:
-            raise InputError("maps_from: expected no options of a search, which given maps do not need")
+            names = [one.name for one in fields(self.search) if getattr(self.search, one.name) != one.default]
+            got = ", ".join(names)
+            raise InputError(f"maps_from: expected no options of a search, which given maps do not need, got {got}")
         rows, columns = ((min(sides), max(sides)) for sides in zip(*given.sizes, strict=True))
         square = all(height == width for height, width in given.sizes)
         for name, value in (("maps", len(given.maps)), ("size", (rows,) if square else (rows, columns))):

@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
+from elitelanes_jax._util.checks import check_named, none_or, whole
+from elitelanes_jax._util.records import record
 from elitelanes_jax.drive.lanes import LaneNode, Movement, linked
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
@@ -42,9 +44,9 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
       goal: a node. If the grid does not have it, all distances are `UNREACHABLE`.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid (see `check_grid`), or a goal that is no `LaneNode`.
     """
-    return _distances(check_grid(grid), goal)
+    return _distances(check_grid(grid), check_named("goal", record(LaneNode), goal))
 
 
 @jax.jit
@@ -143,21 +145,25 @@ def route(grid: Int[ArrayLike, "H W"], start: LaneNode, goal: LaneNode, *, most:
 
     Args:
       grid: integer codes ``[H, W]``.
-      start: a node.
+      start: a node. If the grid does not have it, the length is `UNREACHABLE`, and so for the goal.
       goal: a node.
       most: N, the largest number of nodes; by default 4·H·W, the nodes of a grid. A longer route is cut after N nodes.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid (see `check_grid`), nodes that are no `LaneNode`, or `most` below 1.
     """
-    return _route(check_grid(grid), start, goal, most)
+    check_named("start", record(LaneNode), start)
+    check_named("goal", record(LaneNode), goal)
+    return _route(check_grid(grid), start, goal, check_named("most", none_or(whole(1)), most))
 
 
 @partial(jax.jit, static_argnames="most")
 def _route(grid: Array, start: LaneNode, goal: LaneNode, most: int | None) -> Route:
     links = linked(grid)
     size = 4 * links.size if most is None else most
-    length = distances(links, goal)[start.row, start.column, start.heading]
+    # JAX clamps an index beyond the grid, and would return the length of another node.
+    within = jnp.stack([(part >= 0) & (part < size) for part, size in zip(start, (*links.shape, 4), strict=True)])
+    length = jnp.where(within.all(), distances(links, goal)[start.row, start.column, start.heading], UNREACHABLE)
     count = jnp.where(length < UNREACHABLE, length, 0)
     ways = shortest_ways(links, goal).astype(jnp.int32)
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, UInt32
 
+from elitelanes_jax._util.checks import check_named, listed
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.drive._once import once
@@ -61,15 +62,16 @@ class Billboards(NamedTuple):
 
 
 def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
-    """Makes the objects of maps, a batch; None if no map has any."""
-    listed = [road_map.objects or () for road_map in maps]
-    most = max(map(len, listed))
+    """Makes the objects of maps, a batch; None if no map has any. Raises `InputError` for other things than maps."""
+    check_named("maps", listed(RoadMap), maps)
+    things_of = [road_map.objects or () for road_map in maps]
+    most = max(map(len, things_of), default=0)
     if not most:
         return None
-    values = np.zeros((len(listed), most, 6), np.float32)
+    values = np.zeros((len(things_of), most, 6), np.float32)
     values[..., 1:3] = _AWAY
     kinds = list(OBJECT_KINDS)
-    for index, things in enumerate(listed):
+    for index, things in enumerate(things_of):
         for slot, thing in enumerate(things):
             radius = thing.radius if thing.height else 0
             values[index, slot] = kinds.index(base_kind(thing.kind)), *thing[1:5], radius

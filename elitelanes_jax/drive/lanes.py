@@ -18,6 +18,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Key
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import record
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import MOVEMENTS
@@ -238,9 +240,9 @@ def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None
         equal ones the first heading clockwise from north is used, then right before straight before left.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid (see `check_grid`), or a pose that is not a `Pose`.
     """
-    return _lane_pose(check_grid(grid), pose, movement)
+    return _lane_pose(check_grid(grid), check_named("pose", record(Pose), pose), movement)
 
 
 @jax.jit

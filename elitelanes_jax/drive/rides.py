@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, real
+from elitelanes_jax._util.checks import check_named, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.records import record
@@ -224,8 +224,10 @@ def film(
       RGB uint8 ``[480, width, 3]``, all of one width.
 
     Raises:
-      InputError: for a map that the tiles cannot draw (see `render`).
+      InputError: for a map that the tiles cannot draw (see `render`), or a ride that does not exist.
     """
+    count = len(check_named("rides", record(Rides), rides).steps)
+    check_named("index", whole(0, count - 1), index)
     codes, size = np.asarray(check_grid(grid)), check_tile_px(tile_px)
     chosen = choose_tiles(codes, tiles) if chosen is None else chosen
     picture = render(codes, tiles, tile_px=size, chosen=chosen)

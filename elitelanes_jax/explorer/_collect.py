@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
@@ -22,7 +23,7 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, object_values
 from elitelanes_jax.formats.plan import LONGEST_PLAN, REFERENCE, TAPE_WIDTHS, tapes_of
 from elitelanes_jax.formats.rides import RecordedRide, read_rides
-from elitelanes_jax.formats.road_map import RoadMap, read_map, read_maps
+from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_map, read_maps
 from elitelanes_jax.formats.tags import SIGN_TAGS
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.fitness import fitness as weighted_sum
@@ -74,7 +75,7 @@ class _Finds(NamedTuple):
 
 
 def collect(
-    what: "Result | RoadMap | str | Path | Iterable[RoadMap] | Iterable[str | Path]",
+    what: UserValue,
     *,
     tiles: str | Path | TileSet | None = None,
     blend: bool | None = None,
@@ -84,8 +85,8 @@ def collect(
     """Collects a result, maps, or files of runs and maps, to be shown.
 
     Args:
-      what: a `Result`; a `RoadMap` or several; or a path or several. A path is the folder of a run of `generate` or
-        `pick`, a folder of such folders, an archive, a file of maps, or a file of rides of `drive`.
+      what: a `Result`; a map or several, as `as_maps` takes them; or a path or several. A path is the folder of a run
+        of `generate` or `pick`, a folder of such folders, an archive, a file of maps, or a file of rides of `drive`.
       tiles: a tile set or its folder; by default the first run's. If it is not found, the package's own
         is used, with a line on standard error. A relative path in a run's record is searched from here, then from each
         folder above the run.
@@ -99,6 +100,7 @@ def collect(
         for a bad tile set. The message names the file.
     """
     given: UserValue = what
+    check_named("tile_px", whole(16, 512), tile_px)
     if hasattr(given, "elites") and hasattr(given, "axes"):
         name = title or "result"
         return _pack([_from_result(given, name)], _load_tiles(tiles, blend), tile_px, name)
@@ -110,7 +112,10 @@ def collect(
         return _pack(_of_maps(listed, ""), _load_tiles(tiles, blend), tile_px, title or "")
     if all(isinstance(one, str | Path) for one in listed):
         return _collect_files([Path(one) for one in listed], tiles, blend, tile_px, title)
-    raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
+    if alone:
+        raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
+    maps = check_named("what", as_maps, listed)
+    return _pack(_of_maps(maps, ""), _load_tiles(tiles, blend), tile_px, title or "")
 
 
 def _load_tiles(tiles: str | Path | TileSet | None, blend: bool | None) -> TileSet:

@@ -31,7 +31,7 @@ def show(what: UserValue, *, tile_px: int = 64, on_continue: _Continue | None = 
     widget then shows the new result.
 
     Args:
-      what: a `Result`, a `RoadMap` or several, or a path or several, as `collect` takes them.
+      what: a `Result`, a map or several, or a path or several, as `collect` takes them.
       tile_px: side of a tile's picture in pixels, 16 to 512.
       on_continue: takes the drawn grid and the shown result, and returns the next result; by default `continue_search`.
 

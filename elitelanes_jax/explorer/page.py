@@ -2,27 +2,27 @@
 
 import base64
 import json
-from collections.abc import Iterable
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from elitelanes_jax._util.checks import check_named, file_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer._payload import Payload
-from elitelanes_jax.formats.road_map import RoadMap
 
 if TYPE_CHECKING:
-    from elitelanes_jax.search.result import Result
+    pass
 
 _MARK = "<!doctype html>\n<!-- A page of elitelanes explore. -->\n"
 
 
 def explore(
-    what: "Result | RoadMap | str | Path | Iterable[RoadMap] | Iterable[str | Path]",
+    what: UserValue,
     out: str | Path,
     *,
     tiles: str | Path | None = None,
@@ -34,7 +34,7 @@ def explore(
     """Writes the page of a result, of maps, or of files of runs and maps, whole or not at all.
 
     Args:
-      what: a `Result`, a `RoadMap` or several, or a path or several; see `collect`.
+      what: a `Result`, a map or several, or a path or several; see `collect`.
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
       blend: whether to blend the tiles; see `collect`.
@@ -46,10 +46,11 @@ def explore(
       The number of bytes written.
 
     Raises:
-      InputError: as `collect`; or for a file that exists, unless it is such a page and `force` is given.
+      InputError: as `collect`; for a file that exists, unless it is such a page and `force` is given; or for the
+        suffix of another format.
       OSError: if it cannot be written.
     """
-    out = Path(out)
+    out = Path(check_named("out", file_named(".html"), out))
     _check_out(out, force)
     content = page_of(collect(what, tiles=tiles, blend=blend, tile_px=tile_px, title=title)).encode()
     write_atomic(out, content)

@@ -1,10 +1,10 @@
 """The pages of a plan, drawn with matplotlib: the map with its measures and its bill, a check-list, and tags."""
 
+import io
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from math import cos, degrees, sin
-from pathlib import Path
 from textwrap import wrap
 
 import numpy as np
@@ -26,21 +26,26 @@ _STOP, _SIGN, _THING = "#c01722", "#1f5fbf", "#3d7a3a"
 _BOX = "\N{BALLOT BOX}"
 
 
-def draw_plan(plan: Plan, file: Path) -> None:
-    """Writes the plan to a file that ends in .pdf, with all pages, or .svg or .png, with the first one."""
+def draw_plan(plan: Plan, kind: str) -> bytes:
+    """Returns a file of the plan: ``.pdf`` with all pages, or ``.svg`` or ``.png`` with the first one.
+
+    It is made in memory, because on a full disk matplotlib fails once more while it closes a PDF file.
+    """
     import_optional("matplotlib", "a plan needs matplotlib")
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
-    kind = file.suffix.lower()
+    content = io.BytesIO()
     # The same plan gives the same bytes: no dates, no random names. Text stays text.
     with rc_context({"svg.hashsalt": "plan", "svg.fonttype": "none", "pdf.fonttype": 42}):
         if kind == ".pdf":
-            with PdfPages(file, metadata={"CreationDate": None, "Title": "Plan of a map"}) as pages:
+            with PdfPages(content, metadata={"CreationDate": None, "Title": "Plan of a map"}) as pages:
                 for page in (_map_page(plan), *_list_pages(plan), *_tag_pages(plan)):
                     pages.savefig(page)
         else:
-            _map_page(plan).savefig(file, dpi=150, metadata={"Date": None} if kind == ".svg" else None)
+            dates = {"Date": None} if kind == ".svg" else None
+            _map_page(plan).savefig(content, format=kind[1:], dpi=150, metadata=dates)
+    return content.getvalue()
 
 
 def _map_page(plan: Plan) -> Untyped:

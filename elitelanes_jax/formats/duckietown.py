@@ -133,7 +133,8 @@ def read_duckietown(text: str) -> tuple[NDArray[np.int8], list[MapObject] | None
     values = yaml_tree(text)
     rows = values.get("tiles") if isinstance(values, dict) else None
     if rows is None:
-        raise InputError('expected a Duckietown map, {"tiles": [[...], ...]}, got no "tiles"')
+        hint = "" if "\n" in text or isinstance(values, dict) else "; read_map reads the map of a file"
+        raise InputError(f'expected a Duckietown map, {{"tiles": [[...], ...]}}, got no "tiles"{hint}')
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise InputError(f"tiles: expected rows of kinds of tiles, got {shorten(reprlib.repr(rows))}")
     check_sides(rows)  # aliases may name the same row many times

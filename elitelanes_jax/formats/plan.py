@@ -12,7 +12,7 @@ import numpy as np
 
 from elitelanes_jax._util.checks import check_named, path, real
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import new_file
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
@@ -134,13 +134,12 @@ def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE
       OSError: if the file cannot be written.
     """
     target = check_named("file", path, file)
-    if target.suffix.lower() not in (".pdf", ".svg", ".png"):
+    if (kind := target.suffix.lower()) not in (".pdf", ".svg", ".png"):
         raise InputError(f"file: expected a name that ends in .pdf, .svg or .png, got {shorten(repr(str(file)))}")
     plan = make_plan(road_map, tile_size=tile_size)
     from elitelanes_jax.formats._plan_pages import draw_plan
 
-    with new_file(target) as part:
-        draw_plan(plan, part)
+    write_atomic(target, draw_plan(plan, kind))
     return plan
 
 

@@ -5,7 +5,7 @@ from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager
 from typing import TypeVar
 
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, shorten
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Pytree
 
@@ -25,6 +25,8 @@ def run_on(
     `ended` is called in this thread with each result when its job ends. An error or an interruption cancels the jobs
     that have not started. Raises the errors of the function, and `ConnectionError` if a worker dies or lacks a module.
     """
+    if not hasattr(executor, "submit"):
+        raise InputError(f"executor: expected one of concurrent.futures, got {shorten(repr(executor))}")
     futures = {executor.submit(function, *arguments): name for name, arguments in jobs.items()}
     try:
         for future in as_completed(futures):

@@ -32,7 +32,10 @@ def mirror(grid: AnyArray) -> AnyArray:
 
 
 def canonical_form(grid: AnyArray) -> bytes:
-    """Returns bytes that are equal for a grid and its rotations and mirror images, and differ for other grids."""
-    grid = np.asarray(grid, np.int8)
+    """Returns bytes that are equal for a grid and its rotations and mirror images, and differ for other grids.
+
+    Raises `InputError` for a bad grid (see `check_grid`).
+    """
+    grid = np.asarray(check_grid(grid), np.int8)
     images = [rotate(side, turns) for side in (grid, mirror(grid)) for turns in range(4)]
     return min(bytes([image.shape[0] >> 8, image.shape[0] & 255]) + image.tobytes() for image in images)

@@ -30,7 +30,7 @@ from elitelanes_jax.optimizers._annealing import (
     random_grid,
 )
 from elitelanes_jax.optimizers._population import evaluate, select
-from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
@@ -85,6 +85,7 @@ _Mates = Callable[[StepBits, AnnealedState], Int8[Array, "C H W"]]
 
 def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -> Optimizer:
     """Makes the tuned EA for a problem; its elites are the chains' best grids. The default is preset `tuned`."""
+    check_arguments(problem, config, AnnealingConfig)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
         return island_mates(bits.mate, state.chains.grids, config.chains_on(problem.shape))
@@ -94,6 +95,7 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
 
 def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig()) -> Optimizer:
     """Makes the tuned PSO for a problem; its elites are the particles' best grids. The default is preset `tuned`."""
+    check_arguments(problem, config, AnnealedPsoConfig)
     each = config.annealing.chains_on(problem.shape)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
@@ -109,6 +111,7 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
 
 def annealed_gwo(problem: Problem, config: AnnealedGwoConfig = AnnealedGwoConfig()) -> Optimizer:
     """Makes the tuned GWO for a problem; its elites are the wolves' best grids. The default is preset `tuned`."""
+    check_arguments(problem, config, AnnealedGwoConfig)
     each = config.annealing.chains_on(problem.shape)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:

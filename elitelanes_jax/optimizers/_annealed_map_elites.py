@@ -45,7 +45,7 @@ from elitelanes_jax.optimizers._moves import with_symmetric_copy
 from elitelanes_jax.optimizers._mutations import Move, Variation, materialize_variation
 from elitelanes_jax.optimizers._population import concatenate, evaluate, select
 from elitelanes_jax.optimizers._strips import refit_strip
-from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population, insert
 from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.problem import Problem
@@ -132,6 +132,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     The problem has at least one axis; otherwise `InputError` is raised. Niches outside an axis' target bin are stepping
     stones. The default configuration is the preset `tuned`.
     """
+    check_arguments(problem, config, AnnealedMapElitesConfig)
     annealing, shape, count = config.annealing, problem.shape, config.annealing.population
     cells = shape[0] * shape[1]
     starts_from_towns = cells >= (config.initial_towns_from or np.inf) and min(shape) >= SMALLEST_GROWN

@@ -18,7 +18,7 @@ from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import symmetric_uniform
 from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import concatenate, evaluate, truncate
-from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
@@ -59,6 +59,7 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
 
     The default configuration is the preset `paper`.
     """
+    check_arguments(problem, config, GwoConfig)
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.wolves, codes.size, *problem.shape)
     largest = to_fixed(config.perturbation)

@@ -20,7 +20,7 @@ from elitelanes_jax.optimizers._population import (
     survivors,
     tournament,
 )
-from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population, insert
 from elitelanes_jax.problem.problem import Problem
 
@@ -54,6 +54,7 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
     The problem has at least one axis; otherwise `InputError` is raised. The default configuration is the preset
     `paper`.
     """
+    check_arguments(problem, config, MapElitesConfig)
     loop = config.loop
     mutation = paper_mutation(problem.alphabet, loop.tile_rate, loop.crossing_rate)
 

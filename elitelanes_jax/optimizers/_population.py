@@ -11,13 +11,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int8, Key, Real, UInt32
 
-from elitelanes_jax._util.checks import one_of, real, whole
+from elitelanes_jax._util.checks import check_named, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.optimizers._mutations import Move, paper_mutation
-from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
@@ -54,7 +54,8 @@ class EvolutionConfig(Record):
 
 
 def random_population(problem: Problem, key: Key[Array, ""], count: int) -> Population:
-    """Returns a first population, sorted, best first; the key is consumed."""
+    """Returns a first population, sorted, best first; the key is consumed. Raises `InputError` for a count below 1."""
+    check_named("count", whole(1), count)
     return truncate(evaluate(problem, problem.random(key, count)), count=count)
 
 
@@ -84,6 +85,7 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
 
     The default configuration is the preset `paper`.
     """
+    check_arguments(problem, config, EvolutionConfig)
     mutation = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
 
     def init(key: Array) -> Population:

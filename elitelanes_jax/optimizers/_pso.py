@@ -18,7 +18,7 @@ from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import categorical, random_bits, random_bits16, symmetric_uniform
 from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import evaluate, select
-from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
@@ -63,6 +63,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
 
     The default configuration is the preset `paper`.
     """
+    check_arguments(problem, config, PsoConfig)
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.particles, codes.size, *problem.shape)
     inertia, cognitive, social = to_fixed(config.inertia), to_fixed(config.cognitive), to_fixed(config.social)

@@ -7,8 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int32, Key, Real
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import Record, record
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.problem.archive import Population
+from elitelanes_jax.problem.problem import Problem
 
 
 class Info(NamedTuple):
@@ -23,6 +26,12 @@ class Info(NamedTuple):
     best_fitness: Real[Array, ""]
     elite_count: Int32[Array, ""]
     refused: Int32[Array, ""] = np.int32(0)  # type: ignore[assignment]
+
+
+def check_arguments(problem: Problem, config: Record, kind: type[Record]) -> None:
+    """Raises `InputError` unless a factory has got a problem, and a configuration of its own."""
+    check_named("problem", record(Problem), problem)
+    check_named("config", record(kind), config)
 
 
 def count_refused(evaluated: Population) -> Int32[Array, ""]:

@@ -9,7 +9,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Numeric, Pytree
 from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
@@ -20,8 +21,10 @@ _KIND = "jax_default_prng_impl"  # the setting of JAX, which may differ between 
 def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on the number and its index alone.
 
-    Key i is ``fold_in(key(seed), i)``. `indices` are those of the keys; or their number K, for the first K.
+    Key i is ``fold_in(key(seed), i)``. `indices` are those of the keys; or their number K, for the first K. Raises
+    `InputError` for another seed.
     """
+    seed = check_named("seed", whole(0, 2**32 - 1), seed)
     chosen = np.arange(indices) if isinstance(indices, int) else np.array(indices, int)
     if getattr(jax.config, _KIND) != "threefry2x32":
         return jax.vmap(partial(jax.random.fold_in, jax.random.key(np.uint32(seed))))(chosen)
@@ -59,6 +62,8 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
     """
     if not isinstance(optimizer, Optimizer):
         raise InputError(f"optimizer: expected an Optimizer, got {type(optimizer).__name__}")
+    if np.ndim(keys) == 0:
+        raise InputError(f"keys: expected keys [S], such as those of seed_keys, got {shorten(repr(keys))}")
     return advance(optimizer, keys, start(optimizer, keys), 1, generations, most=generations)
 
 

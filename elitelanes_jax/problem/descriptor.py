@@ -10,6 +10,7 @@ import numpy as np
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.problem.features import SHARE_UNIT, check_feature, default_width, is_share, select_features
 
 MOST_NICHES = 2**20
@@ -38,8 +39,9 @@ def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     """Returns the paper's space of 400 niches: 25 bins of the cyclomatic number and four flags.
 
     A flag's first bin is the favourable value. The paper does not give the width of its bins. A width of 2 at 12 x 12
-    that grows with the grid's area covers the values in the paper's archive.
+    that grows with the grid's area covers the values in the paper's archive. Raises `InputError` for a bad shape.
     """
+    shape = check_shape(shape)
     width = max(1, round(2 * shape[0] * shape[1] / 144))
     return (
         Axis("cyclomatic", 25, width),

@@ -11,7 +11,7 @@ from elitelanes_jax._util.records import descriptions
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.records import Metrics, TownFeatures
 from elitelanes_jax.problem.bounds import FeatureBounds, find_bounds
-from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, feature_unit, is_share
+from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, check_feature, feature_unit, is_share
 from elitelanes_jax.problem.rules import map_constraints
 
 EXTREMES = Path(__file__).with_name("extremes.txt")
@@ -38,7 +38,9 @@ def feature_range(name: str) -> tuple[float, float]:
     """Returns the smallest and the largest value of a feature that searches found at 12 x 12.
 
     The maps have the constraints that `generate` has by default: one component, no dead ends and no empty cells.
+    Raises `InputError` for an unknown name, and so do the other functions of a feature.
     """
+    check_feature("name", name)
     values = [features[name] for _, features in _measured()]
     return min(values), max(values)
 
@@ -50,7 +52,7 @@ def _bounds() -> FeatureBounds:
 
 def feature_bounds(name: str) -> tuple[Fraction, Fraction]:
     """Returns proven bounds of a feature on the maps of `feature_range`. If both are equal, the range is proven."""
-    return _bounds().of(name)
+    return _bounds().of(check_feature("name", name))
 
 
 def extreme_maps(name: str) -> tuple[NDArray[np.int8], NDArray[np.int8]]:

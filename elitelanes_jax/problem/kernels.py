@@ -142,7 +142,7 @@ def measure_features(
 
 
 def with_town_features(
-    features: Mapping[str, AnyArray], names: Iterable[str], grids: AnyArray, source: str = "where"
+    features: Mapping[str, AnyArray], names: Iterable[str], grids: AnyArray, source: str = "names"
 ) -> dict[str, NDArray[np.int32]]:
     """Returns features by name, and measures the town features among `names` that are missing.
 

@@ -168,7 +168,7 @@ class Result:
         elites = self.elites
         if elites.valid.ndim == 1:
             elites = jax.tree.map(lambda array: array[None], elites)
-        features: dict[str, AnyArray] = dict(with_town_features(elites.features, ranges, elites.grids))
+        features: dict[str, AnyArray] = dict(with_town_features(elites.features, ranges, elites.grids, "where"))
         elites = elites._replace(features=features)
         result = replace(self, elites=elites, spec=self.spec.replace(where=ranges.values()))
         return result.choose(check_named("count", whole(1), count), seed).maps

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
@@ -125,7 +126,7 @@ def mask_folder(
     Raises:
       InputError: if there are no tiles, or for a bad file; the message names it.
     """
-    folder, problems, proposals = Path(folder), list[str](), []
+    folder, problems, proposals = Path(check_named("folder", path, folder)), list[str](), []
     folders = tile_folders(folder, problems)
     if not folders and not problems:
         problems.append(f"{folder}: expected folders such as turn_1 with an image.png, got none")

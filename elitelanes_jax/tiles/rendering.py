@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, file_named, is_whole, listed, path, switch
+from elitelanes_jax._util.checks import check_named, file_named, is_whole, listed, path, switch, whole
 from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
 from elitelanes_jax.formats.road_map import read_map
@@ -213,9 +214,11 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
       picture: from `render`.
 
     Raises:
+      InputError: for an argument of another type.
       OSError: if a file cannot be written.
     """
-    folder = Path(folder)
+    folder = Path(check_named("folder", path, folder))
+    check_named("picture", record(Picture), picture)
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("image", *MASKS, "labels"):
         write_png(folder / f"{name}.png", getattr(picture, name))
@@ -229,12 +232,23 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
 
 
 def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
-    """Writes a PNG file of a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``; raises `InputError` for another suffix."""
+    """Writes a PNG file of a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``.
+
+    Raises `InputError` for another suffix, or pixels that `png_of` refuses.
+    """
     check_named("file", file_named(".png"), file).write_bytes(png_of(pixels))
 
 
 def png_of(pixels: NDArray[np.integer]) -> bytes:
-    """Encodes a PNG file with a picture ``[H, W]``, in RGB ``[H, W, 3]``, or with opacity ``[H, W, 4]``."""
+    """Encodes a PNG file with a picture ``[H, W]``, in RGB ``[H, W, 3]``, or with opacity ``[H, W, 4]``.
+
+    Raises `InputError` for values that are not uint8 or uint16, another shape, or no pixel.
+    """
+    pixels = np.asarray(pixels)
+    if pixels.dtype not in (np.uint8, np.uint16) or not pixels.size or pixels.shape[2:] not in ((), (3,), (4,)):
+        raise InputError(
+            f"pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got {pixels.dtype} {list(pixels.shape)}"
+        )
     if pixels.ndim == 3:
         pixels = pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
     return cv2.imencode(".png", pixels)[1].tobytes()
@@ -261,7 +275,8 @@ def stand(objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path 
 
 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
-    """Lays the labels over the picture in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
+    """Lays the labels over the picture of `render` in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
+    check_named("picture", record(Picture), picture)
     colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
     return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
 
@@ -273,7 +288,12 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     Returns:
       uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow, labels, and further
       masks of the set. Index ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
+
+    Raises:
+      InputError: for anything else than a tile set, or a size that is not a whole number from 1 on.
     """
+    check_named("tiles", record(TileSet), tiles)
+    check_named("size", whole(1), size)
     layers: dict[str, list[NDArray[np.uint8]]] = {}
     for tile in tiles.pictures:
         empty = np.zeros(tile.road.shape, bool)

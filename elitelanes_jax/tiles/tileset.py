@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.checks import check_named, none_or, path, switch
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import KIB
 from elitelanes_jax._util.types import Plain
@@ -128,6 +128,7 @@ def load_tiles(folder: str | Path | None = None, *, blend: bool | None = None) -
     Raises:
       InputError: for an error in the folder; the message names the file.
     """
+    blend = check_named("blend", none_or(switch), blend)
     tiles, problems = inspect_tiles(default_tiles() if folder is None else check_named("folder", path, folder))
     if tiles is None:
         more = f" (and {len(problems) - 1} more; see: elitelanes tiles check)" if len(problems) > 1 else ""

@@ -128,6 +128,16 @@ def test_one_program_serves_all_grids_and_alone_is_as_in_a_batch():
     np.testing.assert_array_equal(distances(grids[0], LaneNode(*(part[0] for part in goals))), batch[0])
 
 
+@pytest.mark.parametrize("node", [(9, 0, 1), (0, 9, 1), (0, 0, 4), (-1, 0, 1)])
+def test_a_node_beyond_the_grid_has_no_way(node):
+    ring = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
+    inside = LaneNode(0, 1, 1)
+    assert route(ring, inside, LaneNode(2, 1, 3)).length < UNREACHABLE
+    for start, goal in ((LaneNode(*node), inside), (inside, LaneNode(*node))):
+        found = route(ring, start, goal)
+        assert found.length == UNREACHABLE and (found.turns == NO_WAY).all()
+
+
 def test_a_wrong_grid_is_refused():
     with pytest.raises(InputError, match="grid: expected tile codes 0 to 15, got -1"):
         distances(np.full((3, 3), -1), LaneNode(0, 0, 0))

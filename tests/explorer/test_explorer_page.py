@@ -239,6 +239,7 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
     runs = collect(maps).values["runs"]
     shown = [(one["name"], one["shape"], len(one["maps"])) for one in runs]
     assert shown == [("maps of 2 x 2", [2, 2], 2), ("maps of 2 x 3", [2, 3], 1)]
+    assert [one["maps"] for one in collect([one.codes for one in maps]).values["runs"]] == [one["maps"] for one in runs]
     groups = collect_results({"one": maps[:1], "both": maps}).values["runs"]
     assert [one["name"] for one in groups] == ["one", "both, maps of 2 x 2", "both, maps of 2 x 3"]
     with pytest.raises(InputError, match="results: expected at least one"):

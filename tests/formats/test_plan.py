@@ -1,6 +1,7 @@
 """The plan of a map: tapes that meet at the sides of tiles, counts that are the map's, files that hold both."""
 
 import re
+import sys
 from math import pi
 
 import cv2
@@ -134,6 +135,21 @@ def test_a_large_map_has_a_larger_sheet_and_more_lists(tmp_path):
 def test_maps_that_cannot_be_built_are_refused(grid, words):
     with pytest.raises(InputError, match=words):
         make_plan(grid)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of a file's size")
+def test_a_full_disk_is_an_error_of_the_system(tmp_path):
+    import resource
+
+    write_plan(RING, tmp_path / "whole.pdf")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"File too large.*plan\.pdf"):
+            write_plan(RING, tmp_path / "plan.pdf")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [file.name for file in tmp_path.iterdir()] == ["whole.pdf"]
 
 
 def test_kinds_of_tiles_are_those_of_maps():

@@ -46,6 +46,14 @@ def hidden(request, monkeypatch):
         monkeypatch.setattr(os, "access", lambda *_: False)
 
 
+def test_a_link_to_itself_is_refused_before_the_work(tmp_path):
+    (tmp_path / "there").symlink_to("here")
+    (tmp_path / "here").symlink_to("there")
+    with pytest.raises(InputError, match="here: expected a folder, got a link that leads to itself"):
+        write(tmp_path / "here", names=())
+    assert {path.name for path in tmp_path.iterdir()} == {"here", "there"}
+
+
 @pytest.mark.parametrize("out", ["out", "deep/down/out", "empty", "link", "."])
 def test_a_folder_is_there_when_it_is_complete(tmp_path, out, hidden, monkeypatch):
     (tmp_path / "empty").mkdir()

@@ -7,24 +7,22 @@ Duckietown's terms of use restrict gym-duckietown's pictures, so the film is mad
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import cv2
-import jax
 import numpy as np
 
-from elitelanes_jax import InputError, load_tiles
-from elitelanes_jax.drive import Camera, Pose, look, make_atlas
-from elitelanes_jax.tiles import choose_tiles, scale_tiles
+from elitelanes_jax import InputError
 from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.nets import read_weights
+from experiments.perception.gym_duckietown.pictures import our_views
 from experiments.perception.gym_duckietown.rides import chooses, ride, sees
 from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
 
 __all__ = ["main"]
 
 _RATE = 15  # pictures a second, each that the network sees
+_TOGETHER = 60  # pictures that are drawn at once
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,16 +47,12 @@ def _run(options: argparse.Namespace) -> None:
     with World() as world:
         world.load(place)
         about, images, poses = ride(world, start, place.codes, driver, options.seconds, pause=1)
-    tiles = load_tiles()
-    scaled, chosen = scale_tiles(tiles, 384), choose_tiles(place.codes, tiles)
-    atlas, camera = make_atlas(scaled["image"], scaled["labels"]), Camera(rows=480, columns=640)
-    cells = chosen[..., 0] * 4 + chosen[..., 1]
-    view = jax.jit(partial(look, jax.random.key(0), tiles=cells, atlas=atlas, camera=camera))
     options.out.parent.mkdir(parents=True, exist_ok=True)
     writer = cv2.VideoWriter(str(options.out), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, (1280, 480))
-    for image, pose in zip(images, poses, strict=True):
-        ours = np.asarray(view(Pose(*pose.astype(np.float32).tolist())).image)
-        writer.write(np.ascontiguousarray(np.concatenate([image, ours], axis=1)[..., ::-1]))
+    for first in range(0, len(images), _TOGETHER):
+        ours, _ = our_views(place.codes, np.stack(poses[first : first + _TOGETHER]))
+        for pair in zip(images[first : first + _TOGETHER], ours, strict=True):
+            writer.write(np.ascontiguousarray(np.concatenate(pair, axis=1)[..., ::-1]))
     writer.release()
     print(f"{len(images)} pictures in {options.out}: {about}")
 
