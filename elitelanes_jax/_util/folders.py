@@ -65,7 +65,10 @@ def output_folder(
         unfinished work with other settings or of another process.
       OSError: of the block. It names a file as if it were in the output folder already.
     """
-    asked, out = out, Path(os.path.realpath(out))
+    try:
+        asked, out = out, Path(os.path.realpath(out))
+    except OSError as error:  # the current folder was deleted
+        raise unwritable_error(out, error) from None
     if out.is_symlink():
         raise InputError(f"{asked}: expected a folder, got a link that leads to itself")
     hidden = _hidden(out)

@@ -19,14 +19,25 @@ def use_compile_cache() -> Path | None:
       The folder, or None if none can be written to: the programs are then compiled each time.
     """
     if named := jax.config.values.get("jax_compilation_cache_dir"):
-        return Path(named)
+        if "://" in str(named) or _can_write(Path(named)):
+            return Path(named)
+        jax.config.update("jax_compilation_cache_dir", None)  # otherwise JAX warns for each program
+        return None
     try:
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "elitelanes_jax"
-        cache.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # RuntimeError without a home
+    except RuntimeError:  # without a home
         return None
-    if not os.access(cache, os.W_OK | os.X_OK):
+    if not _can_write(cache):
         return None
     jax.config.update("jax_compilation_cache_dir", str(cache))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
     return cache
+
+
+def _can_write(folder: Path) -> bool:
+    """Makes the folder if it is missing; returns whether programs can be kept in it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK | os.X_OK)

@@ -309,6 +309,8 @@ def test_without_a_place_for_compiled_programs_it_is_only_slower(monkeypatch):
         use_compile_cache()
         monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
         use_compile_cache()
+        jax.config.update("jax_compilation_cache_dir", f"{os.devnull}/cache")  # as its variable does
+        assert use_compile_cache() is None
         assert jax.config.values["jax_compilation_cache_dir"] is None
     finally:
         jax.config.update("jax_compilation_cache_dir", settings)

@@ -46,6 +46,14 @@ def hidden(request, monkeypatch):
         monkeypatch.setattr(os, "access", lambda *_: False)
 
 
+def test_a_current_folder_that_was_deleted_is_an_error_of_the_output_folder(tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(InputError, match="^out: expected a path that can be written to, got: no such file"):
+        write("out")
+
+
 def test_a_link_to_itself_is_refused_before_the_work(tmp_path):
     (tmp_path / "there").symlink_to("here")
     (tmp_path / "here").symlink_to("there")
