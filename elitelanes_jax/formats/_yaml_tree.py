@@ -12,6 +12,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 
 _DEEPEST = 64
+_TOO_DEEP = f"expected YAML nested up to {_DEEPEST} levels deep, got more"
 _MOST_VALUES = 5 * 2**18  # a map of 1024 x 1024 tiles, and 260,000 other values: 3 s
 _MOST_DIRECTIVES = 16  # libyaml compares each with all before it
 
@@ -32,6 +33,8 @@ def yaml_tree(text: str) -> Plain:
     try:
         return _build(yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
     except (yaml.YAMLError, UnicodeEncodeError) as error:
+        if "maximum nesting depth" in str(error):  # libyaml counts from PyYAML 6.0.4 on, and some levels ahead
+            raise InputError(_TOO_DEEP) from None
         raise InputError(f"expected readable YAML, got: {shorten(' '.join(str(error).split()), 200)}") from None
 
 
@@ -72,7 +75,7 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
         if isinstance(event, yaml.CollectionStartEvent):
             opened.append((value, value if isinstance(value, list) else []))
             if len(opened) > _DEEPEST + 1:
-                raise InputError(f"expected YAML nested up to {_DEEPEST} levels deep, got more")
+                raise InputError(_TOO_DEEP)
     return documents[0] if documents else None
 
 
