@@ -176,7 +176,7 @@ def patterns(grids: ArrayLike) -> set[bytes]:
 
 
 def _spec(seed: int) -> DatasetSpec:
-    return DatasetSpec(size=((SIDE, SIDE),), tile_px=TILE_PX, split=(1.0, 0.0, 0.0), seed=seed, hold_out_tiles=True)
+    return DatasetSpec(size=((SIDE, SIDE),), tile_px=TILE_PX, split=(0.9, 0.0, 0.1), seed=seed, hold_out_tiles=True)
 
 
 def _one_of_each(tiles: TileSet, folder: Path) -> Path:
