@@ -150,10 +150,13 @@ def training_set(condition: Condition, grids: NDArray[np.int8], seed: int) -> Pi
       seed: of the drawings, and of the held-out tiles.
     """
     maps = [RoadMap(grids[index % condition.maps]) for index in range(condition.drawings)]
-    spec = replace(_spec(seed), maps=condition.drawings, transforms=condition.transforms)
+    names = [tile.name for tile in split_tiles(seed)[0].tiles]
+    if condition.one_picture:
+        names = list({name.rpartition("_")[0]: name for name in reversed(names)}.values())
+    spec = _spec(seed).replace(maps=condition.drawings, transforms=condition.transforms)
     with TemporaryDirectory() as folder:
-        if condition.one_picture:
-            spec = replace(spec, tiles=_one_of_each(split_tiles(seed)[0], Path(folder)), hold_out_tiles=False)
+        # The dataset is for training alone, so it knows nothing of the tiles held out.
+        spec = replace(spec, tiles=_copied(names, Path(folder)), split=(1.0, 0.0, 0.0), hold_out_tiles=False)
         make_dataset(spec, Path(folder) / "dataset", maps=maps)
         return Pictures(*(_read_all(Path(folder) / "dataset" / "train" / name) for name in Pictures._fields))
 
@@ -179,10 +182,10 @@ def _spec(seed: int) -> DatasetSpec:
     return DatasetSpec(size=((SIDE, SIDE),), tile_px=TILE_PX, split=(0.9, 0.0, 0.1), seed=seed, hold_out_tiles=True)
 
 
-def _one_of_each(tiles: TileSet, folder: Path) -> Path:
-    """Makes a folder of tiles with the first of each kind."""
-    for tile in {tile.name.rpartition("_")[0]: tile for tile in reversed(tiles.tiles)}.values():
-        shutil.copytree(default_tiles() / tile.name, folder / "tiles" / tile.name)
+def _copied(names: Iterable[str], folder: Path) -> Path:
+    """Makes a tile set of some of the package's tiles, in a folder."""
+    for name in names:
+        shutil.copytree(default_tiles() / name, folder / "tiles" / name)
     shutil.copy(default_tiles() / "tileset.toml", folder / "tiles")
     return folder / "tiles"
 
