@@ -27,7 +27,7 @@ def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
         road = road & (is_open | (depth >= edge))
     for one, other in ((0, 1), (1, 2), (2, 3), (3, 0)):
         square = depths[one] * depths[one] + depths[other] * depths[other]
-        only_these = code == SIDES[one].bit | SIDES[other].bit
-        road = road & (~(opens[one] & opens[other]) | (square >= edge * edge))
-        road = road & (~only_these | (square <= (1 - edge) * (1 - edge)))
+        both = SIDES[one].bit | SIDES[other].bit
+        road = road & (((code & both) != both) | (square >= edge * edge))
+        road = road & ((code != both) | (square <= (1 - edge) * (1 - edge)))
     return road
