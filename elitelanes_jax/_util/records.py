@@ -81,7 +81,7 @@ class Record:
         return named
 
     def _keep_inputs(self, given: Mapping[str, UserValue], *more: str) -> Self:
-        if named := (*more, *_named(list(given.values()))):
+        if named := (*more, *inputs_among(given.values())):
             vars(self)["_inputs"] = named
         return self
 
@@ -95,15 +95,14 @@ class Record:
         return replace(self, **values)._keep_inputs(values, *self.inputs) if values else self  # type: ignore[type-var]
 
 
-def _named(value: UserValue) -> Iterator[str]:
-    """Yields the files and folders that a value names, also by a word of a text, such as "signs objects.toml"."""
-    if isinstance(value, Record):
-        yield from value.inputs
-    elif isinstance(value, str | Path):
-        yield from filter(os.path.exists, dict.fromkeys([str(value), *str(value).split()]))
-    elif isinstance(value, list | tuple):
-        for one in value:
-            yield from _named(one)
+def inputs_among(values: Iterable[UserValue]) -> Iterator[str]:
+    """Yields the files and folders that options name, also by a word of a text, such as "signs objects.toml"."""
+    for value in values:
+        for one in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(one, Record):
+                yield from one.inputs
+            elif isinstance(one, str | Path):  # `exists` is False for a text that is too long for a path
+                yield from filter(os.path.exists, dict.fromkeys([str(one), *str(one).split()]))
 
 
 def check_names(names: Iterable[str], known: Iterable[str]) -> None:

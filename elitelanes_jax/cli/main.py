@@ -1,14 +1,13 @@
 """The command ``elitelanes``. Commands import what they need when they run, because JAX and OpenCV load slowly."""
 
 import argparse
-import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NoReturn
 
 from elitelanes_jax._util.folders import check_apart, has_unfinished
 from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.progress import Verbosity
+from elitelanes_jax._util.records import inputs_among
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.completion import add_completion
@@ -39,10 +38,7 @@ def _act(options: argparse.Namespace) -> int:
     """
     if getattr(options, "force", False) and options.out is not None:
         values = (value for name, value in vars(options).items() if name != "out")
-        named = (one for value in values for one in (value if isinstance(value, list) else [value]))
-        texts = [str(one) for one in named if isinstance(one, str | Path)]
-        texts += [word for text in texts for word in text.split()]  # such as --furnish "signs map.json"
-        check_apart(options.out, filter(os.path.exists, texts))  # False for a text that is too long for a path
+        check_apart(options.out, inputs_among(values))
     try:
         return int(options.action(options))
     except (KeyboardInterrupt, OSError) as error:

@@ -6,7 +6,6 @@ from hashlib import sha256
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import check_named, file_named
 from elitelanes_jax._util.errors import InputError
@@ -14,9 +13,6 @@ from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer._payload import Payload
-
-if TYPE_CHECKING:
-    pass
 
 _MARK = "<!doctype html>\n<!-- A page of elitelanes explore. -->\n"
 
