@@ -18,15 +18,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax import InputError, RoadMap, __version__
-from elitelanes_jax.dataset import STANDARD, DatasetSpec, Transforms, draw_sample
+from elitelanes_jax import InputError, __version__
+from elitelanes_jax.dataset import STANDARD, DatasetSpec, Transforms
 from elitelanes_jax.search import use_compile_cache
 from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, load_tiles
 from experiments.common import Parser, kept, leave, open_results, require, run, table, whole, write
 from experiments.perception.segmentation import PHOTOGRAPHS
-from experiments.perception.training_sets import Pictures, make_maps, shift_lines, split_tiles
+from experiments.perception.training_sets import draw_maps, make_maps, shift_lines, split_tiles
 
-__all__ = ["RECIPES", "draw", "main"]
+__all__ = ["RECIPES", "main"]
 
 VARIED = DatasetSpec(transforms="varied").transforms  # type: ignore[arg-type]
 _SHIFTS = tuple(np.linspace(-0.07, 0.07, 8).tolist())
@@ -106,13 +106,13 @@ def _measure(recipe: Recipe, seed: int, tests: dict[str, TileSet], sheet: Path) 
 
     seen = split_tiles(seed)[0]
     sets = [replace(shift_lines(seen, shift), blend=bool(index % 2)) for index, shift in enumerate(recipe.shifts)]
-    pictures = draw(_maps(recipe.drawings, 2 * seed, seen), sets, seed, recipe.tile_px, recipe.views)
+    pictures = draw_maps(_maps(recipe.drawings, 2 * seed, seen), sets, seed, recipe.tile_px, recipe.views)
     weights = train(*pictures, len(LABELS), seed, steps=recipe.steps)
     shares = np.bincount(pictures.labels.ravel(), minlength=len(LABELS)) / pictures.labels.size
     found, shown = {}, []
     for test, tiles in tests.items():
         grids = _maps(_TESTED, 2 * seed + 1, tests["held out"])
-        true = draw(grids, [tiles], 1000 + seed, recipe.tile_px, (STANDARD,))
+        true = draw_maps(grids, [tiles], 1000 + seed, recipe.tile_px)
         for words, unweighted in DECISIONS.items():
             labels = predict(weights, true.image, len(LABELS), shares=shares, unweighted=unweighted)
             found[f"{words}, {test}"] = ious(confusion(true.labels, labels, len(LABELS))).tolist()
@@ -124,25 +124,6 @@ def _measure(recipe: Recipe, seed: int, tests: dict[str, TileSet], sheet: Path) 
 
 def _maps(count: int, seed: int, tiles: TileSet) -> NDArray[np.int8]:
     return make_maps("wfc", count, seed, tiles.alphabet, 0)
-
-
-def draw(
-    grids: NDArray[np.int8], sets: Sequence[TileSet], seed: int, tile_px: int, views: Sequence[Transforms]
-) -> Pictures:
-    """Draws each map once; views take turns, and after each round of them the tile sets."""
-    samples = [
-        draw_sample(
-            RoadMap(grid),
-            sets[index // len(views) % len(sets)],
-            index,
-            seed=seed,
-            tile_px=tile_px,
-            transforms=views[index % len(views)],
-            layers=(),
-        ).layers
-        for index, grid in enumerate(grids)
-    ]
-    return Pictures(*(np.stack([layers[name] for layers in samples]) for name in Pictures._fields))
 
 
 if __name__ == "__main__":

@@ -100,7 +100,7 @@ def _run(options: argparse.Namespace) -> None:
         tests = {"seen": ("test", seen), "held out": ("test", held_out), "four-way": ("four-way", seen)}
         if photographed is not None:
             tests["photographs"] = ("test", photographed)
-        pictures = {test: draw_maps(maps[name], tiles, 1000 + seed) for test, (name, tiles) in tests.items()}
+        pictures = {test: draw_maps(maps[name], [tiles], 1000 + seed) for test, (name, tiles) in tests.items()}
         for name in conditions:
             file = options.out / "runs" / f"{name}-{seed}.json"
             found = [Row(*row) for row in kept(file, partial(_train, name, seed, maps, pictures, budget))]

@@ -1,7 +1,7 @@
 """Maps for training and tests, and the datasets drawn from them."""
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -161,10 +161,24 @@ def training_set(condition: Condition, grids: NDArray[np.int8], seed: int) -> Pi
         return Pictures(*(_read_all(Path(folder) / "dataset" / "train" / name) for name in Pictures._fields))
 
 
-def draw_maps(grids: NDArray[np.int8], tiles: TileSet, seed: int) -> Pictures:
-    """Draws each map once with a set of tiles, each in its own view."""
+def draw_maps(
+    grids: NDArray[np.int8],
+    sets: Sequence[TileSet],
+    seed: int,
+    tile_px: int = TILE_PX,
+    views: Sequence[Transforms] = (STANDARD,),
+) -> Pictures:
+    """Draws each map once; views take turns, and after each round of them the tile sets."""
     samples = [
-        draw_sample(RoadMap(grid), tiles, index, seed=seed, tile_px=TILE_PX, transforms=STANDARD, layers=()).layers
+        draw_sample(
+            RoadMap(grid),
+            sets[index // len(views) % len(sets)],
+            index,
+            seed=seed,
+            tile_px=tile_px,
+            transforms=views[index % len(views)],
+            layers=(),
+        ).layers
         for index, grid in enumerate(grids)
     ]
     return Pictures(*(np.stack([layers[name] for layers in samples]) for name in Pictures._fields))

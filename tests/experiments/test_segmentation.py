@@ -76,8 +76,8 @@ def test_crops_are_of_the_picture_and_its_labels_alike():
 @pytest.mark.slow
 def test_the_network_learns():
     seen, held_out = split_tiles(0)
-    weights = unet.train(*draw_maps(collapsed(20, 0), seen, seed=0), 4, 5, steps=150, batch=4, crop=64)
-    test = draw_maps(collapsed(4, 1, held_out.alphabet), held_out, seed=1)
+    weights = unet.train(*draw_maps(collapsed(20, 0), [seen], seed=0), 4, 5, steps=150, batch=4, crop=64)
+    test = draw_maps(collapsed(4, 1, held_out.alphabet), [held_out], seed=1)
     assert (test.labels == 1).mean() < 0.7
     assert unet.ious(unet.confusion(test.labels, unet.predict(weights, test.image, 4), 4))[1] > 0.9
 

@@ -12,12 +12,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from elitelanes_jax import InputError
 from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.nets import read_weights
 from experiments.perception.gym_duckietown.pictures import our_views
-from experiments.perception.gym_duckietown.rides import chooses, ride, sees
-from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
+from experiments.perception.gym_duckietown.rides import chooses, ride_on_map, sees
 
 __all__ = ["main"]
 
@@ -38,19 +36,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    maps = {place.name: place for part in ("development", "test") for place in read_maps(part, towns=False)}
-    if options.map not in maps:
-        raise InputError(f"map: expected one of {', '.join(maps)}, got {options.map!r}")
-    place = maps[options.map]
     weights = read_weights(options.weights, "policy" if options.policy else "pose")
-    driver, start = (chooses if options.policy else sees)(weights), random_poses(place.codes, 1, 7)[0]
-    with World() as world:
-        world.load(place)
-        about, images, poses = ride(world, start, place.codes, driver, options.seconds, pause=1)
+    driver = (chooses if options.policy else sees)(weights)
+    codes, about, images, poses = ride_on_map(options.map, driver, options.seconds, pause=1)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     writer = cv2.VideoWriter(str(options.out), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, (1280, 480))
     for first in range(0, len(images), _TOGETHER):
-        ours, _ = our_views(place.codes, np.stack(poses[first : first + _TOGETHER]))
+        ours, _ = our_views(codes, np.stack(poses[first : first + _TOGETHER]))
         for pair in zip(images[first : first + _TOGETHER], ours, strict=True):
             writer.write(np.ascontiguousarray(np.concatenate(pair, axis=1)[..., ::-1]))
     writer.release()

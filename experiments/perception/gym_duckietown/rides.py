@@ -27,7 +27,7 @@ from experiments.perception.gym_duckietown.pictures import TILE, shrink
 from experiments.perception.gym_duckietown.policy import to_motion
 from experiments.perception.gym_duckietown.world import DuckietownMap, World, random_poses, read_maps
 
-__all__ = ["TRUTH", "chooses", "follow", "main", "ride", "sees"]
+__all__ = ["TRUTH", "chooses", "follow", "main", "ride", "ride_on_map", "sees"]
 
 TRUTH = "truth"
 """The driver that is told the lane pose: the limit of the controller."""
@@ -143,6 +143,20 @@ def _rides_on(
     starts = random_poses(place.codes, options.rides, 7)
     found = [ride(world, start, place.codes, driver, options.seconds)[0] for start in starts]
     return {"objects": len(about["objects"]), "rides": found}
+
+
+def ride_on_map(
+    name: str, driver: Driver, seconds: float, *, domain_rand: bool = False, pause: int = _RATE // _FRAMES
+) -> tuple[NDArray[np.int8], dict[str, float], list[UInt8[NDArray, "480 640 3"]], list[Float[NDArray, "3"]]]:
+    """Drives on one of people's maps in maps.toml; returns the map's codes, and what `ride` returns."""
+    maps = {place.name: place for part in ("development", "test") for place in read_maps(part, towns=False)}
+    if name not in maps:
+        raise InputError(f"map: expected one of {', '.join(maps)}, got {name!r}")
+    place = maps[name]
+    with World() as world:
+        world.load(place, domain_rand=domain_rand)
+        start = random_poses(place.codes, 1, 7)[0]
+        return place.codes, *ride(world, start, place.codes, driver, seconds, pause)
 
 
 def sees(weights: Untyped) -> Driver:

@@ -12,13 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax import InputError
 from elitelanes_jax.tiles import png_of
 from experiments.common import Parser, leave, run, whole, write
 from experiments.perception.gym_duckietown.nets import read_weights
 from experiments.perception.gym_duckietown.pictures import our_views, shrink
-from experiments.perception.gym_duckietown.rides import ride, sees
-from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
+from experiments.perception.gym_duckietown.rides import ride_on_map, sees
 
 __all__ = ["main"]
 
@@ -39,18 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    maps = {place.name: place for part in ("development", "test") for place in read_maps(part, towns=False)}
-    if options.map not in maps:
-        raise InputError(f"map: expected one of {', '.join(maps)}, got {options.map!r}")
-    place = maps[options.map]
-    with World() as world:
-        world.load(place, domain_rand=options.domain_rand)
-        start = random_poses(place.codes, 1, 7)[0]
-        about, images, poses = ride(
-            world, start, place.codes, sees(read_weights(options.weights, "pose")), options.seconds
-        )
+    driver = sees(read_weights(options.weights, "pose"))
+    codes, about, images, poses = ride_on_map(options.map, driver, options.seconds, domain_rand=options.domain_rand)
     shown = np.linspace(0, len(images) - 1, _SHOWN).round().astype(int)
-    ours, _ = our_views(place.codes, np.stack(poses)[shown])
+    ours, _ = our_views(codes, np.stack(poses)[shown])
     pictures = [*(images[index] for index in shown), *ours]
     small = shrink(np.stack(pictures))
     rows = [np.concatenate(small[first : first + _SHOWN], axis=1) for first in (0, _SHOWN)[options.ours :]]
