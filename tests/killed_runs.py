@@ -1,8 +1,9 @@
 """Runs of `generate` or `make_dataset` in process after process, each ended by a signal at a random moment.
 
-python killed_runs.py OUT KILLS SEED [maps|dataset|evolved SIGNAL...]: prints a line of JSON with the digest of the
-folder for every run that was done, the first of which was never ended, and one with the number of kills at the end.
-Processes are forked, so that only one imports everything.
+python killed_runs.py OUT KILLS SEED [maps|dataset|evolved SIGNAL...]
+
+Prints a line of JSON for each completed run, with the digest of its folder, and a last line with the number of kills.
+No signal is sent during the first run. Processes are forked, so that only one imports everything.
 """
 
 import json
@@ -40,7 +41,7 @@ LONGEST = 10
 
 
 def digest(folder):
-    """A digest of all files and their names, but for the times in ``run.json``."""
+    """Returns a digest of all files and their names, without the times in ``run.json``."""
     found = files(folder)
     if "run.json" in found:
         record = json.loads(found["run.json"])
@@ -75,7 +76,7 @@ def fork(run, said):
 
 
 def wait(child, seconds=None, name="SIGKILL"):
-    """Waits for a process, and signals it after so many seconds; returns its exit code."""
+    """Waits for a process, and sends it a signal after `seconds`; returns its exit code."""
     began = time.monotonic()
     while True:
         pid, status = os.waitpid(child, os.WNOHANG)
@@ -93,7 +94,7 @@ def main(out, kills, seed, what="maps", *names):
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     use_compile_cache()
     generation._SECONDS_A_CHECKPOINT = generation._WORTH_KEEPING = 0
-    lately = deque(maxlen=5)  # the seconds of runs that were done, but for the first, which compiles
+    lately = deque(maxlen=5)  # seconds of the last completed runs, without the first, which compiles
     done = 0
     while killed < int(kills) or not out.exists():
         if out.exists():

@@ -149,7 +149,7 @@ _SHARED: dict[str, dict[str, Untyped]] = {
 
 
 def add_shared(command: argparse.ArgumentParser, *names: str, **changes: Untyped) -> None:
-    """Adds arguments that several commands have, with changes of what argparse is told about them."""
+    """Adds arguments that several commands share. `changes` replace keyword arguments of `add_argument`."""
     for name in names:
         command.add_argument(name, **_SHARED[name] | changes)
 

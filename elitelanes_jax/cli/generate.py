@@ -69,13 +69,14 @@ def _generate(options: argparse.Namespace) -> int:
 
     spec = read_options(options, GenerateSpec())
     from elitelanes_jax.maps.generation import generate
-    from elitelanes_jax.maps.parts import generate_on
 
     try:
         with workers_at(options.scheduler) as executor, naming_options(GenerateSpec(), "furnish", "axes", "where"):
             if executor is None:
                 maps = generate(spec, options.out, force=options.force)
             else:
+                from elitelanes_jax.maps.parts import generate_on
+
                 maps = generate_on(executor, spec, options.out, force=options.force)
     except NotEnoughMapsError as error:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None

@@ -106,9 +106,10 @@ def parse_transforms(texts: UserValue) -> Transforms:
 def parse_words(
     field: str, defaults: R, given: UserValue, kind: str, example: str, presets: Mapping[str, R] = MappingProxyType({})
 ) -> R:
-    """Reads a record from words ``NAME=VALUE``, or from a mapping of its fields; returns a record as it is.
+    """Reads a record from words ``NAME=VALUE`` or from a mapping of its fields. A record is returned unchanged.
 
-    One of the presets may be the first word. A flag is also a word. `field`, `kind` and `example` are for messages.
+    The first word may be the name of a preset. A flag is a word without a value. `field`, `kind` and `example` are for
+    messages.
     """
     if isinstance(given, type(defaults)):
         return given

@@ -1,4 +1,6 @@
-"""The environments by name, and in the interfaces of Gymnax, JaxUED and Gymnasium, none of which is imported here.
+"""The environments by name, and in the interfaces of Gymnax, JaxUED and Gymnasium.
+
+This module imports none of these libraries.
 
 A wrapper that needs classes of the other library takes the library's module. Observations become one vector (see
 `flatten`), or remain the camera's picture.

@@ -142,17 +142,17 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     if not folder.exists() and has_unfinished(folder):
         raise InputError(f"{folder}: expected a complete part, got unfinished work; the same command completes it")
     try:
-        record = read_json(folder / RECORD)
-        part = record["settings"]["part"]
-        times = record["times"]["seconds"]["evolve"], record["times"]["evaluations_per_second"], record["device"]
-        complete = {"versions", "tile_set"} <= set(record) and len(times) == 3 and (part is None or parse_part(part))
+        about = read_json(folder / RECORD)
+        part = about["settings"]["part"]
+        times = about["times"]["seconds"]["evolve"], about["times"]["evaluations_per_second"], about["device"]
+        complete = {"versions", "tile_set"} <= set(about) and len(times) == 3 and (part is None or parse_part(part))
     except (OSError, ValueError, KeyError, TypeError, RecursionError):  # an InputError is a ValueError
         complete = False
     if not complete:
         raise InputError(f"{folder}: {_EXPECTED}, got {'another folder' if folder.exists() else 'none'}")
     if part is None:
         raise InputError(f"{folder}: {_EXPECTED}, got a whole run")
-    return record
+    return about
 
 
 def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:

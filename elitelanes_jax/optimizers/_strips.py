@@ -106,8 +106,8 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
     Args:
       empty: whether cells of a filling may be empty.
       whole: probability that the stretch is as long as the grid. Otherwise its ends are random.
-      straight: probability that three adjacent tiles have the same links to the next three as the three before have
-        to them, if that is possible.
+      straight: probability that a line of three tiles across the strip has the same links to the next line as to the
+        line before, if a filling with these links exists.
     """
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:

@@ -118,7 +118,7 @@ def test_an_overlay_colours_each_label(drawn_tiles):
 
 @pytest.fixture
 def drawn_map(drawn_tiles):
-    """The map, and the choice that it is drawn with."""
+    """A map, and the tiles that it was drawn with."""
     chosen = choose_tiles(GRID, drawn_tiles, seed=3)
     names = [[drawn_tiles.tiles[index].name for index, _ in row] for row in chosen]
     return RoadMap(GRID, drawn=Drawn(drawn_tiles.name, names, chosen[..., 1].tolist())), chosen
