@@ -110,6 +110,17 @@ def paths(value: UserValue) -> list[Path]:
     return found
 
 
+def instance(kind: type) -> Check:
+    """Makes a check for an object of a type."""
+
+    def check(value: UserValue) -> UserValue:
+        if not isinstance(value, kind):
+            raise InputError(f"expected {kind.__name__}, got {shorten(repr(value))}")
+        return value
+
+    return check
+
+
 def listed(kind: type) -> Check:
     """Makes a check for a list or tuple of objects of a type."""
 

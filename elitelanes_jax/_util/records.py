@@ -12,8 +12,8 @@ from dataclasses import MISSING, field, fields, replace
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from elitelanes_jax._util.checks import Check, check_named
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.types import UserValue
 
 REQUIRED = MISSING
@@ -48,7 +48,7 @@ def option(
 
 def nested(default: "Record") -> UserValue:
     """Declares a field with another record."""
-    return option(default, record(type(default)))
+    return option(default, instance(type(default)))
 
 
 class Record:
@@ -111,17 +111,6 @@ def check_names(names: Iterable[str], known: Iterable[str]) -> None:
     for name in names:
         if name not in known:
             raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{suggest(name, known)}")
-
-
-def record(kind: type) -> Check:
-    """Makes a check for an object of a type, such as a record."""
-
-    def check(value: UserValue) -> UserValue:
-        if not isinstance(value, kind):
-            raise InputError(f"expected {kind.__name__}, got {shorten(repr(value))}")
-        return value
-
-    return check
 
 
 def descriptions(kind: type) -> dict[str, str]:

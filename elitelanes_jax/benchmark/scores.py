@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import record
 from elitelanes_jax.benchmark.tasks import Task
 from elitelanes_jax.problem.qd_metrics import coverage
 
@@ -38,7 +37,7 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     `best` is ``[..., F]`` with at least one more axis, the lowest fitness in each niche; infinite if it is vacant.
     Raises `InputError` for another shape, or a fitness below the proven optimum of its niche.
     """
-    check_named("task", record(Task), task)
+    check_named("task", instance(Task), task)
     best = np.asarray(best)
     if best.ndim < 2 or best.shape[-1] != len(task.optimum):
         raise InputError(f"best: expected shape [..., {len(task.optimum)}] for {task.name}, got {list(best.shape)}")

@@ -10,11 +10,10 @@ import numpy as np
 from jaxtyping import Int, Int8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import unpack
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.benchmark.scores import Scores, compute_scores
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
@@ -49,7 +48,7 @@ def write_submission(file: str | Path, submission: Submission) -> None:
     Raises:
       InputError: if the arrays do not fit the task or each other, or for another type.
     """
-    check_named("submission", record(Submission), submission)
+    check_named("submission", instance(Submission), submission)
     arrays = {name: np.asarray(getattr(submission, name)) for name in ("grids", "fitness", "cyclomatic")}
     _check(str(file), submission.task, arrays)
     content = io.BytesIO()

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, none_or
-from elitelanes_jax._util.records import record
+from elitelanes_jax._util.checks import check_named, instance, none_or
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels, shift_points
 from elitelanes_jax.dataset._standing import stand
@@ -64,9 +63,9 @@ def draw_sample(
     Raises:
       InputError: for a camera on a map without a lane, an object without a picture, or an argument of another type.
     """
-    check_named("road_map", record(RoadMap), road_map)
-    check_named("transforms", record(Transforms), transforms)
-    check_named("camera", none_or(record(Viewpoints)), camera)
+    check_named("road_map", instance(RoadMap), road_map)
+    check_named("transforms", instance(Transforms), transforms)
+    check_named("camera", none_or(instance(Viewpoints)), camera)
     chosen = choose_tiles(road_map.codes, tiles, [seed, index])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
     size = (picture.labels.shape[0], picture.labels.shape[1])

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.maps.given import GivenMaps
@@ -47,8 +46,8 @@ def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet,
     Raises:
       InputError: if no map could be drawn from the tiles held out, or for arguments of other types.
     """
-    check_named("tiles", record(TileSet), tiles)
-    check_named("spec", record(DatasetSpec), spec)
+    check_named("tiles", instance(TileSet), tiles)
+    check_named("spec", instance(DatasetSpec), spec)
     if not spec.hold_out_tiles:
         return tiles, tiles, tiles
     rng = np.random.default_rng([spec.seed, 2])

@@ -12,13 +12,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, path, whole
+from elitelanes_jax._util.checks import check_named, instance, path, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import read_json, write_atomic, write_json
 from elitelanes_jax._util.folders import compare_settings, output_folder, remove, settle
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._card import sample_sheet, write_card
@@ -137,7 +136,7 @@ def make_dataset(
       NotEnoughMapsError: if the searches return too few maps.
       OSError: that names the file, if a file cannot be written; or if a worker fails. The same call resumes.
     """
-    spec, out = check_named("spec", record(DatasetSpec), spec), Path(check_named("out", path, out))
+    spec, out = check_named("spec", instance(DatasetSpec), spec), Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
     find_layout(spec.format)
     tiles = load_tiles(spec.tiles, blend=spec.blend)

@@ -6,9 +6,9 @@ from itertools import product
 from math import floor, prod
 from pathlib import Path
 
-from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, switch, whole
+from elitelanes_jax._util.checks import flag, instance, is_whole, none_or, one_of, path, switch, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import Record, option, record
+from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
 from elitelanes_jax.dataset._viewpoints import Viewpoints, parse_viewpoints
@@ -85,7 +85,7 @@ class DatasetSpec(Record):
     camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
-    search: SearchSpec = option(SearchSpec().with_defaults(evaluations=100_000), record(SearchSpec))
+    search: SearchSpec = option(SearchSpec().with_defaults(evaluations=100_000), instance(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     objects: Path | None = option(None, none_or(path), "DIR")

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int, Int32, Key, UInt8
 
-from elitelanes_jax._util.checks import check_named, none_or, real, whole
+from elitelanes_jax._util.checks import check_named, instance, none_or, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, static, traced
-from elitelanes_jax._util.records import Record, record
+from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, stand
 from elitelanes_jax.drive._once import once
@@ -144,7 +144,7 @@ def make_sight(
     tiles = np.array([np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32)
     if not 0 <= tiles.min() <= tiles.max() < len(atlas):
         raise InputError(f"rotations: expected tiles of the {len(atlas)} pictures, got {tiles.max()}")
-    camera = Camera() if camera is None else check_named("camera", record(Camera), camera)
+    camera = Camera() if camera is None else check_named("camera", instance(Camera), camera)
     return Sight(camera, atlas, jnp.asarray(tiles), None if objects is None else make_billboards(objects))
 
 

@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.drive._levels import Level
 from elitelanes_jax.network.bits import randint, random_bits
@@ -68,7 +67,7 @@ def auto_reset(environment: Environment) -> Environment:
     `reward`, `terminated`, `truncated`, `info` and `reached` are those of the step, `observation` and `state` those of
     the new episode. Raises `InputError` for anything else than an environment.
     """
-    check_named("environment", record(Environment), environment)
+    check_named("environment", instance(Environment), environment)
 
     def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
         # Folded in instead of split, so that an unused key costs nothing.

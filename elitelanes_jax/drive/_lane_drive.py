@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, Int32, Key, UInt8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, one_of, real, whole
+from elitelanes_jax._util.checks import check_named, instance, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, static, traced
-from elitelanes_jax._util.records import REQUIRED, Record, nested, option, record
+from elitelanes_jax._util.records import REQUIRED, Record, nested, option
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.drive._camera import Sight, look_around
 from elitelanes_jax.drive._distances import NO_WAY
@@ -205,7 +205,7 @@ def _reset_to_level(
 
 def _reset_bits(key: Array, params: LaneDriveParams) -> Array:
     """Draws all bits of a reset at once: a word for the level, two for the start, and one for each random turn."""
-    check_named("params", record(LaneDriveParams), params)
+    check_named("params", instance(LaneDriveParams), params)
     return random_bits(key, (5,) if params.task == "lane" else (3,))
 
 
@@ -261,8 +261,8 @@ def _step(
       action: two numbers, clipped to -1 to 1, 0 instead of NaN; see `LaneDriveParams.action`.
       params: of the environment.
     """
-    check_named("params", record(LaneDriveParams), params)
-    check_named("state", record(LaneDriveState), state)
+    check_named("params", instance(LaneDriveParams), params)
+    check_named("state", instance(LaneDriveState), state)
     if (shape := jnp.shape(action)) != (2,):
         raise InputError(f"action: expected two numbers, shape (2,), got shape {shape}")
     moved, events = once(lambda: _move(key, state, action, params))

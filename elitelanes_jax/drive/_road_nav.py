@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Int32, Key
 
-from elitelanes_jax._util.checks import check_named, flag, one_of, real, whole
+from elitelanes_jax._util.checks import check_named, flag, instance, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, static, traced
-from elitelanes_jax._util.records import REQUIRED, Record, option, record
+from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, draw_level
 from elitelanes_jax.drive._levels import Level, check_batch
@@ -116,14 +116,14 @@ def _reset_to_level(
     key: Key[Array, ""], level: Level, params: RoadNavParams
 ) -> tuple[RoadNavObservation, RoadNavState]:
     """Puts the agent on the start of a level. The key is not used."""
-    check_named("params", record(RoadNavParams), params)
+    check_named("params", instance(RoadNavParams), params)
     state = RoadNavState(level.grid, level.goal, level.shortest, level.start, jnp.int32(0))
     return _observe(state, params), state
 
 
 def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservation, RoadNavState]:
     """Puts the agent on the start of a level drawn uniformly from ``params.levels``; the key is consumed."""
-    check_named("params", record(RoadNavParams), params)
+    check_named("params", instance(RoadNavParams), params)
     return _reset_to_level(key, draw_level(key, params.levels), params)
 
 
@@ -140,8 +140,8 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
         agent stays.
       params: of the environment.
     """
-    check_named("params", record(RoadNavParams), params)
-    check_named("state", record(RoadNavState), state)
+    check_named("params", instance(RoadNavParams), params)
+    check_named("state", instance(RoadNavState), state)
     if (shape := jnp.shape(action)) != ():
         raise InputError(f"action: expected one whole number, got shape {shape}")
     if not jnp.issubdtype(kind := jnp.result_type(action), jnp.integer):

@@ -18,8 +18,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Key
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import MOVEMENTS
@@ -242,7 +241,7 @@ def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None
     Raises:
       InputError: for a bad grid (see `check_grid`), or a pose that is not a `Pose`.
     """
-    return _lane_pose(check_grid(grid), check_named("pose", record(Pose), pose), movement)
+    return _lane_pose(check_grid(grid), check_named("pose", instance(Pose), pose), movement)
 
 
 @jax.jit

@@ -17,10 +17,9 @@ import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, real, whole
+from elitelanes_jax._util.checks import check_named, instance, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
 from elitelanes_jax.drive._environment import Transition
@@ -111,7 +110,7 @@ def make_rides(
     if (camera := getattr(policy, "camera", None)) is not None:
         tiles = load_tiles() if tiles is None else tiles
         scaled = scale_tiles(tiles, _SIGHT_PX)
-        camera = check_named("policy", record(Camera), camera)
+        camera = check_named("policy", instance(Camera), camera)
         sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, camera)
         params = params.replace(observe="camera", sight=sight)
     poses, lengths, success = _drive(policy, driving, params, steps)
@@ -226,7 +225,7 @@ def film(
     Raises:
       InputError: for a map that the tiles cannot draw (see `render`), or a ride that does not exist.
     """
-    count = len(check_named("rides", record(Rides), rides).steps)
+    count = len(check_named("rides", instance(Rides), rides).steps)
     check_named("index", whole(0, count - 1), index)
     codes, size = np.asarray(check_grid(grid)), check_tile_px(tile_px)
     chosen = choose_tiles(codes, tiles) if chosen is None else chosen

@@ -5,8 +5,7 @@ from itertools import count
 from math import hypot, pi
 from typing import NamedTuple
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.graph import Cell, linked_tiles
@@ -46,7 +45,7 @@ def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
     Raises:
       InputError: for a bad grid (see `check_grid`), or `streets` that are not `Streets`.
     """
-    check_named("streets", record(Streets), streets)
+    check_named("streets", instance(Streets), streets)
     rules = {tile: streets.right_of_way for tile, others in linked_tiles(codes).items() if len(others) > 2}
     for thing in sorted(_signs(codes), key=lambda thing: thing.kind):  # lights last: they overrule signs
         tile = _crossing_of(thing, rules)

@@ -10,13 +10,12 @@ import jax
 import numpy as np
 from jaxtyping import Array, Key
 
-from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.checks import check_named, instance, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce, detail
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
@@ -85,7 +84,7 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
       NotEnoughMapsError: if there are fewer valid and different maps than requested; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
-    spec, out = check_named("spec", record(GenerateSpec), spec), Path(check_named("out", path, out))
+    spec, out = check_named("spec", instance(GenerateSpec), spec), Path(check_named("out", path, out))
     # Most tile sets have all codes. Then the programs are those of the search as specified: they load while tiles do.
     keys = seed_keys(spec.seed, spec.seed_indices)
     loaded = start_thread(partial(compile_search, keys, spec.size, spec.search, compiles=False))

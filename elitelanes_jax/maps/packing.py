@@ -11,13 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.checks import check_named, instance, path
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic, write_json
 from elitelanes_jax._util.folders import foreign_file, output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph
@@ -62,7 +61,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         niches than splits, or a folder that may not be replaced.
       OSError: that names the file, if a file cannot be written. The same call resumes.
     """
-    spec, out = check_named("spec", record(PackSpec), spec), Path(check_named("out", path, out))
+    spec, out = check_named("spec", instance(PackSpec), spec), Path(check_named("out", path, out))
     for to in spec.to:
         FORMATS[to].files(LOOP, "map", **_settings(spec, to))
     maps = parse_given(sources)

@@ -9,13 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from elitelanes_jax._util.checks import check_named, path, paths
+from elitelanes_jax._util.checks import check_named, instance, path, paths
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import first_difference, has_unfinished, output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.cluster import run_on
@@ -76,7 +75,7 @@ def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: boo
       NotEnoughMapsError: if there are fewer valid and different maps than requested.
       OSError: if the folder cannot be written, or a worker fails.
     """
-    spec, out = check_named("spec", record(GenerateSpec), spec), check_named("out", path, out)
+    spec, out = check_named("spec", instance(GenerateSpec), spec), check_named("out", path, out)
     if spec.part is not None:
         raise InputError("part: expected none, because workers run all the parts, got {}/{}".format(*spec.part))
     plan_run(spec)  # checks it

@@ -8,13 +8,12 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from elitelanes_jax._util.checks import check_named, path, paths
+from elitelanes_jax._util.checks import check_named, instance, path, paths
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps, write_maps
@@ -61,7 +60,7 @@ def pick(
       NotEnoughMapsError: if there are fewer maps than requested; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
-    spec, out = check_named("spec", record(PickSpec), spec), Path(check_named("out", path, out))
+    spec, out = check_named("spec", instance(PickSpec), spec), Path(check_named("out", path, out))
     own = archives if isinstance(archives, Result) else None
     files: list[Path] = [out / ARCHIVE] if own else check_named("archives", paths, archives)
     tiles = load_tiles(spec.tiles, blend=spec.blend)

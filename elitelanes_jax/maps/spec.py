@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from elitelanes_jax._util.checks import check_unique, flag, none_or, one_of, path, real, switch, whole
+from elitelanes_jax._util.checks import check_unique, flag, instance, none_or, one_of, path, real, switch, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.records import Record, nested, option, record
+from elitelanes_jax._util.records import Record, nested, option
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.maps.exporting import FORMATS, FormatOptions
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
@@ -78,7 +78,7 @@ class GenerateSpec(Record):
     at_most: bool = option(False, flag, "")
     seeds: int = option(SEEDS, check_seeds, "N")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
-    search: SearchSpec = option(SearchSpec(), record(SearchSpec))
+    search: SearchSpec = option(SearchSpec(), instance(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")

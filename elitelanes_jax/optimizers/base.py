@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int32, Key, Real
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import Record, record
+from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
@@ -30,8 +30,8 @@ class Info(NamedTuple):
 
 def check_arguments(problem: Problem, config: Record, kind: type[Record]) -> None:
     """Raises `InputError` unless a factory has got a problem, and a configuration of its own."""
-    check_named("problem", record(Problem), problem)
-    check_named("config", record(kind), config)
+    check_named("problem", instance(Problem), problem)
+    check_named("config", instance(kind), config)
 
 
 def count_refused(evaluated: Population) -> Int32[Array, ""]:

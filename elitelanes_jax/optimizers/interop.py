@@ -15,9 +15,8 @@ import numpy as np
 from jaxtyping import Array, Int32, Key
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
@@ -41,7 +40,7 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
     Raises:
       InputError: from the function, for genotypes of another shape or type.
     """
-    check_named("problem", record(Problem), problem)
+    check_named("problem", instance(Problem), problem)
 
     def score(genotypes: Array, key: Key[Array, ""]) -> tuple[Array, Array, dict[str, Array]]:
         _check_genotypes(problem, genotypes)
@@ -86,7 +85,7 @@ def qdax_moves(
     Raises:
       InputError: from the functions, for genotypes of another shape or type.
     """
-    check_named("problem", record(Problem), problem)
+    check_named("problem", instance(Problem), problem)
     move = random_move(weights, fill=problem.fill, fixed=problem.fixed)
 
     def varied(bits: Array, grid: Array, mate: Array) -> Array:
@@ -138,7 +137,7 @@ class EvosaxTask(NamedTuple):
 
 def evosax_task(problem: Problem) -> EvosaxTask:
     """Makes the task that evosax's strategies solve. Its `eval` and `decode` refuse solutions of another length."""
-    check_named("problem", record(Problem), problem)
+    check_named("problem", instance(Problem), problem)
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (*problem.shape, len(problem.alphabet))
 
@@ -169,7 +168,7 @@ def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
       ``solution_dim``, H·W; ``dims``, the bins of each axis; and ``ranges``, from the start of the first bin to the end
       of the last one.
     """
-    check_named("problem", record(Problem), problem)
+    check_named("problem", instance(Problem), problem)
     return {
         "solution_dim": prod(problem.shape),
         "dims": [axis.bins for axis in problem.axes],
@@ -185,7 +184,7 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
       is the code at index floor(x) of the problem's alphabet, limited to the first and the last index. The function
       raises `InputError` for solutions of another shape, numbers that are not finite, or codes outside 0..15.
     """
-    check_named("problem", record(Problem), problem)
+    check_named("problem", instance(Problem), problem)
     size, last = prod(problem.shape), len(problem.alphabet) - 1
     codes = np.array(problem.alphabet, np.int8)
     settle = jax.jit(jax.vmap(problem.repair_raster))

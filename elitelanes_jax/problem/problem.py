@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real
 from numpy.typing import DTypeLike
 
-from elitelanes_jax._util.checks import LARGEST, check_named, flag
+from elitelanes_jax._util.checks import LARGEST, check_named, flag, instance
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.checks import check_shape
@@ -197,7 +196,7 @@ def road_problem(
       InputError: for a bad shape, alphabet, axis, range or cell.
     """
     shape = check_shape(shape, new=True)
-    check_named("weights", record(Weights), weights)
+    check_named("weights", instance(Weights), weights)
     check_named("fill", flag, fill)
     alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
     axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape, features)

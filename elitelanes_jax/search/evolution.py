@@ -13,13 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key, UInt32
 
-from elitelanes_jax._util.checks import check_named, is_whole, real, whole
+from elitelanes_jax._util.checks import check_named, instance, is_whole, real, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten
 from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -297,7 +296,7 @@ def prepare(
     Returns:
       The specification, which says what makes the result; the configuration, None for a factory; and both arguments.
     """
-    spec = check_named("spec", record(SearchSpec), spec)
+    spec = check_named("spec", instance(SearchSpec), spec)
     for option, argument in (("size", "shape"), ("seed", "key")):  # as the command calls them
         if option in options:
             raise InputError(f"{option}: expected it as {argument}={options[option]!r}, got {option}=")

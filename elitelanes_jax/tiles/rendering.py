@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, file_named, is_whole, listed, path, switch, whole
+from elitelanes_jax._util.checks import check_named, file_named, instance, is_whole, listed, path, switch, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
 from elitelanes_jax.formats.road_map import read_map
@@ -218,7 +217,7 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
       OSError: if a file cannot be written.
     """
     folder = Path(check_named("folder", path, folder))
-    check_named("picture", record(Picture), picture)
+    check_named("picture", instance(Picture), picture)
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("image", *MASKS, "labels"):
         write_png(folder / f"{name}.png", getattr(picture, name))
@@ -276,7 +275,7 @@ def stand(objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path 
 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
     """Lays the labels over the picture of `render` in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
-    check_named("picture", record(Picture), picture)
+    check_named("picture", instance(Picture), picture)
     colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
     return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
 
@@ -292,7 +291,7 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     Raises:
       InputError: for anything else than a tile set, or a size that is not a whole number from 1 on.
     """
-    check_named("tiles", record(TileSet), tiles)
+    check_named("tiles", instance(TileSet), tiles)
     check_named("size", whole(1), size)
     layers: dict[str, list[NDArray[np.uint8]]] = {}
     for tile in tiles.pictures:

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax.network.codes import EAST, SIDES, WEST, Side
 from elitelanes_jax.tiles.contact_sheet import write_text
 from elitelanes_jax.tiles.files import Tile
@@ -52,7 +51,7 @@ class Seams(NamedTuple):
 
 def find_seams(tiles: TileSet) -> Seams:
     """Compares all open sides of a set's tiles. Each has road on it, as `inspect_tiles` checks."""
-    check_named("tiles", record(TileSet), tiles)
+    check_named("tiles", instance(TileSet), tiles)
     sides = tuple((index, side) for index, tile in enumerate(tiles.tiles) for side in SIDES if tile.code & side.bit)
     pixels = max(tile.image.shape[0] for tile in tiles.tiles)
     roads = np.stack([_scale(edge_pixels(tiles.tiles[index].road, side), pixels) for index, side in sides])
