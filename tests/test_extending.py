@@ -26,6 +26,8 @@ SHAPE = (4, 4)
 PAPER = {"method": "map-elites", "preset": "paper"}
 # Those that differ from another in little: slow proofs.
 SLOW = {("map-elites", "standard"), ("map-elites", "irregular"), ("pso", "tuned"), ("gwo", "tuned")}
+# JAX 0.7 rounds floats in a compiled search in another way than alone.
+ROUNDING = 1e-6 if jax.__version_info__ < (0, 8) else 0
 
 
 def methods(names=PRESETS, slow=SLOW):
@@ -64,7 +66,7 @@ def test_a_float_fitness_is_that_of_the_kernel_in_every_method(which):
     result = rough(which)
     grids, fitness = elites(result)
     assert fitness.dtype == np.float32 and len(grids)
-    np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6, atol=ROUNDING)
     assert (grids[:, 1, 1] != 14).all(), "NaN wins nothing"
     assert np.isposinf(np.asarray(result.elites.fitness)[~np.asarray(result.elites.valid)]).all()
     assert result.history.best_fitness[-1] == fitness.min()
@@ -192,7 +194,7 @@ def test_chosen_maps_have_a_float_fitness():
 def test_islands_take_all_of_it():
     result = evolve_islands(0, SHAPE, islands=2, every=5, generations=10, fitness=roughness, moves={"mirror": 0})
     grids, fitness = elites(result)
-    np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6, atol=ROUNDING)
     assert result.history.refused.sum() > 0
 
 
@@ -302,8 +304,7 @@ def check_search(which, score):
     grids = jnp.asarray(np.asarray(found.grids)[valid])
     assert np.isin(grids, COLOURS).all()
     again = score(grids)
-    rounding = 1e-6 if score is real else 0  # JAX 0.7 compiles a search with other roundings
-    np.testing.assert_allclose(np.asarray(found.fitness)[valid], again.fitness, rtol=rounding)
+    np.testing.assert_allclose(np.asarray(found.fitness)[valid], again.fitness, rtol=ROUNDING if score is real else 0)
     np.testing.assert_array_equal(np.asarray(found.features)[valid], again.features)
     assert not np.isnan(again.fitness).any()
     assert (info.best_fitness[-1] <= info.best_fitness[0]).all()

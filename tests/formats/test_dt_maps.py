@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from test_map_objects import check_same
+from test_map_objects import WRITTEN, check_same
 
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, read_dt_maps, to_dt_maps
@@ -27,7 +27,7 @@ def test_all_tiles_and_kinds_are_read_as_they_are_written(tmp_path):
     write(tmp_path, RoadMap(ROW, objects=objects), tile_size=0.6)
     found = read_dt_maps(tmp_path)
     np.testing.assert_array_equal(found.codes, ROW)
-    check_same(found.objects, objects)
+    check_same(found.objects, objects, WRITTEN)
 
 
 def test_frames_are_relative_to_others(tmp_path):
