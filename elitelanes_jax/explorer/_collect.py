@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, instance, none_or, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
@@ -157,7 +157,8 @@ def _collect_files(
 def collect_results(results: "Mapping[str, Result | Iterable[RoadMap]]", *, seeds: int | None = None) -> Payload:
     """Collects results of searches, and maps of other methods, by name; of each result the first `seeds` seeds."""
     runs: list[_Finds] = []
-    for name, one in results.items():
+    check_named("seeds", none_or(whole(1)), seeds)
+    for name, one in check_named("results", instance(Mapping), results).items():
         runs += _of_maps(one, name) if isinstance(one, Iterable) else [_from_result(one, name, seeds)]
     if not runs:
         raise InputError("results: expected at least one, got none")
