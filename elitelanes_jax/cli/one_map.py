@@ -112,7 +112,7 @@ def add_plan(commands: Commands) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    from elitelanes_jax.formats.plan import write_plan
+    from elitelanes_jax.formats.plan_pages import write_plan
 
     road_map = read_map(options.map)
     check_new(options.out)
