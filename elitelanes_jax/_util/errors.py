@@ -12,6 +12,9 @@ class InputError(ValueError):
     The command line prints the message alone. Any other error, also a plain `ValueError`, is a bug with a traceback.
     """
 
+    def __init__(self, message: str) -> None:
+        super().__init__(_one_line(message))  # arrays in it have several
+
 
 class MissingPackageError(InputError):
     """A required package is not installed; the message says how to install it."""
@@ -44,6 +47,10 @@ def reason(error: OSError) -> str:
 
 
 def shorten(text: str, limit: int = 80) -> str:
-    """Cuts a text to a number of characters, on one line: arrays have several."""
-    text = " ".join(line.strip() for line in text.splitlines()) if "\n" in text else text
+    """Cuts a text to a number of characters, on one line."""
+    text = _one_line(text)
     return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def _one_line(text: str) -> str:
+    return " ".join(line.strip() for line in text.splitlines()) if "\n" in text else text
