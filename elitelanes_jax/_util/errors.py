@@ -1,5 +1,6 @@
 """Errors that a user's input can cause, and words for their messages."""
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -13,7 +14,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(_one_line(message))  # arrays in it have several
+        super().__init__(re.sub(r"\n\s+|\n(?=\[)", " ", message))  # an array in it has several lines
 
 
 class MissingPackageError(InputError):
@@ -47,10 +48,6 @@ def reason(error: OSError) -> str:
 
 
 def shorten(text: str, limit: int = 80) -> str:
-    """Cuts a text to a number of characters, on one line."""
-    text = _one_line(text)
+    """Cuts a text to a number of characters, on one line: arrays have several."""
+    text = " ".join(line.strip() for line in text.splitlines()) if "\n" in text else text
     return text if len(text) <= limit else text[: limit - 3] + "..."
-
-
-def _one_line(text: str) -> str:
-    return " ".join(line.strip() for line in text.splitlines()) if "\n" in text else text

@@ -23,23 +23,11 @@ from elitelanes_jax._util.types import UserValue
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_WORDS: dict[UserValue, str] = {
-    int: "a whole number",
-    float: "a number",
-    bool: "True or False",
-    str: "a text",
-    Path: "a path",
-}
-_WORDS |= {NoneType: "None", Callable: "a function", np.number: "a number"}
+_WORDS: dict[UserValue, str] = {int: "a whole number", float: "a number", np.number: "a number", bool: "True or False"}
+_WORDS |= {str: "a text", Path: "a path", NoneType: "None", Callable: "a function", Any: "no key"}
 
-_CAUSED = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    SystemError,
-    TypeError,
-    ValueError,
-)  # by arguments of another type
+# The errors that arguments of another type cause.
+_CAUSED = (ArithmeticError, AttributeError, LookupError, SystemError, TypeError, ValueError)
 
 _PUBLIC: dict[Callable[..., UserValue], Callable[..., UserValue]] = {}  # by the function of a module
 
@@ -93,24 +81,22 @@ def _find_wrong(function: Callable[..., UserValue], args: UserValue, kwargs: Use
         for one in (value.values() if isinstance(value, dict) else value) if several else [value]:
             if one is not kind.default and not _fits(one, kind.annotation):
                 return f"{name}: expected {_describe(kind.annotation)}, got {shorten(repr(one))}"
-    arrays = {name: value for name, value in given.items() if hasattr(value, "shape") or isinstance(value, list)}
-    shapes = {name: list(np.shape(value)) for name, value in arrays.items()}
-    if "broadcast" in str(error) and len(shapes) > 1 and not any(map(callable, given.values())):
-        return f"{', '.join(shapes)}: expected shapes that fit, got {', '.join(map(str, shapes.values()))}"
-    return None
+    if "broadcast" not in str(error) or any(map(callable, given.values())):
+        return None
+    arrays = [name for name, value in given.items() if hasattr(value, "shape") or isinstance(value, list)]
+    shapes = ", ".join(str(list(np.shape(given[name]))) for name in arrays)
+    return f"{', '.join(arrays)}: expected shapes that fit, got {shapes}" if len(arrays) > 1 else None
 
 
 def _fits(value: UserValue, kind: UserValue) -> bool:
     """Returns whether an annotation can mean a value; an unknown annotation means any value."""
     origin, parts = get_origin(kind), get_args(kind)
-    if kind == ArrayLike:
+    if kind == ArrayLike or hasattr(kind, "dims") or origin in (Annotated, np.ndarray):
         return _is_array(value, kind)
     if origin in (Union, UnionType):
         return any(_fits(value, part) for part in parts)
     if origin is Literal:
         return any(type(value) is type(part) and value == part for part in parts)
-    if hasattr(kind, "dims") or origin in (Annotated, np.ndarray):
-        return _is_array(value, kind)
     if isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping):
         if not isinstance(value, Iterable) or isinstance(value, str | bytes | Mapping) or not getattr(value, "ndim", 1):
             return False
@@ -156,9 +142,7 @@ def _is_array(value: UserValue, kind: UserValue) -> bool:
 def _describe(kind: UserValue) -> str:
     """Returns the words for an annotation in a message."""
     origin, parts = get_origin(kind), get_args(kind)
-    if kind is Any:
-        return "no key"
-    if kind == ArrayLike:
+    if kind == ArrayLike or origin in (Annotated, np.ndarray):
         return "an array of numbers"
     if origin in (Union, UnionType):
         return " or ".join(dict.fromkeys(map(_describe, parts)))
@@ -166,8 +150,6 @@ def _describe(kind: UserValue) -> str:
         return "a jax.random.key"
     if hasattr(kind, "dims"):
         return f"{kind.__name__.partition('[')[0].lower()} [{', '.join(kind.dim_str.split())}]"
-    if origin is Annotated or origin is np.ndarray:
-        return "an array of numbers"
     if origin is Literal:
         return f"one of {', '.join(map(str, parts))}"
     if isinstance(origin, type) and issubclass(origin, Mapping):

@@ -118,7 +118,7 @@ def write_json(file: Path, values: Plain) -> None:
 def check_new(file: Path) -> None:
     """Raises `InputError` if a file of this name exists."""
     if file.exists():
-        raise InputError(f"{file}: expected a new file, got an existing one")
+        raise InputError(f"{file}: expected a new file, got {'a folder' if file.is_dir() else 'an existing one'}")
 
 
 @contextmanager
