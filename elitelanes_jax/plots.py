@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 from elitelanes_jax.network.checks import check_grid
@@ -34,6 +35,7 @@ _KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
 _ROOM = 50
 
 
+@name_wrong_arguments
 def road_map(
     grid: ArrayLike, *, width: float = 0.5, lanes: bool = True, marked: UserValue = None, ax: "Axes | None" = None
 ) -> "Axes":
@@ -86,6 +88,7 @@ def road_map(
     return ax
 
 
+@name_wrong_arguments
 def archive_map(
     fitness: "AnyArray | Result",
     axes: "Sequence[Axis] | None" = None,
@@ -171,6 +174,7 @@ def archive_map(
     return ax
 
 
+@name_wrong_arguments
 def history(
     record: "History | Result",
     name: str = "best_fitness",
@@ -195,14 +199,15 @@ def history(
         raise InputError(f"name: expected best_fitness or elite_count, got {name!r}")
     given: UserValue = record
     run: History | None = getattr(given, "history", given)
-    if run is None:
-        raise InputError("record: expected a result with a history, got one without")
+    if run is None or not hasattr(run, name):
+        raise InputError(f"record: expected a result with a history, got {shorten(repr(record))}")
     ax = seed_band(run.evaluations, getattr(run, name), label=label, quantiles=quantiles, ax=ax)
     ax.set(xlabel="evaluations a seed", ylabel=_in_words(name))
     ax.locator_params(axis="x", nbins=6)
     return ax
 
 
+@name_wrong_arguments
 def seed_band(
     x: AnyArray,
     values: AnyArray,
@@ -240,6 +245,7 @@ def seed_band(
     return ax
 
 
+@name_wrong_arguments
 def metric_boxes(groups: Mapping[str, AnyArray], metric: str, *, ax: "Axes | None" = None) -> "Axes":
     """Draws one metric of several groups of maps as box plots: quartiles, whiskers to 1.5 times the box, outliers.
 
@@ -281,6 +287,8 @@ def metric_boxes(groups: Mapping[str, AnyArray], metric: str, *, ax: "Axes | Non
 
 def _axes(ax: "Axes | None") -> "Axes":
     if ax is not None:
+        if not hasattr(ax, "plot"):
+            raise InputError(f"ax: expected axes of matplotlib, got {shorten(repr(ax))}")
         return ax
     _, ax = import_optional("matplotlib.pyplot", "plots need matplotlib", "matplotlib").subplots(layout="constrained")
     return ax

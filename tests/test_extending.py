@@ -211,7 +211,7 @@ def test_islands_take_all_of_it():
         ({"moves": {"miror": 0}}, "got 'miror'; is it mirror?"),
         ({"moves": {"mirror": -1}}, "moves: mirror: expected a whole number, 0 or more, got -1"),
         ({"moves": {"mine": (1, lambda bits: bits)}}, "moves: mine: expected a weight and a Move"),
-        ({"moves": {"mine": (-1, Move(1, None))}}, "moves: mine: expected a whole number, 0 or more, got -1"),
+        ({"moves": {"mine": (-1, Move(1, print))}}, "moves: mine: expected a whole number, 0 or more, got -1"),
         ({"moves": {"mine": (1, Move(1, lambda bits, grid, mate: (grid, grid)))}}, "mine to return int8 and bool"),
         ({"moves": {"mirror": 0}, "preset": "paper"}, "moves: expected a method with moves, such as preset tuned"),
     ],

@@ -11,6 +11,7 @@ from elitelanes_jax import (
     DatasetSpec,
     GenerateSpec,
     InputError,
+    Problem,
     Result,
     RoadMap,
     SearchSpec,
@@ -35,6 +36,7 @@ from elitelanes_jax.drive import (
     LaneDrive,
     LaneDriveParams,
     LaneNode,
+    Pose,
     RoadNav,
     RoadNavParams,
     auto_reset,
@@ -44,12 +46,16 @@ from elitelanes_jax.drive import (
     make_levels,
     make_objects,
     make_rides,
+    random_level,
+    random_pose,
     route,
 )
+from elitelanes_jax.explorer import page_of
 from elitelanes_jax.formats import (
     Streets,
     from_duckietown,
     map_to_json,
+    table_to_csv,
     to_commonroad,
     to_dt_maps,
     to_duckietown,
@@ -62,18 +68,20 @@ from elitelanes_jax.formats import (
     write_sumo,
 )
 from elitelanes_jax.maps import PackSpec, furnish
-from elitelanes_jax.network import canonical_form
+from elitelanes_jax.network import canonical_form, random_bits
 from elitelanes_jax.optimizers import (
     AnnealingConfig,
     EvolutionConfig,
+    Move,
     MoveWeights,
     evaluate,
     random_population,
     run,
     seed_keys,
+    truncate,
 )
-from elitelanes_jax.optimizers.interop import evosax_task, qdax_moves, ribs_archive_space
-from elitelanes_jax.problem import extreme_maps, tuned_axes, with_town_features
+from elitelanes_jax.optimizers.interop import evosax_task, qdax_centroids, qdax_moves, ribs_archive_space
+from elitelanes_jax.problem import Population, extreme_maps, gaps, insert, tuned_axes, with_town_features
 from elitelanes_jax.tiles import (
     choose_tiles,
     find_seams,
@@ -85,6 +93,7 @@ from elitelanes_jax.tiles import (
     stand,
     write_picture,
     write_png,
+    write_text,
 )
 
 GRID = np.array([[6, 3], [12, 9]])
@@ -95,6 +104,9 @@ RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
 @cache
 def levels():
     return make_levels(jax.random.key(0), RING)
+
+
+POPULATION = Population(np.zeros((2, 4, 4), np.int8), np.zeros(2, np.int32), np.zeros((2, 3), np.int32))
 
 
 def begin(environment, params):
@@ -123,7 +135,6 @@ WRONG = {
     "tiles: expected a TileSet, as load_tiles gives it, got 'tiles'": lambda: choose_tiles(GRID, "tiles"),
     "tiles: expected a name, got 3": lambda: render(GRID, 3),
     "quarter_turns: expected a whole number": lambda: rotate(GRID, "x"),
-    "key: expected a jax.random.key, got 0": lambda: random_grids(0, 3),
     "key: expected a whole number, a jax.random.key or": lambda: evolve("a", seeds=1),
     "optimizer: expected a function from a problem to an Optimizer": lambda: evolve(0, (4, 4), optimizer="ea"),
     "optimizer: expected a function that returns an Optimizer, got int": lambda: evolve(
@@ -247,6 +258,28 @@ WRONG = {
     "rides: expected Rides, got None": lambda: next(film(GRID, load_tiles(), None)),
     "goal: expected LaneNode, got (0, 1, 1)": lambda: distances(GRID, (0, 1, 1)),
     "start: expected LaneNode, got (0, 0, 3)": lambda: route(GRID, (0, 0, 3), LaneNode(0, 1, 0)),
+    "evaluate: expected a function, got None": lambda: Problem((4, 4), None),
+    "feature_names: expected a list of str, got 3": lambda: Problem((4, 4), print, 3),
+    "bits: expected a whole number, 0 or more, got -1": lambda: Move(-1, print),
+    "apply: expected a function, got None": lambda: Move(2, None),
+    "niche: expected 2 indices, one for each grid, got [3]": lambda: insert(POPULATION, np.zeros(3, int), POPULATION),
+    "populations: expected at least one, got none": lambda: truncate(count=3),
+    "axes: expected a list of Axis, got (4, 4)": lambda: qdax_centroids((4, 4)),
+    "fitness, valid, best_known: expected shapes that fit, got [3], [2], [3]": lambda: gaps(
+        np.zeros(3), np.ones(2, bool), np.zeros(3)
+    ),
+    "payload: expected Payload, got 3": lambda: page_of(3),
+    "rows: expected a list of values by name, got 'x'": lambda: table_to_csv("x"),
+    "pose: expected Pose, got Pose(x='a', y=0, theta=0)": lambda: lane_pose(GRID, Pose("a", 0, 0)),
+    "key: expected a jax.random.key, got 0": lambda: random_grids(0, 3),
+    "key: expected a jax.random.key, got 1": lambda: random_bits(1, (3,)),
+    "key: expected a jax.random.key, got 2": lambda: random_pose(2, GRID),
+    "key: expected a jax.random.key, got 3": lambda: random_level(3, GRID),
+    "scale: expected a number over 0, up to 100, got -1": lambda: write_text(
+        np.zeros((9, 9, 3), np.uint8), "text", (0, 0), -1, (0, 0, 0)
+    ),
+    "seeds: expected a number or several, 0 or more, got []": lambda: run_tasks([TASK], print, []),
+    "progress: expected True or False, got 'no'": lambda: evolve(0, progress="no"),
     "task: expected Task, got '5x5A-10000'": lambda: compute_scores("5x5A-10000", np.zeros((2, 2))),
 }
 

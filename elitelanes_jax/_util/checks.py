@@ -132,6 +132,13 @@ def listed(kind: type) -> Check:
     return check
 
 
+def function(value: UserValue) -> Callable[..., UserValue]:
+    """Checks for a function."""
+    if not callable(value):
+        raise InputError(f"expected a function, got {shorten(repr(value))}")
+    return value
+
+
 def ends_as_file(file: Path) -> bool:
     """Returns whether a path has the suffix of a file, so that a folder is hardly meant."""
     return file.name.lower().endswith(_FILES)
@@ -168,7 +175,7 @@ def switch(value: UserValue) -> bool:
     """Checks for True or False, or the words on or off."""
     if isinstance(value, bool):
         return value
-    if value not in ("on", "off"):
+    if not isinstance(value, str) or value not in ("on", "off"):
         raise InputError(f"expected on or off, got {shorten(repr(value), 40)}")
     return bool(value == "on")
 

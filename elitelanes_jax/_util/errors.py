@@ -1,5 +1,6 @@
 """Errors that a user's input can cause, and words for their messages."""
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -11,6 +12,9 @@ class InputError(ValueError):
 
     The command line prints the message alone. Any other error, also a plain `ValueError`, is a bug with a traceback.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(re.sub(r"\n\s+|\n(?=\[)", " ", message))  # an array in it has several lines
 
 
 class MissingPackageError(InputError):

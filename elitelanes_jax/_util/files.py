@@ -6,6 +6,7 @@ import os
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import NoReturn
 
@@ -15,6 +16,8 @@ from elitelanes_jax._util.types import Plain, UserValue
 
 KIB, MIB = 2**10, 2**20
 """Bytes in a kibibyte and in a mebibyte."""
+
+_KEPT: ContextVar[Path | None] = ContextVar("kept", default=None)  # the file of `never_replacing`
 
 
 def read_bytes(file: str | Path, limit: int) -> bytes:
@@ -77,7 +80,7 @@ def new_file(file: Path) -> Iterator[Path]:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         yield part
-        part.replace(file)
+        _rename(part, file)
     except OSError as error:
         if error.filename not in (None, str(part)) and not file.is_relative_to(error.filename):
             raise  # the block wrote another file
@@ -87,6 +90,18 @@ def new_file(file: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             part.unlink()
+
+
+def _rename(part: Path, file: Path) -> None:
+    if _KEPT.get() != file:
+        part.replace(file)
+        return
+    try:
+        os.link(part, file)
+    except FileExistsError:
+        check_new(file)
+    except OSError:  # this file system has no links
+        part.replace(file)
 
 
 def write_atomic(file: Path, content: bytes | Iterable[bytes]) -> None:
@@ -103,7 +118,18 @@ def write_json(file: Path, values: Plain) -> None:
 def check_new(file: Path) -> None:
     """Raises `InputError` if a file of this name exists."""
     if file.exists():
-        raise InputError(f"{file}: expected a new file, got an existing one")
+        raise InputError(f"{file}: expected a new file, got {'a folder' if file.is_dir() else 'an existing one'}")
+
+
+@contextmanager
+def never_replacing(file: Path) -> Iterator[None]:
+    """Within the block, `new_file` raises the error of `check_new` if another process has written the file."""
+    check_new(file)
+    token = _KEPT.set(file)
+    try:
+        yield
+    finally:
+        _KEPT.reset(token)
 
 
 def unwritable_error(path: str | Path, error: OSError) -> InputError:

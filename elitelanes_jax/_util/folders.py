@@ -73,13 +73,15 @@ def output_folder(
         raise InputError(f"{asked}: expected a folder, got a link that leads to itself")
     hidden = _hidden(out)
     work = Unfinished(hidden / _FILES, hidden / _KEPT)
-    missing, done = [parent for parent in out.parents if not parent.exists()], False
+    missing = [parent for parent in out.parents if not parent.exists()]
+    mine = done = False
     try:
         with locked(hidden, asked):
             _settle(hidden, out)
             _check_replaceable(asked, out, hidden, inputs, foreign, force)
-            _resume(asked, hidden, settings, force, resume_files)
             try:
+                _resume(asked, hidden, settings, force, resume_files)
+                mine = True
                 yield work
                 _check_replaceable(asked, out, hidden, inputs, foreign, force)
                 _move(hidden, out)
@@ -87,7 +89,7 @@ def output_folder(
             finally:
                 if done or not _has_work(hidden):
                     _clear(hidden, _LOCK)
-                elif not resume_files:
+                elif mine and not resume_files:
                     _clear(work.files)
     except OSError as error:
         if error.errno is None:  # not of the system

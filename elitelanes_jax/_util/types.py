@@ -1,6 +1,6 @@
 """Names for types that a checker cannot see, each with the reason. The package has no other `Any`."""
 
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 UserValue: TypeAlias = Any
 """A user's value, from Python, the command line or a file. The function that takes it checks it."""
@@ -8,10 +8,10 @@ UserValue: TypeAlias = Any
 Plain: TypeAlias = Any
 """A value of JSON, YAML or TOML. The function that reads it checks its type."""
 
-AnyArray: TypeAlias = Any
+AnyArray: TypeAlias = Annotated[Any, "an array"]
 """An array of NumPy or JAX, or rows of numbers. A function of it returns an array of the same library."""
 
-Numeric: TypeAlias = Any
+Numeric: TypeAlias = Annotated[Any, "a number"]
 """A number, an array of numbers, or a tracer of `jax.jit` or `jax.vmap`."""
 
 Pytree: TypeAlias = Any

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Int8
 
-from elitelanes_jax._util.checks import check_named, listed, whole
+from elitelanes_jax._util.checks import check_named, is_whole, listed, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission, measure_grids
@@ -89,7 +89,9 @@ def _run(
     seeds: int | Iterable[int],
 ) -> list[Submission]:
     """Runs a search for each seed. `split` returns the index of a task and grids from what the search yields."""
-    listed = seeds if isinstance(seeds, Iterable) else range(check_named("seeds", whole(1), seeds))
+    listed = list(seeds if isinstance(seeds, Iterable) else range(check_named("seeds", whole(1), seeds)))
+    if not listed or any(not is_whole(seed) or seed < 0 for seed in listed):
+        raise InputError(f"seeds: expected a number or several, 0 or more, got {shorten(repr(seeds))}")
     generators = (
         search(argument, np.random.default_rng(seed)) if callable(search) else search  # refused by `_run_seed`
         for seed in listed

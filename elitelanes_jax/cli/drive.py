@@ -63,7 +63,7 @@ def _policy(text: str) -> str | Path:
 
 
 def _drive(options: argparse.Namespace) -> int:
-    from elitelanes_jax._util.files import check_new, write_atomic
+    from elitelanes_jax._util.files import check_new, never_replacing, write_atomic
     from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails, write_film
     from elitelanes_jax.formats.rides import MOST_POSES
     from elitelanes_jax.formats.road_map import read_map
@@ -91,12 +91,13 @@ def _drive(options: argparse.Namespace) -> int:
     except InputError as error:
         message = str(error)
         raise InputError(f"--{message}" if message.startswith("policy:") else f"{options.map}: {message}") from None
-    if kind == ".json":
-        write_atomic(options.out, rides_to_json(road_map.codes, rides).encode())
-    elif kind == ".png":
-        write_atomic(options.out, png_of(trails(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)))
-    else:
-        write_film(options.out, film(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen))
+    with never_replacing(options.out):
+        if kind == ".json":
+            write_atomic(options.out, rides_to_json(road_map.codes, rides).encode())
+        elif kind == ".png":
+            write_atomic(options.out, png_of(trails(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)))
+        else:
+            write_film(options.out, film(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen))
     reached, count = int(rides.success.sum()), len(rides.success)
     say(f"{reached} of {count} goals reached, {rides.steps.sum() / 30:.1f} s driven, in {options.out}")
     return 0

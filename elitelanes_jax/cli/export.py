@@ -7,7 +7,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import ends_as_file, name, path
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
-from elitelanes_jax._util.files import check_new, write_atomic
+from elitelanes_jax._util.files import never_replacing, write_atomic
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import (
@@ -136,8 +136,8 @@ def _names(files: Sequence[Path]) -> dict[Path, str]:
 
 
 def _write_new(file: Path, content: str | bytes) -> None:
-    check_new(file)
-    write_atomic(file, as_bytes(content))
+    with never_replacing(file):
+        write_atomic(file, as_bytes(content))
 
 
 def add_pack(commands: Commands) -> None:

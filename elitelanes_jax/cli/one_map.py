@@ -8,7 +8,7 @@ from functools import partial
 
 from elitelanes_jax._util.checks import check_named, file_named, name, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError, pluralize
-from elitelanes_jax._util.files import check_new
+from elitelanes_jax._util.files import check_new, never_replacing
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
 from elitelanes_jax.cli.program import say
@@ -112,12 +112,13 @@ def add_plan(commands: Commands) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    from elitelanes_jax.formats.plan import write_plan
+    from elitelanes_jax.formats.plan_pages import write_plan
 
     road_map = read_map(options.map)
     check_new(options.out)
     try:
-        plan = write_plan(road_map, options.out, tile_size=options.tile_size)
+        with never_replacing(options.out):
+            plan = write_plan(road_map, options.out, tile_size=options.tile_size)
     except InputError as error:
         words = str(error).replace("file: ", "--out: ", 1).replace("map: ", f"{options.map}: ", 1)
         raise type(error)(words) from None
@@ -165,6 +166,7 @@ def _furnish(options: argparse.Namespace) -> int:
     road_map = read_map(options.map)
     with naming(options.map):
         furnished = furnish(road_map, spec, seed=options.seed)
-    furnished.save(options.out)
+    with never_replacing(options.out):
+        furnished.save(options.out)
     say(f"{pluralize(len(furnished.objects or ()), 'object')} in {options.out}")
     return 0

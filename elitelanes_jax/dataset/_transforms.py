@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TypeVar
 
-from elitelanes_jax._util.checks import check_unique, flag, is_whole, real, whole
+from elitelanes_jax._util.checks import check_unique, flag, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
@@ -22,7 +22,7 @@ def _parse_scale(scale: UserValue) -> tuple[float, float]:
 
 
 def _check_crop(crop: UserValue) -> int:
-    return 0 if crop == "0" or (is_whole(crop) and crop == 0) else whole(16, 2**15 - 1)(crop)
+    return 0 if str(crop) == "0" else whole(16, 2**15 - 1)(crop)
 
 
 @dataclass(frozen=True)

@@ -118,9 +118,8 @@ class DatasetSpec(Record):
         for name, share, count in zip(SPLITS, self.split, maps_by_split(self), strict=True):
             if share and not count:
                 few = "maps" if self.maps_from is None else "maps_from"
-                hint = "" if self.maps_from is None else "; a split of 1 0 0 trains on all"
                 expected = f"enough for one in the {name}, {share:g} of them"
-                raise InputError(f"{few}: expected {expected}, got {self.maps}{hint}")
+                raise InputError(f"{few}: expected {expected}, got {self.maps}; a split of 1 0 0 trains on all")
         if self.hold_out_tiles and not self.split[2]:
             raise InputError("hold_out_tiles: expected a split with a test, which shows these tiles, got a share of 0")
         if self.camera is not None:

@@ -1,5 +1,5 @@
 """Driving on maps: lanes, routes, environments for reinforcement learning, and a camera."""
 
-import lazy_loader
+from elitelanes_jax._util.faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

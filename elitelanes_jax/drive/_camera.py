@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, instance, none_or, real, whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
@@ -50,6 +50,12 @@ def _colour(value: UserValue) -> tuple[float, ...]:
     return tuple(real(0, 255)(part) for part in value)
 
 
+def _pair(value: UserValue) -> tuple[float, ...]:
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise InputError(f"expected two numbers, k1 and k2, got {shorten(repr(value))}")
+    return tuple(real(-10, 10)(part) for part in value)
+
+
 @pytree
 @dataclass(frozen=True)
 class Camera(Record):
@@ -74,7 +80,7 @@ class Camera(Record):
     forward: Numeric = traced(0.066, real(-1, 1))
     pitch: Numeric = traced(19.15, real(-90, 90))
     field_of_view: Numeric = traced(75.0, real(1, 170))
-    distortion: Numeric = traced(None, none_or(lambda value: tuple(real(-10, 10)(part) for part in value)))
+    distortion: Numeric = traced(None, none_or(_pair))
     light: Numeric = traced(1.0, real(0, 10))
     noise: Numeric = traced(None, none_or(real(0, 255)))
     ground: Numeric = traced((86.0, 118.0, 72.0), _colour)

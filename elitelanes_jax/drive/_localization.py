@@ -8,8 +8,10 @@ localization).
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int32
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.drive._distances import lane_nodes
 from elitelanes_jax.drive.lanes import TAKEN, Movement, linked, movements
 from elitelanes_jax.network.checks import check_grid
@@ -34,8 +36,10 @@ def localization_steps(grid: Int[ArrayLike, "H W"], asked: Int[ArrayLike, " K"])
       if K tiles do not suffice, or the grid does not have the node.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid (see `check_grid`), or no turn.
     """
+    if not np.size(asked):
+        raise InputError("asked: expected at least one turn, got none")
     return _localization_steps(check_grid(grid), jnp.asarray(asked))
 
 

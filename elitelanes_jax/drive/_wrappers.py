@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key, UInt8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, one_of, whole
+from elitelanes_jax._util.checks import check_named, is_whole, one_of, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
@@ -112,7 +112,7 @@ class GymnaxEnv:
         Raises:
           InputError: for options out of their range, or another module or number of values.
         """
-        if values not in (5, 6):
+        if not is_whole(values) or values not in (5, 6):
             raise InputError(f"values: expected 5 or 6, got {values!r}")
         self._environment, self._resetting = environment, auto_reset(environment)
         self._spaces, self._six = _makers(params, spaces), values == 6

@@ -1,13 +1,37 @@
 """The payload of the explorer: values for JSON, and one blob of arrays, compressed."""
 
+import base64
 import json
 import zlib
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.types import AnyArray, Plain
+from elitelanes_jax.explorer._finds import Finds
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.objects import OBJECT_KINDS, object_values
+from elitelanes_jax.formats.plan import LONGEST_PLAN, REFERENCE, TAPE_WIDTHS, tapes_of
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.tags import SIGN_TAGS
+from elitelanes_jax.problem.archive import vacant_fitness
+from elitelanes_jax.tiles.object_set import load_objects
+from elitelanes_jax.tiles.rendering import COMPARED_PX, png_of, recall_choice, scale_tiles
+from elitelanes_jax.tiles.tileset import TileSet
+
+if TYPE_CHECKING:
+    from elitelanes_jax.search.result import History
+
+_FORMAT = "elitelanes explorer, version 1"
+
+# Steps of a history that are kept: the width of a chart in pixels.
+_MOST_STEPS = 400
+
+# The least number of random numbers that choose tile pictures, so that maps up to 64 x 64 look as `render` draws them.
+_LEAST_LOTS = 4096
 
 
 class Payload(NamedTuple):
@@ -19,7 +43,7 @@ class Payload(NamedTuple):
     blob: bytes  # the arrays, one after another, compressed by zlib
 
 
-class Blob:
+class _Blob:
     """The bytes of arrays, one after another."""
 
     def __init__(self) -> None:
@@ -47,3 +71,116 @@ class Blob:
 
     def packed(self) -> bytes:
         return zlib.compress(b"".join(self._parts), 9)
+
+
+def pack(runs: Sequence[Finds], tiles: TileSet, tile_px: int, title: str) -> Payload:
+    blob = _Blob()
+    cells = max(run.grids[0].size for run in runs)
+    values = {
+        "format": _FORMAT,
+        "version": __version__,
+        "title": title,
+        "tiles": _tile_values(tiles, tile_px),
+        "objects": _object_values(),
+        "plan": plan_values(),
+        # The first numbers that `choose_tiles` and `ObjectSet.choose` draw for seed 0.
+        "lots": blob.add(np.random.default_rng(0).random(max(cells, _LEAST_LOTS)), "float64"),
+        "runs": [_run_values(run, tiles, blob) for run in runs],
+    }
+    return Payload(values, blob.packed())
+
+
+def _run_values(run: Finds, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
+    return {
+        "name": run.name,
+        "shape": list(run.grids.shape[1:]),
+        "seeds": run.seeds,
+        "axes": [axis._asdict() for axis in run.axes],
+        "weights": {name: int(weight) for name, weight in run.weights.items()},
+        "alphabet": None if run.alphabet is None else sorted({int(code) for code in run.alphabet}),
+        "grids": blob.add_codes(run.grids),
+        "fitness": None if run.fitness is None else blob.add(run.fitness, run.fitness.dtype.name),
+        "seed": blob.add(run.seed, "int32"),
+        "niche": None if run.niche is None else blob.add(run.niche, "int32"),
+        "features": {name: blob.add(values, "int32") for name, values in run.features.items()},
+        "labels": run.labels,
+        "maps": [_map_values(elite, name, road_map, tiles, blob) for elite, name, road_map in run.maps],
+        "rides": [
+            {"elite": elite, "goal": ride.goal, "success": ride.success, "poses": blob.add(ride.poses, "float32")}
+            for elite, ride in run.rides
+        ],
+        "history": None if run.history is None else _history_values(run.history, blob),
+        "usual_fitness": run.usual_fitness,
+        "floors": None if run.floors is None else list(run.floors.items()),
+        "record": run.record,
+    }
+
+
+def _map_values(elite: int, name: str, road_map: RoadMap, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
+    """Returns a chosen map: its elite, its objects, and its tile pictures as indices times 4 plus quarter turns."""
+    chosen = recall_choice(road_map, tiles)
+    pictures = None if chosen is None else (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
+    objects = road_map.objects and blob.add_json([object_values(thing) for thing in road_map.objects])
+    return {"elite": elite, "name": name, "pictures": pictures, "objects": objects or None}
+
+
+def _history_values(history: "History", blob: _Blob) -> dict[str, Plain] | None:
+    count = len(history.generation)
+    if count == 0:
+        return None
+    steps = np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int))
+    best, elites = (np.atleast_2d(values)[:, steps] for values in (history.best_fitness, history.elite_count))
+    best = np.where(best == vacant_fitness(best.dtype), np.inf, best)
+    return {
+        "steps": len(steps),
+        "evaluations": blob.add(history.evaluations[steps], "float64"),
+        "best_fitness": blob.add(best, "float64"),
+        "elite_count": blob.add(elites, "int32"),
+    }
+
+
+def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
+    """Returns each tile picture once, and whether the page blends them."""
+    drawn, compared = _layers(tiles, tile_px), tiles.blend and tile_px != COMPARED_PX and _layers(tiles, COMPARED_PX)
+    pictures: list[dict[str, Plain]] = [
+        {"name": tile.name, "code": int(tile.code)} | drawn[index] | ({"compared": compared[index]} if compared else {})
+        for index, tile in enumerate(tiles.pictures)
+    ]
+    rotations = {str(code): [4 * tile + turns for tile, turns in draws] for code, draws in tiles.rotations.items()}
+    return {"name": tiles.name, "px": tile_px, "blend": tiles.blend, "pictures": pictures, "rotations": rotations}
+
+
+def _layers(tiles: TileSet, tile_px: int) -> list[dict[str, Plain]]:
+    """Returns each tile's picture as PNG, and its masks as bits of grey values, 1 road, 2 red, 4 yellow."""
+    layers = scale_tiles(tiles, tile_px)
+    found: list[dict[str, Plain]] = []
+    for upright in range(0, 4 * len(tiles.pictures), 4):
+        road, red, yellow = (layers[name][upright] > 0 for name in ("road", "red", "yellow"))
+        masks = (road * 1 + red * 2 + yellow * 4).astype(np.uint8)
+        found.append({"image": _data_url(layers["image"][upright]), "masks": _data_url(masks)})
+    return found
+
+
+def _object_values() -> dict[str, Plain]:
+    """Returns the size of each kind of object, the tag numbers of signs, and the pictures of objects from above."""
+    return {
+        "kinds": dict(OBJECT_KINDS),
+        "tags": dict(SIGN_TAGS),
+        "pictures": {
+            kind: [{"image": _data_url(one.top), "height": one.height, "footprint": one.footprint} for one in pictures]
+            for kind, pictures in load_objects().kinds.items()
+        },
+    }
+
+
+def plan_values() -> dict[str, Plain]:
+    """Returns the tapes of each kind of tile, so that the page can write a plan."""
+    kinds = {
+        kind: {"code": code, "tapes": [[tape.colour, np.round(tape.points, 6).tolist()] for tape in tapes_of(kind, 0)]}
+        for kind, code in REFERENCE.items()
+    }
+    return {"tile_size": TILE_SIZE, "longest": LONGEST_PLAN, "widths": dict(TAPE_WIDTHS), "kinds": kinds}
+
+
+def _data_url(pixels: NDArray[np.uint8]) -> str:
+    return "data:image/png;base64," + base64.b64encode(png_of(pixels)).decode()

@@ -10,7 +10,8 @@ from jaxtyping import Int8
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped, UserValue
-from elitelanes_jax.explorer._collect import collect, has_usual_fitness
+from elitelanes_jax.explorer._collect import collect
+from elitelanes_jax.explorer._finds import has_usual_fitness
 from elitelanes_jax.explorer._payload import Payload
 from elitelanes_jax.explorer.page import static_text
 from elitelanes_jax.formats.objects import MapObject, object_values

@@ -2,6 +2,7 @@
 
 import base64
 import json
+from contextlib import nullcontext
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import check_named, file_named
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.files import never_replacing, write_atomic
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer._payload import Payload
@@ -49,7 +50,8 @@ def explore(
     out = Path(check_named("out", file_named(".html"), out))
     _check_out(out, force)
     content = page_of(collect(what, tiles=tiles, blend=blend, tile_px=tile_px, title=title)).encode()
-    write_atomic(out, content)
+    with nullcontext() if force else never_replacing(out):
+        write_atomic(out, content)
     return len(content)
 
 

@@ -3,6 +3,6 @@
 If a format cannot represent a code, the error names the cells.
 """
 
-import lazy_loader
+from elitelanes_jax._util.faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

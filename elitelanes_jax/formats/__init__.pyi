@@ -20,7 +20,7 @@ from .opendrive import to_opendrive as to_opendrive
 from .plan import PlacedTile as PlacedTile
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
-from .plan import write_plan as write_plan
+from .plan_pages import write_plan as write_plan
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps
 from .road_map import map_to_json as map_to_json

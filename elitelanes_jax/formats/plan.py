@@ -5,14 +5,12 @@ Tapes are those of Duckietown's appearance specification, sections "Layer - Tile
 
 from itertools import pairwise
 from math import cos, hypot, pi, sin
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from elitelanes_jax._util.checks import check_named, path, real
-from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.checks import check_named, real
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
@@ -119,28 +117,6 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
         tape={colour: round(total, 3) for colour, total in tape.items()},
         objects=tuple(sorted(things, key=lambda thing: (thing.y, thing.x, thing.kind))),
     )
-
-
-def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE_SIZE) -> Plan:
-    """Writes the plan of a map with its bill of materials; a PDF also has a check-list.
-
-    Args:
-      road_map: as `make_plan` takes it.
-      file: a name that ends in .pdf, .svg or .png; an existing file is replaced.
-      tile_size: as `make_plan` takes it.
-
-    Raises:
-      InputError: as `make_plan` does, for another ending, or without matplotlib.
-      OSError: if the file cannot be written.
-    """
-    target = check_named("file", path, file)
-    if (kind := target.suffix.lower()) not in (".pdf", ".svg", ".png"):
-        raise InputError(f"file: expected a name that ends in .pdf, .svg or .png, got {shorten(repr(str(file)))}")
-    plan = make_plan(road_map, tile_size=tile_size)
-    from elitelanes_jax.formats._plan_pages import draw_plan
-
-    write_atomic(target, draw_plan(plan, kind))
-    return plan
 
 
 def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tuple[Tape, ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from elitelanes_jax._util.checks import check_named, instance, path, paths
+from elitelanes_jax._util.checks import check_named, check_unique, instance, path, paths
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder
@@ -63,6 +63,9 @@ def pick(
     spec, out = check_named("spec", instance(PickSpec), spec), Path(check_named("out", path, out))
     own = archives if isinstance(archives, Result) else None
     files: list[Path] = [out / ARCHIVE] if own else check_named("archives", paths, archives)
+    check_unique("archives", "file", map(str, files))
+    if folder := next(filter(Path.is_dir, files), None):
+        raise InputError(f"{folder}: expected an archive, such as {folder / ARCHIVE}, got a folder")
     tiles = load_tiles(spec.tiles, blend=spec.blend)
     found = [(own, None)] if own else [load_with_seed(file) for file in files]
     results = [_with_seeds(result) for result, _ in found]

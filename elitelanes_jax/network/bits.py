@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt32
 from numpy.polynomial import Chebyshev, Polynomial
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -54,7 +54,9 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
     Returns:
       int32, of the broadcast shape.
     """
-    count = jnp.asarray(count, jnp.uint32)
+    if is_whole(count):
+        check_named("count", whole(0), count)
+    bits, count = jnp.asarray(bits), jnp.asarray(count, jnp.uint32)
     high, low = bits >> 16, bits & 0xFFFF
     count_high, count_low = count >> 16, count & 0xFFFF
     middle = high * count_low + (low * count_low >> 16)
@@ -91,7 +93,7 @@ def bernoulli(bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]) -
 
     The probability broadcasts against the bits.
     """
-    return (bits >> 8).astype(jnp.float32) < jnp.float32(2**24) * probability
+    return (jnp.asarray(bits) >> 8).astype(jnp.float32) < jnp.float32(2**24) * probability
 
 
 def exponential(bits: UInt32[Array, "..."]) -> Int32[Array, "..."]:

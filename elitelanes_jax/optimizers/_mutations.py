@@ -6,12 +6,15 @@ and a move is a plain function that can be repeated.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int8, Real, UInt32
 
+from elitelanes_jax._util.checks import function, whole
+from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import CROSSINGS
 from elitelanes_jax.network.xla import materialize
@@ -36,7 +39,8 @@ def materialize_variation(varied: Variation) -> Variation:
 
 
 @jax.tree_util.register_static
-class Move(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Move(Record):
     """A random change of a grid.
 
     Attributes:
@@ -45,8 +49,8 @@ class Move(NamedTuple):
         copy a part of the mate; without a mate it copies from the grid.
     """
 
-    bits: int
-    apply: Callable[..., Variation]
+    bits: int = option(REQUIRED, whole(0))
+    apply: Callable[..., Variation] = option(REQUIRED, function)
 
     def __repr__(self) -> str:
         """Returns a text without the function's address, which differs in every process."""

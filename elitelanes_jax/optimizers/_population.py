@@ -129,6 +129,8 @@ def concatenate(*records: _Tree) -> _Tree:
 
 def truncate(*populations: Population, count: int) -> Population:
     """Returns the `count` best grids of several populations, sorted, best first; equal grids keep their order."""
+    if not populations:
+        raise InputError("populations: expected at least one, got none")
     everyone = concatenate(*populations)
     order = jnp.argsort(everyone.fitness, stable=True)[:count]
     return jax.tree.map(lambda array: array[order], everyone)

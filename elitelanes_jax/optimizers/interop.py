@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
@@ -59,15 +60,19 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
         )
 
 
+@name_wrong_arguments
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
     """Returns centroids, float32 ``[N, D]``, that give QDax the same niches, in the order of `niche_index`.
 
     They are whole numbers, so that distances are exact and only the niche's own centroid is nearest.
     """
+    if not axes:
+        raise InputError("axes: expected at least one, got none")
     bins = np.indices([axis.bins for axis in axes], np.float32)
     return jnp.asarray(bins.reshape(len(axes), -1).T)
 
 
+@name_wrong_arguments
 def qdax_moves(
     problem: Problem,
     weights: MoveWeights = MoveWeights(),

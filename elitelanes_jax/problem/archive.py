@@ -10,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Real
 
+from elitelanes_jax._util.errors import InputError
+
 VACANT = np.iinfo(np.int32).max
 """The fitness of a vacant slot, if fitness is int32."""
 
@@ -51,7 +53,12 @@ def insert(
       niche: int32 ``[P]``, the index of each grid's niche; or ``[K, P]`` to offer each grid to K niches.
       found: the P grids.
       accept_equal: whether the first in the batch replaces an elite of equal fitness.
+
+    Raises:
+      InputError: for another number of indices than of grids.
     """
+    if niche.shape[-1:] != found.fitness.shape:
+        raise InputError(f"niche: expected {len(found.fitness)} indices, one for each grid, got {list(niche.shape)}")
     rounds, niches = niche.reshape(-1, len(found.grids)), archive.fitness.size
     niche, fitness = rounds.reshape(-1), jnp.tile(found.fitness, len(rounds))
     batch = jnp.arange(niche.size, dtype=jnp.int32)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
+from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, listed, split_settings
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -108,6 +108,9 @@ def compute_descriptor(features: AnyArray, feature_names: Sequence[str], axes: t
 
 def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]`` of NumPy or JAX."""
+    check_named("axes", listed(Axis), axes)
+    if np.shape(descriptor)[-1:] != (len(axes),):
+        raise InputError(f"descriptor: expected shape [..., {len(axes)}], got {list(np.shape(descriptor))}")
     bins, width, start = (
         np.array([getattr(axis, name) for axis in axes], np.int32) for name in ("bins", "width", "start")
     )

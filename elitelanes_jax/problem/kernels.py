@@ -162,6 +162,8 @@ def with_town_features(
             raise InputError(f"{source}: expected features that the search has measured, got {name}")
     if missing:
         grids = np.asarray(grids)
+        if grids.ndim < 2:
+            raise InputError(f"grids: expected [..., H, W], got shape {list(grids.shape)}")
         flat = grids.reshape(-1, *grids.shape[-2:])
         padded = np.pad(flat, [(0, _BATCH - len(flat) % _BATCH), (0, 0), (0, 0)])
         parts = [_measure(padded[first : first + _BATCH], tuple(missing)) for first in range(0, len(padded), _BATCH)]

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real
 from numpy.typing import DTypeLike
 
-from elitelanes_jax._util.checks import LARGEST, check_named, flag, instance
+from elitelanes_jax._util.checks import LARGEST, check_named, flag, function, instance, listed, none_or
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.network.bits import random_grids
@@ -85,13 +85,16 @@ class Problem:
         Raises:
           InputError: for a bad shape or alphabet, or an axis whose feature is no column.
         """
-        shape, alphabet, names = check_shape(self.shape, new=True), check_alphabet(self.alphabet), self.feature_names
-        axes = resolve_axes(self.axes, shape, names) if self.axes else ()
+        shape, alphabet = check_shape(self.shape, new=True), check_alphabet(self.alphabet)
+        names = tuple(check_named("feature_names", listed(str), self.feature_names))
+        for part in ("evaluate", "repair", "penalties"):
+            check_named(part, function if part == "evaluate" else none_or(function), getattr(self, part))
+        axes = resolve_axes(self.axes, shape, names) if not isinstance(self.axes, tuple | list) or self.axes else ()
         known = {*names, *(share for share, (part, whole) in SHARES.items() if {part, *whole} <= set(names))}
         for axis in axes:
             if axis.metric not in known:
                 raise InputError(f"axes: expected features of the problem, {', '.join(names)}, got {axis.metric}")
-        for field, value in (("shape", shape), ("alphabet", alphabet), ("axes", axes), ("feature_names", tuple(names))):
+        for field, value in (("shape", shape), ("alphabet", alphabet), ("axes", axes), ("feature_names", names)):
             object.__setattr__(self, field, value)
         if self.repair is None:
             object.__setattr__(self, "repair", partial(_to_alphabet, alphabet))

@@ -20,7 +20,7 @@ def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
     `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be filled; by default
     all.
     """
-    valid = np.asarray(valid, bool)
+    valid = np.atleast_1d(np.asarray(valid, bool))
     feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)
     return (valid & feasible).sum(axis=-1) / max(1, int(feasible.sum()))
 

@@ -11,7 +11,7 @@ import numpy as np
 from jax.sharding import PartitionSpec
 from jaxtyping import Array, Key
 
-from elitelanes_jax._util.checks import check_named, is_whole, whole
+from elitelanes_jax._util.checks import check_named, flag, is_whole, none_or, whole
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.types import Pytree, UserValue
@@ -82,6 +82,7 @@ def evolve_islands(
     spec, config, static, traced = prepare(spec, shape, config, None, Users(features, fitness, moves), options)
     check_named("islands", whole(1), islands)
     check_named("every", whole(1), every)
+    check_named("progress", none_or(flag), progress)
     devices = jax.devices() if jax.process_count() > 1 else jax.local_devices()[:1]
     if islands % len(devices):
         raise InputError(f"islands: expected a multiple of {pluralize(len(devices), 'device')}, got {islands}")

@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from hashlib import sha256
+from inspect import unwrap
 from pathlib import Path
 from typing import NamedTuple, TypeAlias, Unpack
 
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key, UInt32
 
-from elitelanes_jax._util.checks import check_named, instance, is_whole, real, whole
+from elitelanes_jax._util.checks import check_named, flag, instance, is_whole, none_or, real, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten
 from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
@@ -116,9 +117,11 @@ def evolve(
     """
     search = _check(key, shape, seeds, spec, config, optimizer, Users(features, fitness, moves), options, devices)
     done, inner = (0, None) if state is None else _restore(state, search)
+    check_named("progress", none_or(flag), progress)
+    every = check_named("every", real(0), every)
     if checkpoint is None:
         return _evolve(search, done, inner, None, progress)
-    folder, every = Path(checkpoint), check_named("every", real(0), every)
+    folder = Path(checkpoint)
     with locked(folder, folder):
         return _evolve(search, done, inner, Checkpoint(folder, _identity(search, done), every), progress)
 
@@ -365,7 +368,7 @@ def _name_of(factory: Callable[..., Optimizer]) -> str:
     """Returns the module and the name of a function, or of the type of a callable object."""
     while isinstance(factory, partial):
         factory = factory.func
-    named = factory if hasattr(factory, "__qualname__") else type(factory)
+    named = unwrap(factory) if hasattr(factory, "__qualname__") else type(factory)
     return f"{named.__module__}.{named.__qualname__}"
 
 

@@ -168,6 +168,8 @@ def without_flaws(
     rejected: Counter[str] = Counter()
     useful = valid.copy()
     for name, right, words in map_constraints(spec.rules, filled=spec.repair_fills and spec.fix is None):
+        if name not in metrics:
+            raise InputError(f"metrics: expected {name}, got {', '.join(metrics) or 'none'}")
         flawed = useful & (metrics[name] != right)
         rejected[words] += int(flawed.sum())
         useful &= ~flawed

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named, real
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Untyped
 
 _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
@@ -63,6 +65,9 @@ def write_text(
 
     `position` is x and y of its lower left corner in pixels, `scale` 1 about 22 pixels high, `ink` its colour in RGB.
     """
+    check_named("scale", real(0, 100, exclusive=True), scale)  # OpenCV 5 crashes for negative sizes
+    if getattr(sheet, "dtype", None) != np.uint8 or sheet.ndim != 3:
+        raise InputError(f"sheet: expected uint8 [H, W, 3], got {shorten(repr(sheet))}")
     words = text.encode("ascii", "replace").decode()
     if _font() is None:
         cv2.putText(sheet, words, position, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 1, cv2.LINE_AA)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, file_named, instance, is_whole, listed, path, switch, whole
+from elitelanes_jax._util.checks import check_named, file_named, instance, is_whole, listed, path, real, switch, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
@@ -276,6 +276,7 @@ def stand(objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
     """Lays the labels over the picture of `render` in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
     check_named("picture", instance(Picture), picture)
+    check_named("opacity", real(0, 1), opacity)
     colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
     return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
 

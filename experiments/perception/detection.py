@@ -174,7 +174,7 @@ def _their_pictures(folder: Path, budget: Budget, seed: int) -> Pictures:
     if not file.exists():
         images, boxes = [], []
         with World() as world:
-            for place in read_maps("test", towns=False):
+            for place in read_maps("test", "people"):
                 names = world.load(place)["objects"].tolist()
                 if not set(names) & set(KINDS):
                     continue

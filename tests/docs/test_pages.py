@@ -7,6 +7,7 @@ import re
 import runpy
 import shlex
 import shutil
+from collections import Counter
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
@@ -100,6 +101,13 @@ def test_commands_are_accepted(page, tmp_path, monkeypatch):
         defaults = {"generate": GenerateSpec(), "dataset": DatasetSpec()}.get(command[0])
         if defaults is not None:
             assert type(read_options(options, defaults)) is type(defaults)
+
+
+def test_no_two_commands_write_one_output():
+    """So the commands of all pages run in one folder, one page after another."""
+    lines = [line for text in PAGES.values() for line in re.findall("^(?:elitelanes|python -m) .*", text, re.MULTILINE)]
+    written = [word for line in lines if "--force" not in line for word in re.findall(r" --out (\S+)", line)]
+    assert not [name for name, times in Counter(written).items() if times > 1]
 
 
 def test_given_cells_on_the_page_are_those_of_the_file():

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from elitelanes_jax import InputError, Weights, fitness, repair
-from elitelanes_jax.explorer._collect import plan_values
+from elitelanes_jax.explorer._payload import plan_values
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, make_plan, to_duckietown
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import base_kind, object_values

@@ -15,7 +15,7 @@ from explored import big_result, own_result, write_run
 
 from elitelanes_jax import InputError, Result, RoadMap, evolve, load_tiles, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.explorer import collect, collect_results, page_of
+from elitelanes_jax.explorer import collect, collect_results, explore, page, page_of
 from elitelanes_jax.formats import map_to_json
 from elitelanes_jax.problem import vacant_fitness
 from elitelanes_jax.tiles import choose_tiles, default_tiles
@@ -170,6 +170,17 @@ def test_a_page_is_replaced_only_by_force_and_other_files_never(tmp_path, capsys
     (tmp_path / "page.html").write_text("<!doctype html>\nmine")
     assert main([*line, "--force"]) == 2
     assert (tmp_path / "page.html").read_text() == "<!doctype html>\nmine"
+
+
+def test_a_page_of_another_process_is_not_replaced(tmp_path, monkeypatch):
+    def write_at_the_same_moment(payload):
+        (tmp_path / "page.html").write_text("of the other")
+        return "mine"
+
+    monkeypatch.setattr(page, "page_of", write_at_the_same_moment)
+    with pytest.raises(InputError, match="page.html: expected a new file, got an existing one"):
+        explore(RoadMap(LOOP), tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text() == "of the other"
 
 
 def usual(usual):

@@ -11,7 +11,7 @@ from conftest import grids
 from hypothesis import given
 
 from elitelanes_jax import InputError, RoadMap
-from elitelanes_jax.formats import _plan_pages, draw_tag, make_plan, without_dead_ends, write_plan
+from elitelanes_jax.formats import draw_tag, make_plan, plan_pages, without_dead_ends, write_plan
 from elitelanes_jax.formats.plan import REFERENCE, tapes_of
 from elitelanes_jax.network.codes import KIND_OF, KINDS, ROAD_ALPHABET, SIDES, rotate_codes
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -104,7 +104,7 @@ def test_files_hold_the_plan(furnished, tmp_path):
 
 def test_tags_are_printed_in_their_size(furnished, tmp_path):
     """As OpenCV finds them on the page."""
-    (page,) = _plan_pages._tag_pages(make_plan(furnished))
+    (page,) = plan_pages._tag_pages(make_plan(furnished))
     page.savefig(tmp_path / "tags.png", dpi=200)
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     corners, numbers, _ = cv2.aruco.ArucoDetector(family).detectMarkers(cv2.imread(str(tmp_path / "tags.png"), 0))

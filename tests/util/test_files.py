@@ -5,7 +5,7 @@ from contextlib import ExitStack
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.files import check_new, new_file, write_atomic
+from elitelanes_jax._util.files import check_new, never_replacing, new_file, write_atomic
 
 
 def names(folder):
@@ -50,3 +50,29 @@ def test_files_that_exist_are_named(tmp_path):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="file: expected a new file, got an existing one"):
         check_new(tmp_path / "file")
+
+
+def test_a_file_of_another_process_is_not_replaced(tmp_path):
+    file = tmp_path / "file"
+
+    def write_at_the_same_moment():
+        with never_replacing(file), new_file(file) as part:
+            part.write_text("mine")
+            file.write_text("of the other")
+
+    with pytest.raises(InputError, match="file: expected a new file, got an existing one"):
+        write_at_the_same_moment()
+    assert names(tmp_path) == ["file"]
+    assert file.read_text() == "of the other"
+    write_atomic(file, b"replaced as always")
+    assert file.read_text() == "replaced as always"
+
+
+def test_a_file_system_without_links(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr("os.link", refuse)
+    with never_replacing(tmp_path / "file"):
+        write_atomic(tmp_path / "file", b"mine")
+    assert names(tmp_path) == ["file"]

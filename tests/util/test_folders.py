@@ -299,3 +299,28 @@ def test_an_interruption_while_the_lock_is_taken_leaves_no_folder(tmp_path, monk
     with locked(folder, folder):
         assert (folder / "lock").exists()
     assert not folder.exists()
+
+
+def test_an_interruption_at_any_line_before_the_work_leaves_nothing(tmp_path, hidden):
+    out = tmp_path / "out"
+    for line in count():
+        left = line
+
+        def trace(frame, event, _):
+            nonlocal left
+            if event == "line":
+                left -= 1
+                if left < 0:
+                    raise KeyboardInterrupt
+            return trace if frame.f_code.co_name == "_resume" else None
+
+        try:
+            sys.settrace(trace)
+            write(out)
+        except KeyboardInterrupt:
+            assert not everything(tmp_path)
+        else:
+            break
+        finally:
+            sys.settrace(None)
+    assert line > 5

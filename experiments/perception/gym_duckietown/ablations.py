@@ -20,7 +20,8 @@ from scipy.stats import t
 
 from elitelanes_jax import load_tiles
 from elitelanes_jax.dataset import DatasetSpec, draw_sample
-from elitelanes_jax.formats import RoadMap
+from elitelanes_jax.maps import furnish
+from elitelanes_jax.tiles import load_objects
 from experiments.common import Parser, kept, leave, open_results, run, table, whole, write
 from experiments.perception.gym_duckietown.evaluate import errors_of
 from experiments.perception.gym_duckietown.nets import find_poses
@@ -45,6 +46,7 @@ class Condition(NamedTuple):
       pictures: of each kind of tile, at most.
       transforms: other values of `Transforms`.
       camera: other values of `Viewpoints`.
+      furnish: the objects on the maps, see `elitelanes_jax.furnish`.
     """
 
     words: str
@@ -54,6 +56,7 @@ class Condition(NamedTuple):
     pictures: int = 99
     transforms: Mapping[str, float] = {}
     camera: Mapping[str, float] = {}
+    furnish: Sequence[str] = ()
 
 
 _LIGHT = ("light", "contrast", "colour", "shadow", "vignette", "gamma", "saturation", "warmth")
@@ -75,6 +78,9 @@ CONDITIONS = {
         "one height, pitch and field of view", "-10 to 0 %: they are exactly ours", camera={"wobble": 0}
     ),
     "lines": Condition("white lines at one place", "+10 to +30 %", camera={"lines": 0}),
+    "objects": Condition(
+        "towns with objects", "-10 to 0 %: 37 % of the pictures show maps with objects", furnish=["all"]
+    ),
 }
 """The conditions by name."""
 
@@ -99,8 +105,10 @@ def draw_views(condition: Condition, count: int, seed: int) -> Views:
         layers=(),
         transforms=_BASE.transforms.replace(**condition.transforms),
         camera=_BASE.camera.replace(**condition.camera),
+        objects=load_objects(),
     )
-    samples = [draw(RoadMap(codes[index % len(codes)]), index=index) for index in range(count)]
+    maps = [furnish(one, condition.furnish, seed=index) for index, one in enumerate(codes)]
+    samples = [draw(maps[index % len(maps)], index=index) for index in range(count)]
     images, labels = (np.stack([one.layers[name] for one in samples]) for name in ("image", "labels"))
     lanes = [[one.record["nearest"][name] for name in ("d", "phi", "curvature")] for one in samples]
     return Views(images, labels.astype(np.uint8), np.array(lanes, np.float32))

@@ -59,9 +59,7 @@ class World:
             "loop_empty", domain_rand=False, camera_width=columns, camera_height=rows, seed=1, max_steps=10**9
         )
 
-    def load(
-        self, text: str, style: str = "photos", domain_rand: bool = False, distortion: bool = False, seed: int = 0
-    ) -> Arrays:
+    def load(self, text: str, style: str = "photos", domain_rand: bool = False) -> Arrays:
         """Loads a map from the text of its file. `style` is photos, synthetic, or labels."""
         import yaml
 
@@ -74,12 +72,10 @@ class World:
             raise ValueError("expected drivable tiles, got none")
         env.style = "segmentation" if style == "labels" else style
         env.domain_rand, env.start_pose, env.distortion = domain_rand, [[0.1, 0, 0.1], 0], False
-        env.seed(seed)
+        env.seed(0)
         env.reset()
         if style == "labels":
             self._light_all()
-        if distortion:
-            env.camera_model, env.distortion = self._simulator.Distortion(), True
         drivable = np.array([bool(tile and tile["drivable"]) for tile in env.grid])
         kinds = [thing.kind for thing in env.objects] or np.zeros(0, "U1")
         drivable = drivable.reshape(env.grid_height, env.grid_width)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.common import Parser, leave, run, table, whole, write
+from experiments.perception.gym_duckietown.classical import find_lines
 from experiments.perception.gym_duckietown.pictures import CLASSES, classes_of, our_views
 from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
 
@@ -24,13 +25,8 @@ _MAPS = ("ETHZ_loop_bordered", "4way_bordered")
 
 
 def _by_colour(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Finds lines in a lit picture, by saturation, brightness and hue."""
-    hue, saturation, value = np.moveaxis(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), -1, 0)
-    vivid = (saturation > 110) & (value > 90)
-    found = np.where((saturation < 60) & (value > 140), 4, 0)
-    found[vivid & ((hue < 10) | (hue > 170))] = 2
-    found[vivid & (hue > 20) & (hue < 40)] = 3
-    return found.astype(np.uint8)
+    lines = find_lines(image)
+    return np.select([lines["red"], lines["yellow"], lines["white"]], [2, 3, 4]).astype(np.uint8)
 
 
 def _edge_distances(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -46,7 +42,7 @@ def compare(poses: int) -> str:
     """Returns the table of distances."""
     apart: dict[tuple[str, int], list[NDArray[np.float32]]] = {}
     with World() as world:
-        for place in (one for one in read_maps("development", towns=False) if one.name in _MAPS):
+        for place in (one for one in read_maps("development", "people") if one.name in _MAPS):
             at = random_poses(place.codes, poses, 0)
             drawn, drawn_labels = our_views(place.codes, at)
             pictures = {}

@@ -7,7 +7,7 @@ own pictures, which shows the limit.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -53,7 +53,9 @@ _COLOURS = np.array(  # the last one is beyond the tiles, see `bridge`
 )
 
 _CURVATURES = np.array([-1 / 0.3, 0, 1 / 0.7], np.float32)  # of a right turn, straight on, a left turn, in 1 / tiles
-_PORTION = 16  # poses of one request
+_PORTION = 16  # poses of one request: larger pictures are not kept
+
+Reduce = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 
 
 class Pictures(NamedTuple):
@@ -102,23 +104,29 @@ def take(world: World, place: DuckietownMap, style: str, count: int, seed: int) 
     codes = place.codes[np.floor(poses[:, 1]).astype(int), np.floor(poses[:, 0]).astype(int)]
     ways = np.array([int(code).bit_count() for code in codes])
     kinds = np.where(ways > 2, 2, np.where(np.isin(codes, (5, 10)), 0, 1)).astype(np.uint8)
-    shown = {}
-    for name in (style, "labels"):
-        about = world.load(place, style=name)
-        asked = [poses[first : first + _PORTION] for first in range(0, count, _PORTION)]
-        shown[name] = [world.ask("look", poses=part) for part in asked]
-    images = np.concatenate([shrink(part["image"]) for part in shown[style]])
+    images, lane, objects = _look(world, place, style, poses, shrink)
     # Nearest pixels, as our labels are.
-    labels = np.concatenate([classes_of(part["image"][:, 2::4, 2::4]) for part in shown["labels"]])
+    labels, *_ = _look(world, place, "labels", poses, lambda seen: classes_of(seen[:, 2::4, 2::4]))
     white = labels == CLASSES.index("white line")
     labels[white] = 0
-    lane = np.concatenate([part["lane"] for part in shown[style]]) / (TILE, 1)
-    lanes = np.column_stack([lane, _CURVATURES[np.asarray(near.movement.turn)]]).astype(np.float32)
+    lanes = np.column_stack([lane / (TILE, 1), _CURVATURES[np.asarray(near.movement.turn)]]).astype(np.float32)
     ours = np.column_stack([near.d, near.phi]).astype(np.float32)
-    objects = np.full(count, len(about["objects"]) > 0)
     found = np.isfinite(lanes).all(axis=1)
-    taken = Pictures(images, labels, lanes, ours, kinds, objects, white)
+    taken = Pictures(images, labels, lanes, ours, kinds, np.full(count, objects), white)
     return Pictures(*(np.compress(found, part, axis=0) for part in taken))
+
+
+def _look(
+    world: World, place: DuckietownMap, style: str, poses: Float[NDArray, "N 3"], reduce: Reduce
+) -> tuple[NDArray[np.uint8], Float[NDArray, "N 2"], bool]:
+    """Returns reduced pictures, lane poses, and whether the map has objects."""
+    about = world.load(place, style=style)
+    images, lanes = [], []
+    for first in range(0, len(poses), _PORTION):
+        answer = world.ask("look", poses=poses[first : first + _PORTION])
+        images.append(reduce(answer["image"]))
+        lanes.append(answer["lane"])
+    return np.concatenate(images), np.concatenate(lanes), len(about["objects"]) > 0
 
 
 def our_views(codes: NDArray[np.int8], poses: Float[NDArray, "N 3"]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -144,14 +152,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".npz")
     parser.add_argument("--style", choices=STYLES, default="photos")
     parser.add_argument("--poses", type=whole(1, 10_000), default=30, metavar="N", help="on each map; default 30")
-    parser.add_argument("--people", action="store_true", help="without our towns, whose search takes a minute")
+    parser.add_argument("--only", choices=("people", "towns"), help="people's maps, or our towns; default both")
     options = parser.parse_args(arguments)
     return run("pictures", lambda: _run(options))
 
 
 def _run(options: argparse.Namespace) -> None:
     with World() as world:
-        maps = read_maps(options.part, towns=not options.people)
+        maps = read_maps(options.part, options.only)
         parts = [take(world, place, options.style, options.poses, index) for index, place in enumerate(maps)]
     pictures = Pictures(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
     options.out.parent.mkdir(parents=True, exist_ok=True)

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key, UInt8
 
-from elitelanes_jax import SearchSpec, evolve, load_tiles
+from elitelanes_jax import load_tiles
 from elitelanes_jax.drive import (
     Camera,
     Environment,
@@ -28,12 +28,12 @@ from elitelanes_jax.drive import (
     make_levels,
     make_sight,
 )
-from elitelanes_jax.optimizers import seed_keys
 from elitelanes_jax.search import use_compile_cache
 from elitelanes_jax.tiles import scale_tiles
 from experiments.common import Parser, Pytree, leave, run, whole
 from experiments.navigation.ppo import Outputs, Ppo, train
 from experiments.perception.gym_duckietown.nets import NETS, POLICY_ROWS, write_weights
+from experiments.perception.gym_duckietown.world import our_towns
 from experiments.perception.training_sets import shift_lines
 
 __all__ = ["SeenNetwork", "main", "to_motion", "varied", "vary"]
@@ -127,9 +127,8 @@ def _sight() -> Sight:
 
 def train_policy(updates: int, seed: int, file: Path) -> None:
     """Trains a policy, and writes its weights after every fifth update."""
-    spec = SearchSpec(style="town", evaluations=20_000)
-    towns = evolve(seed_keys(seed, 8), (_SIDE, _SIDE), spec=spec, progress=False).choose(_TOWNS, seed).maps
-    levels = make_levels(jax.random.key(seed), np.stack([town.codes for town in towns]), _LEVELS)
+    towns = our_towns(_SIDE, _TOWNS, seed, 20_000)
+    levels = make_levels(jax.random.key(seed), np.stack(towns), _LEVELS)
     params = LaneDriveParams(levels, task="lane", action="twist", observe="camera", sight=_sight(), limit=300)
     params = params.replace(start_d=0.1, start_phi=0.5, offset_cost=5, heading_cost=0.5)
     params = params.replace(robot=params.robot.replace(**_ROBOT))

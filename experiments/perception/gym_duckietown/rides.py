@@ -11,7 +11,6 @@ or hits an object. FILE keeps each finished ride: after an interruption, the sam
 import argparse
 import json
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 import jax
@@ -27,10 +26,7 @@ from experiments.perception.gym_duckietown.pictures import TILE, shrink
 from experiments.perception.gym_duckietown.policy import to_motion
 from experiments.perception.gym_duckietown.world import DuckietownMap, World, random_poses, read_maps
 
-__all__ = ["TRUTH", "chooses", "follow", "main", "ride", "ride_on_map", "sees"]
-
-TRUTH = "truth"
-"""The driver that is told the lane pose: the limit of the controller."""
+__all__ = ["follow", "main", "read_driver", "ride", "ride_on_map"]
 
 Driver = Callable[[dict[str, Untyped]], Float[NDArray, "2"]]
 """Returns the commands of both wheels for an answer of the bridge."""
@@ -97,22 +93,17 @@ def _nearest(codes: NDArray[np.int8], pose: Float[NDArray, "3"]) -> Untyped:
     return lane_pose(codes, Pose(*pose))
 
 
-def _truth(codes: NDArray[np.int8], seen: dict[str, Untyped]) -> NDArray[np.float64]:
-    near = _nearest(codes, np.float32(seen["pose"]))
-    return follow(np.array([near.d, near.phi, (-1 / 0.3, 0, 1 / 0.7)[int(near.movement.turn)]]))
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("rides", __doc__)
-    parser.add_argument("weights", help=f"file of train, or {TRUTH}")
+    parser.add_argument("weights", type=Path, help="file of train, or of policy")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="rides, .json")
     parser.add_argument("--part", choices=("development", "test"), default="test")
     parser.add_argument("--seconds", type=whole(1, 600), default=60, metavar="S", help="of a ride; default 60")
     parser.add_argument("--rides", type=whole(1, 100), default=1, metavar="N", help="on each map; default 1")
     parser.add_argument("--domain-rand", action="store_true", help="with gym-duckietown's random light and camera")
     parser.add_argument("--policy", action="store_true", help="the weights are those of a policy")
-    parser.add_argument("--people", action="store_true", help="without our towns, whose search takes a minute")
+    parser.add_argument("--only", choices=("people", "towns"), help="people's maps, or our towns; default both")
     options = parser.parse_args(arguments)
     return run("rides", lambda: _run(options))
 
@@ -122,12 +113,9 @@ def _run(options: argparse.Namespace) -> None:
     kept = json.loads(options.out.read_text(encoding="utf-8")) if options.out.exists() else {"settings": settings}
     if kept["settings"] != settings:
         raise InputError(f"{options.out}: expected rides with the same options, got {kept['settings']}")
-    driver = None
-    if options.weights != TRUTH:
-        weights = read_weights(Path(options.weights), "policy" if options.policy else "pose")
-        driver = chooses(weights) if options.policy else sees(weights)
+    driver = read_driver(options.weights, policy=options.policy)
     with World() as world:
-        for place in read_maps(options.part, towns=not options.people):
+        for place in read_maps(options.part, options.only):
             if place.name not in kept:
                 kept[place.name] = _rides_on(world, place, driver, options)
                 write(options.out, json.dumps(kept, indent=1))
@@ -135,11 +123,8 @@ def _run(options: argparse.Namespace) -> None:
     print(report({name: found for name, found in kept.items() if name != "settings"}))
 
 
-def _rides_on(
-    world: World, place: DuckietownMap, driver: Driver | None, options: argparse.Namespace
-) -> dict[str, Untyped]:
+def _rides_on(world: World, place: DuckietownMap, driver: Driver, options: argparse.Namespace) -> dict[str, Untyped]:
     about = world.load(place, domain_rand=options.domain_rand)
-    driver = partial(_truth, place.codes) if driver is None else driver
     starts = random_poses(place.codes, options.rides, 7)
     found = [ride(world, start, place.codes, driver, options.seconds)[0] for start in starts]
     return {"objects": len(about["objects"]), "rides": found}
@@ -149,7 +134,7 @@ def ride_on_map(
     name: str, driver: Driver, seconds: float, *, domain_rand: bool = False, pause: int = _RATE // _FRAMES
 ) -> tuple[NDArray[np.int8], dict[str, float], list[UInt8[NDArray, "480 640 3"]], list[Float[NDArray, "3"]]]:
     """Drives on one of people's maps in maps.toml; returns the map's codes, and what `ride` returns."""
-    maps = {place.name: place for part in ("development", "test") for place in read_maps(part, towns=False)}
+    maps = {place.name: place for part in ("development", "test") for place in read_maps(part, "people")}
     if name not in maps:
         raise InputError(f"map: expected one of {', '.join(maps)}, got {name!r}")
     place = maps[name]
@@ -159,16 +144,15 @@ def ride_on_map(
         return place.codes, *ride(world, start, place.codes, driver, seconds, pause)
 
 
-def sees(weights: Untyped) -> Driver:
-    """Returns a driver that finds the lane in the picture, and follows it."""
-    return lambda seen: follow(np.asarray(find_poses(weights, shrink(seen["image"][None]))[0], float))
-
-
-def chooses(weights: Untyped) -> Driver:
-    """Returns a driver that does what a policy chooses."""
+def read_driver(file: Path, *, policy: bool) -> Driver:
+    """Reads a driver that follows the lane that a network finds in the picture, or does what a policy chooses."""
+    weights = read_weights(file, "policy" if policy else "pose")
 
     def drive(seen: dict[str, Untyped]) -> Float[NDArray, "2"]:
-        speed, turn = to_motion(choose_actions(weights, shrink(seen["image"][None]))[0])
+        image = shrink(seen["image"][None])
+        if not policy:
+            return follow(np.asarray(find_poses(weights, image)[0], float))
+        speed, turn = to_motion(choose_actions(weights, image)[0])
         return _wheels(float(speed), float(turn))
 
     return drive

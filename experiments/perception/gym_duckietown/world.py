@@ -87,16 +87,20 @@ class World:
             raise InputError(f"{place.name}: {error}") from None
 
 
-def read_maps(part: str, python: Path = PYTHON, *, towns: bool = True) -> list[DuckietownMap]:
-    """Reads the maps of a part of maps.toml, "development" or "test": people's from the environment, then our towns."""
+def read_maps(part: str, only: str | None = None) -> list[DuckietownMap]:
+    """Reads the maps of a part of maps.toml, "development" or "test": people's from the environment, then our towns.
+
+    `only` is "people" or "towns". The search for our towns takes a minute.
+    """
     listed = tomllib.loads((HERE / "maps.toml").read_text(encoding="utf-8"))[part]
-    folders = list(python.parents[1].glob("lib*/python3*/site-packages/duckietown_world/data/gd1/maps"))
+    folders = list(PYTHON.parents[1].glob("lib*/python3*/site-packages/duckietown_world/data/gd1/maps"))
     if not folders:
-        raise InputError(f"{python}: expected an environment with duckietown-world's maps, got none")
+        raise InputError(f"{PYTHON}: expected an environment with duckietown-world's maps, got none")
     files = [folders[0] / f"{name}.yaml" for name in listed["people"]]
     found = [DuckietownMap(file.stem, file.read_text(encoding="utf-8"), read_map(file).codes) for file in files]
-    ours = our_towns(**listed["towns"]) if towns else []
-    return found + [DuckietownMap(f"town {index}", to_duckietown(one), one) for index, one in enumerate(ours)]
+    ours = our_towns(**listed["towns"]) if only != "people" else []
+    towns = [DuckietownMap(f"town {index}", to_duckietown(one), one) for index, one in enumerate(ours)]
+    return (found if only != "towns" else []) + towns
 
 
 def our_towns(

@@ -5,14 +5,19 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from math import cos, degrees, sin
+from pathlib import Path
 from textwrap import wrap
 
 import numpy as np
 
+from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.types import Untyped
+from elitelanes_jax._util.types import Untyped, UserValue
+from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, tapes_of
+from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, make_plan, tapes_of
 from elitelanes_jax.formats.tag_pictures import draw_tag
 from elitelanes_jax.formats.tags import STREET_NAMES, TAG_BORDER, TAG_SIZE
 
@@ -26,7 +31,27 @@ _STOP, _SIGN, _THING = "#c01722", "#1f5fbf", "#3d7a3a"
 _BOX = "\N{BALLOT BOX}"
 
 
-def draw_plan(plan: Plan, kind: str) -> bytes:
+def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE_SIZE) -> Plan:
+    """Writes the plan of a map with its bill of materials; a PDF also has a check-list.
+
+    Args:
+      road_map: as `make_plan` takes it.
+      file: a name that ends in .pdf, .svg or .png; an existing file is replaced.
+      tile_size: as `make_plan` takes it.
+
+    Raises:
+      InputError: as `make_plan` does, for another ending, or without matplotlib.
+      OSError: if the file cannot be written.
+    """
+    target = check_named("file", path, file)
+    if (kind := target.suffix.lower()) not in (".pdf", ".svg", ".png"):
+        raise InputError(f"file: expected a name that ends in .pdf, .svg or .png, got {shorten(repr(str(file)))}")
+    plan = make_plan(road_map, tile_size=tile_size)
+    write_atomic(target, _draw_plan(plan, kind))
+    return plan
+
+
+def _draw_plan(plan: Plan, kind: str) -> bytes:
     """Returns a file of the plan: ``.pdf`` with all pages, or ``.svg`` or ``.png`` with the first one.
 
     It is made in memory, because on a full disk matplotlib fails once more while it closes a PDF file.

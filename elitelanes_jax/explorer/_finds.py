@@ -1,0 +1,222 @@
+"""What the explorer shows of a run, a result or maps: grids of one size, and their metadata."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.folders import has_unfinished
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.benchmark.tasks import SIZES, find_task
+from elitelanes_jax.formats.rides import RecordedRide
+from elitelanes_jax.formats.road_map import RoadMap, read_map
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.fitness import fitness as weighted_sum
+from elitelanes_jax.network.records import METRIC_NAMES, Weights
+from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
+from elitelanes_jax.problem.ranges import range_limits, range_penalty
+
+if TYPE_CHECKING:
+    from elitelanes_jax.search.result import History, Result
+
+# The shown entries of a run's record.
+_RECORDED = ("settings", "config", "archives", "tile_set", "elites", "versions", "device", "times")
+
+
+class Finds(NamedTuple):
+    """Grids of one size, and their metadata."""
+
+    name: str  # of the run
+    grids: NDArray[np.int8]  # [E, H, W]
+    fitness: NDArray[np.number] | None  # [E]; None if the page computes it from the weights
+    seed: NDArray[np.int_]  # [E], the index of the run's seed that found each, from 0
+    seeds: int  # the number of seeds
+    axes: tuple[Axis, ...]  # of the niches
+    weights: Mapping[str, int]  # of metrics and features in the fitness
+    alphabet: tuple[int, ...] | None  # the codes that off_alphabet does not count; None for all
+    features: Mapping[str, NDArray[np.int32]] = {}  # [E] by name, those measured beside the metrics
+    niche: NDArray[np.int32] | None = None  # [E], see niche_index; None if the page computes it from metrics
+    labels: tuple[str, ...] | None = None  # a name for each grid, or None
+    # The chosen maps: the index of each among the grids, its name, and the map itself.
+    maps: tuple[tuple[int, str, RoadMap], ...] = ()
+    rides: tuple[tuple[int, RecordedRide], ...] = ()  # on maps, each with the index of its map
+    history: "History | None" = None  # of the run
+    usual_fitness: bool = True  # whether the fitness is the weighted sum of features plus the penalty of ranges
+    # The proven minimum of the usual fitness by cyclomatic number, None if none is known.
+    floors: Mapping[int, int] | None = None
+    record: Mapping[str, Plain] = {}  # of the run, to be shown
+
+
+def from_result(result: "Result", name: str, seeds: int | None = None) -> Finds:
+    """Returns the elites and the history of a result, of all seeds or of the first `seeds`."""
+    elites = result.elites
+    single = elites.valid.ndim == 1
+    some = slice(None if single else seeds)
+    valid, fitness, grids, descriptor = (
+        np.asarray(array)[None] if single else np.asarray(array)[some]
+        for array in (elites.valid, elites.fitness, elites.grids, elites.descriptor)
+    )
+    if not valid.any():
+        raise InputError(f"{name}: expected a result with at least one elite, got none")
+    seed, _ = np.nonzero(valid)
+    history = result.history
+    if not single:
+        seeded = ("best_fitness", "elite_count", "refused")
+        history = history._replace(**{name: getattr(history, name)[:seeds] for name in seeded})
+    alphabet, usual = result.spec.alphabet, has_usual_fitness(result)
+    return Finds(
+        name,
+        grids[valid],
+        fitness[valid],
+        seed,
+        len(valid),
+        result.axes,
+        result.spec.all_weights._asdict() | dict(result.spec.weights),
+        None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
+        niche=np.asarray(niche_index(descriptor[valid], result.axes), np.int32),
+        features={name: np.asarray(one)[some].reshape(valid.shape)[valid] for name, one in elites.features.items()},
+        history=history,
+        usual_fitness=usual,
+        floors=_floors(result, (grids.shape[2], grids.shape[3])) if usual else None,
+        record={"settings": {"search": result.spec.to_plain()}},
+    )
+
+
+def has_usual_fitness(result: "Result") -> bool:
+    """Returns whether the fitness of a result is the weighted sum of features plus the penalty of ranges.
+
+    A result does not say whether a user gave the fitness, so the function computes the sum and compares it.
+    """
+    elites, spec = result.elites, result.spec
+    valid, shape, names = np.asarray(elites.valid), elites.grids.shape[-2:], (*METRIC_NAMES, *spec.measured)
+    measured = elites.metrics._asdict() | dict(elites.features)
+    features = np.stack([np.asarray(measured[name], np.int32) for name in names], axis=-1)
+    usual = np.asarray(weighted_sum(elites.metrics, spec.all_weights))
+    if spec.feature_weights is not None:
+        usual = usual + features[..., len(METRIC_NAMES) :] @ np.array(spec.feature_weights, np.int32)
+    usual = usual + range_penalty(features, names, range_limits(spec.where, names), (shape[0], shape[1]))
+    return bool((np.asarray(elites.fitness) == usual)[valid].all())
+
+
+def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
+    """Returns the certified optima of flawless networks by cyclomatic number, if they apply to a search."""
+    spec = result.spec
+    name = f"{shape[0]}x{shape[1]}{'A' if spec.repair_fills else 'B'}"
+    if name not in SIZES or spec.all_weights != Weights() or spec.feature_weights or spec.rules is not None:
+        return None
+    task = find_task(f"{name}-10000")
+    return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
+
+
+def of_maps(maps: Iterable[RoadMap], group: str) -> list[Finds]:
+    found = by_size([(f"map {index}", road_map) for index, road_map in enumerate(maps)])
+    names = [group if group and len(found) == 1 else ", ".join(filter(None, (group, run.name))) for run in found]
+    return [run._replace(name=name) for run, name in zip(found, names, strict=True)]
+
+
+def by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[Finds]:
+    sizes: dict[tuple[int, ...], list[tuple[str, RoadMap]]] = {}
+    for name, road_map in maps:
+        sizes.setdefault(road_map.codes.shape, []).append((name, road_map))
+    finds = []
+    for (height, width), listed in sizes.items():
+        known = [road_map.fitness for _, road_map in listed if road_map.fitness is not None]
+        whole = all(isinstance(value, int) for value in known)
+        dtype = np.dtype(np.int32 if whole else np.float32)
+        largest = 2**31 - 1 if whole else float(np.finfo(np.float32).max)
+        fitness = np.array([min(max(value, -largest), largest) for value in known], dtype)
+        finds.append(
+            Finds(
+                name=f"maps of {height} x {width}" if len(sizes) > 1 else "maps",
+                grids=np.stack([road_map.codes for _, road_map in listed]),
+                fitness=fitness if len(known) == len(listed) else None,
+                seed=np.zeros(len(listed), int),
+                seeds=1,
+                axes=tuned_axes((height, width)),
+                weights=Weights()._asdict(),
+                alphabet=None,
+                usual_fitness=whole,
+                labels=tuple(name for name, _ in listed),
+                maps=tuple((index, name, road_map) for index, (name, road_map) in enumerate(listed)),
+            )
+        )
+    return finds
+
+
+def read_run(folder: Path) -> Finds:
+    """Reads the folder of a run: its record, and its archive, its chosen maps or both."""
+    file = folder / "run.json"
+    record = _read_record(file)
+    chosen = [(path.parent.name, read_map(path)) for path in sorted(folder.glob("maps/*/map.json"))]
+    name = folder.resolve().name
+    if (folder / "archive.npz").exists():
+        run = _with_chosen(read_archive(folder / "archive.npz", name), chosen)
+    elif chosen:
+        run, *others = by_size(chosen)
+        if others:
+            raise InputError(f"{folder}: expected maps of one size, as a run writes them, got several")
+        run = run._replace(name=name)
+    else:
+        raise InputError(f"{folder}: expected an archive.npz or maps beside run.json, got neither")
+    run = run._replace(record={key: record[key] for key in _RECORDED if key in record})
+    size = setting(run, "size")
+    if size is not None and size != list(run.grids.shape[1:]):
+        got = "{} x {}".format(*run.grids.shape[1:])
+        raise InputError(f"{folder}: expected maps of {shorten(json.dumps(size))}, as run.json says, got {got}")
+    return run
+
+
+def read_archive(file: Path, name: str) -> Finds:
+    from elitelanes_jax.search.result import Result
+
+    return from_result(Result.load(file), name)
+
+
+def _read_record(file: Path) -> dict[str, Plain]:
+    try:
+        record = read_json(file)
+    except OSError:
+        unfinished = "; its search is unfinished, the same generate command resumes it" * has_unfinished(file.parent)
+        raise InputError(f"{file.parent}: expected a folder with run.json, got one without{unfinished}") from None
+    except (ValueError, RecursionError) as error:
+        words = str(error).removeprefix(f"{file}: ")
+        raise InputError(f"{file}: expected the JSON of a run, got: {shorten(words)}") from None
+    if not isinstance(record, dict) or "versions" not in record:
+        raise InputError(f"{file}: expected the record of a run of this package, got other JSON")
+    return record
+
+
+def _with_chosen(run: Finds, chosen: Sequence[tuple[str, RoadMap]]) -> Finds:
+    index_of: dict[bytes, int] = {}
+    for index, grid in enumerate(run.grids):
+        index_of.setdefault(grid.tobytes(), index)
+    maps = []
+    for name, road_map in chosen:
+        if road_map.codes.shape != run.grids.shape[1:]:
+            expected, got = ("{} x {}".format(*shape) for shape in (run.grids.shape[1:], road_map.codes.shape))
+            raise InputError(f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}")
+        found = index_of.get(road_map.codes.tobytes())
+        if found is not None:
+            maps.append((found, name, road_map))
+    return run._replace(maps=tuple(maps))
+
+
+def with_rides(run: Finds, driven: Sequence[tuple[str, NDArray[np.int8], list[RecordedRide]]]) -> Finds:
+    found = [
+        (int(index), ride)
+        for _, grid, rides in driven
+        if grid.shape == run.grids.shape[1:]
+        for index in np.flatnonzero((run.grids == grid).all(axis=(1, 2)))
+        for ride in rides
+    ]
+    return run._replace(rides=tuple(found))
+
+
+def setting(run: Finds, name: str) -> Plain:
+    settings = run.record.get("settings")
+    return settings.get(name) if isinstance(settings, dict) else None
