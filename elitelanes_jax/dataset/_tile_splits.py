@@ -8,11 +8,12 @@ import numpy as np
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_split
 from elitelanes_jax.maps.given import GivenMaps
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.movements import list_movements
+from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.tiles.files import Tile
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
@@ -22,6 +23,11 @@ def check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
     source = "maps" if spec.maps_from is None else "maps_from"
     if len(own.maps) != spec.maps:
         raise InputError(f"{source}: expected {spec.maps} of them, as the specification says, got {len(own.maps)}")
+    known: dict[bytes, int] = {}
+    for index, road_map in enumerate(own.maps if max(maps_by_split(spec)) < spec.maps else ()):
+        if (first := known.setdefault(canonical_form(road_map.codes), index)) != index:
+            expected = f"{source}: expected different networks, because no two splits may show the same one"
+            raise InputError(f"{expected}, got {own.names[index]}, which is map {first}, rotated or mirrored or not")
     for index, road_map in enumerate(own.maps):
         codes = np.asarray(check_grid(road_map.codes))
         if codes.shape not in spec.shapes:
