@@ -23,11 +23,6 @@ def check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
     source = "maps" if spec.maps_from is None else "maps_from"
     if len(own.maps) != spec.maps:
         raise InputError(f"{source}: expected {spec.maps} of them, as the specification says, got {len(own.maps)}")
-    known: dict[bytes, int] = {}
-    for index, road_map in enumerate(own.maps if max(maps_by_split(spec)) < spec.maps else ()):
-        if (first := known.setdefault(canonical_form(road_map.codes), index)) != index:
-            expected = f"{source}: expected different networks, because no two splits may show the same one"
-            raise InputError(f"{expected}, got {own.names[index]}, which is map {first}, rotated or mirrored or not")
     for index, road_map in enumerate(own.maps):
         codes = np.asarray(check_grid(road_map.codes))
         if codes.shape not in spec.shapes:
@@ -41,6 +36,11 @@ def check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
             kinds = [kind for kind, members in KINDS.items() if lacking & set(members)]
             expected = f"{source}: expected codes that the tile set has pictures for"
             raise InputError(f"{expected}, got {' and '.join(kinds)}, {own.names[index]}")
+    known: dict[bytes, int] = {}
+    for index, road_map in enumerate(own.maps if max(maps_by_split(spec)) < spec.maps else ()):
+        if (first := known.setdefault(canonical_form(road_map.codes), index)) != index:
+            expected = f"{source}: expected different networks, because no two splits may show the same one"
+            raise InputError(f"{expected}, got {own.names[index]}, which is map {first}, rotated or mirrored or not")
 
 
 def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet, TileSet]:

@@ -216,7 +216,7 @@ def trails(
 def _map_of(rides: Rides, grid: AnyArray) -> AnyArray:
     """Returns the map of rides, read if it is a file; raises `InputError` if the rides are on another one."""
     grid = read_map(grid) if isinstance(grid, str | Path) else grid
-    driven, links = np.asarray(rides.levels.grid), np.asarray(linked(grid))
+    driven, links = np.asarray(rides.levels.grid), np.asarray(linked(check_grid(grid)))
     if driven.shape[1:] != links.shape or (driven != links).any():
         raise InputError("rides: expected rides on the map, got rides on another one")
     return grid
