@@ -60,6 +60,8 @@ def insert(
     if niche.shape[-1:] != found.fitness.shape:
         raise InputError(f"niche: expected {len(found.fitness)} indices, one for each grid, got {list(niche.shape)}")
     rounds, niches = niche.reshape(-1, len(found.grids)), archive.fitness.size
+    if not isinstance(niche, jax.core.Tracer) and niche.size and not 0 <= niche.min() <= niche.max() < niches:
+        raise InputError(f"niche: expected indices 0 to {niches - 1}, got {niche.min()} to {niche.max()}")
     niche, fitness = rounds.reshape(-1), jnp.tile(found.fitness, len(rounds))
     batch = jnp.arange(niche.size, dtype=jnp.int32)
     lowest = archive.fitness.at[niche].min(fitness)
