@@ -1,7 +1,8 @@
 """The tuned MAP-Elites: annealed chains, each of which pursues one niche, its goal, for one cycle.
 
-A penalty grows with the distance from the goal. A cycle starts from the elite with the lowest penalised fitness, or
-from a random grid, and copies parts of other elites. Every evaluated grid is offered to the archive.
+A penalty grows with the distance from the goal. Each cycle draws how fast: some hardly leave the goal, and some follow
+the best fitness. A cycle starts from the elite with the lowest penalised fitness, or from a random grid, and copies
+parts of other elites. Every evaluated grid is offered to the archive.
 
 Elites descend from each other, so an archive soon holds one family of networks and loses the stepping stones to the
 other niches. Half of the chains are therefore isolated. They form groups, and a group knows only the elites that it
@@ -63,7 +64,8 @@ class AnnealedMapElitesConfig(Record):
     Attributes:
       annealing: options of the chains; each is an island of its own. Cycles do not grow; their default length is 1/32
         of the tuned EA's first cycle.
-      bin_penalty: the fitness that each bin of distance from the goal adds.
+      bin_penalty: the most fitness that each bin of distance from the goal adds. Each cycle draws its own penalty below
+        this, all equally likely.
       restart: probability that a cycle of an isolated chain starts from a random grid.
       restart_length: the length of a restarted cycle, in usual cycles.
       vacant_probability: probability that the goal is a vacant niche, if one is reachable.
@@ -76,8 +78,8 @@ class AnnealedMapElitesConfig(Record):
         networks without violations.
       accept_equal: whether a grid replaces an elite of equal fitness; static. Many towns have equal fitness. Without
         this, elites would hardly change, and cycles would start from the same elites.
-      require_feasible: whether a niche counts as vacant until its elite has no penalty; static. Without this, cycles
-        seldom pursue niches with infeasible elites.
+      require_feasible: whether a niche counts as vacant until its elite has no penalty, and each cycle has the whole
+        `bin_penalty`; static. Without this, cycles seldom pursue niches with infeasible elites.
     """
 
     annealing: AnnealingConfig = nested(AnnealingConfig(chains=1, hottest=40, coldest=12))
@@ -115,6 +117,7 @@ class Cycle(NamedTuple):
     goal: Int32[Array, "*C D"]  # the bins of the niche that the cycle pursues
     restarts: Bool[Array, "*C"]  # whether the cycle starts from a random grid
     start: Int32[Array, "*C"]  # the index of the elite that any other cycle starts from
+    penalty: Int32[Array, "*C"]  # the fitness that each bin of distance from the goal adds
 
 
 class AnnealedMapElitesState(NamedTuple):
@@ -158,7 +161,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         vacant = problem.empty_archive(chains.fitness.dtype, copies=_GROUPS + 1)
         archives = groups.insert(vacant, problem.niche(chains.features), chains)
         zero, no = jnp.zeros(count, jnp.int32), jnp.zeros(count, bool)
-        cycles = Cycle(jnp.zeros((count, len(problem.axes)), jnp.int32), no, zero)
+        cycles = Cycle(jnp.zeros((count, len(problem.axes)), jnp.int32), no, zero, zero)
         return AnnealedMapElitesState(chains, cycles, archives, Cooling(zero, jnp.broadcast_to(length, count)))
 
     def step(key: Array, state: AnnealedMapElitesState) -> tuple[AnnealedMapElitesState, Info]:
@@ -184,7 +187,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         temperature = cooling.temperature(annealing.hottest, annealing.coldest, shape)
         varied = vary(bits, temperature, cycles.restarts, chains.grids, mates)
         children = evaluate(problem, make_children(bits.fresh, begins, cycles.restarts, varied, elites))
-        pursued = partial(_pursued_fitness, problem, config, cycles)
+        pursued = partial(_pursued_fitness, problem, cycles)
         accepted = metropolis_accepts(bits.accept, temperature, pursued(chains), pursued(children))
         chains = select(begins | accepted, children, chains)
         archives = groups.insert(archives, problem.niche(children.features), children)
@@ -256,7 +259,10 @@ def _draw_cycle(
     known, filled = (jax.lax.dynamic_slice_in_dim(array, first, len(niches.bins)) for array in (fitness, filled))
     restarts = isolated & bernoulli(bits.restart, config.restart)
     goal = draw_goal(niches, bits.goal, filled, config.vacant_probability)
-    return Cycle(goal, restarts, first + nearest_elite(known, niches.bins, goal, config.bin_penalty))
+    penalty = jnp.asarray(config.bin_penalty, jnp.int32)
+    if not config.require_feasible:
+        penalty = randint(bits.elite_mate, penalty)  # these bits have no other use here, because no mate is drawn
+    return Cycle(goal, restarts, first + nearest_elite(known, niches.bins, goal, penalty), penalty)
 
 
 def _draw_mates(
@@ -273,7 +279,7 @@ def _draw_mates(
     """
     rivals = randint(bits.rivals, len(groups.niches.bins))
     fitness, bins = archives.fitness[rivals + groups.first[:, None]], jnp.asarray(groups.niches.bins)[rivals]
-    nearest = nearest_elite(fitness, bins, cycle.goal, config.bin_penalty)
+    nearest = nearest_elite(fitness, bins, cycle.goal, cycle.penalty[:, None, None])
     mate = groups.first + jnp.take_along_axis(rivals, nearest[:, None], axis=1)[:, 0]
     is_elite = bernoulli(bits.elite_mate, config.elite_mate) & archives.valid[mate]
     return jnp.where(is_elite[:, None, None], archives.grids[mate], otherwise)
@@ -331,9 +337,8 @@ def _make_child(
     return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, begins & restarts)
 
 
-def _pursued_fitness(
-    problem: Problem, config: AnnealedMapElitesConfig, cycle: Cycle, found: Population
-) -> Real[Array, " C"]:
+def _pursued_fitness(problem: Problem, cycle: Cycle, found: Population) -> Real[Array, " C"]:
     bins = niche_bins(problem.descriptor(found.features), problem.axes)
+    penalised = penalise_distance(found.fitness, bins, cycle.goal, cycle.penalty[:, None])
     # A sum with the fitness of a refused grid would not fit int32.
-    return jnp.where(found.valid, penalise_distance(found.fitness, bins, cycle.goal, config.bin_penalty), found.fitness)
+    return jnp.where(found.valid, penalised, found.fitness)

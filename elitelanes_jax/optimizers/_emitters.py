@@ -58,7 +58,7 @@ def nearest_elite(
     fitness: Real[Array, "*P N"],
     bins: Int32[ArrayLike, "*P N D"],
     goal: Int32[Array, "*P D"],
-    penalty: Int32[ArrayLike, ""],
+    penalty: Int32[ArrayLike, "..."],
 ) -> Int32[Array, "*P"]:
     """Returns the index of the elite with the lowest penalised fitness; vacant niches rank after all elites."""
     penalised = penalise_distance(jnp.minimum(fitness, _FAR), bins, goal[..., None, :], penalty)

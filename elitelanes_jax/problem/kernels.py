@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int8, Int32, Integer, Real
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import LARGEST
+from elitelanes_jax._util.checks import LARGEST, check_named, function_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.network.metrics import unstack_metrics
@@ -65,6 +65,7 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
             raise InputError(f"features: expected names that no other feature has, got {name!r}")
         if not callable(kernel):
             raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
+        check_named(f"features: {name}", function_of("grid"), kernel)
         made = _traced(f"features: expected {name}", kernel, jax.ShapeDtypeStruct(shape, jnp.int8))
         kind = getattr(made, "dtype", None)
         if kind is None or made.shape or not jnp.issubdtype(kind, jnp.integer):

@@ -179,7 +179,8 @@ def _evolve(
     if kept is not None and (before := kept.load()) is not None:
         done, inner = _restore(before.state, search)
         if done > last:
-            raise InputError(f"{kept.folder}: expected a search of {last} generations at most, got {done} done")
+            expected, got = (f"{steps * per_step:,} evaluations ({steps} generations)" for steps in (done, last))
+            raise InputError(f"{kept.folder}: expected {expected} or more, as many as are done, got {got}")
         seeded = {name: np.atleast_2d(getattr(before.history, name)) for name in _OF_SEEDS}
         parts.append(before.history._replace(**seeded))
     count = len(parts)

@@ -164,6 +164,7 @@ class Result:
         Raises:
           InputError: for a bad count or range.
         """
+        check_named("seed", whole(0, 2**32 - 1), seed)
         ranges = {item.name: item for item in (*self.spec.where, *parse_ranges(where, self.spec.features))}
         elites = self.elites
         if elites.valid.ndim == 1:

@@ -237,7 +237,9 @@ def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
 
     Raises `InputError` for another suffix, or pixels that `png_of` refuses.
     """
-    check_named("file", file_named(".png"), file).write_bytes(png_of(pixels))
+    target, content = check_named("file", file_named(".png"), file), png_of(pixels)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(content)
 
 
 def png_of(pixels: NDArray[np.integer]) -> bytes:

@@ -90,11 +90,28 @@ def test_a_cycle_that_does_not_restart_begins_with_an_elite_that_its_chain_knows
     assert begun > 500
 
 
+def test_a_cycle_draws_its_penalty_and_starts_from_the_best_elite_by_it():
+    _, _, states = search(tuned_axes(SHAPE), 0)
+    bins = np.indices([axis.bins for axis in tuned_axes(SHAPE)]).reshape(len(tuned_axes(SHAPE)), -1).T
+    drawn = []
+    for before, after in pairwise(states):
+        begins, cycles = before.cooling.step == 0, after.cycles
+        np.testing.assert_array_equal(cycles.penalty[~begins], before.cycles.penalty[~begins])
+        for chain in np.flatnonzero(begins):
+            archive = before.archives.fitness.reshape(-1, 400)[cycles.start[chain] // 400].astype(np.int64)
+            penalised = archive + np.abs(bins - cycles.goal[chain]).sum(axis=1) * cycles.penalty[chain]
+            assert cycles.start[chain] % 400 == penalised.argmin()
+        drawn += cycles.penalty[begins].tolist()
+    assert 0 <= min(drawn) < 10 and 390 < max(drawn) < 400
+    assert abs(np.mean(drawn) - 199.5) < 15  # standard error 4
+
+
 def test_niches_with_flawed_elites_are_pursued_as_vacant_ones():
     problem, _, states = search(
         (Axis("cyclomatic", 6, 2),), 0, require_feasible=True, accept_equal=True, vacant_probability=1.0
     )
     pursued = set()
+    assert (states[-1].cycles.penalty == 400).all()
     for before, after in pairwise(states):
         fitness, features = before.archives.fitness[-6:], before.archives.features[-6:]
         done = (fitness < VACANT) & (np.asarray(problem.penalties(jnp.asarray(features))) == 0)
