@@ -139,7 +139,8 @@ def archive_map(
     shown = [*down, across]
     for name in shown:
         if name not in names or shown.count(name) > 1:
-            raise InputError(f"axes: expected each of {', '.join(names)} at most once, got {', '.join(shown)}")
+            argument = "across" if name == across else "down"
+            raise InputError(f"{argument}: expected each of {', '.join(names)} at most once, got {', '.join(shown)}")
     values = np.asarray(fitness, float)
     if not values.size or values.shape[-1] != prod(bins):
         raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {values.shape}")

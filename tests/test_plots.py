@@ -164,8 +164,8 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
         (np.zeros(24), (), {}, "axes: expected at least one axis, got none"),
         (np.zeros(4), ["crossings:4"], {}, "axes: expected ones with a width, such as Result.axes, got one without"),
         (np.zeros(4), AXES[1:2] * 2, {}, "axes: expected each metric once, got components 2 times"),
-        (np.zeros(24), AXES, {"across": "bridges"}, "axes: expected each of cyclomatic, components, straight_share"),
-        (np.zeros(24), AXES, {"across": "components", "down": "components"}, "axes: expected each of cyclomatic"),
+        (np.zeros(24), AXES, {"across": "bridges"}, "across: expected each of cyclomatic, components, straight_share"),
+        (np.zeros(24), AXES, {"across": "components", "down": "components"}, "across: expected each of cyclomatic"),
     ],
 )
 def test_a_heat_map_of_something_else_is_refused(fitness, axes, names, message):

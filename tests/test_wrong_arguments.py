@@ -2,12 +2,14 @@
 
 import sys
 from functools import cache, partial
+from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
 from elitelanes_jax import (
+    Axis,
     DatasetSpec,
     GenerateSpec,
     InputError,
@@ -25,6 +27,7 @@ from elitelanes_jax import (
     make_dataset,
     merge,
     random_grids,
+    read_map,
     render,
     road_problem,
     rotate,
@@ -43,6 +46,8 @@ from elitelanes_jax.drive import (
     distances,
     film,
     lane_pose,
+    make,
+    make_atlas,
     make_levels,
     make_objects,
     make_rides,
@@ -50,7 +55,7 @@ from elitelanes_jax.drive import (
     random_pose,
     route,
 )
-from elitelanes_jax.explorer import page_of
+from elitelanes_jax.explorer import collect_results, page_of
 from elitelanes_jax.formats import (
     Streets,
     from_duckietown,
@@ -81,7 +86,7 @@ from elitelanes_jax.optimizers import (
     truncate,
 )
 from elitelanes_jax.optimizers.interop import evosax_task, qdax_centroids, qdax_moves, ribs_archive_space
-from elitelanes_jax.problem import Population, extreme_maps, gaps, insert, tuned_axes, with_town_features
+from elitelanes_jax.problem import Population, extreme_maps, gaps, insert, niche_index, tuned_axes, with_town_features
 from elitelanes_jax.tiles import (
     choose_tiles,
     find_seams,
@@ -106,6 +111,11 @@ def levels():
     return make_levels(jax.random.key(0), RING)
 
 
+@cache
+def searched():
+    return evolve(0, (2, 2), seeds=1, method="ea", preset="paper", generations=1)
+
+
 POPULATION = Population(np.zeros((2, 4, 4), np.int8), np.zeros(2, np.int32), np.zeros((2, 3), np.int32))
 
 
@@ -115,6 +125,14 @@ def begin(environment, params):
 
 def drive_by(action):
     return LaneDrive.step(*begin(LaneDrive, LaneDriveParams), np.array(action), LaneDriveParams(levels()))
+
+
+def step_with(environment, key, action=(0, 0)):
+    return environment.step(key, begin(LaneDrive, LaneDriveParams)[1], action, LaneDriveParams(levels()))
+
+
+def found():
+    return Result.load(Path(__file__).parents[1] / "docs" / "examples" / "run" / "archive.npz")
 
 
 WRONG = {
@@ -256,6 +274,20 @@ WRONG = {
     "folder: expected a name, got 4": lambda: mask_folder(4),
     "blend: expected on or off, got 'maybe'": lambda: load_tiles(blend="maybe"),
     "rides: expected Rides, got None": lambda: next(film(GRID, load_tiles(), None)),
+    "rides: expected rides on the map, got rides on another one": lambda: next(
+        film(GRID[:, ::-1], load_tiles(), make_rides(GRID, 1, seconds=0.1))
+    ),
+    "maps: expected different networks, because no two splits may show the same one, got map 1, which is map 0": (
+        lambda: make_dataset(DatasetSpec(maps=2, size="2", split=(0.5, 0, 0.5)), "out", maps=[GRID, rotate(GRID)])
+    ),
+    "seed: expected a whole number, 0 to 4294967295, got 1.5": lambda: searched().save("out", seed=1.5),
+    "axes 'turns': expected at least one bin, of a width of at least 1, got 4 of width 0": lambda: niche_index(
+        np.zeros((3, 1), np.int32), (Axis("turns", 4),)
+    ),
+    "atlas: expected images and labels of uint8, got float64 and uint8": lambda: make_atlas(
+        np.zeros((4, 2, 2, 3)), np.zeros((4, 2, 2), np.uint8)
+    ),
+    "objects: expected a name, got [1]": lambda: render(GRID, objects=[1]),
     "goal: expected LaneNode, got (0, 1, 1)": lambda: distances(GRID, (0, 1, 1)),
     "start: expected LaneNode, got (0, 0, 3)": lambda: route(GRID, (0, 0, 3), LaneNode(0, 1, 0)),
     "evaluate: expected a function, got None": lambda: Problem((4, 4), None),
@@ -281,6 +313,60 @@ WRONG = {
     "seeds: expected a number or several, 0 or more, got []": lambda: run_tasks([TASK], print, []),
     "progress: expected True or False, got 'no'": lambda: evolve(0, progress="no"),
     "task: expected Task, got '5x5A-10000'": lambda: compute_scores("5x5A-10000", np.zeros((2, 2))),
+    "key: expected a jax.random.key, got Array((2,), dtype=key": lambda: random_grids(seed_keys(0, 2), 3),
+    "key: expected a jax.random.key, got Array((3,), dtype=key": lambda: make_levels(seed_keys(0, 3), RING),
+    "key: expected a jax.random.key, got 4": lambda: RoadNav.reset(4, RoadNavParams(levels())),
+    "key: expected a jax.random.key, got None": lambda: LaneDrive.reset(None, LaneDriveParams(levels())),
+    "key: expected a jax.random.key, got 5": lambda: step_with(LaneDrive, 5),
+    "key: expected a jax.random.key, got 6": lambda: step_with(auto_reset(LaneDrive), 6),
+    "key: expected a jax.random.key, got Array((7,), dtype=key": lambda: step_with(LaneDrive, seed_keys(0, 7)),
+    "action: expected float [2], got 'left'": lambda: step_with(LaneDrive, jax.random.key(0), "left"),
+    "action: expected int [] or": lambda: RoadNav.step(*begin(RoadNav, RoadNavParams), "left", RoadNavParams(levels())),
+    "keys: expected keys [S], such as those of seed_keys, got Array([0, 0]": lambda: run(
+        ea(road_problem((4, 4))), jax.random.PRNGKey(0), 2
+    ),
+    "generations: expected a whole number, 0 or more, got -1": lambda: run(
+        ea(road_problem((4, 4))), seed_keys(0, 2), -1
+    ),
+    "level: expected one level (see random_level), got one of shape (1, 3, 3)": lambda: RoadNav.reset_to_level(
+        jax.random.key(0), levels(), RoadNavParams(levels())
+    ),
+    "level: expected one level (see random_level), got an array": lambda: LaneDrive.reset_to_level(
+        jax.random.key(0), RING, LaneDriveParams(levels())
+    ),
+    "pose: expected one Pose; jax.vmap takes several; got Pose(x=[0.5, 1.5]": lambda: lane_pose(
+        GRID, Pose([0.5, 1.5], [0.5, 1.5], [0, 0])
+    ),
+    "goal: expected one LaneNode; jax.vmap takes several; got": lambda: distances(
+        GRID, LaneNode(*np.zeros((3, 2), int))
+    ),
+    "windows: expected one of levels, limit": lambda: make("RoadNav", "no-map.json", windows=5),
+    "moves: expected mine to return int8 and bool (4, 4), got [((4, 4)": lambda: evolve(
+        0, (4, 4), moves={"mine": (1, Move(1, lambda bits, grid, mate: grid))}
+    ),
+    "moves: mine: apply: expected a function of bits, grid, mate, got one of (bits, grid)": lambda: evolve(
+        0, moves={"mine": (1, Move(1, lambda bits, grid: None))}
+    ),
+    "features: mine: expected a function of grid, got one of (grid, other)": lambda: evolve(
+        0, features={"mine": lambda grid, other: 0}
+    ),
+    "search: expected a function of task, generator, got one of ()": lambda: run_tasks([TASK], lambda: None, 1),
+    "results: mine: expected maps, grids or files of maps, got None": lambda: collect_results({"mine": None}),
+    "results: mine: no-run: expected a readable": lambda: collect_results({"mine": "no-run"}),
+    "colours: expected a Colour for road, red, yellow, got {'road': 1}": lambda: propose_masks(
+        np.zeros((4, 4, 3), np.uint8), {"road": 1}
+    ),
+    "what: expected one Result, got several; page_of(collect_results(": lambda: explore(
+        [found(), found()], "page.html"
+    ),
+    "index: expected a whole number, 0 or more, got -1": lambda: draw_sample(RoadMap(GRID), load_tiles(), -1),
+    "seed: expected a whole number, 0 to 4294967295, got 'a'": lambda: found().maps(1, seed="a"),
+    "path: expected a file, got a folder, .": lambda: found().save("."),
+    "file: expected a file, got a folder, .": lambda: write_png(".", np.zeros((4, 4), np.uint8)),
+    r"file: expected a path, got 'a\x00b'": lambda: read_map("a\0b"),
+    "count: expected a whole number, 0 or more, got -2": lambda: truncate(POPULATION, count=-2),
+    "niche: expected indices 0 to 1, got -1 to 0": lambda: insert(POPULATION, np.array([0, -1]), POPULATION),
+    "features: expected shape [..., 19], got [2, 1]": lambda: road_problem((4, 4)).niche(np.zeros((2, 1), int)),
 }
 
 

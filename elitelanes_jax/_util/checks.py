@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ LARGEST = 2**30
 """The largest whole number of a user, so that the difference of two fits 32 bits."""
 
 _FILES: tuple[str, ...] = (".csv", ".gif", ".graphml", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log", ".md")
+_FILES += (".geojson", ".glb", ".map", ".osm", ".pgm", ".scen")
 _FILES += (".npy", ".npz", ".pdf", ".png", ".py", ".svg", ".tar", ".toml", ".txt", ".xml", ".xodr", ".yaml", ".yml")
 _FILES += (".zip",)
 
@@ -97,6 +99,8 @@ def name(value: UserValue) -> str:
 
 def path(value: UserValue) -> Path:
     """Checks for a path."""
+    if "\0" in str(value):
+        raise InputError(f"expected a path, got {str(value)!r}")
     return value if isinstance(value, Path) else Path(name(value))
 
 
@@ -139,6 +143,22 @@ def function(value: UserValue) -> Callable[..., UserValue]:
     return value
 
 
+def function_of(*arguments: str) -> Check:
+    """Makes a check of a function: that it can be called with these arguments, by position."""
+
+    def check(value: UserValue) -> UserValue:
+        try:
+            signature(value).bind(*arguments)
+        except TypeError:
+            got = shorten(str(signature(value)))
+            raise InputError(f"expected a function of {', '.join(arguments)}, got one of {got}") from None
+        except ValueError:  # some built-in functions do not say
+            pass
+        return value
+
+    return check
+
+
 def ends_as_file(file: Path) -> bool:
     """Returns whether a path has the suffix of a file, so that a folder is hardly meant."""
     return file.name.lower().endswith(_FILES)
@@ -151,6 +171,9 @@ def file_named(suffix: str) -> Check:
         file = path(value)
         if ends_as_file(file) and file.suffix.lower() != suffix:
             raise InputError(f"expected a name that ends in {suffix}, got {file}")
+        with suppress(OSError):  # of a text that is too long for a path
+            if file.is_dir():
+                raise InputError(f"expected a file, got a folder, {file}")
         return file
 
     return check

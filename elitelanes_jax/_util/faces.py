@@ -125,7 +125,8 @@ def _is_array(value: UserValue, kind: UserValue) -> bool:
     """Returns whether a value is an array of numbers or can be one; the annotation may say how many axes."""
     value, kinds = getattr(value, "codes", value), getattr(kind, "dtypes", ())
     if "prng_key" in kinds:
-        return _is_key(value) or getattr(value, "dtype", None) == np.uint32
+        axes = len(kind.dims) + (getattr(value, "dtype", None) == np.uint32)  # a key of the old style is a vector
+        return (_is_key(value) or axes > len(kind.dims)) and value.ndim == axes
     try:
         array = value if hasattr(value, "dtype") else np.asarray(value)
     except ValueError:  # lists of several lengths

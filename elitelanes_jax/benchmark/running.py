@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Int8
 
-from elitelanes_jax._util.checks import check_named, is_whole, listed, whole
+from elitelanes_jax._util.checks import check_named, function_of, is_whole, listed, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission, measure_grids
@@ -92,6 +92,8 @@ def _run(
     listed = list(seeds if isinstance(seeds, Iterable) else range(check_named("seeds", whole(1), seeds)))
     if not listed or any(not is_whole(seed) or seed < 0 for seed in listed):
         raise InputError(f"seeds: expected a number or several, 0 or more, got {shorten(repr(seeds))}")
+    if callable(search):
+        check_named("search", function_of("task", "generator"), search)
     generators = (
         search(argument, np.random.default_rng(seed)) if callable(search) else search  # refused by `_run_seed`
         for seed in listed

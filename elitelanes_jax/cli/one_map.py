@@ -158,12 +158,14 @@ def add_furnish(commands: Commands) -> None:
 
 
 def _furnish(options: argparse.Namespace) -> int:
+    from elitelanes_jax.formats.objects import check_objects
     from elitelanes_jax.maps.furnishing.placing import furnish
     from elitelanes_jax.maps.furnishing.spec import parse_furnish
 
     spec = check_named("furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags)
     check_new(options.out)
     road_map = read_map(options.map)
+    check_named(f"furnish {' '.join(options.furnish)}", check_objects, spec.objects, *road_map.codes.shape)
     with naming(options.map):
         furnished = furnish(road_map, spec, seed=options.seed)
     with never_replacing(options.out):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, instance, none_or
+from elitelanes_jax._util.checks import check_named, instance, none_or, whole
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels, shift_points
 from elitelanes_jax.dataset._standing import stand
@@ -64,6 +64,7 @@ def draw_sample(
       InputError: for a camera on a map without a lane, an object without a picture, or an argument of another type.
     """
     check_named("road_map", instance(RoadMap), road_map)
+    check_named("index", whole(0), index)
     check_named("transforms", instance(Transforms), transforms)
     check_named("camera", none_or(instance(Viewpoints)), camera)
     chosen = choose_tiles(road_map.codes, tiles, [seed, index])

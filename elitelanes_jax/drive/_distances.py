@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
-from elitelanes_jax._util.checks import check_named, instance, none_or, whole
-from elitelanes_jax.drive.lanes import LaneNode, Movement, linked
+from elitelanes_jax._util.checks import check_named, none_or, whole
+from elitelanes_jax.drive.lanes import LaneNode, Movement, linked, single
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import EXIT
@@ -45,7 +45,7 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
     Raises:
       InputError: for a bad grid (see `check_grid`), or a goal that is no `LaneNode`.
     """
-    return _distances(check_grid(grid), check_named("goal", instance(LaneNode), goal))
+    return _distances(check_grid(grid), check_named("goal", single(LaneNode), goal))
 
 
 @jax.jit
@@ -151,8 +151,8 @@ def route(grid: Int[ArrayLike, "H W"], start: LaneNode, goal: LaneNode, *, most:
     Raises:
       InputError: for a bad grid (see `check_grid`), nodes that are no `LaneNode`, or `most` below 1.
     """
-    check_named("start", instance(LaneNode), start)
-    check_named("goal", instance(LaneNode), goal)
+    check_named("start", single(LaneNode), start)
+    check_named("goal", single(LaneNode), goal)
     return _route(check_grid(grid), start, goal, check_named("most", none_or(whole(1)), most))
 
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key
 
 from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.drive._levels import Level
 from elitelanes_jax.network.bits import randint, random_bits
@@ -78,4 +79,4 @@ def auto_reset(environment: Environment) -> Environment:
         # Observed again instead of chosen, so that XLA drops an unused `reached`.
         return done._replace(observation=environment.observe(state, params), state=state)
 
-    return environment._replace(step=step)
+    return environment._replace(step=name_wrong_arguments(step))

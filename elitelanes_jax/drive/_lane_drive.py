@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, nested, option
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.drive._camera import Sight, look_around
 from elitelanes_jax.drive._distances import NO_WAY
 from elitelanes_jax.drive._environment import Environment, Transition
-from elitelanes_jax.drive._levels import Level, check_batch
+from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive._objects import Objects, touches
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import (
@@ -178,6 +179,7 @@ _Reader = Callable[[Array, Array], tuple[Array, Array]]  # from row and column t
 _Parts = dict[str, Pytree]  # parts of a state, by name
 
 
+@name_wrong_arguments
 @jax.jit
 def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
     """Starts on a level drawn uniformly from ``params.levels``; the key is consumed."""
@@ -194,11 +196,13 @@ def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObser
     return _begin(_at(levels, index), start, params)
 
 
+@name_wrong_arguments
 @jax.jit
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
     """Puts the robot on the start of a level, at rest, near the middle of its lane; the key is consumed."""
+    check_named("level", check_single, level)
     read = partial(_at, (level.grid, level.ways))
     return _begin(level, once(lambda: _start(_reset_bits(key, params), level.start, read, params)), params)
 
@@ -245,6 +249,7 @@ class _Events(NamedTuple):
     collision: Array | None
 
 
+@name_wrong_arguments
 @jax.jit
 def _step(
     key: Key[Array, ""], state: LaneDriveState, action: Float[ArrayLike, "2"], params: LaneDriveParams
@@ -263,7 +268,7 @@ def _step(
     """
     check_named("params", instance(LaneDriveParams), params)
     check_named("state", instance(LaneDriveState), state)
-    if (shape := jnp.shape(action)) != (2,):
+    if (shape := jnp.shape(action := jnp.asarray(action))) != (2,):
         raise InputError(f"action: expected two numbers, shape (2,), got shape {shape}")
     moved, events = once(lambda: _move(key, state, action, params))
     success, off_road, d, phi = events.success, events.off_road, moved["d"], moved["phi"]

@@ -207,7 +207,17 @@ def _check_one(name: str, level: Level, made: Level) -> None:
 
 def check_batch(levels: UserValue) -> Level:
     """Checks that a value is a batch of levels, but not the levels."""
-    if not isinstance(levels, Level) or np.ndim(levels.grid) != 3:
-        got = f"one of shape {np.shape(levels.grid)}" if isinstance(levels, Level) else type(levels).__name__
-        raise InputError(f"expected a batch of levels (see make_levels), got {got}")
-    return levels
+    return _check_axes(levels, 3, "a batch of levels (see make_levels)")
+
+
+def check_single(level: UserValue) -> Level:
+    """Checks that a value is one level, but not the level."""
+    return _check_axes(level, 2, "one level (see random_level)")
+
+
+def _check_axes(level: UserValue, axes: int, expected: str) -> Level:
+    if not isinstance(level, Level) or np.ndim(level.grid) != axes:
+        got = "an array" if hasattr(level, "shape") else type(level).__name__  # not the type of a tracer
+        got = f"one of shape {np.shape(level.grid)}" if isinstance(level, Level) else got
+        raise InputError(f"expected {expected}, got {got}")
+    return level

@@ -10,11 +10,12 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Int32, Key
 
 from elitelanes_jax._util.checks import check_named, flag, instance, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, draw_level
-from elitelanes_jax.drive._levels import Level, check_batch
+from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive.lanes import TAKEN, LaneNode, Movement
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.movements import MOVEMENTS
@@ -112,21 +113,25 @@ class RoadNavInfo(NamedTuple):
     regret: Float[Array, ""]
 
 
+@name_wrong_arguments
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: RoadNavParams
 ) -> tuple[RoadNavObservation, RoadNavState]:
     """Puts the agent on the start of a level. The key is not used."""
     check_named("params", instance(RoadNavParams), params)
+    check_named("level", check_single, level)
     state = RoadNavState(level.grid, level.goal, level.shortest, level.start, jnp.int32(0))
     return _observe(state, params), state
 
 
+@name_wrong_arguments
 def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservation, RoadNavState]:
     """Puts the agent on the start of a level drawn uniformly from ``params.levels``; the key is consumed."""
     check_named("params", instance(RoadNavParams), params)
     return _reset_to_level(key, draw_level(key, params.levels), params)
 
 
+@name_wrong_arguments
 def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], params: RoadNavParams) -> Transition:
     """Drives to the next tile.
 

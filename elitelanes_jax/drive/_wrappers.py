@@ -17,14 +17,17 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, is_whole, one_of, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
 from elitelanes_jax.drive._environment import Environment, auto_reset, draw_level
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 
-_ENVIRONMENTS = {"RoadNav": (RoadNav, RoadNavParams), "LaneDrive": (LaneDrive, LaneDriveParams)}
+_ENVIRONMENTS: dict[str, tuple[Environment, type[RoadNavParams | LaneDriveParams]]] = {
+    "RoadNav": (RoadNav, RoadNavParams),
+    "LaneDrive": (LaneDrive, LaneDriveParams),
+}
 
 
 def make(
@@ -43,6 +46,7 @@ def make(
       InputError: for another name, and as `make_levels` and the parameters do.
     """
     environment, params = _ENVIRONMENTS[check_named("name", one_of(*_ENVIRONMENTS), name)]
+    check_names(settings, params.options())
     key = jax.random.key(check_named("seed", whole(0, 2**32 - 1), seed))
     return environment, params(make_levels(key, maps, count), **settings)
 

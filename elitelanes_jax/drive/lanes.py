@@ -18,7 +18,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Key
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.checks import Check, check_named, instance
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import MOVEMENTS
@@ -60,6 +62,17 @@ class LaneNode(NamedTuple):
     row: Int[Array, "..."]
     column: Int[Array, "..."]
     heading: Int[Array, "..."]
+
+
+def single(kind: type) -> Check:
+    """Makes a check for one `Pose` or `LaneNode`, whose fields are numbers."""
+
+    def check(value: UserValue) -> UserValue:
+        if any(map(np.ndim, instance(kind)(value))):
+            raise InputError(f"expected one {kind.__name__}; jax.vmap takes several; got {shorten(repr(value))}")
+        return value
+
+    return check
 
 
 class Movement(NamedTuple):
@@ -241,7 +254,7 @@ def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None
     Raises:
       InputError: for a bad grid (see `check_grid`), or a pose that is not a `Pose`.
     """
-    return _lane_pose(check_grid(grid), check_named("pose", instance(Pose), pose), movement)
+    return _lane_pose(check_grid(grid), check_named("pose", single(Pose), pose), movement)
 
 
 @jax.jit

@@ -69,6 +69,8 @@ def collect(
         return pack(of_maps(listed, ""), _load_tiles(tiles, blend), tile_px, title or "")
     if all(isinstance(one, str | Path) for one in listed):
         return _collect_files([Path(one) for one in listed], tiles, blend, tile_px, title)
+    if any(hasattr(one, "elites") for one in listed):
+        raise InputError("what: expected one Result, got several; page_of(collect_results(...)) shows several by name")
     if alone:
         raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
     maps = check_named("what", as_maps, listed)
@@ -80,7 +82,10 @@ def collect_results(results: "Mapping[str, Result | Iterable[RoadMap]]", *, seed
     runs: list[Finds] = []
     check_named("seeds", none_or(whole(1)), seeds)
     for name, one in check_named("results", instance(Mapping), results).items():
-        runs += of_maps(one, name) if isinstance(one, Iterable) else [from_result(one, name, seeds)]
+        if hasattr(one, "elites") and hasattr(one, "axes"):
+            runs.append(from_result(one, name, seeds))
+        else:
+            runs += of_maps(check_named(f"results: {name}", as_maps, one), name)
     if not runs:
         raise InputError("results: expected at least one, got none")
     return pack(runs, load_tiles(), 64, "")

@@ -83,7 +83,7 @@ def to_nav2(codes: ArrayLike, image: str, tile_size: float = TILE_SIZE, cells: i
     pixels = road * np.uint8(_FREE)
     picture = b"P5\n%d %d\n255\n" % road.shape[::-1] + pixels.tobytes()
     about = _YAML.format(image=json.dumps(check_named("image", name, image)), resolution=tile_size / cells)
-    return Nav2(picture, about, _geojson(graph, np.shape(codes)[0], tile_size))
+    return Nav2(picture, about, _geojson(graph, len(check_grid(codes)), tile_size))
 
 
 def _geojson(graph: LaneGraph, height: int, tile_size: float) -> str:

@@ -183,4 +183,4 @@ class FormatOptions(Record):
             able = [to for to, known in FORMATS.items() if setting in known.takes]
             if not set(able) & set(names):
                 expected = f"expected it with {', '.join(able)} alone"
-                raise InputError(f"{setting}: {expected}, got it with {', '.join(names)}")
+                raise InputError(f"{setting}: {expected}, got it with {', '.join(names) or 'none'}")

@@ -17,7 +17,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
-from elitelanes_jax._util.checks import check_named, none_or, real, whole
+from elitelanes_jax._util.checks import check_named, function_of, none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record, option
@@ -43,6 +43,7 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
         if not isinstance(value, tuple | list) or len(value) != 2 or not isinstance(value[1], Move):
             raise InputError(f"{name}: expected a weight and a Move, got {shorten(repr(value))}")
         weight, move = value
+        check_named(f"{name}: apply", function_of("bits", "grid", "mate"), move.apply)
         if not isinstance(weight, jax.Array | np.ndarray):
             weight = check_named(name, whole(0), weight)
         checked[name] = weight, move
@@ -290,11 +291,12 @@ def _move(
         mate = grid if mate is None else mate
         varied = apply_plan(bits, grid, mate, drawn) if weights else Variation(grid, jnp.zeros(grid.shape, bool))
         for index, (name, (_, move)) in enumerate(others.items(), start=len(weights)):
-            other = Variation(*move.apply(bits[_BITS : _BITS + move.bits], grid, mate))
-            kinds = [(array.shape, array.dtype) for array in other]
+            made = move.apply(bits[_BITS : _BITS + move.bits], grid, mate)
+            other = made if isinstance(made, tuple | list) else (made,)
+            kinds = [(np.shape(part), getattr(part, "dtype", type(part).__name__)) for part in other]
             if kinds != [(grid.shape, jnp.int8), (grid.shape, jnp.bool_)]:
                 raise InputError(f"moves: expected {name} to return int8 and bool {grid.shape}, got {kinds}")
-            varied = jax.tree.map(partial(jnp.where, drawn == index), other, varied)
+            varied = jax.tree.map(partial(jnp.where, drawn == index), Variation(*other), varied)
         return varied
 
     def apply_plan(bits: Array, grid: Array, mate: Array, drawn: Array) -> Variation:

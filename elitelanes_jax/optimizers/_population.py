@@ -131,6 +131,7 @@ def truncate(*populations: Population, count: int) -> Population:
     """Returns the `count` best grids of several populations, sorted, best first; equal grids keep their order."""
     if not populations:
         raise InputError("populations: expected at least one, got none")
+    check_named("count", whole(0), count)
     everyone = concatenate(*populations)
     order = jnp.argsort(everyone.fitness, stable=True)[:count]
     return jax.tree.map(lambda array: array[order], everyone)

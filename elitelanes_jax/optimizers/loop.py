@@ -62,8 +62,9 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
     """
     if not isinstance(optimizer, Optimizer):
         raise InputError(f"optimizer: expected an Optimizer, got {type(optimizer).__name__}")
-    if np.ndim(keys) == 0:
+    if np.ndim(keys) != 1 + (getattr(keys, "dtype", None) == np.uint32):  # a key of the old style is a vector
         raise InputError(f"keys: expected keys [S], such as those of seed_keys, got {shorten(repr(keys))}")
+    check_named("generations", whole(0), generations)
     return advance(optimizer, keys, start(optimizer, keys), 1, generations, most=generations)
 
 

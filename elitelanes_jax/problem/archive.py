@@ -55,11 +55,14 @@ def insert(
       accept_equal: whether the first in the batch replaces an elite of equal fitness.
 
     Raises:
-      InputError: for another number of indices than of grids.
+      InputError: for another number of indices than of grids, or an index of no niche; not under `jax.jit`.
     """
     if niche.shape[-1:] != found.fitness.shape:
         raise InputError(f"niche: expected {len(found.fitness)} indices, one for each grid, got {list(niche.shape)}")
     rounds, niches = niche.reshape(-1, len(found.grids)), archive.fitness.size
+    given = np.arange(0) if isinstance(niche, jax.core.Tracer) else np.asarray(niche)
+    if given.size and not 0 <= given.min() <= given.max() < niches:
+        raise InputError(f"niche: expected indices 0 to {niches - 1}, got {given.min()} to {given.max()}")
     niche, fitness = rounds.reshape(-1), jnp.tile(found.fitness, len(rounds))
     batch = jnp.arange(niche.size, dtype=jnp.int32)
     lowest = archive.fitness.at[niche].min(fitness)

@@ -50,6 +50,8 @@ def check_feasible(
     free = len(free_links(shape, fix, filled=filled)[1]) if maps.bit_length() > 1 else maps
     if maps.bit_length() > free and maps > 2**free:
         links = f"as many as {pluralize(free, 'free link')} between cells allow"
+        if fix is not None:
+            raise InputError(f"fix: expected free cells for {maps:,} maps, got {pluralize(2**free, 'map')}, {links}")
         raise InputError(f"maps: expected at most {2**free:,}, {links}, got {maps:,}")
 
     grids = _all_grids(shape, fix, filled=filled) if exhaustive else None

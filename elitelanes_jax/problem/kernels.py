@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int8, Int32, Integer, Real
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import LARGEST
+from elitelanes_jax._util.checks import LARGEST, check_named, function_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.network.metrics import unstack_metrics
@@ -65,6 +65,7 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
             raise InputError(f"features: expected names that no other feature has, got {name!r}")
         if not callable(kernel):
             raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
+        check_named(f"features: {name}", function_of("grid"), kernel)
         made = _traced(f"features: expected {name}", kernel, jax.ShapeDtypeStruct(shape, jnp.int8))
         kind = getattr(made, "dtype", None)
         if kind is None or made.shape or not jnp.issubdtype(kind, jnp.integer):
@@ -213,7 +214,7 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
 
     Calls out of JAX, such as callbacks, do not count. The arguments may be given by their shapes and dtypes.
     """
-    closed = jax.make_jaxpr(function)(*arguments)
+    closed = jax.make_jaxpr(lambda *given: function(*given))(*arguments)  # JAX knows a function that it has traced
     with np.printoptions(threshold=sys.maxsize):
         text = re.sub(r"\bat 0x[0-9a-f]+", "", str(closed))
     parts = sha256(text.encode())

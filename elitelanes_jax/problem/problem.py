@@ -141,6 +141,8 @@ class Problem:
         return self.repair(grid, raster=True)
 
     def descriptor(self, features: Int32[Array, "... F"]) -> Int32[Array, "... D"]:
+        if np.shape(features)[-1:] != (len(self.feature_names),):
+            raise InputError(f"features: expected shape [..., {len(self.feature_names)}], got {[*np.shape(features)]}")
         return compute_descriptor(features, self.feature_names, self.axes)
 
     def niche(self, features: Int32[Array, "... F"]) -> Int32[Array, "..."]:

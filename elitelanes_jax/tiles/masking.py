@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, path
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.files import read_mask, read_picture, size_of
@@ -84,6 +84,8 @@ def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLO
     """
     if getattr(image, "dtype", None) != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise InputError(f"image: expected uint8 [S, S, 3], got {getattr(image, 'dtype', '')} {list(np.shape(image))}")
+    if not isinstance(colours, Mapping) or not all(isinstance(colours.get(name), tuple) for name in COLOURS):
+        raise InputError(f"colours: expected a Colour for {', '.join(COLOURS)}, got {shorten(repr(colours))}")
     size = image.shape[0]
     hsv = np.asarray(cv2.cvtColor(cv2.medianBlur(np.ascontiguousarray(image), 3), cv2.COLOR_RGB2HSV), np.uint8)
     fine = _disc(size * _CLEAN)

@@ -139,6 +139,8 @@ def render(
         toned = apply_tones(layers["image"], solve_tones(codes, picture, small["image"], small["labels"]))
         layers["image"] = feather(toned, layers["labels"], codes)
     instances = None
+    if objects is not None:
+        objects = load_objects(objects)
     if things := getattr(grid, "objects", None):
         placed, order = lay_all_flat(things, load_objects(objects).choose(things, seed or 0), tile_px)
         instances, _ = paste_objects(layers, placed, order)
@@ -235,7 +237,9 @@ def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
 
     Raises `InputError` for another suffix, or pixels that `png_of` refuses.
     """
-    check_named("file", file_named(".png"), file).write_bytes(png_of(pixels))
+    target, content = check_named("file", file_named(".png"), file), png_of(pixels)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(content)
 
 
 def png_of(pixels: NDArray[np.integer]) -> bytes:

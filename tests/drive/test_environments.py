@@ -103,6 +103,16 @@ def test_other_levels_and_numbers_compile_nothing_and_a_state_goes_in_as_it_came
     assert any((one.grid != two.grid).any() for one, (_, two, *_) in zip(first, second, strict=True))
 
 
+@pytest.mark.usefixtures("any_types")
+def test_an_action_may_be_a_list():
+    environment, params = made("lane-drive")
+    key = jax.random.key(2)
+    before = key, environment.reset(key, params)[1]
+    for action in ([0.5, 0.25], (0.5, 0.25)):
+        same = jax.tree.map(np.array_equal, *(environment.step(*before, a, params) for a in (action, np.array(action))))
+        assert all(jax.tree.leaves(same))
+
+
 @every_environment
 def test_no_action_makes_what_is_no_number(name):
     environment, params = made(name)

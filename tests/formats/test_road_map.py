@@ -85,7 +85,7 @@ def test_maps_are_saved_under_names_that_are_read_as_maps(name, tmp_path):
         RoadMap([[6, 3], [12, 9]]).save(tmp_path / name)
     with pytest.raises(InputError, match="^file: expected a name, got None$"):
         RoadMap([[6, 3], [12, 9]]).save(None)
-    with pytest.raises(IsADirectoryError):
+    with pytest.raises(InputError, match="^file: expected a file, got a folder, .$"):
         RoadMap([[6, 3], [12, 9]]).save(".")
     assert not [*tmp_path.iterdir()]
 

@@ -14,7 +14,7 @@ from hypothesis import assume, example, given, settings
 from oracle import road_graph
 from simulator_maps import KNOT
 
-from elitelanes_jax import InputError
+from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.drive import lane_nodes, movements
 from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point, on_road
 from elitelanes_jax.formats import to_movingai, to_nav2
@@ -61,7 +61,8 @@ def read_pgm(content):
 
 def test_the_map_server_finds_what_is_free_where_the_road_is():
     """A pixel is free or occupied by the rules of nav2's map server, at the place that they give it."""
-    grid, about, _ = to_nav2(TOWN, "town.pgm", cells=20)
+    grid, about, _ = made = to_nav2(TOWN, "town.pgm", cells=20)
+    assert made == to_nav2(RoadMap(TOWN), "town.pgm", cells=20)
     pixels, rules = read_pgm(grid), yaml.safe_load(about)
     assert rules["image"] == "town.pgm" and rules["mode"] == "trinary" and rules["negate"] == 0
     height = len(TOWN)

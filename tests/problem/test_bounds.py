@@ -149,7 +149,7 @@ def test_the_number_of_maps_is_exact_where_they_are_few(shape, rules, filled):
 def test_fixed_cells_leave_so_many_maps():
     loop = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
     check_feasible((3, 3), fix=parse_fixed_cells(loop), exhaustive=True)
-    with pytest.raises(InputError, match="maps: expected at most 1, as many as 0 free links between cells allow, got"):
+    with pytest.raises(InputError, match="^fix: expected free cells for 2 maps, got 1 map, as many as 0 free"):
         check_feasible((3, 3), fix=parse_fixed_cells(loop), maps=2)
     half = [[6, 5, 3], [None] * 3, [None] * 3]
     # The second row: straight on, or the loop is closed there, or both sides meet in a crossing.

@@ -12,7 +12,7 @@ from elitelanes_jax import InputError, RoadMap, render, repair, rotate
 from elitelanes_jax.formats import map_to_json
 from elitelanes_jax.formats.road_map import Drawn
 from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles, overlay, write_picture
-from elitelanes_jax.tiles.rendering import recall_choice
+from elitelanes_jax.tiles.rendering import png_of, recall_choice, write_png
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
 RNG = np.random.default_rng(12)
@@ -162,6 +162,12 @@ def test_what_the_command_takes_is_taken(drawn_tiles, drawn_map, tmp_path):
     for wrong, message in ((str(tmp_path / "none"), "expected a folder of tile pictures"), (3, "tiles: expected")):
         with pytest.raises(InputError, match=message):
             render(GRID, wrong)
+
+
+def test_a_picture_is_written_to_a_new_folder(tmp_path):
+    picture = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    write_png(tmp_path / "new" / "folder" / "a.png", picture)
+    assert (tmp_path / "new" / "folder" / "a.png").read_bytes() == png_of(picture)
 
 
 def test_wrong_arguments_are_refused(drawn_tiles):
