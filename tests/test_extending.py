@@ -186,6 +186,33 @@ def test_a_function_is_known_by_what_it_computes(name, tmp_path):
             run(**of_factor(name, 3), **options)
 
 
+def test_a_function_whose_values_change_is_another_one(tmp_path):
+    """What a function reads may change between two calls, as in a sweep in a notebook."""
+    added = np.zeros((), np.int32)
+    run = partial(evolve, 0, SHAPE, seeds=1, method="ea", preset="paper", generations=2)
+    options = {
+        "fitness": lambda usual: usual + added.item(),
+        "features": {"mine": lambda grid: (grid[0, 0] * 0 + added.item()).astype(jnp.int32)},
+        "moves": {"mine": (10**6, Move(1, lambda bits, grid, mate=None: (grid * added.item(), grid >= 0)))},
+    }
+    for name, value in options.items():
+        usual = {"preset": "tuned"} if name == "moves" else {}
+        added[...] = 0
+        before = run(**{name: value}, **usual)
+        added[...] = 1
+        after = run(**{name: value}, **usual)
+        with pytest.raises(InputError, match="other options or functions"):
+            run(**{name: value}, **usual, state=before.state)
+        seen = {
+            "fitness": lambda result: result.elites.fitness,
+            "features": lambda result: result.elites.features["mine"],
+            "moves": lambda result: result.elites.grids,
+        }[name]
+        assert (seen(before) != seen(after)).any()
+        if name != "moves":
+            np.testing.assert_array_equal(np.asarray(seen(before)) + 1, seen(after))
+
+
 def test_chosen_maps_have_a_float_fitness():
     maps = rough(("map-elites", "tuned")).maps(5)
     assert maps and all(isinstance(road_map.fitness, float) for road_map in maps)

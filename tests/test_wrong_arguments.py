@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import (
+    Axis,
     DatasetSpec,
     GenerateSpec,
     InputError,
@@ -46,6 +47,7 @@ from elitelanes_jax.drive import (
     film,
     lane_pose,
     make,
+    make_atlas,
     make_levels,
     make_objects,
     make_rides,
@@ -84,7 +86,7 @@ from elitelanes_jax.optimizers import (
     truncate,
 )
 from elitelanes_jax.optimizers.interop import evosax_task, qdax_centroids, qdax_moves, ribs_archive_space
-from elitelanes_jax.problem import Population, extreme_maps, gaps, insert, tuned_axes, with_town_features
+from elitelanes_jax.problem import Population, extreme_maps, gaps, insert, niche_index, tuned_axes, with_town_features
 from elitelanes_jax.tiles import (
     choose_tiles,
     find_seams,
@@ -107,6 +109,11 @@ RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
 @cache
 def levels():
     return make_levels(jax.random.key(0), RING)
+
+
+@cache
+def searched():
+    return evolve(0, (2, 2), seeds=1, method="ea", preset="paper", generations=1)
 
 
 POPULATION = Population(np.zeros((2, 4, 4), np.int8), np.zeros(2, np.int32), np.zeros((2, 3), np.int32))
@@ -267,6 +274,20 @@ WRONG = {
     "folder: expected a name, got 4": lambda: mask_folder(4),
     "blend: expected on or off, got 'maybe'": lambda: load_tiles(blend="maybe"),
     "rides: expected Rides, got None": lambda: next(film(GRID, load_tiles(), None)),
+    "rides: expected rides on the map, got rides on another one": lambda: next(
+        film(GRID[:, ::-1], load_tiles(), make_rides(GRID, 1, seconds=0.1))
+    ),
+    "maps: expected different networks, because no two splits may show the same one, got map 1, which is map 0": (
+        lambda: make_dataset(DatasetSpec(maps=2, size="2", split=(0.5, 0, 0.5)), "out", maps=[GRID, rotate(GRID)])
+    ),
+    "seed: expected a whole number, 0 to 4294967295, got 1.5": lambda: searched().save("out", seed=1.5),
+    "axes 'turns': expected at least one bin, of a width of at least 1, got 4 of width 0": lambda: niche_index(
+        np.zeros((3, 1), np.int32), (Axis("turns", 4),)
+    ),
+    "atlas: expected images and labels of uint8, got float64 and uint8": lambda: make_atlas(
+        np.zeros((4, 2, 2, 3)), np.zeros((4, 2, 2), np.uint8)
+    ),
+    "objects: expected a name, got [1]": lambda: render(GRID, objects=[1]),
     "goal: expected LaneNode, got (0, 1, 1)": lambda: distances(GRID, (0, 1, 1)),
     "start: expected LaneNode, got (0, 0, 3)": lambda: route(GRID, (0, 0, 3), LaneNode(0, 1, 0)),
     "evaluate: expected a function, got None": lambda: Problem((4, 4), None),

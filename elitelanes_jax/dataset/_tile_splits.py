@@ -8,11 +8,12 @@ import numpy as np
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_split
 from elitelanes_jax.maps.given import GivenMaps
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.movements import list_movements
+from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.tiles.files import Tile
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
@@ -35,6 +36,11 @@ def check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
             kinds = [kind for kind, members in KINDS.items() if lacking & set(members)]
             expected = f"{source}: expected codes that the tile set has pictures for"
             raise InputError(f"{expected}, got {' and '.join(kinds)}, {own.names[index]}")
+    known: dict[bytes, int] = {}
+    for index, road_map in enumerate(own.maps if max(maps_by_split(spec)) < spec.maps else ()):
+        if (first := known.setdefault(canonical_form(road_map.codes), index)) != index:
+            expected = f"{source}: expected different networks, because no two splits may show the same one"
+            raise InputError(f"{expected}, got {own.names[index]}, which is map {first}, rotated or mirrored or not")
 
 
 def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet, TileSet]:

@@ -123,7 +123,8 @@ def make_dataset(
       workers: threads that draw; by default one for each core (see `use_cores`).
       force: whether another dataset in the folder is replaced when this one is complete, if an earlier run wrote all
         files in it. Until then the disk needs room for both.
-      maps: drawn instead of evolved maps, as `as_maps` takes them, with the specification's number and sizes.
+      maps: drawn instead of evolved maps, as `as_maps` takes them, with the specification's number and sizes. If there
+        are several splits, no map is another one rotated or mirrored.
       executor: whose workers search and draw instead of this process, such as `dask_executor`. They share the disk
         with this process.
 

@@ -27,10 +27,10 @@ from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, La
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive._pure_pursuit import pure_pursuit
-from elitelanes_jax.drive.lanes import Movement, Pose, lane_point
+from elitelanes_jax.drive.lanes import Movement, Pose, lane_point, linked
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.rides import MOST_POSES, RIDES
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render, scale_tiles
@@ -203,13 +203,23 @@ def trails(
     The ring is where the goal's lane enters the tile. A robot that enters on another lane has not reached the goal.
 
     Raises:
-      InputError: for a map that the tiles cannot draw (see `render`).
+      InputError: for a map that the tiles cannot draw (see `render`), or rides on another map.
     """
+    grid = _map_of(rides, grid)
     picture = render(grid, tiles, tile_px=tile_px, chosen=chosen).image.copy()
     goals = _goals(rides.levels)
     for index in range(len(rides.steps)):
         _draw_trail(picture, rides, index, rides.steps[index], goals[index], tile_px)
     return picture
+
+
+def _map_of(rides: Rides, grid: AnyArray) -> AnyArray:
+    """Returns the map of rides, read if it is a file; raises `InputError` if the rides are on another one."""
+    grid = read_map(grid) if isinstance(grid, str | Path) else grid
+    driven, links = np.asarray(rides.levels.grid), np.asarray(linked(check_grid(grid)))
+    if driven.shape[1:] != links.shape or (driven != links).any():
+        raise InputError("rides: expected rides on the map, got rides on another one")
+    return grid
 
 
 def film(
@@ -223,10 +233,12 @@ def film(
       RGB uint8 ``[480, width, 3]``, all of one width.
 
     Raises:
-      InputError: for a map that the tiles cannot draw (see `render`), or a ride that does not exist.
+      InputError: for a map that the tiles cannot draw (see `render`), a ride that does not exist, or rides on another
+        map.
     """
     count = len(check_named("rides", instance(Rides), rides).steps)
     check_named("index", whole(0, count - 1), index)
+    grid = _map_of(rides, grid)
     codes, size = np.asarray(check_grid(grid)), check_tile_px(tile_px)
     chosen = choose_tiles(codes, tiles) if chosen is None else chosen
     picture = render(codes, tiles, tile_px=size, chosen=chosen)

@@ -109,6 +109,10 @@ def compute_descriptor(features: AnyArray, feature_names: Sequence[str], axes: t
 def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]`` of NumPy or JAX."""
     check_named("axes", listed(Axis), axes)
+    for axis in axes:
+        if axis.bins < 1 or axis.width < 1:
+            got = f"{axis.bins} of width {axis.width}; `resolve_axes` replaces width 0"
+            raise InputError(f"axes {axis.metric!r}: expected at least one bin, of a width of at least 1, got {got}")
     if np.shape(descriptor)[-1:] != (len(axes),):
         raise InputError(f"descriptor: expected shape [..., {len(axes)}], got {list(np.shape(descriptor))}")
     bins, width, start = (

@@ -38,6 +38,7 @@ from elitelanes_jax.search._executables import (
 from elitelanes_jax.search.elites import MeasuredElites
 
 KeyData: TypeAlias = UInt32[Array | np.ndarray, "*S B"]
+Digests: TypeAlias = tuple[tuple[str, str], ...]
 States: TypeAlias = tuple[Array | np.ndarray, ...]
 """The leaves of the optimiser's states, arrays ``[S, ...]``."""
 
@@ -77,6 +78,7 @@ class Static(NamedTuple):
     kernels: tuple[tuple[str, Kernel], ...]  # of the user's features that are needed
     fitness: Fitness | None
     impl: str = "threefry2x32"  # of the keys
+    digests: Digests = ()  # of the user's functions, by name
 
     def optimizer(self, traced: Traced) -> Optimizer:
         """Makes the optimiser, while a program is traced."""

@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 from hashlib import sha256
 from inspect import unwrap
 from pathlib import Path
-from typing import NamedTuple, TypeAlias, Unpack
+from typing import NamedTuple, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -43,11 +43,9 @@ from elitelanes_jax.problem.ranges import Range, range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint
 from elitelanes_jax.search._devices import choose_devices, cut, join
 from elitelanes_jax.search._options import SearchOptions
-from elitelanes_jax.search._programs import MOST, Programs, States, Static, Traced, find_programs
+from elitelanes_jax.search._programs import MOST, Digests, Programs, States, Static, Traced, find_programs
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchSpec, check_seeds
-
-Digests: TypeAlias = tuple[tuple[str, str], ...]
 
 # The seconds that a compiled call should take. Between two calls the progress is shown and a run can be interrupted.
 _SECONDS_A_CALL = 0.2
@@ -161,13 +159,13 @@ def _check(
         chosen = chosen[:1]
     spec, config, static, traced = prepare(spec, shape, config, optimizer, users, options)
     static = static._replace(impl=impl)
-    numbers, structure = jax.tree.flatten(traced)
-    digests = _digests(static, structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in numbers))
+    static = static._replace(digests=_digests(static, traced))
     # The names of the user's functions do not count.
-    said = repr((static._replace(factory=None, kernels=(), fitness=None), digests, [leaf.tolist() for leaf in numbers]))
+    numbers = [leaf.tolist() for leaf in jax.tree.leaves(traced)]
+    said = repr((static._replace(factory=None, kernels=(), fitness=None), numbers))
     fingerprint = np.array(zlib.crc32(said.encode() + keys.tobytes()), np.uint32)
     programs = find_programs(static, traced, keys, single, chosen)
-    return _Search(static, traced, keys, single, spec, config, digests, fingerprint, chosen, programs)
+    return _Search(static, traced, keys, single, spec, config, fingerprint, chosen, programs)
 
 
 def _evolve(
@@ -251,7 +249,6 @@ class _Search(NamedTuple):
     single: bool
     spec: SearchSpec
     config: Config | None
-    digests: Digests  # of the user's functions, by name
     fingerprint: UInt32[np.ndarray, ""]
     devices: list[jax.Device]
     programs: Programs
@@ -381,13 +378,15 @@ def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], fills: bool,
     check_ranges(where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
 
 
-@lru_cache(maxsize=128)
-def _digests(static: Static, structure: jax.tree_util.PyTreeDef, numbers: tuple[jax.ShapeDtypeStruct, ...]) -> Digests:
+def _digests(static: Static, traced: Traced) -> Digests:
     """Returns digests of what the user's functions compute, because an edited function keeps its name.
 
-    `structure` and `numbers` are the structure, shapes and dtypes of the program's other arguments.
+    They are traced at every call, because a global or an attribute that a function reads may have changed.
     """
-    traced = jax.tree.unflatten(structure, numbers)
+    if static.factory is not None:
+        leaves, structure = jax.tree.flatten(traced)
+        numbers = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
+        return (("optimizer", _digest_optimizer(static, structure, numbers)),)
     grid = jax.ShapeDtypeStruct(static.shape, jnp.int8)
     found = {name: digest(kernel, grid) for name, kernel in static.kernels}
     if static.fitness is not None:
@@ -395,13 +394,20 @@ def _digests(static: Static, structure: jax.tree_util.PyTreeDef, numbers: tuple[
         kinds = [(static.shape, jnp.int8), ((len(names),), jnp.int32), ((), jnp.int32)]
         arguments = [jax.ShapeDtypeStruct((1, *shape), dtype) for shape, dtype in kinds]
         found["fitness"] = digest(partial(apply_fitness, static.fitness, names), *arguments)
-    if static.factory is not None:
-        key = jax.eval_shape(partial(jax.random.key, impl=static.impl), 0)
-        found["optimizer"] = digest(partial(_call_all, static), traced, key)
-    elif moves := user_moves(jax.tree.unflatten(static.config, traced.config)):
-        for name, move in moves.items():
-            found[name] = digest(move.apply, jax.ShapeDtypeStruct((move.bits,), jnp.uint32), grid, grid)
+    for name, move in user_moves(jax.tree.unflatten(static.config, traced.config)).items():
+        found[name] = digest(move.apply, jax.ShapeDtypeStruct((move.bits,), jnp.uint32), grid, grid)
     return tuple(found.items())
+
+
+@lru_cache(maxsize=32)
+def _digest_optimizer(static: Static, structure: Pytree, numbers: tuple[jax.ShapeDtypeStruct, ...]) -> str:
+    """Returns the digest of the user's optimiser, which takes up to a second to trace.
+
+    `structure` and `numbers` are the structure, shapes and dtypes of the program's other arguments.
+    """
+    traced = jax.tree.unflatten(structure, numbers)
+    key = jax.eval_shape(partial(jax.random.key, impl=static.impl), 0)
+    return digest(partial(_call_all, static), traced, key)
 
 
 def _call_all(static: Static, traced: Traced, key: Array) -> Pytree:
@@ -418,7 +424,7 @@ def _identity(search: _Search, first: int) -> dict[str, Plain]:
         "search": options,
         "size": search.static.shape,
         "config": None if search.config is None else config_to_plain(search.config),
-        "functions": dict(search.digests),
+        "functions": dict(search.static.digests),
         "seeds": len(search.keys),
         "keys": sha256(search.keys.tobytes()).hexdigest()[:16],
         "fingerprint": int(search.fingerprint),

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
 from numpy.typing import DTypeLike
 
-from elitelanes_jax._util.checks import check_named, file_named, is_whole, whole
+from elitelanes_jax._util.checks import check_named, file_named, is_whole, none_or, whole
 from elitelanes_jax._util.checks import path as checked_path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
@@ -247,6 +247,7 @@ class Result:
           OSError: that names the file, if it cannot be written.
         """
         file = check_named("path", file_named(".npz"), path)
+        seed = check_named("seed", none_or(whole(0, 2**32 - 1)), seed)
         elites = self.elites._asdict()
         arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
         arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites

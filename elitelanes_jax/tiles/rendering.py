@@ -139,6 +139,8 @@ def render(
         toned = apply_tones(layers["image"], solve_tones(codes, picture, small["image"], small["labels"]))
         layers["image"] = feather(toned, layers["labels"], codes)
     instances = None
+    if objects is not None:
+        objects = load_objects(objects)
     if things := getattr(grid, "objects", None):
         placed, order = lay_all_flat(things, load_objects(objects).choose(things, seed or 0), tile_px)
         instances, _ = paste_objects(layers, placed, order)

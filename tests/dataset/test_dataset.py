@@ -294,7 +294,7 @@ def test_held_out_tiles_are_in_no_other_split(tmp_path):
 
 def test_too_few_maps_without_the_only_crossing_to_hold_out(tmp_path):
     grid = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
-    maps = [RoadMap(grid, niche=[0])] * 4
+    maps = [RoadMap(np.where(np.arange(9).reshape(3, 3) < lost, 0, grid), niche=[0]) for lost in range(4)]
     with pytest.raises(InputError, match="expected 1 map without crossing4, which have only one picture"):
         make_dataset(small(maps=4, size=3, hold_out_tiles=True), tmp_path / "out", maps=maps)
     assert not (tmp_path / "out").exists()

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from given_maps import random_maps
 from pages import blocks
 
 from elitelanes_jax._util.errors import InputError
@@ -111,8 +112,8 @@ def test_points_behind_the_camera_are_not_in_the_picture(drawn_tiles):
 
 def make(out, workers=1, **more):
     camera, split = ["rows=24", "columns=32"], (0.5, 0.25, 0.25)
-    spec = DatasetSpec(maps=4, size=4, views=2, split=split, camera=camera, tile_px=32, **more)
-    return make_dataset(spec, out, workers=workers, maps=[RoadMap(TOWN)] * 4)
+    spec = DatasetSpec(maps=4, size=5, views=2, split=split, camera=camera, tile_px=32, **more)
+    return make_dataset(spec, out, workers=workers, maps=random_maps(4))
 
 
 @pytest.mark.parametrize("camera", [True, False])
