@@ -144,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("policy", __doc__)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="weights, .npz")
-    parser.add_argument("--updates", type=whole(1), default=120, metavar="N", help="of PPO; default 120")
+    parser.add_argument("--updates", type=whole(1), default=240, metavar="N", help="of PPO; default 240")
     parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of everything random; default 0")
     options = parser.parse_args(arguments)
     return run("policy", lambda: _run(options))
