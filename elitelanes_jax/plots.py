@@ -105,9 +105,9 @@ def archive_map(
     niches is hatched.
 
     Args:
-      fitness: a `Result`; or numbers ``[..., N]``, lower is better, in the order of `niche_index`: the fitness of a
-        `Population`, or of a QDax repertoire with its sign changed and one axis. The largest int32 and numbers that
-        are not finite mean vacant.
+      fitness: a `Result` or its elites; or numbers ``[..., N]``, lower is better, in the order of `niche_index`: the
+        fitness of a `Population`, or of a QDax repertoire with its sign changed and one axis. The largest int32 and
+        numbers that are not finite mean vacant.
       axes: of the descriptor space; by default those of the result.
       across: the metric of an axis, by default the first of those with most bins.
       down: the metrics of one axis or of several, of which the last changes fastest from row to row; by default all
@@ -125,6 +125,7 @@ def archive_map(
     given: UserValue = fitness
     if hasattr(given, "elites"):
         fitness, axes = given.elites.fitness, given.axes if axes is None else axes
+    fitness = getattr(fitness, "fitness", fitness)  # elites
     if axes is None:
         raise InputError("axes: expected the axes of the niches, or a Result instead of its fitness, got none")
     axes = parse_axes(axes, features=None)

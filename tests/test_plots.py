@@ -4,6 +4,7 @@ import re
 import sys
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import matplotlib as mpl
@@ -131,7 +132,7 @@ def test_a_heat_map_is_the_archive_reduced_by_the_best():
             assert np.ma.is_masked(shown[row, column]) == (best == VACANT)
             assert best == VACANT or shown[row, column] == best
     assert ax.patch.get_hatch()
-    alone = archive_map(np.where(fitness == VACANT, np.inf, fitness)[0], AXES)
+    alone = archive_map(SimpleNamespace(fitness=np.where(fitness == VACANT, np.inf, fitness)[0]), AXES)
     np.testing.assert_array_equal(alone.images[0].get_array().count(), (fitness[0] < VACANT).sum())
 
 

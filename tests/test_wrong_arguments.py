@@ -284,7 +284,10 @@ WRONG = {
     "axes 'turns': expected at least one bin, of a width of at least 1, got 4 of width 0": lambda: niche_index(
         np.zeros((3, 1), np.int32), (Axis("turns", 4),)
     ),
-    "atlas: expected images and labels of uint8, got float64 and uint8": lambda: make_atlas(
+    "state: expected one to continue from, got that of a result that was saved without its state": lambda: evolve(
+        0, (2, 2), seeds=1, state=searched().state._replace(inner=())
+    ),
+    "images, labels: expected uint8, got float64 and uint8": lambda: make_atlas(
         np.zeros((4, 2, 2, 3)), np.zeros((4, 2, 2), np.uint8)
     ),
     "objects: expected a name, got [1]": lambda: render(GRID, objects=[1]),

@@ -37,6 +37,8 @@ MultiTaskSearch = Callable[[Sequence[Task], np.random.Generator], Generator[tupl
 
 _Archive = tuple[Int8[np.ndarray, "N H W"], Int[np.ndarray, " N"]]  # the best grid and fitness by cyclomatic number
 
+_ENDED = object()  # what a search that has ended yields
+
 
 def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> Submission:
     """Runs a search once for each seed, and keeps the best counting grid of each niche at every budget.
@@ -113,8 +115,8 @@ def _run_seed(
         raise InputError(f"search: expected a generator function, which yields grids, got {shorten(repr(search))}")
     ends = [budget * len(tasks) for budget in BUDGETS if budget <= tasks[0].evaluations]
     archives, kept = [_empty_archive(task) for task in tasks], list[list[_Archive]]()
-    spent, batch = 0, next(search, None)
-    while batch is not None and len(kept) < len(ends):
+    spent, batch = 0, next(search, _ENDED)
+    while batch is not _ENDED and len(kept) < len(ends):
         index, grids = split(batch)
         task, (best, lowest) = tasks[index], archives[index]
         codes = _check(task, grids)
@@ -130,7 +132,7 @@ def _run_seed(
         try:
             batch = search.send(measured)
         except StopIteration:
-            batch = None
+            batch = _ENDED
     search.close()
     kept += [archives] * (len(ends) - len(kept))
     return [

@@ -40,9 +40,9 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
     """
     images, labels = np.asarray(images), np.asarray(labels)
     if images.ndim != 4 or images.shape[3] != 3 or labels.shape != images.shape[:3]:
-        raise InputError(f"atlas: expected [T, P, P, 3] and [T, P, P], got {images.shape} and {labels.shape}")
+        raise InputError(f"images, labels: expected [T, P, P, 3] and [T, P, P], got {images.shape} and {labels.shape}")
     if images.dtype != np.uint8 or labels.dtype != np.uint8:
-        raise InputError(f"atlas: expected images and labels of uint8, got {images.dtype} and {labels.dtype}")
+        raise InputError(f"images, labels: expected uint8, got {images.dtype} and {labels.dtype}")
     return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1))
 
 

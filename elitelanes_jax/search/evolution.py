@@ -437,6 +437,8 @@ def _restore(state: Pytree, search: _Search) -> tuple[int, States]:
     """Returns the generation and the optimiser's states of a `RunState`, with an axis of seeds."""
     if not isinstance(state, RunState):
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
+    if not jax.tree.leaves(state.inner):
+        raise InputError("state: expected one to continue from, got that of a result that was saved without its state")
     arrays = tuple(jnp.asarray(array)[None if search.single else ...] for array in jax.tree.leaves(state.inner))
     kinds = [[(leaf.shape, leaf.dtype) for leaf in those] for those in (arrays, search.programs.states)]
     if int(state.fingerprint) != int(search.fingerprint) or kinds[0] != kinds[1]:

@@ -291,6 +291,7 @@ def test_a_search_may_end_early_and_faults_are_named():
     for batch, words in (
         (np.zeros((3, 4, 5), int), r"expected grids \[B, 5, 5\] of whole numbers, got int64 \[3, 4, 5\]"),
         (np.zeros((3, 5, 5)), "of whole numbers, got float64"),
+        (None, r"got object \[\]"),
         (np.zeros((0, 5, 5), int), r"got int64 \[0, 5, 5\]"),
         (np.full((1, 5, 5), 16), "expected tile codes 0 to 15, got 16 to 16"),
     ):

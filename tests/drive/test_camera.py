@@ -116,6 +116,6 @@ def test_light_and_noise_change_colours_alone(scene):
 
 
 def test_faults_are_named():
-    message = r"atlas: expected \[T, P, P, 3\] and \[T, P, P\], got \(4, 8, 8\) and \(4, 8, 8\)"
+    message = r"images, labels: expected \[T, P, P, 3\] and \[T, P, P\], got \(4, 8, 8\) and \(4, 8, 8\)"
     with pytest.raises(InputError, match=message):
         make_atlas(np.zeros((4, 8, 8)), np.zeros((4, 8, 8)))
