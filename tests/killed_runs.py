@@ -32,9 +32,10 @@ SPEC = GenerateSpec(
     size=(5, 6), seeds=3, maps=2, tile_px=16, search=SearchSpec(method="ea", preset="paper", generations=900)
 )
 EVOLVED = small(maps=20, size="3..4 4", search=SearchSpec(preset="paper", evaluations=2000))
+MANY = small(maps=40, size=8)
 RUNS = {
     "maps": lambda out, _: generation.generate(SPEC, out),
-    "dataset": lambda out, workers: make_dataset(small(maps=40), out, workers=workers, maps=random_maps(40)),
+    "dataset": lambda out, workers: make_dataset(MANY, out, workers=workers, maps=random_maps(40, side=8)),
     "evolved": lambda out, workers: make_dataset(EVOLVED, out, workers=workers),
 }
 LONGEST = 10

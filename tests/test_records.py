@@ -76,7 +76,7 @@ def level():
         (Robot, {"latency": 5}, "latency: expected a number, 0 to 4, got 5"),
         (Camera, {"pitch": 120}, "pitch: expected a number, -90 to 90, got 120"),
         (Camera, {"sky": (1, 2)}, "sky: expected three numbers, 0 to 255"),
-        (RoadNavParams, {"levels": np.zeros((2, 2))}, "levels: expected a batch of levels .* got ndarray"),
+        (RoadNavParams, {"levels": np.zeros((2, 2))}, "levels: expected a batch of levels .* got an array"),
         (RoadNavParams, {"levels": level}, "levels: expected a batch of levels .* got one of shape"),
         (RoadNavParams, {"levels": levels, "window": 4}, "window: expected an odd number of tiles, or 0 .* got 4"),
         (RoadNavParams, {"levels": levels, "goal": "smell"}, "goal: expected one of compass, mark, both, none, got"),

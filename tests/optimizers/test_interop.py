@@ -33,7 +33,7 @@ pytestmark = pytest.mark.filterwarnings("default")
 
 DOCS = Path(__file__).parents[2] / "docs"
 SHAPE, COUNT, PARK = (5, 6), 24, (2, 3)
-AXES = (Axis("cyclomatic", 6, 2, start=1), Axis("straight_share", 7, 143), Axis("components", 2, start=1))
+AXES = (Axis("cyclomatic", 6, 2, start=1), Axis("straight_share", 7, 143), Axis("components", 2, 1, start=1))
 
 
 @pytest.fixture(scope="module")
