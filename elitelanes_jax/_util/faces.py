@@ -14,7 +14,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError, shorten
@@ -27,6 +27,8 @@ _WORDS: dict[UserValue, str] = {int: "a whole number", float: "a number", np.num
 _WORDS |= {str: "a text", Path: "a path", NoneType: "None", Callable: "a function", Any: "no key"}
 
 # The errors that arguments of another type cause.
+_ARRAYS = (Annotated, np.ndarray, get_origin(NDArray[np.int8]))  # from NumPy 2.5 on `NDArray` is a type alias
+
 _CAUSED = (ArithmeticError, AttributeError, LookupError, SystemError, TypeError, ValueError)
 
 _PUBLIC: dict[Callable[..., UserValue], Callable[..., UserValue]] = {}  # by the function of a module
@@ -91,7 +93,7 @@ def _find_wrong(function: Callable[..., UserValue], args: UserValue, kwargs: Use
 def _fits(value: UserValue, kind: UserValue) -> bool:
     """Returns whether an annotation can mean a value; an unknown annotation means any value."""
     origin, parts = get_origin(kind), get_args(kind)
-    if kind == ArrayLike or hasattr(kind, "dims") or origin in (Annotated, np.ndarray):
+    if kind == ArrayLike or hasattr(kind, "dims") or origin in _ARRAYS:
         return _is_array(value, kind)
     if origin in (Union, UnionType):
         return any(_fits(value, part) for part in parts)
@@ -143,7 +145,7 @@ def _is_array(value: UserValue, kind: UserValue) -> bool:
 def _describe(kind: UserValue) -> str:
     """Returns the words for an annotation in a message."""
     origin, parts = get_origin(kind), get_args(kind)
-    if kind == ArrayLike or origin in (Annotated, np.ndarray):
+    if kind == ArrayLike or origin in _ARRAYS:
         return "an array of numbers"
     if origin in (Union, UnionType):
         return " or ".join(dict.fromkeys(map(_describe, parts)))
