@@ -26,9 +26,9 @@ R = TypeVar("R")
 _WORDS: dict[UserValue, str] = {int: "a whole number", float: "a number", np.number: "a number", bool: "True or False"}
 _WORDS |= {str: "a text", Path: "a path", NoneType: "None", Callable: "a function", Any: "no key"}
 
-# The errors that arguments of another type cause.
 _ARRAYS = (Annotated, np.ndarray, get_origin(NDArray[np.int8]))  # from NumPy 2.5 on `NDArray` is a type alias
 
+# The errors that arguments of another type cause.
 _CAUSED = (ArithmeticError, AttributeError, LookupError, SystemError, TypeError, ValueError)
 
 _PUBLIC: dict[Callable[..., UserValue], Callable[..., UserValue]] = {}  # by the function of a module
