@@ -242,28 +242,21 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     return Move(move.bits + 1, apply)
 
 
-_Sides = tuple[Int32[Array, ""], Int32[Array, ""], Int32[Array, ""], Int32[Array, ""]]
-"""The north, south, west and east side of a rectangle of tiles, all included."""
-
-
 class _Change(NamedTuple):
     """The change that a move makes, as whole numbers, so that a move is drawn before any tile is computed."""
 
-    north: Int[ArrayLike, ""]
-    south: Int[ArrayLike, ""]
-    west: Int[ArrayLike, ""]
-    east: Int[ArrayLike, ""]
+    first: Int32[Array, " 2"]  # the northernmost row and the westernmost column of a rectangle of tiles
+    last: Int32[Array, " 2"]  # the southernmost row and the easternmost column, both included
     # The code that is written into the rectangle. _TOGGLED: the links along its outline are toggled (along a rectangle
     # one tile wide, the links in it). _COPIED: tiles are copied. _REFITTED: the tiles of a window.
     code: Int[ArrayLike, ""]
     how: Int[ArrayLike, ""] = 0  # how tiles are copied: a sum of the constants below
     # The row and the column that a tile is copied from are these numbers plus its own row and column, or minus them in
     # a mirrored copy.
-    down: Int[ArrayLike, ""] = 0
-    right: Int[ArrayLike, ""] = 0
+    offset: Int32[Array | np.ndarray, " 2"] = np.zeros(2, np.int32)
 
 
-_TOGGLED, _COPIED, _REFITTED = -3, -1, -2
+_COPIED, _REFITTED, _TOGGLED = -1, -2, -3
 # Copies are mirrored north to south, or east to west; rows and columns of the source are exchanged first; the source is
 # the mate; what leaves the rectangle on one side enters it on the other.
 _FLIPPED, _MIRRORED, _TRANSPOSED, _FROM_MATE, _ROTATED = 1, 2, 4, 8, 16
@@ -273,34 +266,31 @@ class _Draws:
     """What the plans draw from random bits, uint32 [7], on a grid of a shape. Plans share what is drawn once."""
 
     def __init__(self, bits: UInt32[Array, " 7"], shape: tuple[int, ...]):
-        self.bits, self.shape = bits, shape
+        self.bits, self.shape = bits, np.array(shape, np.int32)
 
     @cached_property
-    def block(self) -> _Sides:
-        """Two rows and two columns, independent, in order.
+    def block(self) -> tuple[Int32[Array, " 2"], Int32[Array, " 2"]]:
+        """The first and the last row and column of a block: two rows and two columns, independent, in order.
 
         With probability 1/8 a side is at the grid's edge instead, so that half a network, rotated or mirrored,
         completes another half.
         """
-        one, other = randint(self.bits[:2], self.shape[0]), randint(self.bits[2:4], self.shape[1])
-        north, south, west, east = self.bits[:4] & 7 == 0
+        ends = randint(self.bits[:4].reshape(2, 2), self.shape[:, None])
+        edge = self.bits[:4].reshape(2, 2) & 7 == 0
         return (
-            jnp.where(north, 0, jnp.minimum(*one)),
-            jnp.where(south, self.shape[0] - 1, jnp.maximum(*one)),
-            jnp.where(west, 0, jnp.minimum(*other)),
-            jnp.where(east, self.shape[1] - 1, jnp.maximum(*other)),
+            jnp.where(edge[:, 0], 0, jnp.minimum(ends[:, 0], ends[:, 1])),
+            jnp.where(edge[:, 1], self.shape - 1, jnp.maximum(ends[:, 0], ends[:, 1])),
         )
 
     @cached_property
-    def stretch(self) -> tuple[Bool[Array, ""], _Sides]:
-        """Whether a stretch runs east, and its sides."""
+    def stretch(self) -> tuple[Bool[Array, ""], Int32[Array, " 2"], Int32[Array, " 2"]]:
+        """Whether a stretch runs east, and its first and last row and column."""
         height, width = self.shape
         east = self.bits[0] & 1 == 0
         line = randint(self.bits[1], jnp.where(east, height, width))
         ends = randint(self.bits[2:4], jnp.where(east, width, height))
-        low, high = jnp.minimum(*ends), jnp.maximum(*ends)
-        sides = (jnp.where(east, line, low), jnp.where(east, line, high))
-        return east, (*sides, jnp.where(east, low, line), jnp.where(east, high, line))
+        across = _either(east)
+        return east, *(jnp.where(across, line, end(*ends)) for end in (jnp.minimum, jnp.maximum))
 
 
 _Plan = Callable[[_Draws], _Change]
@@ -348,23 +338,24 @@ def _move(
 
 def _one_of(drawn: Int32[Array, ""], changes: Sequence[_Change]) -> _Change:
     """Returns the change with an index."""
-    fields = [
-        jax.lax.select_n(jnp.minimum(drawn, len(changes) - 1), *(jnp.asarray(value, jnp.int32) for value in values))
+    drawn = jnp.minimum(drawn, len(changes) - 1)
+    first, last, code, how, offset = (
+        jax.lax.select_n(drawn, *(jnp.asarray(value, jnp.int32) for value in values))
         for values in zip(*changes, strict=True)
-    ]
-    # One array that is stored, because XLA would compute the numbers again for every tile.
-    indices = np.arange(len(fields))
-    numbers = fields[0]
-    for index in indices[1:]:
-        numbers = jnp.where(indices == index, fields[index], numbers)
-    return _Change(*materialize(numbers))
+    )
+    # One array that is stored, because XLA would compute the numbers again for every tile. Joining them instead would
+    # make XLA compile the plans once for each.
+    part = np.arange(4)[:, None]
+    both = jnp.where(np.array([True, False]), code, how)
+    numbers = materialize(jnp.where(part == 0, first, jnp.where(part == 1, last, jnp.where(part == 2, offset, both))))
+    return _Change(numbers[0], numbers[1], numbers[3, 0], numbers[3, 1], numbers[2])
 
 
 def _apply(
     change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"], window: Int8[Array, "H W"] | None
 ) -> Variation:
     rows, columns = _row_and_column_indices(grid.shape)
-    north, south, west, east = change[:4]
+    (north, west), (south, east) = change.first, change.last
     inside = (rows >= north) & (rows <= south) & (columns >= west) & (columns <= east)
     along = inside & ((rows == north) | (rows == south))
     upright = inside & ((columns == west) | (columns == east))
@@ -383,16 +374,15 @@ def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -
         change.how & flag > 0 for flag in (_FLIPPED, _MIRRORED, _TRANSPOSED, _FROM_MATE, _ROTATED)
     )
 
-    def sources(length: int, back: Array, first: Array, last: Array, offset: Array) -> Array:
+    def sources(axis: int, back: Array) -> Array:
         """Returns the row that each row is copied from, or the column that each column is copied from."""
-        own = np.arange(length, dtype=np.int32)
-        step = offset + jnp.where(back, -own, own)
+        own = np.arange(grid.shape[axis], dtype=np.int32)
+        first, last = change.first[axis], change.last[axis]
+        step = change.offset[axis] + jnp.where(back, -own, own)
         step = jnp.where(rotated & (step < first), last, jnp.where(rotated & (step > last), first, step))
-        return jnp.clip(step, 0, length - 1)  # those beyond the grid are not in the rectangle
+        return jnp.clip(step, 0, len(own) - 1)  # those beyond the grid are not in the rectangle
 
-    height, width = grid.shape
-    rows = sources(height, flipped, change.north, change.south, change.down)
-    columns = sources(width, mirrored, change.west, change.east, change.right)
+    rows, columns, width = sources(0, flipped), sources(1, mirrored), grid.shape[1]
     indices = rows[:, None] * jnp.where(transposed, 1, width) + columns * jnp.where(transposed, width, 1)
     source = materialize(jnp.where(from_mate, mate, grid).reshape(-1))
     tiles = materialize(lookup(source, indices))
@@ -406,7 +396,7 @@ def _refit(bits: UInt32[Array, ""], change: _Change, grid: Int8[Array, "H W"], *
     height, width = (min(side, _WINDOW) for side in grid.shape)
     windows = valid_windows(height, width, empty=empty)
     all_first, all_rows = jnp.asarray(windows.first), jnp.asarray(windows.rows)
-    north, west = change.north, change.west
+    north, west = change.first
     tiles = jax.lax.dynamic_slice(grid, (north, west), (height, width)).astype(jnp.int32)
     borders = tiles[0] & NORTH, tiles[-1] & SOUTH, tiles[:, 0] & WEST, tiles[:, -1] & EAST
     border = ((jnp.concatenate(borders) > 0) << np.arange(2 * (height + width))).sum()
@@ -427,29 +417,29 @@ def _plan_link(draws: _Draws) -> _Change:
     east = drawn < across
     index = jnp.where(east, drawn, drawn - across)
     length = jnp.where(east, width - 1, width)
-    row, column = index // length, index % length
-    return _Change(row, row + ~east, column, column + east, _TOGGLED)
+    row = jax.lax.div(index, length)
+    first = jnp.stack([row, index - row * length])
+    return _Change(first, first + ~_either(east), _TOGGLED)
 
 
 def _plan_corner(draws: _Draws) -> _Change:
-    north, west = (randint(draws.bits[axis], draws.shape[axis] - 1) for axis in (0, 1))
-    return _Change(north, north + 1, west, west + 1, _TOGGLED)
+    first = randint(draws.bits[:2], draws.shape - 1)
+    return _Change(first, first + 1, _TOGGLED)
 
 
 def _plan_outline(draws: _Draws) -> _Change:
-    (height, width), bits = draws.shape, draws.bits
-    down, across = 1 + randint(bits[0], height - 1), 1 + randint(bits[1], width - 1)
-    north, west = randint(bits[2], height - down), randint(bits[3], width - across)
-    return _Change(north, north + down, west, west + across, _TOGGLED)
+    span = 1 + randint(draws.bits[:2], draws.shape - 1)
+    first = randint(draws.bits[2:4], draws.shape - span)
+    return _Change(first, first + span, _TOGGLED)
 
 
 def _plan_street(draws: _Draws) -> _Change:
-    return _Change(*draws.stretch[1], _TOGGLED)
+    return _Change(*draws.stretch[1:], _TOGGLED)
 
 
 def _plan_straight(draws: _Draws) -> _Change:
-    east, sides = draws.stretch
-    return _Change(*sides, jnp.where(east, EAST | WEST, NORTH | SOUTH))
+    east, first, last = draws.stretch
+    return _Change(first, last, jnp.where(east, EAST | WEST, NORTH | SOUTH))
 
 
 def _plan_clearing(draws: _Draws) -> _Change:
@@ -457,50 +447,54 @@ def _plan_clearing(draws: _Draws) -> _Change:
 
 
 def _plan_mirroring(draws: _Draws) -> _Change:
+    first, last = draws.block
     across = draws.bits[4] & 1 == 0
-    north, south, west, east = draws.block
-    down, right = jnp.where(across, 0, north + south), jnp.where(across, west + east, 0)
-    return _Change(*draws.block, _COPIED, jnp.where(across, _MIRRORED, _FLIPPED), down, right)
+    return _Change(
+        first, last, _COPIED, jnp.where(across, _MIRRORED, _FLIPPED), jnp.where(_either(across), 0, first + last)
+    )
 
 
 def _plan_slide(draws: _Draws) -> _Change:
-    by_rows, step = draws.bits[4] & 1 == 0, jnp.where(draws.bits[4] & 2 == 0, -1, 1)
-    ends = (0, draws.shape[0] - 1, 0, draws.shape[1] - 1)
-    north, south, west, east = (
-        jnp.where(by_rows == (index < 2), side, end)
-        for index, (side, end) in enumerate(zip(draws.block, ends, strict=True))
+    first, last = draws.block
+    slides, step = _either(draws.bits[4] & 1 == 0), jnp.where(draws.bits[4] & 2 == 0, -1, 1)
+    return _Change(
+        jnp.where(slides, first, 0),
+        jnp.where(slides, last, draws.shape - 1),
+        _COPIED,
+        _ROTATED,
+        jnp.where(slides, step, 0),
     )
-    down, right = jnp.where(by_rows, step, 0), jnp.where(by_rows, 0, step)
-    return _Change(north, south, west, east, _COPIED, _ROTATED, down, right)
 
 
 def _plan_transplant(draws: _Draws) -> _Change:
-    return _plan_mate_block(draws, 0, 0)
+    return _plan_mate_block(draws, np.zeros(2, np.int32))
 
 
 def _plan_displaced_transplant(draws: _Draws) -> _Change:
-    north, south, west, east = draws.block
-    same_columns = draws.bits[4] & 8 == 0
-    down = randint(draws.bits[5], draws.shape[0] - (south - north)) - north
-    right = randint(draws.bits[6], draws.shape[1] - (east - west)) - west
-    return _plan_mate_block(draws, jnp.where(same_columns, down, 0), jnp.where(same_columns, 0, right))
+    first, last = draws.block
+    offset = randint(draws.bits[5:7], draws.shape - (last - first)) - first
+    return _plan_mate_block(draws, jnp.where(_either(draws.bits[4] & 8 == 0), offset, 0))
 
 
 def _plan_refit(draws: _Draws) -> _Change:
-    height, width = (min(side, _WINDOW) for side in draws.shape)
-    north = randint(draws.bits[0], draws.shape[0] - height + 1)
-    west = randint(draws.bits[1], draws.shape[1] - width + 1)
-    return _Change(north, north + height - 1, west, west + width - 1, _REFITTED)
+    size = np.minimum(draws.shape, _WINDOW)
+    first = randint(draws.bits[:2], draws.shape - size + 1)
+    return _Change(first, first + size - 1, _REFITTED)
 
 
-def _plan_mate_block(draws: _Draws, down: Int[ArrayLike, ""], right: Int[ArrayLike, ""]) -> _Change:
-    """Plans to copy a block from the mate, transformed, from `down` rows below and `right` columns to the right."""
+def _plan_mate_block(draws: _Draws, offset: Int[ArrayLike, " 2"]) -> _Change:
+    """Plans to copy a block from the mate, transformed, from `offset` rows below and columns to the right."""
     height, width = draws.shape
     drawn = (draws.bits[4] & (7 if height == width else 3)).astype(jnp.int32)
     mirrored, flipped, transposed = (drawn & bit > 0 for bit in (1, 2, 4))
     how = _FROM_MATE + mirrored * _MIRRORED + flipped * _FLIPPED + transposed * _TRANSPOSED
-    down, right = jnp.where(flipped, height - 1 - down, down), jnp.where(mirrored, width - 1 - right, right)
-    return _Change(*draws.block, _COPIED, how, down, right)
+    backwards = jnp.stack([flipped, mirrored])
+    return _Change(*draws.block, _COPIED, how, jnp.where(backwards, draws.shape - 1 - offset, offset))
+
+
+def _either(rows: Bool[Array, ""]) -> Bool[Array, " 2"]:
+    """Returns a flag for rows and its opposite for columns."""
+    return np.array([True, False]) == rows
 
 
 def _row_and_column_indices(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,8 @@
 """The programs of a search: compiled once in a process, and kept on disk for later ones."""
 
-from collections.abc import Callable, Sequence
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property, lru_cache, partial
 from typing import NamedTuple, TypeAlias
 
@@ -51,6 +53,18 @@ _ADVANCE, _UNOPTIMISED = "advance", "unoptimised"
 # Optimising takes 8 more seconds of processor time, on several cores at once. An unoptimised program loses 0.6 s per
 # million evaluated cells. So optimising pays beyond 13 million on one core, and beyond 6 million on two.
 _FEW_CELLS = 8_000_000
+
+
+@contextmanager
+def _without_collecting() -> Iterator[None]:
+    """Pauses Python's garbage collector. Tracing makes many lasting objects; looking through them takes a tenth."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 class Traced(NamedTuple):
@@ -242,13 +256,15 @@ class Programs:
     @cached_property
     def _tree(self) -> Pytree:
         """The shapes and dtypes of the states of all seeds, in the optimiser's structure."""
-        return _start.eval_shape(self._static, self._traced, self._keys)
+        with _without_collecting():
+            return _start.eval_shape(self._static, self._traced, self._keys)
 
     def _device(self, name: str) -> jax.Device:
         """Returns the device of a program. The programs that start and collect run on the default device."""
         said = name.removeprefix(f"{_ADVANCE} ").removesuffix(f", {_UNOPTIMISED}")
         return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
+    @_without_collecting()
     def _lower(self, name: str) -> jax.stages.Lowered:
         static, traced, keys = self._static, self._traced, self._keys
         if name == "start":
