@@ -15,7 +15,7 @@ style `town` was tuned on.
 import argparse
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -226,7 +226,7 @@ def pick_maps(pools: dict[tuple[int, int], Result], count: int) -> list[NDArray[
     return picked
 
 
-def draw_sheet(file: Path, rows: dict[str, Sequence[NDArray[np.int8]]]) -> None:
+def draw_sheet(file: Path, rows: Mapping[str, Sequence[NDArray[np.int8]]]) -> None:
     """Draws maps in rows of six, kind by kind."""
     from matplotlib.figure import Figure
 
