@@ -43,7 +43,7 @@ VALUES = [None, "x", -1, 2.5, object(), [], {}, np.zeros((2, 3, 4, 5)), KEY]
 SLOW = {"collect", "draw_sample", "evolve", "evolve_islands", "explore", "generate", "look", "make", "make_dataset"}
 SLOW |= {"make_rides", "measure_town", "random_level", "random_population", "random_pose", "repair", "route", "run"}
 SLOW |= {"spread"}
-ELSEWHERE = {"generate_on", "convert", "dask_executor", "gymnasium_vector_env", "show"}  # they need other packages
+ELSEWHERE = {"generate_on", "convert", "dask_executor", "show"}  # they need other packages
 
 
 @cache
