@@ -1,6 +1,5 @@
 """Wrong arguments from Python: each is named in one line, before any search."""
 
-import sys
 from functools import cache, partial
 from pathlib import Path
 
@@ -32,7 +31,6 @@ from elitelanes_jax import (
     road_problem,
     rotate,
 )
-from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.benchmark import compute_scores, find_task, run_tasks, score_submission, write_submission
 from elitelanes_jax.dataset import draw_sample, map_points, tiles_by_split
 from elitelanes_jax.drive import (
@@ -53,7 +51,6 @@ from elitelanes_jax.drive import (
     make_rides,
     random_level,
     random_pose,
-    route,
 )
 from elitelanes_jax.explorer import collect_results, page_of
 from elitelanes_jax.formats import (
@@ -226,9 +223,6 @@ WRONG = {
     ),
     "environment: expected Environment, got RoadNavParams(": lambda: auto_reset(RoadNavParams(levels())),
     "pose: expected Pose, got (0.5, 0.5, 0.0)": lambda: lane_pose(GRID, (0.5, 0.5, 0.0)),
-    "most: expected a whole number, 1 or more, got 0": lambda: route(
-        GRID, LaneNode(0, 0, 3), LaneNode(0, 1, 0), most=0
-    ),
     "maps: expected a list of RoadMap, got 'town.json'": lambda: make_objects("town.json"),
     "best: expected shape [..., 2] for 5x5A-10000, got [2, 9]": lambda: compute_scores(TASK, np.zeros((2, 9))),
     "best: expected no fitness below the optimum": lambda: compute_scores(TASK, TASK.optimum[None] - [[0, 1]]),
@@ -292,7 +286,6 @@ WRONG = {
     ),
     "objects: expected a name, got [1]": lambda: render(GRID, objects=[1]),
     "goal: expected LaneNode, got (0, 1, 1)": lambda: distances(GRID, (0, 1, 1)),
-    "start: expected LaneNode, got (0, 0, 3)": lambda: route(GRID, (0, 0, 3), LaneNode(0, 1, 0)),
     "evaluate: expected a function, got None": lambda: Problem((4, 4), None),
     "feature_names: expected a list of str, got 3": lambda: Problem((4, 4), print, 3),
     "bits: expected a whole number, 0 or more, got -1": lambda: Move(-1, print),
@@ -393,10 +386,3 @@ def test_streets_are_a_record(write, tmp_path, monkeypatch):
             write(RING, value)
     assert not list(tmp_path.iterdir())
     assert write(RING, Streets(lane=3))
-
-
-def test_progress_needs_no_stream(monkeypatch):
-    for shown in (None, True):
-        monkeypatch.setattr(sys, "stderr", None)
-        with Progress("evolving", 3, "maps", shown=shown) as bar:
-            bar.update(3)

@@ -5,13 +5,11 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import Check, folder, path, switch, whole
 from elitelanes_jax._util.errors import InputError, suggest
-from elitelanes_jax._util.progress import Verbosity, detail
 from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
@@ -138,6 +136,7 @@ _SHARED: dict[str, dict[str, Untyped]] = {
         "disk",
     },
     "--force": {"action": "store_true", "help": "replace the folder, if an earlier run wrote all files in it"},
+    "--quiet": {"action": "store_true", "help": "print nothing but errors"},
     "--cores": {
         "action": _Cores,
         "default": argparse.SUPPRESS,
@@ -154,19 +153,12 @@ def add_shared(command: argparse.ArgumentParser, *names: str, **changes: Untyped
         command.add_argument(name, **_SHARED[name] | changes)
 
 
-def add_verbosity(command: argparse.ArgumentParser) -> None:
-    """Adds ``--quiet`` and ``--verbose`` to a command that takes long."""
-    add = partial(command.add_mutually_exclusive_group().add_argument, dest="verbosity", action="store_const")
-    add("--quiet", const=Verbosity.QUIET, default=argparse.SUPPRESS, help="print nothing but errors")
-    add("--verbose", const=Verbosity.VERBOSE, default=argparse.SUPPRESS, help="print each step and its time")
-
-
 @contextmanager
 def workers_at(scheduler: str | None) -> Iterator[Executor | None]:
     """Keeps compiled programs, and connects to the cluster that ``--scheduler`` names, if it names one."""
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
-    detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
+    use_compile_cache()
     if scheduler is None:
         yield None
     else:

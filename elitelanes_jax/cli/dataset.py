@@ -9,7 +9,6 @@ from elitelanes_jax.cli.arguments import (
     add_command,
     add_options,
     add_shared,
-    add_verbosity,
     naming_options,
     read_options,
     workers_at,
@@ -31,8 +30,7 @@ def add_dataset(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, DatasetSpec())
-    add_shared(command, "--scheduler", "--force", "--cores")
-    add_verbosity(command)
+    add_shared(command, "--scheduler", "--force", "--cores", "--quiet")
 
 
 def _dataset(options: argparse.Namespace) -> int:

@@ -15,7 +15,6 @@ from elitelanes_jax.cli.arguments import (
     add_command,
     add_options,
     add_shared,
-    add_verbosity,
     checked_by,
     naming_options,
     read_options,
@@ -60,8 +59,7 @@ def add_generate(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, GenerateSpec())
-    add_shared(command, "--scheduler", "--force", "--cores")
-    add_verbosity(command)
+    add_shared(command, "--scheduler", "--force", "--cores", "--quiet")
 
 
 def _generate(options: argparse.Namespace) -> int:
@@ -101,8 +99,7 @@ def add_merge(commands: Commands) -> None:
     command.add_argument(
         "parts", type=checked_by(path), nargs="+", metavar="PART", help="folders of all parts, in any order"
     )
-    add_shared(command, "--out", "--force")
-    add_verbosity(command)
+    add_shared(command, "--out", "--force", "--quiet")
 
 
 def _merge(options: argparse.Namespace) -> int:
@@ -141,7 +138,7 @@ def add_pick(commands: Commands) -> None:
         const="archive",
         help="like --force, but also replace a folder with an archive.npz, which pick does not write again",
     )
-    add_verbosity(command)
+    add_shared(command, "--quiet")
 
 
 def _pick(options: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluraliz
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.packages import installed_versions
-from elitelanes_jax._util.progress import Progress, announce, detail
+from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
@@ -177,7 +177,6 @@ def choose_maps(result: Result, count: int, at_most: bool, hint: str | None = No
     """
     with Progress("choosing maps"):
         choice = result.choose(count, **options)
-    detail(choice.describe(count))
     if len(choice.maps) < (1 if at_most else count):
         height, width = result.elites.grids.shape[-2:]
         hint = hint or choice.hint(result.spec.method, (height, width))
