@@ -27,7 +27,7 @@ from elitelanes_jax.benchmark import find_task
 from elitelanes_jax.formats import LINES
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.optimizers import seed_keys
-from elitelanes_jax.problem import SHARES, coverage, gaps, qd_score
+from elitelanes_jax.problem import SHARES, coverage, qd_score
 from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, add_cores, kept, leave, open_results, run, save, table, write
 
@@ -187,7 +187,7 @@ def niche_table(best: NDArray[np.float64], least: int, optima: NDArray[np.int_] 
         row = [f"{least + index}", f"{len(elites)} of {len(column)}"]
         row += [f"{value:,.0f}" for value in figures] or ["", ""]
         if optima is not None:
-            row += [f"{gap:+,.0f}" for gap in gaps(figures, np.isfinite(figures), optima[index])] or ["", ""]
+            row += [f"{gap:+,.0f}" for gap in figures - optima[index]] or ["", ""]
         rows.append(row)
     head = ["cyclomatic number", "filled", "best", "median"]
     return table(head + (["best against the optimum", "median"] if optima is not None else []), rows, left=0)
