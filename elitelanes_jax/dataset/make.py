@@ -150,8 +150,8 @@ def make_dataset(
     search = drawable(spec.search, tiles)
     if own is None:
         spec.check_search()
-        for shape, count in maps_by_shape(spec).items():
-            search.check_maps(shape, count, exhaustive=True)
+        for shape in maps_by_shape(spec):
+            search.check_maps(shape)
     objects = _objects_of(spec, own)
     identity = _identity(spec, tiles, own, objects)
     settle(out)
