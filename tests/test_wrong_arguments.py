@@ -83,7 +83,7 @@ from elitelanes_jax.optimizers import (
     truncate,
 )
 from elitelanes_jax.optimizers.interop import evosax_task, qdax_centroids, qdax_moves, ribs_archive_space
-from elitelanes_jax.problem import Population, extreme_maps, gaps, insert, niche_index, tuned_axes, with_town_features
+from elitelanes_jax.problem import Population, extreme_maps, insert, niche_index, tuned_axes, with_town_features
 from elitelanes_jax.tiles import (
     choose_tiles,
     find_seams,
@@ -143,7 +143,7 @@ WRONG = {
     "transforms: expected words such as": lambda: DatasetSpec(transforms=3),
     "transforms: expected some of none, standard": lambda: DatasetSpec(transforms="luck"),
     "fill: expected True or False, got 'no'": lambda: SearchSpec(fill="no"),
-    "weights: expected weights such as 'bridges=300', got 3": lambda: SearchSpec(weights=[3]),
+    "weights: expected NAME=N with one of components": lambda: SearchSpec(weights=[3]),
     "spec: expected SearchSpec, got 3": lambda: evolve(0, spec=3),
     "where 'cyclomatic=200..': expected a range with some": lambda: evolve(0, where="cyclomatic=200.."),
     "metrics: expected Metrics, from measure, got ndarray": lambda: fitness(GRID),
@@ -155,7 +155,7 @@ WRONG = {
     "optimizer: expected a function that returns an Optimizer, got int": lambda: evolve(
         0, (4, 4), optimizer=lambda problem: 3
     ),
-    "weights: expected NAME=N with a whole number, -2147483648 to 2147483647": lambda: SearchSpec(
+    "weights bridges: expected a whole number, -2147483648 to 2147483647": lambda: SearchSpec(
         weights={"bridges": 2**40}
     ),
     "size: expected a whole number, 0 or more, got '1_2'": lambda: GenerateSpec(size="1_2 4"),
@@ -293,9 +293,6 @@ WRONG = {
     "niche: expected 2 indices, one for each grid, got [3]": lambda: insert(POPULATION, np.zeros(3, int), POPULATION),
     "populations: expected at least one, got none": lambda: truncate(count=3),
     "axes: expected a list of Axis, got (4, 4)": lambda: qdax_centroids((4, 4)),
-    "fitness, valid, best_known: expected shapes that fit, got [3], [2], [3]": lambda: gaps(
-        np.zeros(3), np.ones(2, bool), np.zeros(3)
-    ),
     "payload: expected Payload, got 3": lambda: page_of(3),
     "rows: expected a list of values by name, got 'x'": lambda: table_to_csv("x"),
     "pose: expected Pose, got Pose(x='a', y=0, theta=0)": lambda: lane_pose(GRID, Pose("a", 0, 0)),

@@ -166,7 +166,4 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     of = f" of {wanted:,}" if len(maps) < wanted else ""
     sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
     lines.append(f"{pluralize(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
-    differences = [(road_map.metrics or {}).get("difference_from_examples") for road_map in maps]
-    if known := [share for share in differences if share is not None]:
-        lines.append(f"they differ from the nearest example map in {min(known):.0%} to {max(known):.0%} of their cells")
     return "\n".join(lines)
