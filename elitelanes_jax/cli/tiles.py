@@ -42,12 +42,6 @@ def add_tiles(commands: Commands) -> None:
         action="store_true",
         help="also replace existing masks: those whose colours are given, or all; a copy of each is kept next to it",
     )
-    masks.add_argument(
-        "--sheet",
-        type=file_ending(".png"),
-        metavar="FILE",
-        help="new PNG file with all masks on one sheet; by default DIR/masks.png",
-    )
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -77,7 +71,7 @@ def _masks(options: argparse.Namespace) -> int:
         if getattr(options, mask) is not None:
             with naming(f"--{mask}"):
                 colours[mask] = parse_colour(getattr(options, mask))
-    sheet = _new_beside(options.folder, options.sheet) if options.sheet else options.folder / "masks.png"
+    sheet = options.folder / "masks.png"
     named = [mask for mask in _MASKED if getattr(options, mask) is not None] or _MASKED
     proposals = mask_folder(options.folder, colours, named if options.overwrite else ())
     title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
