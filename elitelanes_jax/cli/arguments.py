@@ -3,13 +3,12 @@
 import argparse
 import re
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
-from elitelanes_jax._util.checks import Check, folder, path, switch, whole
+from elitelanes_jax._util.checks import Check, folder, path, whole
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.progress import Verbosity, detail
 from elitelanes_jax._util.records import Option, Record, descriptions
@@ -126,17 +125,6 @@ _SHARED: dict[str, dict[str, Untyped]] = {
         "metavar": "N",
         "help": "side of a tile in pixels; by default %(default)s",
     },
-    "--blend": {
-        "type": checked_by(switch),
-        "metavar": "on|off",
-        "help": "align the brightness of the tiles and feather their seams; by default as the tile set says, which is "
-        "on for photographs",
-    },
-    "--scheduler": {
-        "metavar": "ADDRESS",
-        "help": "run on the workers of a Dask cluster with this scheduler, such as tcp://HOST:8786; they share the "
-        "disk",
-    },
     "--force": {"action": "store_true", "help": "replace the folder, if an earlier run wrote all files in it"},
     "--cores": {
         "action": _Cores,
@@ -161,19 +149,11 @@ def add_verbosity(command: argparse.ArgumentParser) -> None:
     add("--verbose", const=Verbosity.VERBOSE, default=argparse.SUPPRESS, help="print each step and its time")
 
 
-@contextmanager
-def workers_at(scheduler: str | None) -> Iterator[Executor | None]:
-    """Keeps compiled programs, and connects to the cluster that ``--scheduler`` names, if it names one."""
+def keep_programs() -> None:
+    """Keeps compiled programs on disk, and says where."""
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
-    if scheduler is None:
-        yield None
-    else:
-        from elitelanes_jax.maps.cluster import dask_executor
-
-        with dask_executor(scheduler) as executor:
-            yield executor
 
 
 @contextmanager

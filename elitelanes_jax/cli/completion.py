@@ -76,7 +76,6 @@ def _words() -> dict[str, list[str]]:
         "--preset": list(dict.fromkeys(preset for presets in METHODS.values() for preset in presets)),
         "--rules": list(RULES),
         "--format": list(LAYOUTS),
-        "--blend": ["on", "off"],
         "--to": [*FORMATS, *TABLES],
         "--where": [f"{name}=" for name in features],
         "--axes": [f"{name}:" for name in features],

@@ -10,9 +10,9 @@ from elitelanes_jax.cli.arguments import (
     add_options,
     add_shared,
     add_verbosity,
+    keep_programs,
     naming_options,
     read_options,
-    workers_at,
 )
 from elitelanes_jax.cli.program import say
 
@@ -31,7 +31,7 @@ def add_dataset(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, DatasetSpec())
-    add_shared(command, "--scheduler", "--force", "--cores")
+    add_shared(command, "--force", "--cores")
     add_verbosity(command)
 
 
@@ -44,11 +44,9 @@ def _dataset(options: argparse.Namespace) -> int:
             spec.check_search()
     from elitelanes_jax.dataset.make import make_dataset
 
-    with (
-        workers_at(options.scheduler) as executor,
-        naming_options(DatasetSpec(), "hold_out_tiles", "maps_from", "furnish"),
-    ):
-        about = make_dataset(spec, options.out, force=options.force, executor=executor)
+    keep_programs()
+    with naming_options(DatasetSpec(), "maps_from", "furnish"):
+        about = make_dataset(spec, options.out, force=options.force)
     table = {"": about["pictures"], "pictures": about["pictures"].values()}
     for one in about["classes"]:
         shares = (pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values())

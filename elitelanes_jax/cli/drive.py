@@ -48,7 +48,6 @@ def add_drive(commands: Commands) -> None:
     )
     add_shared(command, "--tiles")
     add_shared(command, "--tile-px", default=128)
-    add_shared(command, "--blend")
     command.add_argument(
         "--seed",
         type=checked_by(whole(0, 2**31 - 1)),
@@ -80,7 +79,7 @@ def _drive(options: argparse.Namespace) -> int:
     most = int(MOST_POSES / (30 * options.seconds + 1))
     if kind == ".json" and rides_shown > most:
         raise InputError(f"--rides: expected at most {most} of {options.seconds:g} s in a file, got {rides_shown}")
-    road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
     use_compile_cache()
     try:

@@ -17,9 +17,9 @@ from elitelanes_jax.cli.arguments import (
     add_shared,
     add_verbosity,
     checked_by,
+    keep_programs,
     naming_options,
     read_options,
-    workers_at,
 )
 from elitelanes_jax.cli.program import program_name, say
 
@@ -60,7 +60,7 @@ def add_generate(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, GenerateSpec())
-    add_shared(command, "--scheduler", "--force", "--cores")
+    add_shared(command, "--force", "--cores")
     add_verbosity(command)
 
 
@@ -70,14 +70,10 @@ def _generate(options: argparse.Namespace) -> int:
     spec = read_options(options, GenerateSpec())
     from elitelanes_jax.maps.generation import generate
 
+    keep_programs()
     try:
-        with workers_at(options.scheduler) as executor, naming_options(GenerateSpec(), "furnish", "axes", "where"):
-            if executor is None:
-                maps = generate(spec, options.out, force=options.force)
-            else:
-                from elitelanes_jax.maps.parts import generate_on
-
-                maps = generate_on(executor, spec, options.out, force=options.force)
+        with naming_options(GenerateSpec(), "furnish", "axes", "where"):
+            maps = generate(spec, options.out, force=options.force)
     except NotEnoughMapsError as error:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:

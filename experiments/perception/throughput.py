@@ -40,12 +40,12 @@ def _measure(options: argparse.Namespace) -> None:
     print(_one_thread(maps[:100], tile_px))
     with TemporaryDirectory() as folder:
         began = time.perf_counter()
-        spec = DatasetSpec(maps=len(maps), size=((12, 12),), tile_px=tile_px)
-        make_dataset(spec, Path(folder) / "dataset", maps=maps)
+        spec = DatasetSpec(tile_px=tile_px).replace(maps_from=maps)
+        make_dataset(spec, Path(folder) / "dataset")
         drawn = time.perf_counter() - began
     tiles = load_tiles()
     samples = [
-        draw_sample(road_map, tiles, index, tile_px=tile_px, transforms=STANDARD, layers=()).layers
+        draw_sample(road_map, tiles, index, tile_px=tile_px, transforms=STANDARD).layers
         for index, road_map in enumerate(maps[:32])
     ]
     pictures = [samples[index % 32][name] for index in range(len(maps)) for name in ("image", "labels")]
@@ -63,7 +63,7 @@ def _one_thread(maps: Sequence[RoadMap], tile_px: int) -> str:
     cv2.setNumThreads(1)
 
     def sample(index: int, transforms: Transforms) -> list[np.ndarray]:
-        layers = draw_sample(maps[index], tiles, index, tile_px=tile_px, transforms=transforms, layers=()).layers
+        layers = draw_sample(maps[index], tiles, index, tile_px=tile_px, transforms=transforms).layers
         return [layers["image"], layers["labels"]]
 
     drawn = [sample(index, STANDARD) for index in range(len(maps))]  # also scales the tiles, once

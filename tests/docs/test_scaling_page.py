@@ -59,18 +59,9 @@ def test_submitit_runs_the_parts(whole):
 
 
 @pytest.mark.slow
-def test_a_program_with_a_cluster_of_its_own(whole):
-    pytest.importorskip("distributed")
-    program = smaller(PROGRAMS[4].replace("GenerateSpec(seeds=1000, maps=100)", SPEC.removesuffix(", 3")))
-    Path("program.py").write_text(program)
-    subprocess.run([sys.executable, "program.py"], check=True)
-    assert digest(Path("maps")) == whole
-
-
-@pytest.mark.slow
 def test_the_search_on_many_hosts_finds_its_processes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    program = PROGRAMS[5].replace(
+    program = PROGRAMS[4].replace(
         "(16, 16), islands=32, every=200, evaluations=1_000_000", "(5, 6), islands=4, generations=9"
     )
     Path("program.py").write_text(program)

@@ -102,7 +102,6 @@ def draw_views(condition: Condition, count: int, seed: int) -> Views:
         tiles=drawn,
         seed=seed,
         tile_px=96,
-        layers=(),
         transforms=_BASE.transforms.replace(**condition.transforms),
         camera=_BASE.camera.replace(**condition.camera),
         objects=load_objects(),
