@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation detection navigation realism references throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation detection navigation realism throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -54,8 +54,7 @@ explorer/node_modules/.ready: explorer/package.json explorer/package-lock.json
 # Tests that need large or old packages have an environment each. It is made again when its packages change.
 # SUMO.
 sumo: .venv-sumo/.ready
-	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py \
-	  tests/experiments/test_references.py -k 'sumo or references'
+	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py -k sumo
 
 # CARLA, Lanelet2, SUMO, ASAM's checker of OpenDRIVE and CommonRoad, on a thousand maps and those of duckietown-world.
 simulators: .venv-simulators/.ready .venv-asam/.ready .venv-commonroad/.ready .venv-duckietown/.ready
@@ -230,11 +229,6 @@ detection: $(READY)
 realism: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[realism]'
 	$(BIN)/python -m experiments.realism.study
-
-# Maps of SUMO's generator in place of ours.
-references: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[realism,sumo]'
-	$(BIN)/python -m experiments.realism.study --styles netgenerate-grid netgenerate-rand --out results/references
 
 navigation: $(READY)
 	$(BIN)/python -m experiments.navigation.study

@@ -1,18 +1,13 @@
 """What is written can be read: each writer at its limits, and all that reads its files."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from PIL import Image
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, read_map
-from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax.benchmark import BUDGETS, Submission, find_task, write_submission
-from elitelanes_jax.drive.rides import Rides, rides_to_json
 from elitelanes_jax.formats import map_to_json, to_duckietown
-from elitelanes_jax.formats.rides import MOST_POSES
 from elitelanes_jax.formats.road_map import Drawn
 from elitelanes_jax.network.checks import LONGEST_SIDE
 
@@ -56,20 +51,6 @@ def test_maps_of_the_largest_size_are_read(suffix, tmp_path):
     file = tmp_path / f"map{suffix}"
     file.write_text(map_to_json(RoadMap(codes, drawn=drawn)) if suffix == ".json" else to_duckietown(codes))
     np.testing.assert_array_equal(read_map(file).codes, codes)
-
-
-def test_rides_are_written_up_to_the_number_of_poses_that_is_read():
-    """The widest numbers, on the largest map: a hundredth of the most poses."""
-    codes = np.full((LONGEST_SIDE, LONGEST_SIDE), 15, np.int8)
-    steps = MOST_POSES // 1000 - 1
-    far, turned = (np.full((10, steps + 1), value, np.float32) for value in (1023.1234, -3.1415))
-    goal = SimpleNamespace(row=np.full(10, 1023), column=np.full(10, 1023))
-    rides = Rides(SimpleNamespace(goal=goal), far, far, turned, np.full(10, steps), np.ones(10, bool))
-    empty = rides._replace(steps=np.zeros(0, int))
-    of_map, of_rides = (len(rides_to_json(codes, one)) for one in (empty, rides))
-    assert of_map + 100 * (of_rides - of_map) < 64 * MIB
-    with pytest.raises(InputError, match="rides: expected at most 2000000 poses, got 2001000"):
-        rides_to_json(codes, rides._replace(steps=np.full(1000, steps + 1)))
 
 
 def test_a_raw_archive_too_large_to_be_read_is_not_written(tmp_path):

@@ -40,10 +40,9 @@ KEY = jax.random.key(0)
 VALUES = [None, "x", -1, 2.5, object(), [], {}, np.zeros((2, 3, 4, 5)), KEY]
 
 # These search, compile or write with whatever fits, so they are given only what cannot fit.
-SLOW = {"collect", "draw_sample", "evolve", "evolve_islands", "explore", "generate", "look", "make", "make_dataset"}
+SLOW = {"collect", "draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
 SLOW |= {"make_rides", "measure_town", "random_level", "random_population", "random_pose", "repair", "route", "run"}
-SLOW |= {"spread"}
-ELSEWHERE = {"convert", "gymnasium_vector_env", "show"}  # they need other packages
+ELSEWHERE = {"convert", "show"}  # they need other packages
 
 
 @cache
@@ -66,7 +65,7 @@ def arguments():
         "fitness": np.zeros(3), "folder": "folder", "found": found, "function": measure, "generations": 1,
         "goal": drive.LaneNode(0, 1, 1), "grid": grid, "grids": np.zeros((2, 4, 4), np.int8),
         "groups": {"a": {"turns": [1, 2]}}, "gymnasium": SimpleNamespace(Env=object, spaces=spaces), "image": "map.pgm",
-        "images": scaled["image"], "index": 0, "indices": 2, "ink": (0, 0, 0), "islands": 2, "key": KEY,
+        "images": scaled["image"], "index": 0, "indices": 2, "ink": (0, 0, 0), "key": KEY,
         "keys": optimizers.seed_keys(0, 2), "labels": scaled["labels"], "level": levels, "levels": levels,
         "licence": "", "maps": [road_map], "matrix": np.eye(3), "metric": "turns", "metrics": measure(grid),
         "move": optimizers.toggle_link(), "name": "turns", "names": ["turns"], "niche": np.zeros(2, np.int32),

@@ -30,7 +30,7 @@ def add_explore(commands: Commands) -> None:
         nargs="+",
         metavar="RUN_DIR|MAP",
         help="a folder of generate or pick, or a folder of such folders; an archive.npz; a map.json or a Duckietown "
-        ".yaml; rides of drive, .json",
+        ".yaml",
     )
     command.add_argument(
         "--out",

@@ -10,7 +10,6 @@ from elitelanes_jax._util.progress import Verbosity
 from elitelanes_jax._util.records import inputs_among
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.cli.arguments import Parser
-from elitelanes_jax.cli.completion import add_completion
 from elitelanes_jax.cli.dataset import add_dataset
 from elitelanes_jax.cli.drive import add_drive
 from elitelanes_jax.cli.explore import add_explore
@@ -74,7 +73,6 @@ def make_parser() -> argparse.ArgumentParser:
         add_score,
     ):
         add(commands)
-    add_completion(commands, make_parser)
     return parser
 
 

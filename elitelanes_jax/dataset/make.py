@@ -122,8 +122,8 @@ def make_dataset(
         _check_given(spec, own, tiles)
     else:
         spec.check_search()
-        for shape, count in maps_by_shape(spec).items():
-            search.check_maps(shape, count, exhaustive=True)
+        for shape in maps_by_shape(spec):
+            search.check_maps(shape)
     objects = _objects_of(spec, own)
     identity = _identity(spec, tiles, own, objects)
     settle(out)

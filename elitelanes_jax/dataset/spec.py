@@ -81,7 +81,7 @@ class DatasetSpec(Record):
     camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
-    search: SearchSpec = option(SearchSpec().with_defaults(evaluations=100_000), instance(SearchSpec))
+    search: SearchSpec = option(SearchSpec(evaluations=100_000), instance(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     objects: Path | None = option(None, none_or(path), "DIR")
@@ -164,9 +164,9 @@ class DatasetSpec(Record):
 
     def check_search(self) -> None:
         """Checks that the search can find the maps of each size; raises `InputError` if it cannot."""
-        for shape, count in maps_by_shape(self).items():
+        for shape in maps_by_shape(self):
             self.search.check_on(shape)
-            self.search.check_maps(shape, count)
+            self.search.check_maps(shape)
 
     @property
     def pixels(self) -> int:

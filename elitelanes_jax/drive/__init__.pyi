@@ -15,7 +15,6 @@ from ._lane_drive import LaneDrive as LaneDrive
 from ._lane_drive import LaneDriveObservation as LaneDriveObservation
 from ._lane_drive import LaneDriveParams as LaneDriveParams
 from ._levels import Level as Level
-from ._levels import check_level as check_level
 from ._levels import make_levels as make_levels
 from ._levels import random_level as random_level
 from ._localization import NEVER as NEVER
@@ -29,9 +28,7 @@ from ._pure_pursuit import pure_pursuit as pure_pursuit
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams
 from ._wrappers import GymnaxEnv as GymnaxEnv
-from ._wrappers import JaxUedEnv as JaxUedEnv
 from ._wrappers import gymnasium_env as gymnasium_env
-from ._wrappers import gymnasium_vector_env as gymnasium_vector_env
 from ._wrappers import make as make
 from .lanes import LaneNode as LaneNode
 from .lanes import Pose as Pose

@@ -5,9 +5,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from elitelanes_jax._util.checks import check_named, instance, none_or, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import announce
@@ -20,10 +17,8 @@ from elitelanes_jax.explorer._finds import (
     read_archive,
     read_run,
     setting,
-    with_rides,
 )
 from elitelanes_jax.explorer._payload import Payload, pack
-from elitelanes_jax.formats.rides import RecordedRide, read_rides
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -42,7 +37,7 @@ def collect(
 
     Args:
       what: a `Result`; a map or several, as `as_maps` takes them; or a path or several. A path is the folder of a run
-        of `generate` or `pick`, a folder of such folders, an archive, a file of maps, or a file of rides of `drive`.
+        of `generate` or `pick`, a folder of such folders, an archive, or a file of maps.
       tiles: a tile set or its folder; by default the first run's. If it is not found, the package's own
         is used, with a line on standard error. A relative path in a run's record is searched from here, then from each
         folder above the run.
@@ -93,7 +88,6 @@ def _collect_files(
 ) -> Payload:
     runs: list[Finds] = []
     maps: list[tuple[str, RoadMap]] = []
-    driven: list[tuple[str, NDArray[np.int8], list[RecordedRide]]] = []
     own: Path | None = None
     for source in sources:
         if source.is_dir():
@@ -102,21 +96,17 @@ def _collect_files(
                 own = own or _find_tiles(folder, runs[-1])
         elif source.suffix == ".npz":
             runs.append(read_archive(source, source.stem))
-        elif (rides := read_rides(source)) is not None:
-            driven.append((str(source), *rides))
         else:
             found = read_maps(source)
             names = [str(source)] if len(found) == 1 else [f"{source} {index}" for index in range(len(found))]
             maps += zip(names, found, strict=True)
-    grids = [grid for run in runs for grid in run.grids] + [road_map.codes for _, road_map in maps]
-    maps += [(name, RoadMap(grid)) for name, grid, _ in driven if not any(np.array_equal(grid, one) for one in grids)]
     names = _distinct_names([run.name for run in runs])
     runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
     if tiles is None and own is None and (lost := next(filter(None, (setting(run, "tiles") for run in runs)), None)):
         announce(f"{lost}: expected the tile pictures of the run, got none; the package's own are shown; see --tiles")
     tile_set = _load_tiles(own if tiles is None else tiles)
     heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
-    return pack([with_rides(run, driven) for run in (*runs, *by_size(maps))], tile_set, tile_px, heading)
+    return pack([*runs, *by_size(maps)], tile_set, tile_px, heading)
 
 
 def _load_tiles(tiles: str | Path | TileSet | None) -> TileSet:

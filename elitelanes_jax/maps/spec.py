@@ -13,7 +13,7 @@ from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.ranges import Range, parse_ranges
-from elitelanes_jax.problem.rules import check_rules
+from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds, parse_initial
 
 SPLITS = ("train", "validation", "test")
@@ -89,7 +89,7 @@ class GenerateSpec(Record):
         return range(self.seeds * (index - 1) // count, self.seeds * index // count)
 
     def check_together(self) -> None:
-        """Checks the search on maps of the size, the number of maps, and that every part has a seed."""
+        """Checks the search on maps of the size, and that every part has a seed."""
         if self.part is not None and self.part[1] > self.seeds:
             raise InputError(f"part: expected at most {self.seeds} parts, one for each seed, got {self.part[1]}")
         all_signable = any(item.name == "signable" and item.low == 1 for item in self.search.where)
@@ -99,7 +99,7 @@ class GenerateSpec(Record):
                 "signs=possible leaves out crossings that have a road at a corner"
             )
         self.search.check_on(self.size)
-        self.search.check_maps(self.size, 1 if self.at_most else self.maps)
+        self.search.check_maps(self.size)
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
@@ -132,7 +132,7 @@ class PickSpec(Record):
     maps: int = option(16, whole(1), "N")
     at_most: bool = option(False, flag, "")
     where: tuple[Range, ...] = option((), lambda where: parse_ranges(where, None), "NAME=LOW..HIGH", many=True)
-    rules: str | None = option(None, none_or(check_rules), "NAME")
+    rules: str | None = option(None, none_or(one_of(*RULES)), "NAME")
     axes: tuple[Axis, ...] | None = option(None, none_or(lambda axes: parse_axes(axes, None)), "NAME:BINS", many=True)
     unlike: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     seed: int = option(0, whole(0, 2**32 - 1), "N")

@@ -80,13 +80,3 @@ def insert(
         return into
 
     return Population(write(archive.grids, found.grids), lowest, write(archive.features, found.features))
-
-
-def keep_best(archives: Population) -> Population:
-    """Returns the best elite of each niche among K archives ``[K, ...]``; among equal elites the first archive's."""
-    first = jnp.argmin(archives.fitness, axis=0)
-
-    def take(array: Array) -> Array:
-        return jnp.take_along_axis(array, first.reshape(1, -1, *(1,) * (array.ndim - 2)), axis=0)[0]
-
-    return jax.tree.map(take, archives)

@@ -26,7 +26,7 @@ from elitelanes_jax.optimizers.presets import Config, config_from_plain, config_
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.kernels import with_town_features
-from elitelanes_jax.problem.ranges import parse_ranges
+from elitelanes_jax.problem.ranges import parse_ranges, satisfies
 from elitelanes_jax.search.elites import MeasuredElites, in_short
 from elitelanes_jax.search.selection import MIN_DIFFERENCE, Choice, choose_maps
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SearchSpec
@@ -147,7 +147,7 @@ class Result:
 
     def satisfies(self) -> Bool[np.ndarray, "*S N"]:
         """Returns which elites are in all ranges of the specification, exactly."""
-        return self.elites.satisfies(self.spec.where)
+        return np.asarray(self.elites.valid) & satisfies(self.elites.by_name(), self.spec.where)
 
     def maps(self, count: int = 16, *, where: UserValue = (), seed: int = 0) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
@@ -167,8 +167,6 @@ class Result:
         check_named("seed", whole(0, 2**32 - 1), seed)
         ranges = {item.name: item for item in (*self.spec.where, *parse_ranges(where, self.spec.features))}
         elites = self.elites
-        if elites.valid.ndim == 1:
-            elites = jax.tree.map(lambda array: array[None], elites)
         features: dict[str, AnyArray] = dict(with_town_features(elites.features, ranges, elites.grids, "where"))
         elites = elites._replace(features=features)
         result = replace(self, elites=elites, spec=self.spec.replace(where=ranges.values()))
@@ -204,7 +202,7 @@ class Result:
         exclude: Sequence[Int8[np.ndarray, "_ _"]] = (),
         min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
-        """Chooses maps of a search with an array of keys, and says why the others were rejected; see `choose_maps`."""
+        """Chooses maps, and says why the others were rejected; see `choose_maps`."""
         return choose_maps(
             self.elites, self.spec, self.axes, count, seed, exclude=exclude, min_difference=min_difference
         )

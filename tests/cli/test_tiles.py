@@ -160,16 +160,10 @@ def test_without_ends_roads_that_lead_nowhere_can_be_left_out(folder, tmp_path, 
     assert 0 < fewer < cv2.imread(str(tmp_path / "all" / "road.png"), 0).sum()
 
 
-def test_maps_that_a_set_cannot_draw_at_all_end_in_one_line(folder, tmp_path, capsys):
-    """Without three-way crossings no road fills 3 x 3: a loop has as many black cells as white ones."""
+def test_a_set_without_a_kind_of_tiles_is_named_if_maps_are_too_few(folder, tmp_path, capsys):
     shutil.rmtree(folder / "crossing3_1")
     out = tmp_path / "out"
     few = ["--quiet", "--seeds", "2", "--maps", "1", "--preset", "paper", "--generations", "0", "--tiles", str(folder)]
-    assert main(["generate", "--size", "3", "3", *few, "--out", str(out)]) == 2
-    assert (
-        capsys.readouterr().err
-        == "elitelanes: no map of 3 x 3 tiles satisfies all constraints: none of the 11 grids without dead ends does\n"
-    )
     assert main(["generate", "--size", "5", "6", *few, "--out", str(out)]) == 1
     said = capsys.readouterr().err
     assert "found 0 of 1 map" in said

@@ -122,12 +122,6 @@ def test_maps_that_hardly_differ_come_last():
     assert len(found.choose(6).maps) == 6
 
 
-def test_one_keys_result_is_refused(evolved):
-    alone = jax.tree.map(lambda array: array[0], evolved.elites)
-    with pytest.raises(InputError, match="result: expected one of an array of keys, .* got one of a single key"):
-        replace(evolved, elites=alone).choose(3)
-
-
 def test_niches_that_lie_apart_come_first(evolved):
     two = evolved.choose(2).maps
     everything = evolved.choose(10**6).maps
