@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation detection navigation realism throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation perception photographs detection navigation realism throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -222,6 +222,23 @@ certify: $(READY)
 
 segmentation: $(READY)
 	$(BIN)/python -m experiments.perception.segmentation
+
+photographs: $(READY)
+	$(BIN)/python -m experiments.perception.photographs
+
+# The commands of docs/perception.md.
+SEE := $(BIN)/python -m experiments.perception.gym_duckietown
+SEEN := results/perception
+
+perception: $(READY) .venv-gym-duckietown/.ready
+	test -d $(SEEN)/views || $(BIN)/elitelanes dataset --out $(SEEN)/views --style town --maps 60 --views 500 --size 7 \
+	  --evaluations 2000 --split 1 0 0 --format plain --tile-px 96 --camera rows=120 columns=160 lines=0.07 \
+	  --transform varied blur=0.5
+	test -f $(SEEN)/pose.npz || $(SEE).train pose $(SEEN)/views --out $(SEEN)/pose.npz
+	test -f $(SEEN)/labels.npz || $(SEE).train labels $(SEEN)/views --out $(SEEN)/labels.npz
+	$(SEE).pictures test --only people --poses 12 --out $(SEEN)/photos.npz
+	$(SEE).evaluate $(SEEN)/photos.npz --pose $(SEEN)/pose.npz --labels $(SEEN)/labels.npz --out $(SEEN)/tables.md
+	$(SEE).rides $(SEEN)/pose.npz --only people --out $(SEEN)/pose-rides.json
 
 detection: $(READY)
 	$(BIN)/python -m experiments.perception.detection

@@ -38,15 +38,5 @@ def test_it_runs_and_goes_on_where_it_was(tmp_path, monkeypatch):
     lines = (tmp_path / "optimum.md").read_text().splitlines()
     tables = "\n".join(lines).split("\n\n")
     widths = [{line.count("|") for line in table.splitlines()} for table in tables if table.startswith("|")]
-    assert [len(width) for width in widths] == [1, 1, 1]
+    assert [len(width) for width in widths] == [1, 1]
     assert np.sum([line.startswith("| 12 A") for line in lines]) == 9
-
-
-def test_gaps_are_tabulated_by_niche():
-    best = np.array([[-10.0, np.inf, np.inf], [-14.0, -7.0, np.inf]])
-    assert optimum.niche_table(best, 3, np.array([-12, -5, -1])).splitlines()[2:] == [
-        "| 3 | 2 of 2 | -14 | -12 | -2 | +0 |",
-        "| 4 | 1 of 2 | -7 | -7 | -2 | -2 |",
-        "| 5 | 0 of 2 |  |  |  |  |",
-    ]
-    assert optimum.niche_table(best, 1, None).splitlines()[2] == "| 1 | 2 of 2 | -14 | -12 |"

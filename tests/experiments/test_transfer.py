@@ -14,7 +14,7 @@ from elitelanes_jax.tiles import choose_tiles, scale_tiles
 nets = pytest.importorskip(
     "experiments.perception.gym_duckietown.nets", reason="flax and optax are not here", exc_type=ImportError
 )
-from experiments.perception.gym_duckietown import ablations, rides, train  # noqa: E402
+from experiments.perception.gym_duckietown import rides, train  # noqa: E402
 from experiments.perception.gym_duckietown.bridge import receive, send  # noqa: E402
 from experiments.perception.gym_duckietown.classical import find_lane, find_lines  # noqa: E402
 from experiments.perception.gym_duckietown.evaluate import label_table  # noqa: E402
@@ -129,25 +129,6 @@ def test_ious_beside_white_lines_are_left_out():
     row = label_table({"photos": pictures}, {"net": lambda images: found}).splitlines()[2]
     share = 77 / 84
     assert row.split(" | ")[2:] == ["0.971", f"{share:.3f}", "nan", "1.000", f"{80 / 87:.3f}", "1.000 |"]
-
-
-def test_each_ablation_changes_the_views(monkeypatch):
-    town = np.pad(LOOP, 1)
-    monkeypatch.setattr(ablations, "_maps", lambda style, seed: [town, np.pad(LOOP[::2, ::2], 1)])
-    drawn = {name: ablations.draw_views(one, 6, 0).images for name, one in ablations.CONDITIONS.items()}
-    assert drawn["base"].shape == (6, 120, 160, 3)
-    assert np.array_equal(drawn["base"], drawn.pop("paper"))  # only the maps' style differs
-    assert not any(np.array_equal(drawn["base"], images) for name, images in drawn.items() if name != "base")
-
-
-def test_the_report_of_ablations_compares_seed_by_seed():
-    runs = [{"all": [d, 0.1], "curve": [2 * d, 0.1]} for d in (1.0, 2.0)]
-    worse = [{"all": [d * factor, 0.1], "curve": [d, 0.1]} for d, factor in ((1.0, 1.2), (2.0, 1.25))]
-    text = ablations.report({"base": runs, "light": worse})
-    row = next(line for line in text.splitlines() if line.startswith("| plain light"))
-    # ln 1.2 and ln 1.25: mean 0.2027, half the difference 0.0204, and 12.7 is the quantile of t with one degree
-    assert "| +22% (-6% to +59%) | +0% (+0% to +0%) | -50% (-50% to -50%) | +20 % or more |" in row
-    assert ablations.report({"base": runs}).splitlines()[2].startswith("| all variations | 2 | 1.5 | 0.1 | 3 |")
 
 
 @pytest.mark.slow
