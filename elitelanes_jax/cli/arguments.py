@@ -4,13 +4,11 @@ import argparse
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import Check, folder, path, whole
 from elitelanes_jax._util.errors import InputError, suggest
-from elitelanes_jax._util.progress import Verbosity, detail
 from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
@@ -126,6 +124,7 @@ _SHARED: dict[str, dict[str, Untyped]] = {
         "help": "side of a tile in pixels; by default %(default)s",
     },
     "--force": {"action": "store_true", "help": "replace the folder, if an earlier run wrote all files in it"},
+    "--quiet": {"action": "store_true", "help": "print nothing but errors"},
     "--cores": {
         "action": _Cores,
         "default": argparse.SUPPRESS,
@@ -140,20 +139,6 @@ def add_shared(command: argparse.ArgumentParser, *names: str, **changes: Untyped
     """Adds arguments that several commands share. `changes` replace keyword arguments of `add_argument`."""
     for name in names:
         command.add_argument(name, **_SHARED[name] | changes)
-
-
-def add_verbosity(command: argparse.ArgumentParser) -> None:
-    """Adds ``--quiet`` and ``--verbose`` to a command that takes long."""
-    add = partial(command.add_mutually_exclusive_group().add_argument, dest="verbosity", action="store_const")
-    add("--quiet", const=Verbosity.QUIET, default=argparse.SUPPRESS, help="print nothing but errors")
-    add("--verbose", const=Verbosity.VERBOSE, default=argparse.SUPPRESS, help="print each step and its time")
-
-
-def keep_programs() -> None:
-    """Keeps compiled programs on disk, and says where."""
-    from elitelanes_jax.search.compile_cache import use_compile_cache
-
-    detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
 
 
 @contextmanager

@@ -9,8 +9,6 @@ from elitelanes_jax.cli.arguments import (
     add_command,
     add_options,
     add_shared,
-    add_verbosity,
-    keep_programs,
     naming_options,
     read_options,
 )
@@ -31,8 +29,7 @@ def add_dataset(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, DatasetSpec())
-    add_shared(command, "--force", "--cores")
-    add_verbosity(command)
+    add_shared(command, "--force", "--cores", "--quiet")
 
 
 def _dataset(options: argparse.Namespace) -> int:
@@ -43,8 +40,9 @@ def _dataset(options: argparse.Namespace) -> int:
         with naming_options(DatasetSpec()):
             spec.check_search()
     from elitelanes_jax.dataset.make import make_dataset
+    from elitelanes_jax.search.compile_cache import use_compile_cache
 
-    keep_programs()
+    use_compile_cache()
     with naming_options(DatasetSpec(), "maps_from", "furnish"):
         about = make_dataset(spec, options.out, force=options.force)
     table = {"": about["pictures"], "pictures": about["pictures"].values()}

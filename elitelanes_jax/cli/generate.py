@@ -15,9 +15,7 @@ from elitelanes_jax.cli.arguments import (
     add_command,
     add_options,
     add_shared,
-    add_verbosity,
     checked_by,
-    keep_programs,
     naming_options,
     read_options,
 )
@@ -60,8 +58,7 @@ def add_generate(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, GenerateSpec())
-    add_shared(command, "--force", "--cores")
-    add_verbosity(command)
+    add_shared(command, "--force", "--cores", "--quiet")
 
 
 def _generate(options: argparse.Namespace) -> int:
@@ -69,8 +66,9 @@ def _generate(options: argparse.Namespace) -> int:
 
     spec = read_options(options, GenerateSpec())
     from elitelanes_jax.maps.generation import generate
+    from elitelanes_jax.search.compile_cache import use_compile_cache
 
-    keep_programs()
+    use_compile_cache()
     try:
         with naming_options(GenerateSpec(), "furnish", "axes", "where"):
             maps = generate(spec, options.out, force=options.force)
@@ -97,8 +95,7 @@ def add_merge(commands: Commands) -> None:
     command.add_argument(
         "parts", type=checked_by(path), nargs="+", metavar="PART", help="folders of all parts, in any order"
     )
-    add_shared(command, "--out", "--force")
-    add_verbosity(command)
+    add_shared(command, "--out", "--force", "--quiet")
 
 
 def _merge(options: argparse.Namespace) -> int:
@@ -137,7 +134,7 @@ def add_pick(commands: Commands) -> None:
         const="archive",
         help="like --force, but also replace a folder with an archive.npz, which pick does not write again",
     )
-    add_verbosity(command)
+    add_shared(command, "--quiet")
 
 
 def _pick(options: argparse.Namespace) -> int:
@@ -165,7 +162,4 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     of = f" of {wanted:,}" if len(maps) < wanted else ""
     sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
     lines.append(f"{pluralize(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
-    differences = [(road_map.metrics or {}).get("difference_from_examples") for road_map in maps]
-    if known := [share for share in differences if share is not None]:
-        lines.append(f"they differ from the nearest example map in {min(known):.0%} to {max(known):.0%} of their cells")
     return "\n".join(lines)
