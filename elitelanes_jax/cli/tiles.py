@@ -25,7 +25,6 @@ def add_tiles(commands: Commands) -> None:
     below = tiles.add_subparsers(title="commands", required=True, metavar="COMMAND")
     check = add_command(below, "check", _check, help="describe a tile set, or list all its errors")
     check.add_argument("folder", type=checked_by(path), metavar="DIR")
-    check.add_argument("--picture", type=file_ending(".png"), metavar="FILE", help="new PNG file, with the worst seam")
     masks = add_command(
         below,
         "masks",
@@ -51,21 +50,14 @@ def add_tiles(commands: Commands) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from elitelanes_jax.tiles.seams import describe_seams, find_seams, seam_picture
     from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles, stray_files
 
-    picture = options.picture and _new_beside(options.folder, options.picture)
     tiles, problems = inspect_tiles(options.folder, lines=True)
     strays = [f"{file}: not used" for file in stray_files(options.folder)] if options.folder.is_dir() else []
     if tiles is None:
         warn("\n".join(problems + strays))
         return 2
-    seams = find_seams(tiles)
-    lines = [describe_tiles(tiles), describe_seams(tiles, seams), *strays]
-    if picture:
-        _write_together({picture: seam_picture(tiles, seams)})
-        lines.append(f"the worst seam is in {picture}")
-    say("\n".join(lines))
+    say("\n".join([describe_tiles(tiles), *strays]))
     return 0
 
 

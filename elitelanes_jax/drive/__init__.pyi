@@ -7,7 +7,6 @@ from ._camera import make_sight as make_sight
 from ._distances import UNREACHABLE as UNREACHABLE
 from ._distances import distances as distances
 from ._distances import lane_nodes as lane_nodes
-from ._distances import route as route
 from ._environment import Environment as Environment
 from ._environment import Transition as Transition
 from ._environment import auto_reset as auto_reset
@@ -17,9 +16,6 @@ from ._lane_drive import LaneDriveParams as LaneDriveParams
 from ._levels import Level as Level
 from ._levels import make_levels as make_levels
 from ._levels import random_level as random_level
-from ._localization import NEVER as NEVER
-from ._localization import ambiguity as ambiguity
-from ._localization import localization_steps as localization_steps
 from ._objects import Billboards as Billboards
 from ._objects import Objects as Objects
 from ._objects import make_billboards as make_billboards

@@ -104,9 +104,7 @@ def test_a_training_set_is_the_dataset_of_its_maps():
             assert len(tiles.tiles) == len(first)
         assert not {tile.name for tile in tiles.tiles} & {tile.name for tile in held_out.tiles}
         for number in range(5):
-            sample = draw_sample(
-                RoadMap(grids[number % 2]), tiles, number, seed=4, tile_px=32, transforms=transforms, layers=()
-            )
+            sample = draw_sample(RoadMap(grids[number % 2]), tiles, number, seed=4, tile_px=32, transforms=transforms)
             assert (images[number] == sample.layers["image"]).all()
             assert (labels[number] == sample.layers["labels"]).all()
 
