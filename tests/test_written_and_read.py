@@ -13,13 +13,13 @@ from elitelanes_jax.network.checks import LONGEST_SIDE
 
 
 def test_pictures_larger_than_a_tile_s_may_be_are_made_into_a_dataset(tmp_path):
-    maps = [RoadMap(np.full((2, 257), 5, np.int8))]  # 4,112 pixels: a file of a tile has 4,096 at most
-    spec = DatasetSpec(maps=1, size="2 257", tile_px=16, split="1 0 0", transforms="none")
-    about = make_dataset(spec, tmp_path / "out", maps=maps)
+    maps = [np.full((2, 257), 5, np.int8)]  # 4,112 pixels: a file of a tile has 4,096 at most
+    spec = DatasetSpec(maps_from=maps, tile_px=16, split="1 0 0", transforms="none")
+    about = make_dataset(spec, tmp_path / "out")
     with Image.open(tmp_path / "out" / "train" / "labels" / "000000.png") as labels:
         assert labels.size == (4112, 32)
     assert (tmp_path / "out" / "contact-sheet.png").exists()
-    assert make_dataset(spec, tmp_path / "out", maps=maps) == about
+    assert make_dataset(spec, tmp_path / "out") == about
 
 
 @pytest.mark.parametrize(

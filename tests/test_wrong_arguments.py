@@ -32,7 +32,7 @@ from elitelanes_jax import (
     rotate,
 )
 from elitelanes_jax.benchmark import compute_scores, find_task, run_tasks, score_submission, write_submission
-from elitelanes_jax.dataset import draw_sample, map_points, tiles_by_split
+from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.drive import (
     LaneDrive,
     LaneDriveParams,
@@ -86,7 +86,6 @@ from elitelanes_jax.optimizers.interop import evosax_task, qdax_centroids, qdax_
 from elitelanes_jax.problem import Population, extreme_maps, insert, niche_index, tuned_axes, with_town_features
 from elitelanes_jax.tiles import (
     choose_tiles,
-    find_seams,
     mask_folder,
     overlay,
     png_of,
@@ -170,9 +169,7 @@ WRONG = {
     "folder: expected a name, got 3": lambda: load_tiles(3),
     "path: expected a name, got 3": lambda: Result.load(3),
     "spec: expected DatasetSpec, got {'maps': 3}": lambda: make_dataset({"maps": 3}, "out"),
-    "maps: map 0: grid: expected two dimensions": lambda: make_dataset(
-        DatasetSpec(maps=1, size=4, split=(1, 0, 0)), "out", maps=[3]
-    ),
+    "maps_from: map 0: grid: expected two dimensions": lambda: DatasetSpec(maps_from=[3]),
     "parts: expected paths, got 3": lambda: merge(3, "out"),
     "what: expected a Result, maps, or paths of runs and maps, got int": lambda: explore(3, "page.html"),
     "grid: expected rows of tile codes, got 'town.json'; read_map reads": lambda: to_opendrive("town.json"),
@@ -201,9 +198,6 @@ WRONG = {
     "furnish: 3: expected one of objects, signs, lights": lambda: furnish(GRID, {3: 3}),
     "town.json: expected a readable JSON file": lambda: furnish("town.json"),
     "grid: expected rows of one length": lambda: canonical_form([[6, 3], [12]]),
-    "points: expected shape [N, 2], got [1, 3]": lambda: map_points([[1, 2, 3]], np.eye(3)),
-    "matrix: expected shape [3, 3], got [2, 2]": lambda: map_points([[1, 2]], np.eye(2)),
-    "tiles: expected TileSet, got DatasetSpec(": lambda: tiles_by_split(DatasetSpec(), load_tiles()),
     "size: expected a whole number, 1 or more, got 0": lambda: scale_tiles(load_tiles(), 0),
     "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got float64 [4, 4, 3]": lambda: write_png(
         "map.png", np.zeros((4, 4, 3))
@@ -212,7 +206,6 @@ WRONG = {
         np.zeros((0, 4), np.uint8)
     ),
     "picture: expected Picture, got array(": lambda: overlay(np.zeros((4, 4), np.uint8)),
-    "hold_out_tiles: expected a split with a test": lambda: DatasetSpec(split=(0.9, 0.1, 0), hold_out_tiles=True),
     "params: expected RoadNavParams, got LaneDriveParams(": lambda: begin(RoadNav, LaneDriveParams),
     "params: expected LaneDriveParams, got RoadNavParams(": lambda: begin(LaneDrive, RoadNavParams),
     "state: expected LaneDriveState, got RoadNavState(": lambda: LaneDrive.step(
@@ -260,19 +253,15 @@ WRONG = {
     "transforms: expected Transforms, got 'standard'": lambda: draw_sample(
         RoadMap(GRID), load_tiles(), 0, transforms="standard"
     ),
-    "executor: expected one of concurrent.futures, got 3": lambda: make_dataset(
-        DatasetSpec(maps_from=[GRID], split=(1, 0, 0)), "out", executor=3
-    ),
-    "tiles: expected TileSet, got 'tiles'": lambda: find_seams("tiles"),
+    "tiles: expected TileSet, got 'tiles'": lambda: scale_tiles("tiles", 64),
     "picture: expected Picture, got 3": lambda: write_picture("out", 3),
     "folder: expected a name, got 4": lambda: mask_folder(4),
-    "blend: expected on or off, got 'maybe'": lambda: load_tiles(blend="maybe"),
     "rides: expected Rides, got None": lambda: next(film(GRID, load_tiles(), None)),
     "rides: expected rides on the map, got rides on another one": lambda: next(
         film(GRID[:, ::-1], load_tiles(), make_rides(GRID, 1, seconds=0.1))
     ),
-    "maps: expected different networks, because no two splits may show the same one, got map 1, which is map 0": (
-        lambda: make_dataset(DatasetSpec(maps=2, size="2", split=(0.5, 0, 0.5)), "out", maps=[GRID, rotate(GRID)])
+    "maps_from: expected enough for one in the train, 0.5 of them, got 1": lambda: DatasetSpec(
+        maps_from=[GRID, rotate(GRID)], split=(0.5, 0, 0.5)
     ),
     "seed: expected a whole number, 0 to 4294967295, got 1.5": lambda: searched().save("out", seed=1.5),
     "axes 'turns': expected at least one bin, of a width of at least 1, got 4 of width 0": lambda: niche_index(

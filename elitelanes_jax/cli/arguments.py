@@ -3,12 +3,11 @@
 import argparse
 import re
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
-from elitelanes_jax._util.checks import Check, folder, path, switch, whole
+from elitelanes_jax._util.checks import Check, folder, path, whole
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
@@ -124,17 +123,6 @@ _SHARED: dict[str, dict[str, Untyped]] = {
         "metavar": "N",
         "help": "side of a tile in pixels; by default %(default)s",
     },
-    "--blend": {
-        "type": checked_by(switch),
-        "metavar": "on|off",
-        "help": "align the brightness of the tiles and feather their seams; by default as the tile set says, which is "
-        "on for photographs",
-    },
-    "--scheduler": {
-        "metavar": "ADDRESS",
-        "help": "run on the workers of a Dask cluster with this scheduler, such as tcp://HOST:8786; they share the "
-        "disk",
-    },
     "--force": {"action": "store_true", "help": "replace the folder, if an earlier run wrote all files in it"},
     "--quiet": {"action": "store_true", "help": "print nothing but errors"},
     "--cores": {
@@ -151,21 +139,6 @@ def add_shared(command: argparse.ArgumentParser, *names: str, **changes: Untyped
     """Adds arguments that several commands share. `changes` replace keyword arguments of `add_argument`."""
     for name in names:
         command.add_argument(name, **_SHARED[name] | changes)
-
-
-@contextmanager
-def workers_at(scheduler: str | None) -> Iterator[Executor | None]:
-    """Keeps compiled programs, and connects to the cluster that ``--scheduler`` names, if it names one."""
-    from elitelanes_jax.search.compile_cache import use_compile_cache
-
-    use_compile_cache()
-    if scheduler is None:
-        yield None
-    else:
-        from elitelanes_jax.maps.cluster import dask_executor
-
-        with dask_executor(scheduler) as executor:
-            yield executor
 
 
 @contextmanager

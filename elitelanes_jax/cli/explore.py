@@ -42,7 +42,7 @@ def add_explore(commands: Commands) -> None:
     add_shared(
         command, "--tiles", help="tile pictures; by default the first run's, or if they are not found the package's own"
     )
-    add_shared(command, "--tile-px", "--blend")
+    add_shared(command, "--tile-px")
     add_shared(command, "--force", help="replace an earlier page")
 
 
@@ -55,7 +55,6 @@ def _explore(options: argparse.Namespace) -> int:
         options.sources,
         out,
         tiles=options.tiles,
-        blend=options.blend,
         tile_px=options.tile_px,
         force=options.force,
     )

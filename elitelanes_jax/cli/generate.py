@@ -18,7 +18,6 @@ from elitelanes_jax.cli.arguments import (
     checked_by,
     naming_options,
     read_options,
-    workers_at,
 )
 from elitelanes_jax.cli.program import program_name, say
 
@@ -59,7 +58,7 @@ def add_generate(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, GenerateSpec())
-    add_shared(command, "--scheduler", "--force", "--cores", "--quiet")
+    add_shared(command, "--force", "--cores", "--quiet")
 
 
 def _generate(options: argparse.Namespace) -> int:
@@ -67,15 +66,12 @@ def _generate(options: argparse.Namespace) -> int:
 
     spec = read_options(options, GenerateSpec())
     from elitelanes_jax.maps.generation import generate
+    from elitelanes_jax.search.compile_cache import use_compile_cache
 
+    use_compile_cache()
     try:
-        with workers_at(options.scheduler) as executor, naming_options(GenerateSpec(), "furnish", "axes", "where"):
-            if executor is None:
-                maps = generate(spec, options.out, force=options.force)
-            else:
-                from elitelanes_jax.maps.parts import generate_on
-
-                maps = generate_on(executor, spec, options.out, force=options.force)
+        with naming_options(GenerateSpec(), "furnish", "axes", "where"):
+            maps = generate(spec, options.out, force=options.force)
     except NotEnoughMapsError as error:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:

@@ -93,7 +93,7 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
 
 def plan_run(spec: GenerateSpec) -> Run:
     """Loads the tiles of a run and checks its search; raises `InputError`."""
-    tiles = load_tiles(spec.tiles, blend=spec.blend)
+    tiles = load_tiles(spec.tiles)
     search = drawable(spec.search, tiles).on(spec.size)
     search.check_maps(spec.size)
     return Run(spec, search, tiles)
@@ -183,7 +183,7 @@ def describe_source(tiles: TileSet, result: Result, choice: Choice | None) -> di
     chosen = choice and {"elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}}
     return {
         "config": result.config and config_to_plain(result.config),
-        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers", "blend")},
+        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "blend")},
         "axes": [axis._asdict() for axis in result.axes],
         **(chosen or {}),
     }
