@@ -44,7 +44,7 @@ from elitelanes_jax.drive import (
     make_levels,
     make_rides,
 )
-from elitelanes_jax.explorer import collect_results
+from elitelanes_jax.explorer import collect
 from elitelanes_jax.formats import (
     Streets,
     from_duckietown,
@@ -260,12 +260,12 @@ WRONG = {
         0, features={"mine": lambda grid, other: 0}
     ),
     "search: expected a function of task, generator, got one of ()": lambda: run_tasks([TASK], lambda: None, 1),
-    "results: mine: expected maps, grids or files of maps, got None": lambda: collect_results({"mine": None}),
-    "results: mine: no-run: expected a readable": lambda: collect_results({"mine": "no-run"}),
+    "what: mine: expected maps, grids or files of maps, got None": lambda: collect({"mine": None}),
+    "what: mine: no-run: expected a readable": lambda: collect({"mine": "no-run"}),
     "colours: expected a Colour for road, red, yellow, got {'road': 1}": lambda: propose_masks(
         np.zeros((4, 4, 3), np.uint8), {"road": 1}
     ),
-    "what: expected one Result, got several; page_of(collect_results(": lambda: explore(
+    "what: expected one Result, or several by name, got a list of them": lambda: explore(
         [found(), found()], "page.html"
     ),
     "index: expected a whole number, 0 or more, got -1": lambda: draw_sample(RoadMap(GRID), load_tiles(), -1),
