@@ -13,13 +13,13 @@ from elitelanes_jax.network.checks import LONGEST_SIDE
 
 
 def test_pictures_larger_than_a_tile_s_may_be_are_made_into_a_dataset(tmp_path):
-    maps = [RoadMap(np.full((2, 257), 5, np.int8))]  # 4,112 pixels: a file of a tile has 4,096 at most
-    spec = DatasetSpec(maps=1, size="2 257", tile_px=16, split="1 0 0", transforms="none")
-    about = make_dataset(spec, tmp_path / "out", maps=maps)
+    maps = [np.full((2, 257), 5, np.int8)]  # 4,112 pixels: a file of a tile has 4,096 at most
+    spec = DatasetSpec(maps_from=maps, tile_px=16, split="1 0 0", transforms="none")
+    about = make_dataset(spec, tmp_path / "out")
     with Image.open(tmp_path / "out" / "train" / "labels" / "000000.png") as labels:
         assert labels.size == (4112, 32)
     assert (tmp_path / "out" / "contact-sheet.png").exists()
-    assert make_dataset(spec, tmp_path / "out", maps=maps) == about
+    assert make_dataset(spec, tmp_path / "out") == about
 
 
 @pytest.mark.parametrize(
@@ -57,6 +57,5 @@ def test_a_raw_archive_too_large_to_be_read_is_not_written(tmp_path):
     task = find_task("8x8A-100000")
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     grids = np.broadcast_to(np.int8(0), (10, budgets, 2**20, *task.shape))
-    values = np.broadcast_to(np.int32(0), grids.shape[:3])
-    with pytest.raises(InputError, match="out.npz: expected arrays of at most 536,866,816 bytes"):
-        write_submission(tmp_path / "out.npz", Submission(task, grids, values, values))
+    with pytest.raises(InputError, match="out.npz: expected grids of at most 536,866,816 bytes"):
+        write_submission(tmp_path / "out.npz", Submission(task, grids))

@@ -1,6 +1,5 @@
 """Wrong arguments from Python: each is named in one line, before any search."""
 
-import sys
 from functools import cache, partial
 from pathlib import Path
 
@@ -32,9 +31,8 @@ from elitelanes_jax import (
     road_problem,
     rotate,
 )
-from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.benchmark import compute_scores, find_task, run_tasks, score_submission, write_submission
-from elitelanes_jax.dataset import draw_sample, map_points, tiles_by_split
+from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.drive import (
     LaneDrive,
     LaneDriveParams,
@@ -53,7 +51,6 @@ from elitelanes_jax.drive import (
     make_rides,
     random_level,
     random_pose,
-    route,
 )
 from elitelanes_jax.explorer import collect_results, page_of
 from elitelanes_jax.formats import (
@@ -89,7 +86,6 @@ from elitelanes_jax.optimizers.interop import evosax_task, qdax_centroids, qdax_
 from elitelanes_jax.problem import Population, extreme_maps, insert, niche_index, tuned_axes, with_town_features
 from elitelanes_jax.tiles import (
     choose_tiles,
-    find_seams,
     mask_folder,
     overlay,
     png_of,
@@ -173,9 +169,7 @@ WRONG = {
     "folder: expected a name, got 3": lambda: load_tiles(3),
     "path: expected a name, got 3": lambda: Result.load(3),
     "spec: expected DatasetSpec, got {'maps': 3}": lambda: make_dataset({"maps": 3}, "out"),
-    "maps: map 0: grid: expected two dimensions": lambda: make_dataset(
-        DatasetSpec(maps=1, size=4, split=(1, 0, 0)), "out", maps=[3]
-    ),
+    "maps_from: map 0: grid: expected two dimensions": lambda: DatasetSpec(maps_from=[3]),
     "parts: expected paths, got 3": lambda: merge(3, "out"),
     "what: expected a Result, maps, or paths of runs and maps, got int": lambda: explore(3, "page.html"),
     "grid: expected rows of tile codes, got 'town.json'; read_map reads": lambda: to_opendrive("town.json"),
@@ -204,9 +198,6 @@ WRONG = {
     "furnish: 3: expected one of objects, signs, lights": lambda: furnish(GRID, {3: 3}),
     "town.json: expected a readable JSON file": lambda: furnish("town.json"),
     "grid: expected rows of one length": lambda: canonical_form([[6, 3], [12]]),
-    "points: expected shape [N, 2], got [1, 3]": lambda: map_points([[1, 2, 3]], np.eye(3)),
-    "matrix: expected shape [3, 3], got [2, 2]": lambda: map_points([[1, 2]], np.eye(2)),
-    "tiles: expected TileSet, got DatasetSpec(": lambda: tiles_by_split(DatasetSpec(), load_tiles()),
     "size: expected a whole number, 1 or more, got 0": lambda: scale_tiles(load_tiles(), 0),
     "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got float64 [4, 4, 3]": lambda: write_png(
         "map.png", np.zeros((4, 4, 3))
@@ -215,7 +206,6 @@ WRONG = {
         np.zeros((0, 4), np.uint8)
     ),
     "picture: expected Picture, got array(": lambda: overlay(np.zeros((4, 4), np.uint8)),
-    "hold_out_tiles: expected a split with a test": lambda: DatasetSpec(split=(0.9, 0.1, 0), hold_out_tiles=True),
     "params: expected RoadNavParams, got LaneDriveParams(": lambda: begin(RoadNav, LaneDriveParams),
     "params: expected LaneDriveParams, got RoadNavParams(": lambda: begin(LaneDrive, RoadNavParams),
     "state: expected LaneDriveState, got RoadNavState(": lambda: LaneDrive.step(
@@ -226,9 +216,6 @@ WRONG = {
     ),
     "environment: expected Environment, got RoadNavParams(": lambda: auto_reset(RoadNavParams(levels())),
     "pose: expected Pose, got (0.5, 0.5, 0.0)": lambda: lane_pose(GRID, (0.5, 0.5, 0.0)),
-    "most: expected a whole number, 1 or more, got 0": lambda: route(
-        GRID, LaneNode(0, 0, 3), LaneNode(0, 1, 0), most=0
-    ),
     "maps: expected a list of RoadMap, got 'town.json'": lambda: make_objects("town.json"),
     "best: expected shape [..., 2] for 5x5A-10000, got [2, 9]": lambda: compute_scores(TASK, np.zeros((2, 9))),
     "best: expected no fitness below the optimum": lambda: compute_scores(TASK, TASK.optimum[None] - [[0, 1]]),
@@ -266,19 +253,15 @@ WRONG = {
     "transforms: expected Transforms, got 'standard'": lambda: draw_sample(
         RoadMap(GRID), load_tiles(), 0, transforms="standard"
     ),
-    "executor: expected one of concurrent.futures, got 3": lambda: make_dataset(
-        DatasetSpec(maps_from=[GRID], split=(1, 0, 0)), "out", executor=3
-    ),
-    "tiles: expected TileSet, got 'tiles'": lambda: find_seams("tiles"),
+    "tiles: expected TileSet, got 'tiles'": lambda: scale_tiles("tiles", 64),
     "picture: expected Picture, got 3": lambda: write_picture("out", 3),
     "folder: expected a name, got 4": lambda: mask_folder(4),
-    "blend: expected on or off, got 'maybe'": lambda: load_tiles(blend="maybe"),
     "rides: expected Rides, got None": lambda: next(film(GRID, load_tiles(), None)),
     "rides: expected rides on the map, got rides on another one": lambda: next(
         film(GRID[:, ::-1], load_tiles(), make_rides(GRID, 1, seconds=0.1))
     ),
-    "maps: expected different networks, because no two splits may show the same one, got map 1, which is map 0": (
-        lambda: make_dataset(DatasetSpec(maps=2, size="2", split=(0.5, 0, 0.5)), "out", maps=[GRID, rotate(GRID)])
+    "maps_from: expected enough for one in the train, 0.5 of them, got 1": lambda: DatasetSpec(
+        maps_from=[GRID, rotate(GRID)], split=(0.5, 0, 0.5)
     ),
     "seed: expected a whole number, 0 to 4294967295, got 1.5": lambda: searched().save("out", seed=1.5),
     "axes 'turns': expected at least one bin, of a width of at least 1, got 4 of width 0": lambda: niche_index(
@@ -292,7 +275,6 @@ WRONG = {
     ),
     "objects: expected a name, got [1]": lambda: render(GRID, objects=[1]),
     "goal: expected LaneNode, got (0, 1, 1)": lambda: distances(GRID, (0, 1, 1)),
-    "start: expected LaneNode, got (0, 0, 3)": lambda: route(GRID, (0, 0, 3), LaneNode(0, 1, 0)),
     "evaluate: expected a function, got None": lambda: Problem((4, 4), None),
     "feature_names: expected a list of str, got 3": lambda: Problem((4, 4), print, 3),
     "bits: expected a whole number, 0 or more, got -1": lambda: Move(-1, print),
@@ -389,10 +371,3 @@ def test_streets_are_a_record(write, tmp_path, monkeypatch):
             write(RING, value)
     assert not list(tmp_path.iterdir())
     assert write(RING, Streets(lane=3))
-
-
-def test_progress_needs_no_stream(monkeypatch):
-    for shown in (None, True):
-        monkeypatch.setattr(sys, "stderr", None)
-        with Progress("evolving", 3, "maps", shown=shown) as bar:
-            bar.update(3)

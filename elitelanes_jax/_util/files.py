@@ -46,7 +46,7 @@ def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
         return tomllib.loads(read_text(file, MIB))
     except OSError as error:
         raise InputError(f"{source}: {reason(error)}") from None
-    except ValueError as error:  # of TOML, or of UTF-8
+    except (ValueError, RecursionError) as error:  # of TOML, or of UTF-8
         raise InputError(f"{source}: expected TOML, got {shorten(str(error))}") from None
 
 

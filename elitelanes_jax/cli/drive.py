@@ -48,7 +48,6 @@ def add_drive(commands: Commands) -> None:
     )
     add_shared(command, "--tiles")
     add_shared(command, "--tile-px", default=128)
-    add_shared(command, "--blend")
     command.add_argument(
         "--seed",
         type=checked_by(whole(0, 2**31 - 1)),
@@ -76,7 +75,7 @@ def _drive(options: argparse.Namespace) -> int:
         if options.rides is not None:
             raise InputError(f"--rides: expected none with a film, which shows one ride, got {options.rides}")
         rides_shown = 1
-    road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
     use_compile_cache()
     try:

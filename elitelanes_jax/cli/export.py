@@ -15,7 +15,6 @@ from elitelanes_jax.cli.arguments import (
     add_command,
     add_options,
     add_shared,
-    add_verbosity,
     checked_by,
     naming,
     naming_options,
@@ -160,8 +159,7 @@ def add_pack(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, PackSpec())
-    add_shared(command, "--force")
-    add_verbosity(command)
+    add_shared(command, "--force", "--quiet")
 
 
 def _pack(options: argparse.Namespace) -> int:

@@ -191,14 +191,6 @@ def above_horizon(viewpoint: Viewpoint) -> Bool[NDArray, "rows columns"]:
     return ~_places(viewpoint, 1)[2]
 
 
-def shift_points(points: Float[NDArray, "N 2"], viewpoint: Viewpoint) -> Float[NDArray, "N 2"]:
-    """Returns where points of the rendered map lie after the shift of the lines."""
-    shifted = points
-    for _ in range(20):  # a fixed point, because the shift depends on the position after it
-        shifted = points + _shift_lines(shifted, viewpoint.tile_px, viewpoint.lines) - shifted
-    return shifted
-
-
 def _shift_lines(places: NDArray[_F], tile_px: int, lines: float) -> NDArray[_F]:
     """Shifts coordinates away from the middle of each tile, by `lines` tiles where the white line is."""
     if not lines:

@@ -14,7 +14,7 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluraliz
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.packages import installed_versions
-from elitelanes_jax._util.progress import Progress, announce, detail
+from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
@@ -93,7 +93,7 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
 
 def plan_run(spec: GenerateSpec) -> Run:
     """Loads the tiles of a run and checks its search; raises `InputError`."""
-    tiles = load_tiles(spec.tiles, blend=spec.blend)
+    tiles = load_tiles(spec.tiles)
     search = drawable(spec.search, tiles).on(spec.size)
     search.check_maps(spec.size)
     return Run(spec, search, tiles)
@@ -171,7 +171,6 @@ def choose_maps(result: Result, count: int, at_most: bool, hint: str | None = No
     """
     with Progress("choosing maps"):
         choice = result.choose(count, **options)
-    detail(choice.describe(count))
     if len(choice.maps) < (1 if at_most else count):
         height, width = result.elites.grids.shape[-2:]
         hint = hint or choice.hint(result.spec.method, (height, width))
@@ -184,7 +183,7 @@ def describe_source(tiles: TileSet, result: Result, choice: Choice | None) -> di
     chosen = choice and {"elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}}
     return {
         "config": result.config and config_to_plain(result.config),
-        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers", "blend")},
+        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "blend")},
         "axes": [axis._asdict() for axis in result.axes],
         **(chosen or {}),
     }

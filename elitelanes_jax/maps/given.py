@@ -1,6 +1,5 @@
 """Maps that a dataset uses instead of evolving maps; without JAX and OpenCV."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
@@ -38,17 +37,6 @@ class GivenMaps:
         return sorted({(road_map.codes.shape[0], road_map.codes.shape[1]) for road_map in self.maps})
 
 
-def given(
-    maps: Sequence[RoadMap], repeated: int = 0, paths: Sequence[Path] = (), files: Sequence[str] = ()
-) -> GivenMaps:
-    """Returns the maps with their metrics, which are measured if a map has none."""
-    files = files or [""] * len(maps)
-    names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
-    measured = tuple(map(_measured, maps, names))
-    digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
-    return GivenMaps(measured, digest, repeated, tuple(paths), tuple(names))
-
-
 def parse_given(sources: UserValue) -> GivenMaps:
     """Reads maps, and measures metrics that are missing; raises `InputError`, which names a bad file or folder.
 
@@ -69,7 +57,11 @@ def parse_given(sources: UserValue) -> GivenMaps:
         raise InputError("expected at least one map, got none")
     distinct = {canonical_form(road_map.codes): road_map for road_map in reversed(found)}
     maps = [road_map for road_map in found if distinct[canonical_form(road_map.codes)] is road_map]
-    return given(maps, len(found) - len(maps), paths, [file_of.get(id(one), "") for one in maps])
+    files = [file_of.get(id(one), "") for one in maps]
+    names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
+    measured = tuple(map(_measured, maps, names))
+    digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
+    return GivenMaps(measured, digest, len(found) - len(maps), tuple(paths), tuple(names))
 
 
 def _maps_of(source: UserValue) -> list[tuple[str, UserValue]]:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from elitelanes_jax._util.checks import check_unique, flag, instance, none_or, one_of, path, real, switch, whole
+from elitelanes_jax._util.checks import check_unique, flag, instance, none_or, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, nested, option
 from elitelanes_jax._util.types import Plain, UserValue
@@ -64,8 +64,6 @@ class GenerateSpec(Record):
       seeds: number of independent runs to choose from
       seed: seed of everything random
       tiles: folder of the tile pictures; by default the package's own
-      blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
-        which is on for photographs
       tile_px: side of a tile in pixels
       furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
         file .toml, .json or .yaml of your own
@@ -80,7 +78,6 @@ class GenerateSpec(Record):
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     search: SearchSpec = option(SearchSpec(), instance(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
-    blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     part: tuple[int, int] | None = option(None, none_or(parse_part), "K/N")
@@ -127,8 +124,6 @@ class PickSpec(Record):
       unlike: maps that all chosen maps differ from, map.json or Duckietown's .yaml
       seed: seed of the choice of tile pictures
       tiles: folder of the tile pictures; by default the package's own
-      blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
-        which is on for photographs
       tile_px: side of a tile in pixels
       furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
         file .toml, .json or .yaml of your own
@@ -142,7 +137,6 @@ class PickSpec(Record):
     unlike: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     tiles: Path | None = option(None, none_or(path), "DIR")
-    blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
 

@@ -1,4 +1,5 @@
 from .contact_sheet import write_text as write_text
+from .files import Tile as Tile
 from .masking import mask_folder as mask_folder
 from .masking import propose_masks as propose_masks
 from .object_set import ObjectPictures as ObjectPictures
@@ -16,9 +17,6 @@ from .rendering import scale_tiles as scale_tiles
 from .rendering import stand as stand
 from .rendering import write_picture as write_picture
 from .rendering import write_png as write_png
-from .seams import describe_seams as describe_seams
-from .seams import find_seams as find_seams
-from .seams import seam_picture as seam_picture
 from .tileset import MASKS as MASKS
 from .tileset import TileSet as TileSet
 from .tileset import default_tiles as default_tiles

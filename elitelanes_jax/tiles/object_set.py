@@ -13,7 +13,6 @@ An object set has a folder for each object, such as ``duckie_1``. Each has
 """
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
@@ -26,15 +25,14 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, is_real, path
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import KIB
+from elitelanes_jax._util.files import read_toml
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, base_kind, check_kind, nearest_view
 from elitelanes_jax.formats.tag_pictures import draw_tag
-from elitelanes_jax.tiles.files import read_picture, read_table
+from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.pasting import Placed, paste
 
 _KEYS, _TAG = ("kind", "height", "footprint"), "tag"
-_MOST_TOML = 16 * KIB
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +219,7 @@ def _load_pictures(folder: Path) -> ObjectPictures:
 
 
 def _about(file: Path) -> tuple[str, float, tuple[float, float], tuple[float, float] | None]:
-    about = read_table(file, tomllib.loads, _MOST_TOML)
+    about = read_toml(file, str(file))
     for wrong in sorted({*about} - {_TAG} ^ {*_KEYS}):
         got = shorten(repr(wrong)) if wrong in about else f"no {wrong}"
         raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {got}")

@@ -66,7 +66,6 @@ def test_sizes_on_the_command_line(arguments, size):
         ({"transforms": Transforms(crop=600)}, "transforms: expected a crop .*, 8 tiles of 64 .*, 512 pixels, got 600"),
         ({"search": SearchSpec(fix=[[6, 3], [12, 9]])}, "fix: expected maps of the given cells' size, 2 x 2, got 7"),
         ({"search": None}, "search: expected SearchSpec, got None"),
-        ({"hold_out_tiles": "yes"}, "hold_out_tiles: expected True or False, got 'yes'"),
         ({"tiles": 3}, "tiles: expected a name, got 3"),
     ],
 )

@@ -55,12 +55,3 @@ def test_submitit_runs_the_parts(whole):
     Path("program.py").write_text(program)
     subprocess.run([sys.executable, "program.py"], check=True)
     assert digest(Path("maps")) == whole
-
-
-@pytest.mark.slow
-def test_a_program_with_a_cluster_of_its_own(whole):
-    pytest.importorskip("distributed")
-    program = smaller(PROGRAMS[4].replace("GenerateSpec(seeds=1000, maps=100)", SPEC.removesuffix(", 3")))
-    Path("program.py").write_text(program)
-    subprocess.run([sys.executable, "program.py"], check=True)
-    assert digest(Path("maps")) == whole

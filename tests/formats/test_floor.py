@@ -4,16 +4,19 @@ import io
 import json
 import struct
 import xml.etree.ElementTree as ET
+from itertools import pairwise
 
 import cv2
 import jax
+import networkx as nx
 import numpy as np
 import pytest
+from drive.driving_oracle import lane_graph as movement_graph
 from scipy.ndimage import distance_transform_edt
 
 from elitelanes_jax import RoadMap
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive import Camera, LaneNode, Pose, lane_pose, look, make_atlas, route
+from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
 from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats import MapObject, to_nav2
@@ -205,12 +208,12 @@ def put(mujoco, data, pose, height):
 
 def ways(codes, count, rng):
     """Random routes of 4 tiles or more: their movements, and points on each, a hundredth of a tile apart."""
-    nodes = lane_graph(codes).nodes
+    graph, nodes = movement_graph(codes), lane_graph(codes).nodes.tolist()
     while count:
-        start, goal = (LaneNode(*nodes[number]) for number in rng.integers(0, len(nodes), 2))
-        found = route(codes, start, goal)
-        if 4 <= (length := int(found.length)) < 2**30:
-            taken = [Movement(*(int(part[number]) for part in found.movements)) for number in range(length)]
+        start, goal = (tuple(nodes[number]) for number in rng.integers(0, len(nodes), 2))
+        path = nx.shortest_path(graph, start, goal) if nx.has_path(graph, start, goal) else []
+        if len(path) > 4:
+            taken = [Movement(*node, graph.edges[node, onward]["turn"]) for node, onward in pairwise(path)]
             points = [
                 np.stack(lane_point(jax.tree.map(np.int32, one), np.arange(0, float(lane_length(one.turn)), 0.01))[:2])
                 for one in taken

@@ -145,7 +145,7 @@ TOMLS = {
 }
 FAULTS = {words: lambda place, text=text: write(place, text) for text, words in TOMLS.items()} | {
     "expected image.png, the view from the front, got none": lambda place: (place / "image.png").unlink(),
-    "object.toml: expected a readable TOML file, got: ": lambda place: (place / "object.toml").unlink(),
+    "object.toml: no such file or directory": lambda place: (place / "object.toml").unlink(),
     "image.png: expected a picture with transparency": lambda place: cv2.imwrite(
         str(place / "image.png"), np.zeros((8, 8, 3), np.uint8)
     ),

@@ -2,7 +2,7 @@
 
     python -m experiments.perception.gym_duckietown.train {pose,labels} DATASET --out FILE [--steps N]
 
-DATASET is a folder of `elitelanes dataset --camera rows=120 columns=160 --format plain`, or a file of `pictures`.
+DATASET is a folder of `elitelanes dataset --camera rows=120 columns=160`, or a file of `pictures`.
 An interrupted training continues with the same command.
 """
 
@@ -56,7 +56,7 @@ class Views(NamedTuple):
 
 
 def read_views(folder: Path, part: str = "train") -> Views:
-    """Reads a part of a dataset in the layout plain, or a file of `pictures`.
+    """Reads a part of a dataset in the layout imagefolder, or a file of `pictures`.
 
     Raises:
       InputError: for another folder, or pictures of another size.
@@ -69,12 +69,12 @@ def read_views(folder: Path, part: str = "train") -> Views:
         rows = [json.loads(line) for line in lines]
         lanes = [[row["nearest"][name] for name in ("d", "phi", "curvature")] for row in rows]
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{folder}: expected a dataset of dataset --camera --format plain, got: {error!r}") from None
+        raise InputError(f"{folder}: expected a dataset of dataset --camera, got: {error!r}") from None
     if {tuple(row["pixels"]) for row in rows} != {(ROWS, COLUMNS)}:
         raise InputError(f"{folder}: expected pictures of {ROWS} x {COLUMNS} pixels, got {rows[0]['pixels']}")
-    files = [folder / part / row["folder"] for row in rows]
-    images = [np.asarray(cv2.imread(str(file / "image.png")))[..., ::-1] for file in files]
-    labels = [np.asarray(cv2.imread(str(file / "labels.png"), cv2.IMREAD_GRAYSCALE)) for file in files]
+    images = [np.asarray(cv2.imread(str(folder / part / row["image_file_name"])))[..., ::-1] for row in rows]
+    files = [str(folder / part / row["labels_file_name"]) for row in rows]
+    labels = [np.asarray(cv2.imread(file, cv2.IMREAD_GRAYSCALE)) for file in files]
     return Views(np.stack(images), np.stack(labels).astype(np.uint8), np.array(lanes, np.float32))
 
 
