@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation perception photographs detection navigation realism throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare optimum certify segmentation perception photographs detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -211,9 +211,6 @@ benchmark: $(READY)
 compare: $(READY)
 	$(BIN)/python -m experiments.paper.compare
 
-scaling: $(READY)
-	$(BIN)/python -m experiments.paper.scaling
-
 optimum: $(READY)
 	$(BIN)/python -m experiments.search.optimum
 
@@ -249,9 +246,6 @@ realism: $(READY)
 
 navigation: $(READY)
 	$(BIN)/python -m experiments.navigation.study
-
-throughput: $(READY)
-	$(BIN)/python -m experiments.perception.throughput
 
 driving-speed: $(READY)
 	$(BIN)/python -m experiments.navigation.speed

@@ -164,11 +164,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> 
 
 
 def save(figure: "Figure", file: Path, dpi: int = 110) -> None:
-    """Writes a figure and closes it. The same figure always gives the same bytes."""
+    """Writes a figure as PNG and closes it. The same figure always gives the same bytes."""
     import matplotlib.pyplot as plt
 
     content = io.BytesIO()
-    kind = file.suffix.removeprefix(".")
-    figure.savefig(content, format=kind, dpi=dpi, metadata={"CreationDate": None} if kind == "pdf" else {})
+    figure.savefig(content, format="png", dpi=dpi)
     plt.close(figure)
     write(file, content.getvalue())

@@ -342,7 +342,6 @@ WRONG = {
         [found(), found()], "page.html"
     ),
     "index: expected a whole number, 0 or more, got -1": lambda: draw_sample(RoadMap(GRID), load_tiles(), -1),
-    "seed: expected a whole number, 0 to 4294967295, got 'a'": lambda: found().maps(1, seed="a"),
     "path: expected a file, got a folder, .": lambda: found().save("."),
     "file: expected a file, got a folder, .": lambda: write_png(".", np.zeros((4, 4), np.uint8)),
     r"file: expected a path, got 'a\x00b'": lambda: read_map("a\0b"),

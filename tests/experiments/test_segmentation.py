@@ -17,7 +17,6 @@ from elitelanes_jax.tiles import default_tiles
 from experiments.perception import segmentation
 from experiments.perception.photographs import RECIPES
 from experiments.perception.photographs import main as photographed
-from experiments.perception.throughput import main as throughput
 from experiments.perception.training_sets import (
     Condition,
     draw_maps,
@@ -181,11 +180,3 @@ def test_photographs_are_measured_with_every_recipe(tmp_path, capsys):
     assert len(lines) == 2 + 2 * 2 * len(RECIPES) and all(line.count("|") == 9 for line in lines)
     assert photographed(["--recipes", "luck", *photographs]) == 2
     assert "recipes: expected some of before, " in capsys.readouterr().err
-
-
-def test_throughput_tells_the_time_of_each_step(capsys):
-    assert throughput(["--maps", "8", "--tile-px", "16"]) == 0
-    printed = capsys.readouterr().out
-    shares = [int(line.split("|")[3].strip(" %")) for line in printed.splitlines()[2:-2]]
-    assert len(shares) == 5 and abs(sum(shares[:-1]) - 100) <= 3
-    assert "8 maps, all processors:" in printed
