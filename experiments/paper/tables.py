@@ -4,10 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from experiments.common import table
+from experiments.common import bootstrap_interval, table
 from experiments.paper.published import METHODS, METRICS, SHAPE, TABLE
 from experiments.paper.runs import Row
-from experiments.paper.statistics import bootstrap_interval
 
 __all__ = ["group_rows", "make_tables", "timing_table"]
 

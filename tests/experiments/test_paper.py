@@ -16,7 +16,6 @@ from experiments.paper import runs
 from experiments.paper.compare import main as compare
 from experiments.paper.published import METHODS, METRICS, TABLE
 from experiments.paper.readings import READINGS
-from experiments.paper.statistics import bootstrap_interval
 
 # The search is compiled for three seeds and for one alone; all tests use these programs.
 SMALL = ["--methods", "map-elites", "wfc", "--sizes", "5", "--seeds", "3", "--generations", "4", "--no-maps"]
@@ -44,16 +43,6 @@ def unfinished(compared, tmp_path):
 def rows_of(folder):
     with (folder / "results.csv").open() as file:
         return list(csv.DictReader(file))
-
-
-def test_intervals_hold_the_mean_and_shrink():
-    rng = np.random.default_rng(2)
-    few, many = rng.normal(5, 2, 10), rng.normal(5, 2, 1000)
-    for sample in (few, many):
-        low, high = bootstrap_interval(sample)
-        assert low < sample.mean() < high
-        assert high - low == pytest.approx(2 * 1.96 * sample.std() / np.sqrt(sample.size), rel=0.25)
-    assert bootstrap_interval([3, 3, 3]) == (3, 3)
 
 
 def test_the_papers_tables_agree_with_its_text():
@@ -147,11 +136,9 @@ def test_maps_are_drawn_and_the_papers_figures_stand_beside_its_size(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--methods", "ea", "luck"], "method: expected one of ea, map-elites, pso, gwo, wfc, got 'luck'"),
+        (["--methods", "ea", "luck"], "argument --methods: invalid choice: 'luck' "),
         (["--sizes", "1"], "argument --sizes: expected a size, 12 or 9x14, sides from 2 to 1024, got '1'"),
-        (["--sizes", "5x"], "argument --sizes: expected a size, 12 or 9x14"),
         (["--seeds", "0"], "argument --seeds: expected a whole number, 1 to 1048576, got '0'"),
-        (["--reading", "aloud"], "reading: expected one of ours, a-pairs"),
     ],
 )
 def test_a_users_mistake_is_one_line_and_exit_code_2(arguments, message, tmp_path, capsys):
