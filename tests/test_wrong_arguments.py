@@ -67,7 +67,7 @@ from elitelanes_jax.formats import (
     to_movingai,
     to_nav2,
     to_opendrive,
-    write_sumo,
+    to_sumo,
 )
 from elitelanes_jax.maps import PackSpec, furnish
 from elitelanes_jax.network import canonical_form, random_bits
@@ -179,7 +179,7 @@ WRONG = {
     "standing: expected a list of Standing, got 3": lambda: to_mjcf(GRID, "floor.png", standing=3),
     "objects: expected a list of MapObject, got 'signs'": lambda: stand("signs"),
     "image: expected a name, got 3": lambda: to_nav2(GRID, 3),
-    "prefix: expected a name, got 3": lambda: write_sumo(3, GRID),
+    "name: expected a name, got 3": lambda: to_sumo(GRID, 3),
     "text: expected the content of a YAML file, got 3": lambda: from_duckietown(3),
     "expected maps, grids or files of maps, got 3": lambda: map_to_json(3),
     "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),
@@ -194,7 +194,7 @@ WRONG = {
     "cells: expected at most 33,554,432 in all, got": lambda: to_movingai(np.full((99, 99), 15), "map", cells=64),
     "objects: expected a list of objects, got 'signs'": lambda: to_duckietown(GRID, objects="signs"),
     "map: expected one map, got 2": lambda: to_dt_maps([GRID, GRID]),
-    "to: expected one of duckietown, dt-maps, graphml": lambda: PackSpec(to=3),
+    "to: expected one of duckietown, dt-maps, sumo": lambda: PackSpec(to=3),
     "furnish: 3: expected one of objects, signs, lights": lambda: furnish(GRID, {3: 3}),
     "town.json: expected a readable JSON file": lambda: furnish("town.json"),
     "grid: expected rows of one length": lambda: canonical_form([[6, 3], [12]]),
@@ -342,7 +342,6 @@ WRONG = {
         [found(), found()], "page.html"
     ),
     "index: expected a whole number, 0 or more, got -1": lambda: draw_sample(RoadMap(GRID), load_tiles(), -1),
-    "seed: expected a whole number, 0 to 4294967295, got 'a'": lambda: found().maps(1, seed="a"),
     "path: expected a file, got a folder, .": lambda: found().save("."),
     "file: expected a file, got a folder, .": lambda: write_png(".", np.zeros((4, 4), np.uint8)),
     r"file: expected a path, got 'a\x00b'": lambda: read_map("a\0b"),
@@ -364,7 +363,7 @@ def test_a_wrong_argument_is_named(message, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("any_types")
-@pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, partial(write_sumo, "city")])
+@pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, partial(to_sumo, name="city")])
 def test_streets_are_a_record(write, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for value in (3, None, {"lane": 3}):

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import name, path
-from elitelanes_jax._util.errors import InputError, pluralize
-from elitelanes_jax._util.files import check_new, new_file
-from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, file_ending, naming
+from elitelanes_jax._util.errors import pluralize
+from elitelanes_jax._util.files import new_file
+from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
 from elitelanes_jax.cli.program import say, warn
 
 if TYPE_CHECKING:
@@ -41,12 +41,6 @@ def add_tiles(commands: Commands) -> None:
         action="store_true",
         help="also replace existing masks: those whose colours are given, or all; a copy of each is kept next to it",
     )
-    masks.add_argument(
-        "--sheet",
-        type=file_ending(".png"),
-        metavar="FILE",
-        help="new PNG file with all masks on one sheet; by default DIR/masks.png",
-    )
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -69,7 +63,7 @@ def _masks(options: argparse.Namespace) -> int:
         if getattr(options, mask) is not None:
             with naming(f"--{mask}"):
                 colours[mask] = parse_colour(getattr(options, mask))
-    sheet = _new_beside(options.folder, options.sheet) if options.sheet else options.folder / "masks.png"
+    sheet = options.folder / "masks.png"
     named = [mask for mask in _MASKED if getattr(options, mask) is not None] or _MASKED
     proposals = mask_folder(options.folder, colours, named if options.overwrite else ())
     title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
@@ -98,14 +92,6 @@ def _keep(file: Path) -> Path:
     kept = next(copy for copy in map(file.with_name, names) if not copy.exists())
     shutil.copy2(file, kept)
     return kept
-
-
-def _new_beside(folder: Path, file: Path) -> Path:
-    """Checks that a file is new, and not in a tile's own folder, where it would be read as a picture of the tile."""
-    check_new(file)
-    if file.resolve().parent.parent == folder.resolve():
-        raise InputError(f"{file}: expected a file outside of the tiles' own folders")
-    return file
 
 
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:

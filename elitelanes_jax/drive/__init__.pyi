@@ -13,6 +13,7 @@ from ._environment import auto_reset as auto_reset
 from ._lane_drive import LaneDrive as LaneDrive
 from ._lane_drive import LaneDriveObservation as LaneDriveObservation
 from ._lane_drive import LaneDriveParams as LaneDriveParams
+from ._lane_drive import pure_pursuit as pure_pursuit
 from ._levels import Level as Level
 from ._levels import make_levels as make_levels
 from ._levels import random_level as random_level
@@ -20,7 +21,6 @@ from ._objects import Billboards as Billboards
 from ._objects import Objects as Objects
 from ._objects import make_billboards as make_billboards
 from ._objects import make_objects as make_objects
-from ._pure_pursuit import pure_pursuit as pure_pursuit
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams
 from ._wrappers import GymnaxEnv as GymnaxEnv

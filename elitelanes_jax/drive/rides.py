@@ -22,10 +22,9 @@ from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
 from elitelanes_jax.drive._environment import Transition
-from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
+from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams, pure_pursuit
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
-from elitelanes_jax.drive._pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.lanes import Movement, Pose, lane_point, linked
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.road_map import RoadMap, read_map

@@ -31,7 +31,6 @@ def collect(
     *,
     tiles: str | Path | TileSet | None = None,
     tile_px: int = 64,
-    title: str | None = None,
 ) -> Payload:
     """Collects a result, maps, or files of runs and maps, to be shown.
 
@@ -42,7 +41,6 @@ def collect(
         is used, with a line on standard error. A relative path in a run's record is searched from here, then from each
         folder above the run.
       tile_px: side of a tile's picture in pixels, 16 to 512.
-      title: of the page.
 
     Raises:
       InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of another kind, and
@@ -51,22 +49,21 @@ def collect(
     given: UserValue = what
     check_named("tile_px", whole(16, 512), tile_px)
     if hasattr(given, "elites") and hasattr(given, "axes"):
-        name = title or "result"
-        return pack([from_result(given, name)], _load_tiles(tiles), tile_px, name)
+        return pack([from_result(given, "result")], _load_tiles(tiles), tile_px, "result")
     alone = isinstance(given, RoadMap | str | Path) or not isinstance(given, Iterable)
     listed = [given] if alone else list(given)
     if not listed:
         raise InputError("what: expected a Result, maps, or paths of runs and maps, got nothing")
     if all(isinstance(one, RoadMap) for one in listed):
-        return pack(of_maps(listed, ""), _load_tiles(tiles), tile_px, title or "")
+        return pack(of_maps(listed, ""), _load_tiles(tiles), tile_px, "")
     if all(isinstance(one, str | Path) for one in listed):
-        return _collect_files([Path(one) for one in listed], tiles, tile_px, title)
+        return _collect_files([Path(one) for one in listed], tiles, tile_px)
     if any(hasattr(one, "elites") for one in listed):
         raise InputError("what: expected one Result, got several; page_of(collect_results(...)) shows several by name")
     if alone:
         raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
     maps = check_named("what", as_maps, listed)
-    return pack(of_maps(maps, ""), _load_tiles(tiles), tile_px, title or "")
+    return pack(of_maps(maps, ""), _load_tiles(tiles), tile_px, "")
 
 
 def collect_results(results: "Mapping[str, Result | Iterable[RoadMap]]", *, seeds: int | None = None) -> Payload:
@@ -83,9 +80,7 @@ def collect_results(results: "Mapping[str, Result | Iterable[RoadMap]]", *, seed
     return pack(runs, load_tiles(), 64, "")
 
 
-def _collect_files(
-    sources: Sequence[Path], tiles: str | Path | TileSet | None, tile_px: int, title: str | None
-) -> Payload:
+def _collect_files(sources: Sequence[Path], tiles: str | Path | TileSet | None, tile_px: int) -> Payload:
     runs: list[Finds] = []
     maps: list[tuple[str, RoadMap]] = []
     own: Path | None = None
@@ -105,7 +100,7 @@ def _collect_files(
     if tiles is None and own is None and (lost := next(filter(None, (setting(run, "tiles") for run in runs)), None)):
         announce(f"{lost}: expected the tile pictures of the run, got none; the package's own are shown; see --tiles")
     tile_set = _load_tiles(own if tiles is None else tiles)
-    heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
+    heading = runs[0].name if len(runs) == 1 and not maps else ""
     return pack([*runs, *by_size(maps)], tile_set, tile_px, heading)
 
 

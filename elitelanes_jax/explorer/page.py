@@ -24,7 +24,6 @@ def explore(
     *,
     tiles: str | Path | None = None,
     tile_px: int = 64,
-    title: str | None = None,
     force: bool = False,
 ) -> int:
     """Writes the page of a result, of maps, or of files of runs and maps, whole or not at all.
@@ -34,7 +33,6 @@ def explore(
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
       tile_px: side of a tile's picture in pixels, 16 to 512.
-      title: of the page.
       force: whether an earlier page is replaced.
 
     Returns:
@@ -47,7 +45,7 @@ def explore(
     """
     out = Path(check_named("out", file_named(".html"), out))
     _check_out(out, force)
-    content = page_of(collect(what, tiles=tiles, tile_px=tile_px, title=title)).encode()
+    content = page_of(collect(what, tiles=tiles, tile_px=tile_px)).encode()
     with nullcontext() if force else never_replacing(out):
         write_atomic(out, content)
     return len(content)

@@ -72,33 +72,14 @@ class FeatureBounds(NamedTuple):
         return Fraction(least, unit), Fraction(most, unit)
 
 
-def find_bounds(
-    shape: tuple[int, int],
-    *,
-    certain: Mapping[str, int],
-    fix: FixedCells | None = None,
-    alphabet: Iterable[int] | None = None,
-) -> FeatureBounds:
-    """Finds bounds of the metrics of a set of repaired grids; raises `InputError` if the set is empty.
-
-    `certain` has the metrics that have one value on all grids, `alphabet` the codes besides dead ends and empty cells.
-    """
+def find_bounds(shape: tuple[int, int], certain: Mapping[str, int]) -> FeatureBounds:
+    """Finds bounds of the metrics of a set of repaired grids; `certain` has the metrics with one value on all grids."""
     largest = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), prod(shape))
     intervals = {name: (0, most) for name, most in largest.items()}
     bounds = FeatureBounds(shape, intervals, tuple(_inequalities(shape)))
     for name, value in certain.items():
         bounds = _with(bounds, _equal({name: 1}, value))
-    if fix is not None:
-        bounds = _with(bounds, _fixed_counts(fix))
-    if alphabet is not None:
-        for kind, name in COUNTED.items():
-            if not set(alphabet) & set(KINDS[kind]):
-                bounds = _with(bounds, _equal({name: 1}, 0))
-    try:
-        return _narrowed(bounds)
-    except _ContradictionError as error:
-        fixed = " with the fixed cells" if fix is not None else ""
-        raise InputError(f"no map of {shape[0]} x {shape[1]} tiles{fixed} satisfies all constraints: {error}") from None
+    return _narrowed(bounds)
 
 
 def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> None:
@@ -148,10 +129,9 @@ def check_feasible(
         raise InputError(f"alphabet: expected the turns {KINDS['turn']}, which every map has, got no {min(missing)}")
     if fix is not None:
         _check_fixed(fix, rules)
-    if where or fix is not None or alphabet is not None:
+    if where:
         constraints = map_constraints(rules, filled=filled and fix is None)
-        certain = {name: value for name, value, _ in constraints}
-        bounds = find_bounds(shape, certain=certain, fix=fix, alphabet=alphabet)
+        bounds = find_bounds(shape, {name: value for name, value, _ in constraints})
         check_ranges(where, bounds, f"maps of {shape[0]} x {shape[1]} tiles")
 
 
@@ -226,16 +206,6 @@ def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
         # A tile linked to a crossing is a straight, a dead end, or forms a crowded pair with it.
         _Inequality({"straights": 2, "dead_ends": 1, "crowded_crossings": 2, "crossings3": -3, "crossings4": -4}, 0),
     ]
-
-
-def _fixed_counts(fix: FixedCells) -> tuple[_Inequality, ...]:
-    """Returns the numbers of tiles of each kind that fixed cells imply."""
-    free = fix.codes.count(None)
-    found = []
-    for kind, name in {**COUNTED, "empty": "empty_cells"}.items():
-        count = sum(code in KINDS[kind] for code in fix.codes if code is not None)
-        found += [_Inequality({name: 1}, count), _Inequality({name: -1}, -count - free)]
-    return tuple(found)
 
 
 def _within(item: Range) -> tuple[_Inequality, ...]:

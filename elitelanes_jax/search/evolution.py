@@ -36,7 +36,6 @@ from elitelanes_jax.optimizers.presets import (
     with_moves,
 )
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds
-from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, check_kernels, digest
 from elitelanes_jax.problem.problem import Problem
 from elitelanes_jax.problem.ranges import Range, range_limits
@@ -219,11 +218,7 @@ def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
     needed = 2 * states + _COMPILER
     if needed <= free:
         return
-    if free < _COMPILER:
-        raise NotEnoughMemoryError(
-            f"not enough memory: to compile a search takes {in_gigabytes(_COMPILER)}, and {in_gigabytes(free)} are free"
-        )
-    fitting = (free - _COMPILER) * seeds // (2 * states)
+    fitting = max(free - _COMPILER, 0) * seeds // (2 * states)
     fewer = f"{pluralize(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
     raise NotEnoughMemoryError(
         f"not enough memory: {pluralize(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} "
@@ -318,7 +313,7 @@ def prepare(
         )
     if optimizer is None:  # a user's optimiser may make any grids
         with spec.naming_origins():
-            _check_ranges(spec.where, shape, spec.repair_fills, spec.fix)
+            _check_ranges(spec.where, shape, spec.repair_fills and spec.fix is None)
     if fitness is not None:
         check_fitness(fitness, shape, (*METRIC_NAMES, *spec.measured))
     if moves is not None:
@@ -363,10 +358,9 @@ def _name_of(factory: Callable[..., Optimizer]) -> str:
 
 
 @lru_cache(maxsize=32)
-def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], fills: bool, fix: FixedCells | None) -> None:
+def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], filled: bool) -> None:
     """Checks ranges against the bounds of the metrics of a search's grids; raises `InputError`."""
-    full = ("dead_ends", "empty_cells") if fills and fix is None else ()
-    limits = find_bounds(shape, certain=dict.fromkeys(full, 0), fix=fix)
+    limits = find_bounds(shape, dict.fromkeys(("dead_ends", "empty_cells") if filled else (), 0))
     check_ranges(where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
 
 

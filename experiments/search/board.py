@@ -23,11 +23,12 @@ from pathlib import Path
 import matplotlib as mpl
 
 mpl.use("Agg")
+import jax
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax import InputError, benchmark
+from elitelanes_jax import InputError, benchmark, fitness, measure
 from elitelanes_jax.benchmark import (
     BUDGETS,
     Scores,
@@ -91,8 +92,10 @@ def _find_row(name: str) -> tuple[str, Row]:
         raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py with a function search, got {name}")
 
     def play(task: Task, runs: int, budgets: Sequence[int]) -> Found:
-        _, *found = benchmark.run(task, search, range(runs))
-        return Found(*found)
+        grids = benchmark.run(task, search, range(runs)).grids
+        metrics = jax.jit(jax.vmap(measure))(grids.reshape(-1, *task.shape))
+        values = (np.asarray(one).reshape(grids.shape[:3]) for one in (fitness(metrics), metrics.cyclomatic))
+        return Found(grids, *values)
 
     return file.stem, Row(file.stem, play, steps=BUDGETS)
 
@@ -111,7 +114,7 @@ def _measure_row(name: str, row: Row, task: Task, runs: int, out: Path) -> None:
     found = row.play(task, runs, budgets)
     seconds = time.process_time() - began
     at = [budgets.index(budget) for budget in BUDGETS if budget <= task.evaluations]
-    submission = Submission(task, *(array[:, at] for array in found))
+    submission = Submission(task, found.grids[:, at])
     _, again = score_submission(submission)
     scores = compute_scores(task, best_of(task, found))
     for field, values in again._asdict().items():

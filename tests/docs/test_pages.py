@@ -45,7 +45,7 @@ PROGRAMS = [
 ]
 
 # What a program imports that not every environment has.
-EXTRAS = {"import gymnasium": "gymnasium", "import show": "anywidget", "convert(": "sumo"}
+EXTRAS = {"import gymnasium": "gymnasium", "import show": "anywidget"}
 
 
 @pytest.mark.parametrize(("page", "program"), PROGRAMS)
@@ -188,7 +188,7 @@ def test_the_way_from_photographs_to_a_tile_set(photographs, drawn_tiles, capsys
     capsys.readouterr()
     tiles = load_tiles("my-tiles")
     assert [tile.name for tile in tiles.tiles] == [tile.name for tile in drawn_tiles.tiles]
-    assert {file.name for file in Path().iterdir()} == {"photos", "my-tiles", "sheet.png"}
+    assert {file.name for file in Path().iterdir()} == {"photos", "my-tiles"}
     # Through a slanted photograph, JPEG and back, the masks are still those of the tile.
     own, given = tiles.tiles[0], drawn_tiles.tiles[0]
     for name in ("road", "yellow"):

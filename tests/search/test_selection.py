@@ -59,10 +59,10 @@ def test_what_is_chosen_is_valid_and_different(evolved):
 def test_a_result_hands_its_maps_over(evolved):
     plain = [road_map.codes.tolist() for road_map in evolved.choose(16).maps]
     assert [road_map.codes.tolist() for road_map in evolved.maps()] == plain
-    few = evolved.maps(5, where="turns=8.. cyclomatic=..4", seed=3)
+    few = evolved.maps(5, where="turns=8.. cyclomatic=..4")
     assert 0 < len(few) <= 5
     for road_map in few:
-        assert road_map.metrics["turns"] >= 8 and road_map.metrics["cyclomatic"] <= 4 and road_map.seed[0] == 3
+        assert road_map.metrics["turns"] >= 8 and road_map.metrics["cyclomatic"] <= 4
         assert "\n" not in repr(road_map) and repr(road_map).startswith("RoadMap(6 x 6, fitness ")
         assert measure(road_map).turns == road_map.metrics["turns"]
     ranged = replace(evolved, spec=evolved.spec.replace(where="turns=100.."))
