@@ -1,6 +1,6 @@
 """Wrong arguments from Python: each is named in one line, before any search."""
 
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import jax
@@ -363,7 +363,9 @@ def test_a_wrong_argument_is_named(message, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("any_types")
-@pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, partial(to_sumo, name="city")])
+@pytest.mark.parametrize(
+    "write", [to_opendrive, to_lanelet2, to_commonroad, lambda codes, streets: to_sumo(codes, "city", streets)]
+)
 def test_streets_are_a_record(write, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for value in (3, None, {"lane": 3}):
