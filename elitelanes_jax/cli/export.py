@@ -24,8 +24,6 @@ from elitelanes_jax.cli.program import say
 from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, Format, FormatOptions, as_bytes
 
-TABLES = ("json", "csv")
-
 
 def add_export(commands: Commands) -> None:
     command = add_command(
@@ -39,7 +37,7 @@ def add_export(commands: Commands) -> None:
         "maps", type=checked_by(path), nargs="+", metavar="MAP", help="a map.json, or a map of Duckietown, .yaml"
     )
     command.add_argument(
-        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*FORMATS, *TABLES))
+        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*FORMATS, "csv"))
     )
     command.add_argument(
         "--out",
@@ -52,8 +50,8 @@ def add_export(commands: Commands) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    if options.to not in (*FORMATS, *TABLES):
-        raise InputError(f"--to: expected one of {', '.join((*FORMATS, *TABLES))}, got {shorten(repr(options.to))}")
+    if options.to not in (*FORMATS, "csv"):
+        raise InputError(f"--to: expected one of {', '.join((*FORMATS, 'csv'))}, got {shorten(repr(options.to))}")
     settings = read_options(options, FormatOptions())
     with naming_options(FormatOptions()):
         settings.check_taken_by(options.to)
@@ -66,10 +64,9 @@ def _export(options: argparse.Namespace) -> int:
     if target:
         _write_maps(maps, target, settings.given(), options.out)
     else:
-        from elitelanes_jax.formats.table import measure_maps, table_to_csv, table_to_json
+        from elitelanes_jax.formats.table import measure_maps, table_to_csv
 
-        rows = measure_maps([*map(str, maps)], grids)
-        _write_new(options.out, (table_to_csv if options.to == "csv" else table_to_json)(rows))
+        _write_new(options.out, table_to_csv(measure_maps([*map(str, maps)], grids)))
     left_out = ""
     if settings.dead_ends == "grass":
         from elitelanes_jax.formats.duckietown import without_dead_ends

@@ -41,7 +41,7 @@ def test_commands_print_what_is_shown(repository, capsys):
     assert shown == 3
     written = {str(file) for file in Path().rglob("*.*") if file.is_file()}
     assert {f"network/town.{kind}" for kind in ("nod.xml", "edg.xml", "con.xml", "netccfg")} < written
-    assert {"exported.yaml", "metrics.csv", "metrics.json"} < written
+    assert {"exported.yaml", "metrics.csv"} < written
 
 
 @pytest.mark.slow

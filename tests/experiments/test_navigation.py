@@ -83,6 +83,7 @@ def test_maps_made_by_hand_are_cut_to_their_roads(tmp_path):
     assert found.shape == (8, 8) and (found[:4, :5] == ring).all()
 
 
+@pytest.mark.slow
 def test_no_test_has_a_map_or_a_niche_to_train_on_and_distances_are_matched():
     made = navigation_maps.make_maps(0, navigation._QUICK_MAPS)
     maps, niches = made["grids"], {name: set(map(tuple, bins)) for name, bins in made["niches"].items()}

@@ -109,23 +109,6 @@ def test_north_is_up_and_crossings_are_junctions():
     assert all(3.2 + float(node["radius"]) < 8.43 / 2 for node in tight)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"tile": -1}, "tile: expected a number, 0.01 to 1000, got -1"),
-        ({"tile": np.array(math.nan)}, r"tile: expected a number, .*, got array\(nan\)"),
-        ({"tile": np.array([30.0, 40.0])}, "tile: expected a number, .*, got array"),
-        ({"lane": True}, "lane: expected a number, 0.001 to 500, got True"),
-        ({"tile": 6.4}, "tile: expected more than two lanes, 6.4 m, got 6.4 m"),
-        ({"speed": "fast"}, "speed: expected a number, 0.001 to 100, got 'fast'"),
-        ({"right_of_way": "mine"}, "right_of_way: expected one of allway_stop, .*, got 'mine'"),
-    ],
-)
-def test_measures_are_checked(change, message):
-    with pytest.raises(InputError, match=message):
-        Streets(**change)
-
-
 def test_the_settings_name_the_files_as_xml_has_them():
     settings = {one.tag: one.get("value") for one in ET.fromstring(to_sumo(RING, "a&b").settings)}
     assert settings["edge-files"] == "a&b.edg.xml" and settings["output-file"] == "a&b.net.xml"
