@@ -1,6 +1,6 @@
 """Wrong arguments from Python: each is named in one line, before any search. `test_wrong_types` has the wrong types."""
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import jax
