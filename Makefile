@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation detection navigation realism references throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare optimum certify segmentation perception photographs detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -54,8 +54,7 @@ explorer/node_modules/.ready: explorer/package.json explorer/package-lock.json
 # Tests that need large or old packages have an environment each. It is made again when its packages change.
 # SUMO.
 sumo: .venv-sumo/.ready
-	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py \
-	  tests/experiments/test_references.py -k 'sumo or references'
+	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py -k sumo
 
 # CARLA, Lanelet2, SUMO, ASAM's checker of OpenDRIVE and CommonRoad, on a thousand maps and those of duckietown-world.
 simulators: .venv-simulators/.ready .venv-asam/.ready .venv-commonroad/.ready .venv-duckietown/.ready
@@ -212,9 +211,6 @@ benchmark: $(READY)
 compare: $(READY)
 	$(BIN)/python -m experiments.paper.compare
 
-scaling: $(READY)
-	$(BIN)/python -m experiments.paper.scaling
-
 optimum: $(READY)
 	$(BIN)/python -m experiments.search.optimum
 
@@ -224,6 +220,23 @@ certify: $(READY)
 segmentation: $(READY)
 	$(BIN)/python -m experiments.perception.segmentation
 
+photographs: $(READY)
+	$(BIN)/python -m experiments.perception.photographs
+
+# The commands of docs/perception.md.
+SEE := $(BIN)/python -m experiments.perception.gym_duckietown
+SEEN := results/perception
+
+perception: $(READY) .venv-gym-duckietown/.ready
+	test -d $(SEEN)/views || $(BIN)/elitelanes dataset --out $(SEEN)/views --style town --maps 60 --views 500 --size 7 \
+	  --evaluations 2000 --split 1 0 0 --format plain --tile-px 96 --camera rows=120 columns=160 lines=0.07 \
+	  --transform varied blur=0.5
+	test -f $(SEEN)/pose.npz || $(SEE).train pose $(SEEN)/views --out $(SEEN)/pose.npz
+	test -f $(SEEN)/labels.npz || $(SEE).train labels $(SEEN)/views --out $(SEEN)/labels.npz
+	$(SEE).pictures test --only people --poses 12 --out $(SEEN)/photos.npz
+	$(SEE).evaluate $(SEEN)/photos.npz --pose $(SEEN)/pose.npz --labels $(SEEN)/labels.npz --out $(SEEN)/tables.md
+	$(SEE).rides $(SEEN)/pose.npz --only people --out $(SEEN)/pose-rides.json
+
 detection: $(READY)
 	$(BIN)/python -m experiments.perception.detection
 
@@ -231,16 +244,8 @@ realism: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[realism]'
 	$(BIN)/python -m experiments.realism.study
 
-# Maps of SUMO's generator in place of ours.
-references: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[realism,sumo]'
-	$(BIN)/python -m experiments.realism.study --styles netgenerate-grid netgenerate-rand --out results/references
-
 navigation: $(READY)
 	$(BIN)/python -m experiments.navigation.study
-
-throughput: $(READY)
-	$(BIN)/python -m experiments.perception.throughput
 
 driving-speed: $(READY)
 	$(BIN)/python -m experiments.navigation.speed

@@ -37,7 +37,7 @@ _NAME = re.compile(r'(?<![b"]>)<code>(\w+)</code>')  # parameters are bold, and 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the files outside this folder that pages link to, directly or through other pages, and the explorer."""
-    run = collect([DOCS / "examples" / "run"], title="MAP-Elites, 8 x 8 tiles")
+    run = collect([DOCS / "examples" / "run"])
     files.append(File.generated(config, _LIVE, content=page_of(run)))
     waiting = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
     seen = set(waiting)

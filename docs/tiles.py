@@ -3,6 +3,7 @@
 python docs/tiles.py
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.formats import read_map
-from elitelanes_jax.tiles import TileSet, find_seams, load_tiles, propose_masks, render, seam_picture, write_text
+from elitelanes_jax.tiles import TileSet, load_tiles, propose_masks, render, write_text
 
 FOLDER = Path(__file__).parent
 CORNERS = ((412, 188), (1210, 204), (1394, 1082), (236, 1050))  # of the tile, in the photograph
@@ -25,8 +26,6 @@ def main() -> None:
     photo = photograph(tiles.tiles[0].image)
     image = cropped(photo)
     write("tiles-masks.jpg", steps(photo, image))
-    spoilt = displaced(tiles, 5, 11)
-    write("tiles-seam.jpg", seam_picture(spoilt, find_seams(spoilt)))
     write("tiles-blend.jpg", before_and_after(in_other_light(tiles)))
 
 
@@ -47,14 +46,6 @@ def cropped(photo: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(large, (SIDE, SIDE), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def displaced(tiles: TileSet, place: int, pixels: int) -> TileSet:
-    """Returns a set of which one tile was cropped too far to the left."""
-    tile = tiles.tiles[place]
-    layers = {name: np.roll(getattr(tile, name), pixels, axis=1) for name in ("image", "road", "red", "yellow")}
-    moved = (*tiles.tiles[:place], tile._replace(**layers), *tiles.tiles[place + 1 :])
-    return TileSet("my tiles", tiles.licence, moved)
-
-
 def in_other_light(tiles: TileSet) -> TileSet:
     """Returns a set with a light and a colour of its own on each tile, as photographs have them."""
     rng, lit = np.random.default_rng(3), []
@@ -68,7 +59,8 @@ def in_other_light(tiles: TileSet) -> TileSet:
 def before_and_after(tiles: TileSet) -> NDArray[np.uint8]:
     """Draws a town with the tiles' own light, and with their light brought together."""
     town = read_map(FOLDER / "examples" / "town.json").codes
-    plain, blended = (render(town, tiles, tile_px=96, seed=4, blend=blend).image for blend in (False, True))
+    sets = (replace(tiles, blend=blend) for blend in (False, True))
+    plain, blended = (render(town, one, tile_px=96, seed=4).image for one in sets)
     return np.hstack([plain, np.full((len(plain), GAP, 3), 255, np.uint8), blended])
 
 

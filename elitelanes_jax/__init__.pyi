@@ -47,8 +47,6 @@ from .optimizers.loop import run as run
 from .problem.descriptor import Axis as Axis
 from .problem.problem import Problem as Problem
 from .problem.problem import road_problem as road_problem
-from .search._devices import spread as spread
-from .search._islands import evolve_islands as evolve_islands
 from .search.compile_cache import use_compile_cache as use_compile_cache
 from .search.evolution import evolve as evolve
 from .search.result import Result as Result

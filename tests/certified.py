@@ -12,7 +12,7 @@ _FLAWS = ("dead_ends", "boundary_violations", "mismatches", "adjacent_crossings"
 
 
 @cache
-def _certificates():
+def certificates():
     records = json.loads(CERTIFICATES.read_text())["certificates"]
     return {
         (*sides, record["fill"]): {niche["cyclomatic"]: niche["optimum"] for niche in record["niches"]}
@@ -30,7 +30,7 @@ def better_than_certified(elites):
     fitness = sum(weight * counts[name] for name, weight in Weights()._asdict().items() if name != "constant")
     found = set()
     for fill, there in ((False, flawless), (True, flawless & filled)):
-        certified = _certificates().get((*elites.grids.shape[-2:], fill))
+        certified = certificates().get((*elites.grids.shape[-2:], fill))
         if certified is not None:
             pairs = zip(metrics["cyclomatic"][there].tolist(), fitness[there].tolist(), strict=True)
             found |= {pair for pair in pairs if pair[1] < certified.get(pair[0], np.inf)}

@@ -46,7 +46,7 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 gc.set_threshold(100_000, 20, 20)
 
 # Types in signatures, with shapes and dtypes, are checked at every call where arrays of JAX are at work.
-ROOMS = ["network", "problem", "optimizers", "search._islands", "search._programs", "search.evolution", "search.result"]
+ROOMS = ["network", "problem", "optimizers", "search._programs", "search.evolution", "search.result"]
 DRIVE = Path(__file__).parents[1] / "elitelanes_jax" / "drive"
 ROOMS += [f"drive.{file.stem}" for file in DRIVE.glob("*.py") if file.stem not in ("__init__", "rides")]
 jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")

@@ -29,7 +29,7 @@ class Environment(NamedTuple):
 ENVIRONMENTS = {
     "test": Environment(".venv", ("networkx", "numba")),
     "interop": Environment(".venv-interop", ("qdax", "evosax", "ribs")),
-    "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax", "jaxued")),
+    "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax")),
     "sumo": Environment(".venv-sumo", ("eclipse-sumo",)),
     "simulators": Environment(".venv-simulators", ("carla", "lanelet2", "eclipse-sumo")),
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),

@@ -15,5 +15,5 @@ def random_maps(count=12, side=5, seed=0):
 
 
 def small(**others):
-    """Returns the specification of a dataset of 12 maps, with other values in some fields."""
-    return DatasetSpec(**{"maps": 12, "size": 5, "tile_px": 16, "split": (0.5, 0.25, 0.25)} | others)
+    """Returns the specification of a dataset of 12 given maps, with other values in some fields."""
+    return DatasetSpec(**{"maps_from": random_maps(), "tile_px": 16, "split": (0.5, 0.25, 0.25)} | others)

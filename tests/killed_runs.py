@@ -31,11 +31,11 @@ __all__ = ["digest"]
 SPEC = GenerateSpec(
     size=(5, 6), seeds=3, maps=2, tile_px=16, search=SearchSpec(method="ea", preset="paper", generations=900)
 )
-EVOLVED = small(maps=20, size="3..4 4", search=SearchSpec(preset="paper", evaluations=2000))
-MANY = small(maps=40, size=8)
+EVOLVED = small(maps_from=None, maps=20, size="3..4 4", search=SearchSpec(preset="paper", evaluations=2000))
+MANY = small(maps_from=random_maps(40, side=8))
 RUNS = {
     "maps": lambda out, _: generation.generate(SPEC, out),
-    "dataset": lambda out, workers: make_dataset(MANY, out, workers=workers, maps=random_maps(40, side=8)),
+    "dataset": lambda out, workers: make_dataset(MANY, out, workers=workers),
     "evolved": lambda out, workers: make_dataset(EVOLVED, out, workers=workers),
 }
 LONGEST = 10

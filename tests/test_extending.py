@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, evolve, evolve_islands, run
+from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, evolve, run
 from elitelanes_jax.network import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
@@ -216,13 +216,6 @@ def test_a_function_whose_values_change_is_another_one(tmp_path):
 def test_chosen_maps_have_a_float_fitness():
     maps = rough(("map-elites", "tuned")).maps(5)
     assert maps and all(isinstance(road_map.fitness, float) for road_map in maps)
-
-
-def test_islands_take_all_of_it():
-    result = evolve_islands(0, SHAPE, islands=2, every=5, generations=10, fitness=roughness, moves={"mirror": 0})
-    grids, fitness = elites(result)
-    np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6, atol=ROUNDING)
-    assert result.history.refused.sum() > 0
 
 
 @pytest.mark.parametrize(

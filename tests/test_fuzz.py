@@ -25,15 +25,14 @@ from elitelanes_jax.formats import map_to_json, to_duckietown
 from elitelanes_jax.formats.road_map import Drawn
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.tiles import png_of
-from elitelanes_jax.tiles.files import read_mask, read_points
+from elitelanes_jax.tiles.files import read_mask
 from elitelanes_jax.tiles.tileset import inspect_tiles
 
 CODES = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
 DRAWN = Drawn("s", [["turn_1"] * 3] * 3, [[0] * 3] * 3)
 MAP = map_to_json(RoadMap(CODES, {"edges": 8}, -3, {"edges": 8}, [0], (1, 2), DRAWN)).encode()
-POINTS = b'{"a": [[1, 2], [3.5, 4]]}'
 YAML = to_duckietown(CODES).encode() + b"objects: {a: {kind: duckie, pos: [1, 2]}}\n"
-TOML = b'name = "a"\nlicence = "b"\n[opens]\nturn = "SW"\nturn_1 = "SW"\n'
+TOML = b'name = "a"\nlicence = "b"\nblend = false\n'
 MASK = png_of(np.full((9, 8), [0, 255] * 4, np.uint8))
 ARRAYS = {"grids": CODES[None, None], "fitness": np.zeros((1, 1), np.int32)}
 ARCHIVE = pack(ARRAYS, {"axes": [], "search": {}, "seed": 1})
@@ -62,7 +61,6 @@ READERS = {
     "fix.json": (parse_fixed_cells, b'{"codes": [[6, 3], [null, 9]]}', ["[[", "null", "{}", "[]", "1e9", "true"]),
     "map.yaml": (read_map, YAML, ["&a ", "*a", "<<: ", "!!int ", "- ", "? ", ": ", "\n ", "%TAG ! a\n", "---", "|"]),
     "tileset.toml": (tileset, TOML, ["a.a.", "[[", "]]", "{", "}", "=", '"""', "inf", "1979-05-27", "0x", "9" * 5000]),
-    "points.json": (listed(read_points), POINTS, ["[[", "NaN", "9" * 5000]),
     "mask.png": (listed(read_mask), MASK, ["IDAT", "IEND", "PLTE", "tRNS"]),
     "archive.npz": (Result.load, ARCHIVE, ["PK\x03\x04", "PK\x01\x02", "(9999999999,)", "|O"]),
     "result.npz": (unpack, ARCHIVE, ["PK\x03\x04", "PK\x05\x06", "'descr'", "(99999999999999999999,)", "O8"]),

@@ -82,7 +82,6 @@ def level():
         (RoadNavParams, {"levels": levels, "goal": "smell"}, "goal: expected one of compass, mark, both, none, got"),
         (RoadNavParams, {"levels": levels, "limit": 0}, "limit: expected a whole number, 1 or more, got 0"),
         (RoadNavParams, {"levels": levels, "tile_cost": float("nan")}, "tile_cost: expected a number"),
-        (LaneDriveParams, {"levels": levels, "ahead": (2,)}, "ahead: expected a number, 0 to 1, got 2"),
         (LaneDriveParams, {"levels": levels, "task": "park"}, "task: expected one of route, lane, got 'park'"),
         (LaneDriveParams, {"levels": levels, "observe": "camera"}, "sight: expected a result of make_sight, .* None"),
         (Streets, {"tile": 6}, "tile: expected more than two lanes, 6.4 m, got 6 m"),

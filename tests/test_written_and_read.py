@@ -1,30 +1,25 @@
 """What is written can be read: each writer at its limits, and all that reads its files."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from PIL import Image
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, read_map
-from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax.benchmark import BUDGETS, Submission, find_task, write_submission
-from elitelanes_jax.drive.rides import Rides, rides_to_json
 from elitelanes_jax.formats import map_to_json, to_duckietown
-from elitelanes_jax.formats.rides import MOST_POSES
 from elitelanes_jax.formats.road_map import Drawn
 from elitelanes_jax.network.checks import LONGEST_SIDE
 
 
 def test_pictures_larger_than_a_tile_s_may_be_are_made_into_a_dataset(tmp_path):
-    maps = [RoadMap(np.full((2, 257), 5, np.int8))]  # 4,112 pixels: a file of a tile has 4,096 at most
-    spec = DatasetSpec(maps=1, size="2 257", tile_px=16, split="1 0 0", transforms="none")
-    about = make_dataset(spec, tmp_path / "out", maps=maps)
+    maps = [np.full((2, 257), 5, np.int8)]  # 4,112 pixels: a file of a tile has 4,096 at most
+    spec = DatasetSpec(maps_from=maps, tile_px=16, split="1 0 0", transforms="none")
+    about = make_dataset(spec, tmp_path / "out")
     with Image.open(tmp_path / "out" / "train" / "labels" / "000000.png") as labels:
         assert labels.size == (4112, 32)
     assert (tmp_path / "out" / "contact-sheet.png").exists()
-    assert make_dataset(spec, tmp_path / "out", maps=maps) == about
+    assert make_dataset(spec, tmp_path / "out") == about
 
 
 @pytest.mark.parametrize(
@@ -58,24 +53,9 @@ def test_maps_of_the_largest_size_are_read(suffix, tmp_path):
     np.testing.assert_array_equal(read_map(file).codes, codes)
 
 
-def test_rides_are_written_up_to_the_number_of_poses_that_is_read():
-    """The widest numbers, on the largest map: a hundredth of the most poses."""
-    codes = np.full((LONGEST_SIDE, LONGEST_SIDE), 15, np.int8)
-    steps = MOST_POSES // 1000 - 1
-    far, turned = (np.full((10, steps + 1), value, np.float32) for value in (1023.1234, -3.1415))
-    goal = SimpleNamespace(row=np.full(10, 1023), column=np.full(10, 1023))
-    rides = Rides(SimpleNamespace(goal=goal), far, far, turned, np.full(10, steps), np.ones(10, bool))
-    empty = rides._replace(steps=np.zeros(0, int))
-    of_map, of_rides = (len(rides_to_json(codes, one)) for one in (empty, rides))
-    assert of_map + 100 * (of_rides - of_map) < 64 * MIB
-    with pytest.raises(InputError, match="rides: expected at most 2000000 poses, got 2001000"):
-        rides_to_json(codes, rides._replace(steps=np.full(1000, steps + 1)))
-
-
 def test_a_raw_archive_too_large_to_be_read_is_not_written(tmp_path):
     task = find_task("8x8A-100000")
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     grids = np.broadcast_to(np.int8(0), (10, budgets, 2**20, *task.shape))
-    values = np.broadcast_to(np.int32(0), grids.shape[:3])
-    with pytest.raises(InputError, match="out.npz: expected arrays of at most 536,866,816 bytes"):
-        write_submission(tmp_path / "out.npz", Submission(task, grids, values, values))
+    with pytest.raises(InputError, match="out.npz: expected grids of at most 536,866,816 bytes"):
+        write_submission(tmp_path / "out.npz", Submission(task, grids))

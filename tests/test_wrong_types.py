@@ -40,10 +40,9 @@ KEY = jax.random.key(0)
 VALUES = [None, "x", -1, 2.5, object(), [], {}, np.zeros((2, 3, 4, 5)), KEY]
 
 # These search, compile or write with whatever fits, so they are given only what cannot fit.
-SLOW = {"collect", "draw_sample", "evolve", "evolve_islands", "explore", "generate", "look", "make", "make_dataset"}
-SLOW |= {"make_rides", "measure_town", "random_level", "random_population", "random_pose", "repair", "route", "run"}
-SLOW |= {"spread"}
-ELSEWHERE = {"generate_on", "convert", "dask_executor", "gymnasium_vector_env", "show"}  # they need other packages
+SLOW = {"collect", "draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
+SLOW |= {"make_rides", "measure_town", "random_level", "random_population", "random_pose", "repair", "run"}
+ELSEWHERE = {"show"}  # they need other packages
 
 
 @cache
@@ -55,18 +54,18 @@ def arguments():
     found = Population(np.zeros((2, 4, 4), np.int8), np.zeros(2, np.int32), np.zeros((2, len(made.feature_names)), int))
     run = SimpleNamespace(evaluations=np.arange(3), best_fitness=np.arange(3), elite_count=np.arange(3))
     spaces = SimpleNamespace(Discrete=print, Box=print)
-    road_map, seams = RoadMap(grid), tiles.find_seams(tile_set)
+    road_map = RoadMap(grid)
     return {
-        "address": "tcp://localhost:1", "apply": print, "archive": made.empty_archive(), "archives": "a.npz",
+        "apply": print, "archive": made.empty_archive(), "archives": "a.npz",
         "asked": np.array([0, 1]), "atlas": drive.make_atlas(scaled["image"], scaled["labels"]),
         "axes": paper_axes((4, 4)), "best": np.full((1, len(task.optimum)), np.inf), "best_known": np.zeros(3),
         "bits": np.zeros(3, np.uint32), "camera": drive.Camera(), "codes": grid, "config": optimizers.EvolutionConfig(),
         "count": 2, "descriptor": np.zeros((2, 5), int), "dtype": np.dtype(np.int32), "environment": drive.RoadNav,
-        "evaluate": made.evaluate, "executor": None, "features": {}, "file": "map.json", "fill": True,
+        "evaluate": made.evaluate, "features": {}, "file": "map.json", "fill": True,
         "fitness": np.zeros(3), "folder": "folder", "found": found, "function": measure, "generations": 1,
         "goal": drive.LaneNode(0, 1, 1), "grid": grid, "grids": np.zeros((2, 4, 4), np.int8),
         "groups": {"a": {"turns": [1, 2]}}, "gymnasium": SimpleNamespace(Env=object, spaces=spaces), "image": "map.pgm",
-        "images": scaled["image"], "index": 0, "indices": 2, "ink": (0, 0, 0), "islands": 2, "key": KEY,
+        "images": scaled["image"], "index": 0, "indices": 2, "ink": (0, 0, 0), "key": KEY,
         "keys": optimizers.seed_keys(0, 2), "labels": scaled["labels"], "level": levels, "levels": levels,
         "licence": "", "maps": [road_map], "matrix": np.eye(3), "metric": "turns", "metrics": measure(grid),
         "move": optimizers.toggle_link(), "name": "turns", "names": ["turns"], "niche": np.zeros(2, np.int32),
@@ -75,7 +74,7 @@ def arguments():
         "pictures": (), "pixels": grid.astype(np.uint8), "points": [[1, 2]], "pose": drive.Pose(0.5, 0.5, 0.0),
         "position": (1, 9), "prefix": "city", "probability": 0.5, "problem": made, "record": run, "results": {},
         "rides": None, "road_map": road_map, "rotations": tile_set.rotations, "rows": [{"file": "a"}], "scale": 0.5,
-        "seams": seams, "search": print, "seed": 0, "shape": (4, 4), "sheet": np.zeros((20, 20, 3), np.uint8),
+        "search": print, "seed": 0, "shape": (4, 4), "sheet": np.zeros((20, 20, 3), np.uint8),
         "sight": drive.make_sight(scaled["image"], scaled["labels"], tile_set.rotations), "size": 16,
         "source": road_map, "sources": [road_map],
         "spaces": spaces, "spec": elitelanes_jax.SearchSpec(), "start": drive.LaneNode(0, 0, 3),

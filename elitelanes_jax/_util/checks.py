@@ -194,15 +194,6 @@ def flag(value: UserValue) -> bool:
     return value
 
 
-def switch(value: UserValue) -> bool:
-    """Checks for True or False, or the words on or off."""
-    if isinstance(value, bool):
-        return value
-    if not isinstance(value, str) or value not in ("on", "off"):
-        raise InputError(f"expected on or off, got {shorten(repr(value), 40)}")
-    return bool(value == "on")
-
-
 def check_named(name: str, check: Callable[..., UserValue], value: UserValue, *beside: UserValue) -> UserValue:
     """Checks a value with the further arguments of the check; the error's message starts with `name`."""
     try:

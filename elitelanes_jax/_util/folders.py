@@ -6,10 +6,8 @@ Unfinished work is kept in a hidden folder next to the output folder, ``.NAME-un
 - ``settings.json`` has what the work depends on.
 - ``kept`` has what the next run resumes from.
 - ``files`` has the files so far. At the end the folder is renamed to the output folder.
-
-An output folder that exists may be a mount or the current folder of a shell, so its entries are replaced instead.
-``files`` is renamed to ``ready``, the old entries are moved out of the output folder, and the new entries are moved in.
-If the process is killed in between, the next run does the rest.
+- ``replaced`` is the output folder that was there before. If the process is killed before ``files`` has its name, the
+  next run does the rest.
 """
 
 import json
@@ -24,9 +22,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json, unwritable_error, write_json
 from elitelanes_jax._util.types import Plain
 
-_LOCK, _SETTINGS, _KEPT, _FILES = "lock", "settings.json", "kept", "files"
-_READY, _REPLACED, _MOVING = "ready", "replaced", "moving"
-_INSIDE = ".unfinished"  # the name of the hidden folder if it has to be in the output folder
+_LOCK, _SETTINGS, _KEPT, _FILES, _REPLACED = "lock", "settings.json", "kept", "files", "replaced"
 
 
 class Unfinished(NamedTuple):
@@ -61,8 +57,8 @@ def output_folder(
       resume_files: whether the work resumes with the files of an earlier run; by default it starts without files.
 
     Raises:
-      InputError: if the output folder is a file, is not empty and may not be replaced, cannot be written to, or has
-        unfinished work with other settings or of another process.
+      InputError: if the output folder is a file, a mount or the current folder, is not empty and may not be replaced,
+        cannot be written to, or has unfinished work with other settings or of another process.
       OSError: of the block. It names a file as if it were in the output folder already.
     """
     try:
@@ -78,12 +74,12 @@ def output_folder(
     try:
         with locked(hidden, asked):
             _settle(hidden, out)
-            _check_replaceable(asked, out, hidden, inputs, foreign, force)
+            _check_replaceable(asked, out, inputs, foreign, force)
             try:
                 _resume(asked, hidden, settings, force, resume_files)
                 mine = True
                 yield work
-                _check_replaceable(asked, out, hidden, inputs, foreign, force)
+                _check_replaceable(asked, out, inputs, foreign, force)
                 _move(hidden, out)
                 done = True
             finally:
@@ -108,7 +104,7 @@ def has_unfinished(out: str | Path) -> bool:
 
 
 def settle(out: str | Path) -> None:
-    """Moves the rest of the files into an output folder if a run was killed while it moved them."""
+    """Completes an output folder if a run was killed while it replaced the folder."""
     out = Path(os.path.realpath(out))
     hidden = _hidden(out)
     if hidden.is_dir():
@@ -195,7 +191,7 @@ def foreign_file(folder: Path, own: Callable[[str], Plain]) -> str | None:
     A symbolic link is never an own file. `own` takes paths with slashes.
     """
     for parent, names, files in os.walk(folder):
-        names[:] = sorted(name for name in names if name != _INSIDE)
+        names.sort()
         links = [name for name in names if Path(parent, name).is_symlink()]
         for name in sorted([*files, *links]):
             path = Path(parent, name)
@@ -214,22 +210,22 @@ def remove(path: Path) -> None:
 
 
 def _hidden(out: Path) -> Path:
-    """Returns the hidden folder: next to the output folder, or in it if no file can be moved in from next to it."""
-    inside = out.is_dir() and (os.path.ismount(out) or not os.access(out.parent, os.W_OK))
-    return out / _INSIDE if inside else out.with_name(f".{out.name}-unfinished")
+    return out.with_name(f".{out.name}-unfinished")
 
 
 def _check_replaceable(
     asked: str | Path,
     out: Path,
-    hidden: Path,
     inputs: Iterable[str | Path],
     foreign: Callable[[Path], str | None] | None,
     force: bool,
 ) -> None:
     if out.exists() and not out.is_dir():
         raise InputError(f"{asked}: expected a folder that is new or empty, got a file")
-    if not out.exists() or all(entry == hidden for entry in out.iterdir()):
+    if (mounted := os.path.ismount(out)) or (out.exists() and out.samefile(os.curdir)):
+        got = "a mount" if mounted else "the current one"
+        raise InputError(f"{asked}: expected a folder that can be renamed, got {got}; name a new folder in it")
+    if not out.exists() or not any(out.iterdir()):
         return
     found = foreign and foreign(out)
     if force and found:
@@ -267,44 +263,25 @@ def _resume(asked: str | Path, hidden: Path, settings: Mapping[str, Plain], forc
 
 
 def _move(hidden: Path, out: Path) -> None:
-    """Moves the files to the output folder, or leaves everything as it was and raises an error."""
-    if not out.exists():
-        (hidden / _FILES).rename(out)
-        return
-    done: list[tuple[Path, Path]] = []
+    """Renames the files to the output folder, or leaves everything as it was and raises an error."""
+    replaced = hidden / _REPLACED
+    if out.exists():
+        out.rename(replaced)
     try:
-        for source, target in _moves(hidden, out):
-            source.rename(target)
-            done.append((source, target))
+        (hidden / _FILES).rename(out)
     except BaseException:
-        for source, target in reversed(done):
-            target.rename(source)
+        if replaced.exists():
+            replaced.rename(out)
         raise
-
-
-def _moves(hidden: Path, out: Path) -> Iterator[tuple[Path, Path]]:
-    """Yields each path to rename with its new path. The folders' names say which step is next, also after a kill."""
-    files, ready, replaced, moving = (hidden / name for name in (_FILES, _READY, _REPLACED, _MOVING))
-    if files.exists():
-        yield files, ready
-    if ready.exists():
-        replaced.mkdir(exist_ok=True)
-        for entry in sorted(out.iterdir()):
-            if entry != hidden:
-                yield entry, replaced / entry.name
-        yield ready, moving
-    if moving.exists():
-        for entry in sorted(moving.iterdir()):
-            yield entry, out / entry.name
 
 
 def _settle(hidden: Path, out: Path) -> None:
     """Does the rest of a run that was killed after its files were complete."""
-    if not (hidden / _FILES).exists():
-        if (hidden / _READY).exists() or (hidden / _MOVING).exists():
-            out.mkdir(parents=True, exist_ok=True)
-        for source, target in _moves(hidden, out):
-            source.rename(target)
+    if (hidden / _REPLACED).exists():
+        if not out.exists():
+            (hidden / _FILES).rename(out)
+        _clear(hidden, _LOCK)
+    elif not (hidden / _FILES).exists():
         _clear(hidden, _LOCK)
 
 

@@ -1,7 +1,6 @@
 """Runs a user's search on a task or on several, and keeps its archives at every budget."""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from copy import deepcopy
 from functools import partial
 from typing import NamedTuple
 
@@ -34,8 +33,6 @@ Search = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, Non
 
 MultiTaskSearch = Callable[[Sequence[Task], np.random.Generator], Generator[tuple[int, AnyArray], Measured, None]]
 """A search of several tasks: yields the index of a task and grids for it, and receives a `Measured`."""
-
-_Archive = tuple[Int8[np.ndarray, "N H W"], Int[np.ndarray, " N"]]  # the best grid and fitness by cyclomatic number
 
 _ENDED = object()  # what a search that has ended yields
 
@@ -101,49 +98,41 @@ def _run(
         for seed in listed
     )
     runs = [_run_seed(tasks, generator, split) for generator in generators]
-    together = zip(tasks, zip(*runs, strict=True), strict=True)
-    return [
-        Submission(task, *(np.stack(arrays) for arrays in zip(*of_task, strict=True))) for task, of_task in together
-    ]
+    return [Submission(task, np.stack(of_task)) for task, of_task in zip(tasks, zip(*runs, strict=True), strict=True)]
 
 
 def _run_seed(
     tasks: Sequence[Task], search: UserValue, split: Callable[[UserValue], tuple[int, AnyArray]]
-) -> list[tuple[np.ndarray, ...]]:
-    """Returns the grids, fitness and cyclomatic numbers of the archives of each task."""
+) -> list[Int8[np.ndarray, "T N H W"]]:
+    """Returns the archives of each task after each budget: the best grid of each cyclomatic number."""
     if not isinstance(search, Generator):
         raise InputError(f"search: expected a generator function, which yields grids, got {shorten(repr(search))}")
     ends = [budget * len(tasks) for budget in BUDGETS if budget <= tasks[0].evaluations]
-    archives, kept = [_empty_archive(task) for task in tasks], list[list[_Archive]]()
+    sizes = [task.shape[0] * task.shape[1] for task in tasks]
+    elites = [np.zeros((size, *task.shape), np.int8) for size, task in zip(sizes, tasks, strict=True)]
+    lowest = [np.full(size, np.iinfo(np.int32).max) for size in sizes]
+    kept: list[list[np.ndarray]] = []
     spent, batch = 0, next(search, _ENDED)
     while batch is not _ENDED and len(kept) < len(ends):
         index, grids = split(batch)
-        task, (best, lowest) = tasks[index], archives[index]
+        task = tasks[index]
         codes = _check(task, grids)
         counts = measure_grids(codes)
         counting = counts["flawless"] & ((not task.fill) | (counts["empty_cells"] == 0))
         measured = Measured(counts["fitness"], counts["cyclomatic"], counting)
         for number, (code, value, niche, good) in enumerate(zip(codes, *measured, strict=True), start=1):
-            if good and value < lowest[niche]:
-                best[niche], lowest[niche] = code, value
+            if good and value < lowest[index][niche]:
+                elites[index][niche], lowest[index][niche] = code, value
             if len(kept) < len(ends) and spent + number == ends[len(kept)]:
-                kept.append(deepcopy(archives))
+                kept.append([grids_of.copy() for grids_of in elites])
         spent += len(codes)
         try:
             batch = search.send(measured)
         except StopIteration:
             batch = _ENDED
     search.close()
-    kept += [archives] * (len(ends) - len(kept))
-    return [
-        (*map(np.stack, zip(*of_task, strict=True)), np.tile(np.arange(len(of_task[0][1])), (len(ends), 1)))
-        for of_task in zip(*kept, strict=True)
-    ]
-
-
-def _empty_archive(task: Task) -> _Archive:
-    most = task.shape[0] * task.shape[1]
-    return np.zeros((most, *task.shape), np.int8), np.full(most, np.iinfo(np.int32).max)
+    kept += [elites] * (len(ends) - len(kept))
+    return [np.stack(of_task) for of_task in zip(*kept, strict=True)]
 
 
 def _check(task: Task, batch: AnyArray) -> Int8[np.ndarray, "B H W"]:

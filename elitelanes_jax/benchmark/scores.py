@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.benchmark.tasks import Task
-from elitelanes_jax.problem.qd_metrics import coverage
+from elitelanes_jax.problem.archive import coverage
 
 _RESAMPLES = 10_000
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int, Int8
+from jaxtyping import Int8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance
@@ -22,7 +22,7 @@ LEAST_RUNS = 10
 """The smallest number of runs, each from another seed."""
 
 _BATCH = 4096
-_MOST_BYTES = 2**29 - 2**12  # of the three arrays; `unpack` reads 2**29 bytes on any machine
+_MOST_BYTES = 2**29 - 2**12  # of the grids; `unpack` reads 2**29 bytes on any machine
 
 
 class Submission(NamedTuple):
@@ -32,53 +32,46 @@ class Submission(NamedTuple):
       task: of the runs.
       grids: int8 ``[R, T, N, H, W]``, up to N elites of each archive, in any order; a vacant slot is all zeros. Grids
         that are not flawless, or have an empty cell although the task fills every cell, do not count.
-      fitness: int ``[R, T, N]``, computed by the run; anything in vacant slots.
-      cyclomatic: int ``[R, T, N]``, computed by the run; anything in vacant slots.
     """
 
     task: Task
     grids: Int8[np.ndarray, "R T N H W"]
-    fitness: Int[np.ndarray, "R T N"]
-    cyclomatic: Int[np.ndarray, "R T N"]
 
 
 def write_submission(file: str | Path, submission: Submission) -> None:
     """Writes a raw archive as an ``.npz``.
 
     Raises:
-      InputError: if the arrays do not fit the task or each other, or for another type.
+      InputError: if the grids do not fit the task, or for another type.
     """
     check_named("submission", instance(Submission), submission)
-    arrays = {name: np.asarray(getattr(submission, name)) for name in ("grids", "fitness", "cyclomatic")}
-    _check(str(file), submission.task, arrays)
+    grids = np.asarray(submission.grids)
+    _check(str(file), submission.task, grids)
     content = io.BytesIO()
-    np.savez_compressed(content, version=VERSION, task=submission.task.name, **arrays)  # type: ignore[arg-type]
+    np.savez_compressed(content, version=VERSION, task=submission.task.name, grids=grids)
     write_atomic(Path(file), content.getvalue())
 
 
 def read_submission(file: str | Path) -> Submission:
-    """Reads a raw archive; raises `InputError` for another file, version or task, or arrays that do not fit it."""
-    names = ("version", "task", "grids", "fitness", "cyclomatic")
+    """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
+    names = ("version", "task", "grids")
     _, stored = unpack(file)
-    arrays = {name: stored[name] for name in names if name in stored}
-    if len(arrays) < len(names):
-        raise InputError(f"{file}: expected arrays {', '.join(names)}, got {', '.join(arrays) or 'none of them'}")
-    version, task = arrays.pop("version"), arrays.pop("task")
+    if len(there := [name for name in names if name in stored]) < len(names):
+        raise InputError(f"{file}: expected arrays {', '.join(names)}, got {', '.join(there) or 'none of them'}")
+    version, task, grids = (stored[name] for name in names)
     if version.tolist() != VERSION:
         raise InputError(f"{file}: expected version {VERSION}, got {version.tolist()!r}")
     try:
         found = find_task(task.tolist())
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
-    _check(str(file), found, arrays)
-    return Submission(found, *(arrays[name] for name in Submission._fields[1:]))
+    _check(str(file), found, grids)
+    return Submission(found, grids)
 
 
-def _check(source: str, task: Task, arrays: dict[str, np.ndarray]) -> None:
-    size = sum(array.nbytes for array in arrays.values())
-    if size > _MOST_BYTES:
-        raise InputError(f"{source}: expected arrays of at most {_MOST_BYTES:,} bytes, got {size:,}")
-    grids = arrays["grids"]
+def _check(source: str, task: Task, grids: np.ndarray) -> None:
+    if grids.nbytes > _MOST_BYTES:
+        raise InputError(f"{source}: expected grids of at most {_MOST_BYTES:,} bytes, got {grids.nbytes:,}")
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
     if grids.ndim != 5 or grids.shape[1] != budgets or grids.shape[3:] != task.shape:
@@ -87,37 +80,28 @@ def _check(source: str, task: Task, arrays: dict[str, np.ndarray]) -> None:
         raise InputError(f"{source}: expected at least {LEAST_RUNS} runs, got {len(grids)}")
     if not grids.size:
         raise InputError(f"{source}: expected at least one slot in grids, got {list(grids.shape)}")
-    for name, array in arrays.items():
-        if not np.issubdtype(array.dtype, np.integer):
-            raise InputError(f"{source}: expected whole numbers in {name}, got {array.dtype}")
-        if array.shape[:3] != grids.shape[:3] or (name != "grids" and array.ndim != 3):
-            raise InputError(f"{source}: expected {name} {list(grids.shape[:3])}, got {list(array.shape)}")
+    if not np.issubdtype(grids.dtype, np.integer):
+        raise InputError(f"{source}: expected whole numbers in grids, got {grids.dtype}")
     if not 0 <= grids.min() <= grids.max() <= 15:
         raise InputError(f"{source}: expected tile codes 0 to 15 in grids, got {grids.min()} to {grids.max()}")
 
 
 def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Scores]:
-    """Measures all grids of a raw archive again, and scores them.
+    """Measures all grids of a raw archive, and scores them.
 
     Returns:
       float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite if it is vacant; and the scores, each
       ``[R, T]``.
 
     Raises:
-      InputError: for a grid whose values differ from the archive's, or that is better than its niche's certificate.
+      InputError: for a grid that is better than its niche's certificate.
     """
     if not isinstance(submission, Submission):
         raise InputError(f"submission: expected a Submission, got {shorten(repr(submission))}")
-    task, grids, *claims = submission
+    task, grids = submission
     counts = measure_grids(grids.reshape(-1, *task.shape))
     measured = {name: values.reshape(grids.shape[:3]) for name, values in counts.items()}
     there = (grids > 0).any(axis=(-1, -2))
-    for name, claimed in zip(("fitness", "cyclomatic"), claims, strict=True):
-        wrong = np.argwhere(there & (claimed != measured[name]))
-        if len(wrong):
-            index = tuple(wrong[0].tolist())
-            got = f"{claimed[index]} for a grid that has {measured[name][index]}"
-            raise InputError(f"{name}: expected the grids' own values, got {got}, at {_slot(index)}")
     counting = there & measured["flawless"]
     if task.fill:
         counting &= measured["empty_cells"] == 0

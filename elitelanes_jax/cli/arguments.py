@@ -3,15 +3,12 @@
 import argparse
 import re
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
-from elitelanes_jax._util.checks import Check, folder, path, switch, whole
+from elitelanes_jax._util.checks import Check, folder, path, whole
 from elitelanes_jax._util.errors import InputError, suggest
-from elitelanes_jax._util.progress import Verbosity, detail
 from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
@@ -126,18 +123,8 @@ _SHARED: dict[str, dict[str, Untyped]] = {
         "metavar": "N",
         "help": "side of a tile in pixels; by default %(default)s",
     },
-    "--blend": {
-        "type": checked_by(switch),
-        "metavar": "on|off",
-        "help": "align the brightness of the tiles and feather their seams; by default as the tile set says, which is "
-        "on for photographs",
-    },
-    "--scheduler": {
-        "metavar": "ADDRESS",
-        "help": "run on the workers of a Dask cluster with this scheduler, such as tcp://HOST:8786; they share the "
-        "disk",
-    },
     "--force": {"action": "store_true", "help": "replace the folder, if an earlier run wrote all files in it"},
+    "--quiet": {"action": "store_true", "help": "print nothing but errors"},
     "--cores": {
         "action": _Cores,
         "default": argparse.SUPPRESS,
@@ -152,28 +139,6 @@ def add_shared(command: argparse.ArgumentParser, *names: str, **changes: Untyped
     """Adds arguments that several commands share. `changes` replace keyword arguments of `add_argument`."""
     for name in names:
         command.add_argument(name, **_SHARED[name] | changes)
-
-
-def add_verbosity(command: argparse.ArgumentParser) -> None:
-    """Adds ``--quiet`` and ``--verbose`` to a command that takes long."""
-    add = partial(command.add_mutually_exclusive_group().add_argument, dest="verbosity", action="store_const")
-    add("--quiet", const=Verbosity.QUIET, default=argparse.SUPPRESS, help="print nothing but errors")
-    add("--verbose", const=Verbosity.VERBOSE, default=argparse.SUPPRESS, help="print each step and its time")
-
-
-@contextmanager
-def workers_at(scheduler: str | None) -> Iterator[Executor | None]:
-    """Keeps compiled programs, and connects to the cluster that ``--scheduler`` names, if it names one."""
-    from elitelanes_jax.search.compile_cache import use_compile_cache
-
-    detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
-    if scheduler is None:
-        yield None
-    else:
-        from elitelanes_jax.maps.cluster import dask_executor
-
-        with dask_executor(scheduler) as executor:
-            yield executor
 
 
 @contextmanager

@@ -9,10 +9,8 @@ from elitelanes_jax.cli.arguments import (
     add_command,
     add_options,
     add_shared,
-    add_verbosity,
     naming_options,
     read_options,
-    workers_at,
 )
 from elitelanes_jax.cli.program import say
 
@@ -31,8 +29,7 @@ def add_dataset(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, DatasetSpec())
-    add_shared(command, "--scheduler", "--force", "--cores")
-    add_verbosity(command)
+    add_shared(command, "--force", "--cores", "--quiet")
 
 
 def _dataset(options: argparse.Namespace) -> int:
@@ -43,12 +40,11 @@ def _dataset(options: argparse.Namespace) -> int:
         with naming_options(DatasetSpec()):
             spec.check_search()
     from elitelanes_jax.dataset.make import make_dataset
+    from elitelanes_jax.search.compile_cache import use_compile_cache
 
-    with (
-        workers_at(options.scheduler) as executor,
-        naming_options(DatasetSpec(), "hold_out_tiles", "maps_from", "furnish"),
-    ):
-        about = make_dataset(spec, options.out, force=options.force, executor=executor)
+    use_compile_cache()
+    with naming_options(DatasetSpec(), "maps_from", "furnish"):
+        about = make_dataset(spec, options.out, force=options.force)
     table = {"": about["pictures"], "pictures": about["pictures"].values()}
     for one in about["classes"]:
         shares = (pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values())

@@ -20,10 +20,10 @@ def add_drive(commands: Commands) -> None:
     add_shared(command, "map")
     command.add_argument(
         "--out",
-        type=file_ending(".mp4", ".gif", ".png", ".json"),
+        type=file_ending(".mp4", ".gif", ".png"),
         required=True,
         metavar="FILE",
-        help="new file: a film of one ride, .mp4 or .gif; a .png with all trails; or a .json for elitelanes explore",
+        help="new file: a film of one ride, .mp4 or .gif, or a .png with all trails",
     )
     command.add_argument(
         "--policy",
@@ -37,7 +37,7 @@ def add_drive(commands: Commands) -> None:
         "--rides",
         type=checked_by(whole(1, 1000)),
         metavar="N",
-        help="trails in a picture, rides in a .json; by default 6; a film shows one ride",
+        help="trails in a picture; by default 6; a film shows one ride",
     )
     command.add_argument(
         "--seconds",
@@ -48,7 +48,6 @@ def add_drive(commands: Commands) -> None:
     )
     add_shared(command, "--tiles")
     add_shared(command, "--tile-px", default=128)
-    add_shared(command, "--blend")
     command.add_argument(
         "--seed",
         type=checked_by(whole(0, 2**31 - 1)),
@@ -64,8 +63,7 @@ def _policy(text: str) -> str | Path:
 
 def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.files import check_new, never_replacing, write_atomic
-    from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails, write_film
-    from elitelanes_jax.formats.rides import MOST_POSES
+    from elitelanes_jax.drive.rides import film, load_policy, make_rides, trails, write_film
     from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.search.compile_cache import use_compile_cache
     from elitelanes_jax.tiles.rendering import choose_tiles, png_of, recall_choice
@@ -77,10 +75,7 @@ def _drive(options: argparse.Namespace) -> int:
         if options.rides is not None:
             raise InputError(f"--rides: expected none with a film, which shows one ride, got {options.rides}")
         rides_shown = 1
-    most = int(MOST_POSES / (30 * options.seconds + 1))
-    if kind == ".json" and rides_shown > most:
-        raise InputError(f"--rides: expected at most {most} of {options.seconds:g} s in a file, got {rides_shown}")
-    road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
     use_compile_cache()
     try:
@@ -92,9 +87,7 @@ def _drive(options: argparse.Namespace) -> int:
         message = str(error)
         raise InputError(f"--{message}" if message.startswith("policy:") else f"{options.map}: {message}") from None
     with never_replacing(options.out):
-        if kind == ".json":
-            write_atomic(options.out, rides_to_json(road_map.codes, rides).encode())
-        elif kind == ".png":
+        if kind == ".png":
             write_atomic(options.out, png_of(trails(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)))
         else:
             write_film(options.out, film(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen))

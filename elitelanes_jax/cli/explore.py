@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from elitelanes_jax._util.checks import name, path
+from elitelanes_jax._util.checks import path
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, file_ending
 from elitelanes_jax.cli.program import say
 
@@ -30,7 +30,7 @@ def add_explore(commands: Commands) -> None:
         nargs="+",
         metavar="RUN_DIR|MAP",
         help="a folder of generate or pick, or a folder of such folders; an archive.npz; a map.json or a Duckietown "
-        ".yaml; rides of drive, .json",
+        ".yaml",
     )
     command.add_argument(
         "--out",
@@ -38,14 +38,11 @@ def add_explore(commands: Commands) -> None:
         metavar="FILE",
         help=f"new file; by default {_PAGE} in the folder of the run, or here for several runs and for maps",
     )
-    command.add_argument(
-        "--title", type=checked_by(name), metavar="TEXT", help="title of the page; by default the run's name"
-    )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_shared(
         command, "--tiles", help="tile pictures; by default the first run's, or if they are not found the package's own"
     )
-    add_shared(command, "--tile-px", "--blend")
+    add_shared(command, "--tile-px")
     add_shared(command, "--force", help="replace an earlier page")
 
 
@@ -58,9 +55,7 @@ def _explore(options: argparse.Namespace) -> int:
         options.sources,
         out,
         tiles=options.tiles,
-        blend=options.blend,
         tile_px=options.tile_px,
-        title=options.title,
         force=options.force,
     )
     say(f"{size / 2**20:.1f} MiB in {out}")

@@ -15,11 +15,9 @@ from elitelanes_jax.cli.arguments import (
     add_command,
     add_options,
     add_shared,
-    add_verbosity,
     checked_by,
     naming_options,
     read_options,
-    workers_at,
 )
 from elitelanes_jax.cli.program import program_name, say
 
@@ -60,8 +58,7 @@ def add_generate(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, GenerateSpec())
-    add_shared(command, "--scheduler", "--force", "--cores")
-    add_verbosity(command)
+    add_shared(command, "--force", "--cores", "--quiet")
 
 
 def _generate(options: argparse.Namespace) -> int:
@@ -69,15 +66,12 @@ def _generate(options: argparse.Namespace) -> int:
 
     spec = read_options(options, GenerateSpec())
     from elitelanes_jax.maps.generation import generate
+    from elitelanes_jax.search.compile_cache import use_compile_cache
 
+    use_compile_cache()
     try:
-        with workers_at(options.scheduler) as executor, naming_options(GenerateSpec(), "furnish", "axes", "where"):
-            if executor is None:
-                maps = generate(spec, options.out, force=options.force)
-            else:
-                from elitelanes_jax.maps.parts import generate_on
-
-                maps = generate_on(executor, spec, options.out, force=options.force)
+        with naming_options(GenerateSpec(), "furnish", "axes", "where"):
+            maps = generate(spec, options.out, force=options.force)
     except NotEnoughMapsError as error:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:
@@ -101,8 +95,7 @@ def add_merge(commands: Commands) -> None:
     command.add_argument(
         "parts", type=checked_by(path), nargs="+", metavar="PART", help="folders of all parts, in any order"
     )
-    add_shared(command, "--out", "--force")
-    add_verbosity(command)
+    add_shared(command, "--out", "--force", "--quiet")
 
 
 def _merge(options: argparse.Namespace) -> int:
@@ -141,7 +134,7 @@ def add_pick(commands: Commands) -> None:
         const="archive",
         help="like --force, but also replace a folder with an archive.npz, which pick does not write again",
     )
-    add_verbosity(command)
+    add_shared(command, "--quiet")
 
 
 def _pick(options: argparse.Namespace) -> int:
@@ -169,7 +162,4 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     of = f" of {wanted:,}" if len(maps) < wanted else ""
     sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
     lines.append(f"{pluralize(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
-    differences = [(road_map.metrics or {}).get("difference_from_examples") for road_map in maps]
-    if known := [share for share in differences if share is not None]:
-        lines.append(f"they differ from the nearest example map in {min(known):.0%} to {max(known):.0%} of their cells")
     return "\n".join(lines)

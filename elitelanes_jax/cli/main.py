@@ -6,11 +6,9 @@ from typing import NoReturn
 
 from elitelanes_jax._util.folders import check_apart, has_unfinished
 from elitelanes_jax._util.packages import __version__
-from elitelanes_jax._util.progress import Verbosity
 from elitelanes_jax._util.records import inputs_among
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.cli.arguments import Parser
-from elitelanes_jax.cli.completion import add_completion
 from elitelanes_jax.cli.dataset import add_dataset
 from elitelanes_jax.cli.drive import add_drive
 from elitelanes_jax.cli.explore import add_explore
@@ -28,7 +26,7 @@ _RESUMES = "what is complete is kept, and the same command resumes"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     options = make_parser().parse_args(arguments)
-    return guarded("elitelanes", lambda: _act(options), "nothing was written", options.verbosity)
+    return guarded("elitelanes", lambda: _act(options), "nothing was written", options.quiet)
 
 
 def _act(options: argparse.Namespace) -> int:
@@ -53,7 +51,7 @@ def _act(options: argparse.Namespace) -> int:
 def make_parser() -> argparse.ArgumentParser:
     """Makes the parser of all commands; a parsed command has its function in ``action``."""
     parser = Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
-    parser.set_defaults(verbosity=Verbosity.NORMAL)
+    parser.set_defaults(quiet=False)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for add in (
@@ -74,7 +72,6 @@ def make_parser() -> argparse.ArgumentParser:
         add_score,
     ):
         add(commands)
-    add_completion(commands, make_parser)
     return parser
 
 

@@ -43,8 +43,8 @@ def _metrics(options: argparse.Namespace) -> int:
 
 
 _NOTE = (
-    "Searches\nfound maps with these ranges. A number in parentheses is a proven bound; without one the range is "
-    "proven.\nWith --rules cells may stay empty. Without, a town feature marked filled has this value on all maps."
+    "Searches\nfound maps with these ranges. With --rules cells may stay empty. Without, a town feature marked filled\n"
+    "has this value on all maps."
 )
 _MEASURED = "measured only in searches that name it, because it costs time"
 

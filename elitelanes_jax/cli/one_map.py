@@ -4,7 +4,6 @@ import argparse
 import sys
 import textwrap
 from dataclasses import replace
-from functools import partial
 
 from elitelanes_jax._util.checks import check_named, file_named, name, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError, pluralize
@@ -45,7 +44,7 @@ def add_render(commands: Commands) -> None:
     add_shared(
         command, "--out", required=False, help="folder to write to, new or empty; by default map/ next to map.json"
     )
-    add_shared(command, "--tiles", "--tile-px", "--blend")
+    add_shared(command, "--tiles", "--tile-px")
     command.add_argument(
         "--objects",
         type=checked_by(path),
@@ -75,14 +74,14 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.rendering import overlay, render, write_picture, write_png
     from elitelanes_jax.tiles.tileset import load_tiles
 
-    road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
-    out, foreign = options.out or options.map.with_suffix(""), partial(foreign_to_picture, layers=tiles.layers)
+    out = options.out or options.map.with_suffix("")
     with naming(options.map):
         picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects)
-    with output_folder(out, {"command": "render"}, foreign=foreign, force=options.force) as work:
+    with output_folder(out, {"command": "render"}, foreign=foreign_to_picture, force=options.force) as work:
         write_picture(work.files, picture)
         if options.overlay:
             write_png(work.files / "overlay.png", overlay(picture))

@@ -15,20 +15,20 @@ from typing import NoReturn, TextIO
 
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, NotEnoughMemoryError
 from elitelanes_jax._util.memory import is_out_of_memory
-from elitelanes_jax._util.progress import Verbosity, reporting, verbosity
+from elitelanes_jax._util.progress import is_quiet, reporting
 from elitelanes_jax.cli.signals import catch_interrupts
 
 INTERRUPTED = 130
 """The exit code after an interruption."""
 
 
-def guarded(program: str, action: Callable[[], int], interrupted: str, level: Verbosity = Verbosity.NORMAL) -> int:
+def guarded(program: str, action: Callable[[], int], interrupted: str, quiet: bool = False) -> int:
     """Runs the action of a program, which returns 0 if it succeeds; returns the exit code.
 
     `interrupted` says what an interruption leaves.
     """
     try:
-        with reporting(level):
+        with reporting(quiet=quiet):
             return action()
     except (InputError, NotEnoughMapsError) as error:
         as_option = re.compile(r"\b(force|force_archive|at_most)=True")
@@ -98,7 +98,7 @@ def say(text: str, *, asked: bool = False) -> None:
 
     If the text was `asked` for, a failure raises `OSError`, except for a pipe whose reader has stopped.
     """
-    if verbosity() is Verbosity.QUIET:
+    if is_quiet():
         return
     try:
         _print(sys.stdout, text)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import name, path
-from elitelanes_jax._util.errors import InputError, pluralize
-from elitelanes_jax._util.files import check_new, new_file
-from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, file_ending, naming
+from elitelanes_jax._util.errors import pluralize
+from elitelanes_jax._util.files import new_file
+from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
 from elitelanes_jax.cli.program import say, warn
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ def add_tiles(commands: Commands) -> None:
     below = tiles.add_subparsers(title="commands", required=True, metavar="COMMAND")
     check = add_command(below, "check", _check, help="describe a tile set, or list all its errors")
     check.add_argument("folder", type=checked_by(path), metavar="DIR")
-    check.add_argument("--picture", type=file_ending(".png"), metavar="FILE", help="new PNG file, with the worst seam")
     masks = add_command(
         below,
         "masks",
@@ -42,30 +41,16 @@ def add_tiles(commands: Commands) -> None:
         action="store_true",
         help="also replace existing masks: those whose colours are given, or all; a copy of each is kept next to it",
     )
-    masks.add_argument(
-        "--sheet",
-        type=file_ending(".png"),
-        metavar="FILE",
-        help="new PNG file with all masks on one sheet; by default DIR/masks.png",
-    )
 
 
 def _check(options: argparse.Namespace) -> int:
-    from elitelanes_jax.tiles.seams import describe_seams, find_seams, seam_picture
-    from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles, stray_files
+    from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles
 
-    picture = options.picture and _new_beside(options.folder, options.picture)
     tiles, problems = inspect_tiles(options.folder, lines=True)
-    strays = [f"{file}: not used" for file in stray_files(options.folder)] if options.folder.is_dir() else []
     if tiles is None:
-        warn("\n".join(problems + strays))
+        warn("\n".join(problems))
         return 2
-    seams = find_seams(tiles)
-    lines = [describe_tiles(tiles), describe_seams(tiles, seams), *strays]
-    if picture:
-        _write_together({picture: seam_picture(tiles, seams)})
-        lines.append(f"the worst seam is in {picture}")
-    say("\n".join(lines))
+    say(describe_tiles(tiles))
     return 0
 
 
@@ -77,7 +62,7 @@ def _masks(options: argparse.Namespace) -> int:
         if getattr(options, mask) is not None:
             with naming(f"--{mask}"):
                 colours[mask] = parse_colour(getattr(options, mask))
-    sheet = _new_beside(options.folder, options.sheet) if options.sheet else options.folder / "masks.png"
+    sheet = options.folder / "masks.png"
     named = [mask for mask in _MASKED if getattr(options, mask) is not None] or _MASKED
     proposals = mask_folder(options.folder, colours, named if options.overwrite else ())
     title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
@@ -106,14 +91,6 @@ def _keep(file: Path) -> Path:
     kept = next(copy for copy in map(file.with_name, names) if not copy.exists())
     shutil.copy2(file, kept)
     return kept
-
-
-def _new_beside(folder: Path, file: Path) -> Path:
-    """Checks that a file is new, and not in a tile's own folder, where it would be read as a picture of the tile."""
-    check_new(file)
-    if file.resolve().parent.parent == folder.resolve():
-        raise InputError(f"{file}: expected a file outside of the tiles' own folders")
-    return file
 
 
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:

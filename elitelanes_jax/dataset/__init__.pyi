@@ -1,8 +1,6 @@
 from ._samples import draw_sample as draw_sample
-from ._tile_splits import tiles_by_split as tiles_by_split
 from ._transforms import STANDARD as STANDARD
 from ._transforms import Transforms as Transforms
-from ._viewpoints import Viewpoints as Viewpoints
-from ._views import map_points as map_points
+from ._transforms import Viewpoints as Viewpoints
 from .make import make_dataset as make_dataset
 from .spec import DatasetSpec as DatasetSpec

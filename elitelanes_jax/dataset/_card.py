@@ -82,8 +82,6 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
         if about["given_maps"]
         else "Each is connected, and differs from all others however they are rotated or mirrored."
     )
-    own = [f"mask {name}" for name in about["tile_set"]["layers"]]
-    own += [f"points {name}" for name in about["tile_set"]["points"]]
     rows = [
         f"| {label} | {name} | rgb{tuple(LABEL_COLOURS[label])} | "
         + " | ".join(_share(about["class_pixels"][split], label) for split in SPLITS)
@@ -141,8 +139,6 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
             "",
             f"- tile set: {about['tile_set']['name']}, licence: {licence or 'not stated'}",
             *([f"- object set: {about['object_set']['name']}"] if objects else []),
-            f"- tile pictures held out for the test: {'yes' if asked['hold_out_tiles'] else 'no'}",
-            *([f"- the tile set's own: {', '.join(own)}"] if own else []),
             f"- seed {asked['seed']}"
             + ("" if about["given_maps"] else f", {search['method']}, preset {search['preset']}"),
             "- views: " + (", ".join(f"{name} {_plain(value)}" for name, value in changing.items()) or "plain"),

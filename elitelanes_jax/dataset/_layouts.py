@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json, write_atomic
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
@@ -18,7 +17,6 @@ from elitelanes_jax.dataset._samples import Sample
 from elitelanes_jax.formats.objects import OBJECT_KINDS, base_kind
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.rendering import LABELS, png_of
-from elitelanes_jax.tiles.tileset import MASKS
 
 Record = dict[str, Plain]
 
@@ -39,11 +37,10 @@ class Layout(NamedTuple):
     In `path`, `metadata` and `program` the words SPLIT and SHORT stand for a split's name and its usual short name.
 
     Attributes:
-      path: of a picture, with FOLDER for the folder of its layer or LAYER for the layer, and NUMBER for the sample.
+      path: of a picture, with LAYER for its layer, and NUMBER for the sample.
       program: lines of Python that load a split from the folder ``DIR``.
       metadata: the file with a line of JSON for each sample of a split.
       rows: (folder, split, records of its samples in order) -> the lines; may write further files.
-      layers: the layers beside image, labels and the further masks of the tile set.
       folders: of layers whose folder has another name.
       note: sample -> additions to its record, for `rows`.
       needs: a package that writing it needs.
@@ -51,9 +48,8 @@ class Layout(NamedTuple):
 
     path: str
     program: str
-    metadata: str = "metadata/SHORT.jsonl"
-    rows: Callable[[Path, int, Iterable[Record]], Iterable[Record]] = lambda folder, split, records: records
-    layers: tuple[str, ...] = ()
+    metadata: str
+    rows: Callable[[Path, int, Iterable[Record]], Iterable[Record]]
     folders: Mapping[str, str] = {}
     note: Callable[[Sample], Record] = lambda sample: {}
     needs: str | None = None
@@ -61,7 +57,7 @@ class Layout(NamedTuple):
     def file(self, split: int, index: int, layer: str) -> str:
         """Returns the path of a picture in the folder."""
         path = _in_split(self.path, split).replace("NUMBER", f"{index:06d}")
-        return path.replace("FOLDER", self.folders.get(layer, _folder(layer))).replace("LAYER", layer)
+        return path.replace("LAYER", self.folders.get(layer, layer))
 
     def list_samples(self, folder: Path, split: int, records: Iterable[Record]) -> None:
         """Writes the files that list a split's samples."""
@@ -98,22 +94,19 @@ def find_layout(name: str) -> Layout:
 
 
 def write_sample(sample: Sample, layout: Layout, split: int, out: Path) -> None:
-    """Writes the pictures of a sample where a format has them.
+    """Writes the pictures of a sample where a layout has them.
 
     Raises:
       OSError: that names the file, if one cannot be written.
     """
-    index = sample.record["number"]
-    own = [*sample.record["layers"], *(["instances"] if "instances" in sample.layers else [])]
-    for name in ("image", "labels", *layout.layers, *own):
-        write_atomic(out / layout.file(split, index, name), png_of(sample.layers[name]))
+    for name, layer in sample.layers.items():
+        write_atomic(out / layout.file(split, sample.record["number"], name), png_of(layer))
 
 
 def foreign_to_dataset(folder: Path) -> str | None:
     """Returns the first file in a folder that is not of a dataset, or None."""
     try:
         about = read_json(folder / RECORD)
-        layers = ("image", "labels", *MASKS, "instances", *about["tile_set"]["layers"])
         layout = LAYOUTS[about["settings"]["format"]]
         if "elitelanes_jax" not in about["versions"]:
             return f"{RECORD} of another program"
@@ -121,19 +114,10 @@ def foreign_to_dataset(folder: Path) -> str | None:
         return f"no {RECORD}"
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return f"{RECORD} of another program"
+    layers = ("image", "labels", "instances")
     pictures = [layout.file(split, 0, layer) for split in range(len(SPLITS)) for layer in layers]
     patterns = (re.escape(picture).replace("000000", r"\d{6,}") for picture in pictures)
     return foreign_file(folder, re.compile("|".join([_DESCRIBING, *patterns])).fullmatch)
-
-
-def check_pictures(folder: Path, about: Record) -> Record:
-    """Returns the record of a complete dataset; raises `InputError` if pictures are missing."""
-    for split, count in enumerate(about["pictures"].values()):
-        for layer in ("image", "labels"):
-            files = LAYOUTS[about["settings"]["format"]].file(split, 0, layer).replace("000000", "*")
-            if (found := len(list(folder.glob(files)))) != count:
-                raise InputError(f"{folder}: expected {count:,} files {files}, got {found:,}; force=True draws all")
-    return about
 
 
 _SHORT = ("train", "val", "test")
@@ -143,23 +127,18 @@ def _in_split(text: str, split: int) -> str:
     return text.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
 
 
-def _folder(layer: str) -> str:
-    """Returns the folder of a layer. Further masks of the tile set are apart from those of every dataset."""
-    return layer if layer in ("image", "labels", *MASKS, "instances") else f"layers/{layer}"
-
-
 def _imagefolder_rows(folder: Path, split: int, records: Iterable[Record]) -> Iterator[Record]:
     for record in records:
         names = {
-            f"{_folder(layer).replace('/', '_')}_file_name": f"{_folder(layer)}/{record['number']:06d}.png"
-            for layer in ("image", "labels", *record["layers"], *(["instances"] if "objects" in record else []))
+            f"{layer}_file_name": f"{layer}/{record['number']:06d}.png"
+            for layer in ("image", "labels", *(["instances"] if "objects" in record else []))
         }
         if "objects" in record:  # in columns, by the names that Hugging Face's guides have for boxes
             columns = {"id": "instance", "category": "kind", "bbox": "box"} | dict.fromkeys(("whole", "visible"))
             columns |= {"distance": None} if record.get("camera") else {}
             listed = {name: [one[key or name] for one in record["objects"]] for name, key in columns.items()}
             record = record | {"objects": listed}
-        yield names | {key: value for key, value in record.items() if key != "layers" and value != {}}
+        yield names | {key: value for key, value in record.items() if value != {}}
 
 
 def _coco_note(sample: Sample) -> Record:
@@ -239,7 +218,7 @@ def _write_data(folder: Path) -> None:
 
 LAYOUTS = {
     "imagefolder": Layout(
-        "SPLIT/FOLDER/NUMBER.png",
+        "SPLIT/LAYER/NUMBER.png",
         "# pip install datasets pillow\n"
         "from datasets import load_dataset\n\n"
         'dataset = load_dataset("imagefolder", data_dir="DIR")\n'
@@ -248,37 +227,18 @@ LAYOUTS = {
         "SPLIT/metadata.jsonl",
         _imagefolder_rows,
     ),
-    "mmseg": Layout(
-        "FOLDER/SHORT/NUMBER.png",
-        "from mmseg.datasets import BaseSegDataset\n\n"
-        f"metainfo = dict(classes={LABELS!r})\n"
-        'prefix = dict(img_path="img_dir/SHORT", seg_map_path="ann_dir/SHORT")\n'
-        'dataset = BaseSegDataset(data_root="DIR", img_suffix=".png", data_prefix=prefix, metainfo=metainfo)\n'
-        "print(len(dataset))",
-        folders={"image": "img_dir", "labels": "ann_dir"},
-    ),
     "coco": Layout(
-        "FOLDER/SHORT/NUMBER.png",
+        "LAYER/SHORT/NUMBER.png",
         "from pycocotools.coco import COCO\n\n"
         'coco = COCO("DIR/annotations/SHORT.json")\n'
         "image = coco.loadImgs(coco.getImgIds()[:1])[0]\n"
         'masks = [coco.annToMask(one) for one in coco.loadAnns(coco.getAnnIds(image["id"]))]\n'
         'print(image["file_name"], len(masks))',
-        rows=_coco_rows,
+        "metadata/SHORT.jsonl",
+        _coco_rows,
         folders={"image": "images"},
         note=_coco_note,
         needs="pycocotools",
-    ),
-    "plain": Layout(
-        "SPLIT/NUMBER/LAYER.png",
-        "import json\nfrom pathlib import Path\n\nimport cv2\n\n"
-        'folder = Path("DIR") / "SPLIT"\n'
-        'rows = [json.loads(line) for line in (folder / "metadata.jsonl").open()]\n'
-        'labels = cv2.imread(str(folder / rows[0]["folder"] / "labels.png"), cv2.IMREAD_UNCHANGED)\n'
-        "print(len(rows), labels.shape)",
-        "SPLIT/metadata.jsonl",
-        lambda folder, split, records: ({"folder": f"{record['number']:06d}"} | record for record in records),
-        MASKS,
     ),
 }
 """The layouts, by the names that ``--format`` takes."""

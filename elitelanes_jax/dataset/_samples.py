@@ -1,33 +1,30 @@
 """One sample: a map drawn in one view."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, instance, none_or, whole
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels, shift_points
-from elitelanes_jax.dataset._standing import stand
-from elitelanes_jax.dataset._transforms import Transforms
+from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels, stand
+from elitelanes_jax.dataset._transforms import Transforms, Viewpoints
 from elitelanes_jax.dataset._variation import compress, varies, vary_background, vary_light, vary_motion
-from elitelanes_jax.dataset._viewpoints import Viewpoints
-from elitelanes_jax.dataset._views import View, draw_view, map_points, photograph, warp
+from elitelanes_jax.dataset._views import draw_view, photograph, warp
 from elitelanes_jax.formats.objects import NEAR
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat
 from elitelanes_jax.tiles.pasting import paste_objects
 from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, render
-from elitelanes_jax.tiles.tileset import MASKS, TileSet
+from elitelanes_jax.tiles.tileset import TileSet
 
 
 class Sample(NamedTuple):
     """A drawn sample.
 
     Attributes:
-      layers: uint8 ``[h, w]``, the image ``[h, w, 3]``, by name: image, labels, the masks, and the tile set's own; of
-        a map with objects, uint16 ``[h, w]``, instances.
+      layers: by name: image, uint8 ``[h, w, 3]``; labels, uint8 ``[h, w]``; of a map with objects also instances,
+        uint16 ``[h, w]``.
       record: its metadata, plain values for JSON.
     """
 
@@ -44,7 +41,6 @@ def draw_sample(
     tile_px: int = 64,
     transforms: Transforms = Transforms(),
     camera: Viewpoints | None = None,
-    layers: Sequence[str] = MASKS,
     objects: ObjectSet | None = None,
 ) -> Sample:
     """Draws a map with tiles of a set in one view. All choices depend on `seed` and `index` alone.
@@ -57,41 +53,33 @@ def draw_sample(
       tile_px: side of a tile in pixels.
       transforms: the ranges of views.
       camera: the ranges of views from a robot on the lanes; by default views are from above.
-      layers: the masks beside labels and the tile set's own.
       objects: whose pictures to draw the map's objects with; None to leave them out.
 
     Raises:
       InputError: for a camera on a map without a lane, an object without a picture, or an argument of another type.
     """
-    check_named("road_map", instance(RoadMap), road_map)
     check_named("index", whole(0), index)
-    check_named("transforms", instance(Transforms), transforms)
-    check_named("camera", none_or(instance(Viewpoints)), camera)
     chosen = choose_tiles(road_map.codes, tiles, [seed, index])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
     size = (picture.labels.shape[0], picture.labels.shape[1])
     rng = np.random.default_rng([seed, index, 1])
     view = draw_view(rng, transforms, size)
     ground = tuple(tiles.pictures[-1].image[0, 0].tolist())
-    masks = {name: getattr(picture, name) for name in ("labels", *layers)} | dict(picture.layers)
     things = (road_map.objects or ()) if objects is not None else ()
     pictures = objects.choose(things, [seed, index, 2]) if objects is not None else []
     if camera is None:
         about, near = {}, 0.0
-        seen = {"image": warp(picture.image, view, ground)} | {name: warp(mask, view) for name, mask in masks.items()}
+        seen = {"image": warp(picture.image, view, ground), "labels": warp(picture.labels, view)}
         flat, order = lay_all_flat(things, pictures, tile_px)
         placed = [one._replace(matrix=view.matrix @ one.matrix) for one in flat]
         more: list[dict[str, Plain]] = [{} for _ in order]
-        points = picture.points
     else:
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px)
         view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
         about, near = viewpoint.about, NEAR
-        seen = {"image": see(picture.image, viewpoint, ground)}
-        seen |= {name: see_labels(mask, viewpoint) for name, mask in masks.items()}
+        seen = {"image": see(picture.image, viewpoint, ground), "labels": see_labels(picture.labels, viewpoint)}
         placed, order, distances = stand(things, pictures, viewpoint, tile_px)
         more = [{"distance": distance} for distance in distances]
-        points = {name: shift_points(places, viewpoint) for name, places in picture.points.items()}
     if transforms.background:
         paved = np.kron(road_map.codes != 0, np.ones((tile_px, tile_px), np.uint8))
         sky = np.zeros(view.size, bool) if camera is None else above_horizon(viewpoint)
@@ -130,14 +118,6 @@ def draw_sample(
         "quarter_turns": chosen[..., 1].tolist(),
         "transform": transform,
         **about,
-        "points": {name: _within(map_points(marks, view.matrix), view) for name, marks in points.items()},
-        "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }
     return Sample({**seen, **instances}, {name: value for name, value in metadata.items() if value is not None})
-
-
-def _within(points: NDArray[np.float64], view: View) -> list[list[float]]:
-    height, width = view.size
-    inside = (points >= 0).all(axis=1) & (points <= (width, height)).all(axis=1)
-    return [[float(x), float(y)] for x, y in points[inside]]

@@ -1,4 +1,4 @@
-"""Views of a map: one transform for its picture, its masks and its points (paper, section "Method").
+"""Views of a map: one transform for its picture and its masks (paper, section "Method").
 
 Geometry is one 3 x 3 matrix for all layers, applied by OpenCV's warps: the picture by linear interpolation, masks and
 labels by the nearest pixel, so that their values stay exact. Light, colour, blur and noise change the picture alone.
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric
@@ -124,24 +124,6 @@ def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
         table = np.rint(_NORMAL * view.noise).astype(np.int16)
         image = np.asarray(cv2.add(image, cv2.LUT(grain, table), dtype=cv2.CV_8U), np.uint8)
     return image
-
-
-def map_points(points: ArrayLike, matrix: ArrayLike) -> NDArray[np.float64]:
-    """Maps points ``[N, 2]`` of the plain map to points ``[N, 2]`` of the view with this matrix; NaN behind it.
-
-    Raises `InputError` for points of another shape, or a matrix that is not ``[3, 3]``.
-    """
-    points, matrix = np.asarray(points, np.float64), np.asarray(matrix, np.float64)
-    points = points.reshape(-1, 2) if points.shape in ((0,), (2,)) else points
-    for name, value, expected, fits in (
-        ("points", points, "[N, 2]", points.ndim == 2 and points.shape[1] == 2),
-        ("matrix", matrix, "[3, 3]", matrix.shape == (3, 3)),
-    ):
-        if not fits:
-            raise InputError(f"{name}: expected shape {expected}, got {list(value.shape)}")
-    across = np.column_stack([points, np.ones(len(points))]) @ matrix.T
-    depth = across[:, 2:]
-    return np.asarray(np.where(depth > 0, across[:, :2] / np.where(depth > 0, depth, 1), np.nan))
 
 
 def _shift(x: float, y: float) -> NDArray[np.float64]:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -19,33 +18,24 @@ from elitelanes_jax._util.folders import compare_settings, output_folder, remove
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import count_cores, side_by_side
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._card import sample_sheet, write_card
-from elitelanes_jax.dataset._layouts import (
-    RECORD,
-    Layout,
-    check_pictures,
-    find_layout,
-    foreign_to_dataset,
-    write_sample,
-)
-from elitelanes_jax.dataset._plan import Maps, evolve_maps, given_maps, split_maps
+from elitelanes_jax.dataset._layouts import RECORD, Layout, find_layout, foreign_to_dataset, write_sample
+from elitelanes_jax.dataset._plan import evolve_maps, split_maps
 from elitelanes_jax.dataset._samples import draw_sample
-from elitelanes_jax.dataset._tile_splits import check_given, digest, tiles_by_split
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
-from elitelanes_jax.formats.road_map import as_maps
-from elitelanes_jax.maps.cluster import run_on
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.maps.generation import drawable
-from elitelanes_jax.maps.given import GivenMaps, given
+from elitelanes_jax.maps.given import GivenMaps
 from elitelanes_jax.maps.spec import SPLITS
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.movements import list_movements
 from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 _ON_SHEET = 12
-
-_PICTURES_A_JOB = 64
 
 
 class _Drawing(NamedTuple):
@@ -54,13 +44,17 @@ class _Drawing(NamedTuple):
     Attributes:
       spec: of the dataset.
       maps: of the dataset.
+      tiles: to draw them with.
+      objects: whose pictures to draw the maps' objects with; None to leave them out.
       splits: int ``[samples]``, the split of each sample.
       files: the folder for the pictures.
       records: the folder for the records. A sample is complete when its record exists.
     """
 
     spec: DatasetSpec
-    maps: Maps
+    maps: Sequence[RoadMap]
+    tiles: TileSet
+    objects: ObjectSet | None
     splits: NDArray[np.int_]
     files: Path
     records: Path
@@ -69,12 +63,8 @@ class _Drawing(NamedTuple):
         """Returns the file of a sample's record."""
         return self.records / f"{index // 1000:03d}" / f"{index:06d}.json"
 
-    def waiting(self) -> list[int]:
-        """Returns the indices of the samples that are not complete."""
-        return [index for index in range(len(self.splits)) if not self.record(index).exists()]
-
-    def draw(self, tiles: Sequence[TileSet], objects: ObjectSet | None, index: int) -> None:
-        """Draws a sample with the tiles of its split, and writes its pictures, then its record."""
+    def draw(self, index: int) -> None:
+        """Draws a sample, and writes its pictures, then its record."""
         spec, split, layout = self.spec, int(self.splits[index]), find_layout(self.spec.format)
         road_map = self.maps[index // spec.views]
         if spec.furnish is not None:
@@ -83,34 +73,20 @@ class _Drawing(NamedTuple):
             road_map = check_named(f"furnish: map {index // spec.views}", place, road_map)
         sample = draw_sample(
             road_map,
-            tiles[split],
+            self.tiles,
             index,
             seed=spec.seed,
             tile_px=spec.pixels,
             transforms=spec.transforms,
             camera=spec.camera,
-            layers=layout.layers,
-            objects=objects,
+            objects=self.objects,
         )
         write_sample(sample, layout, split, self.files)
         write_atomic(self.record(index), json.dumps(sample.record | layout.note(sample)).encode())
 
-    def on_worker(self) -> "_Drawing":
-        """Returns the drawing for a process with another current folder."""
-        spec, maps = self.spec, Maps([file.absolute() for file in self.maps.rounds])
-        paths = {"tiles": spec.tiles and spec.tiles.absolute(), "objects": spec.objects and spec.objects.absolute()}
-        files, records = self.files.absolute(), self.records.absolute()
-        return _Drawing(spec.replace(**paths, maps_from=None), maps, self.splits, files, records)
-
 
 def make_dataset(
-    spec: DatasetSpec,
-    out: str | Path,
-    *,
-    workers: int | None = None,
-    force: bool = False,
-    maps: UserValue = None,
-    executor: Executor | None = None,
+    spec: DatasetSpec, out: str | Path, *, workers: int | None = None, force: bool = False
 ) -> dict[str, Plain]:
     """Evolves maps, draws them, and writes them as a dataset.
 
@@ -123,42 +99,34 @@ def make_dataset(
       workers: threads that draw; by default one for each core (see `use_cores`).
       force: whether another dataset in the folder is replaced when this one is complete, if an earlier run wrote all
         files in it. Until then the disk needs room for both.
-      maps: drawn instead of evolved maps, as `as_maps` takes them, with the specification's number and sizes. If there
-        are several splits, no map is another one rotated or mirrored.
-      executor: whose workers search and draw instead of this process, such as `dask_executor`. They share the disk
-        with this process.
 
     Returns:
       The record in ``dataset.json``.
 
     Raises:
-      InputError: for constraints that no map can meet, maps besides those of the specification or that cannot be
-        drawn, a bad tile set, a folder with other files, or a complete dataset that has lost pictures.
+      InputError: for constraints that no map can meet, given maps that cannot be drawn, a bad tile set, or a folder
+        with other files.
       NotEnoughMapsError: if the searches return too few maps.
-      OSError: that names the file, if a file cannot be written; or if a worker fails. The same call resumes.
+      OSError: that names the file, if a file cannot be written. The same call resumes.
     """
     spec, out = check_named("spec", instance(DatasetSpec), spec), Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
     find_layout(spec.format)
-    tiles = load_tiles(spec.tiles, blend=spec.blend)
-    if spec.maps_from is not None and maps is not None:
-        raise InputError("maps: expected none beside the specification's maps_from")
-    own = spec.maps_from if maps is None else given(check_named("maps", as_maps, maps))
+    tiles = load_tiles(spec.tiles)
+    search, own = drawable(spec.search, tiles), spec.maps_from
     if own is not None:
-        check_given(spec, own, tiles)
-    by_split = tiles_by_split(tiles, spec)
-    search = drawable(spec.search, tiles)
-    if own is None:
+        _check_given(spec, own, tiles)
+    else:
         spec.check_search()
-        for shape, count in maps_by_shape(spec).items():
-            search.check_maps(shape, count, exhaustive=True)
+        for shape in maps_by_shape(spec):
+            search.check_maps(shape)
     objects = _objects_of(spec, own)
     identity = _identity(spec, tiles, own, objects)
     settle(out)
     if (out / RECORD).exists():
         try:
             compare_settings(out, out / RECORD, identity, "use another folder, or force=True to replace this one")
-            return check_pictures(out, read_json(out / RECORD))
+            return read_json(out / RECORD)
         except InputError:
             if not force:
                 raise
@@ -167,19 +135,17 @@ def make_dataset(
         out, identity, inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:
         try:
-            _announce(spec, own)
-            maps = evolve_maps(spec, search, work.kept, executor) if own is None else given_maps(own.maps, work.kept)
-            splits = np.repeat(split_maps(spec, maps, by_split[2]), spec.views)
-            drawing = _Drawing(spec, maps, splits, work.files, work.kept / "records")
-            waiting = drawing.waiting()
+            first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
+            sizes = first if first == last else f"{first} to {last}"
+            words = f"{pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
+            announce(f"making a dataset of {words}")
+            maps = evolve_maps(spec, search, work.kept) if own is None else own.maps
+            splits = np.repeat(split_maps(spec, maps), spec.views)
+            drawing = _Drawing(spec, maps, tiles, objects, splits, work.files, work.kept / "records")
+            waiting = [index for index in range(len(splits)) if not drawing.record(index).exists()]
             with Progress("drawing", len(splits), "pictures", done=len(splits) - len(waiting)) as bar:
-                if executor is not None:
-                    shares = [waiting[at : at + _PICTURES_A_JOB] for at in range(0, len(waiting), _PICTURES_A_JOB)]
-                    task = drawing.on_worker(), objects is not None
-                    jobs = {f"pictures {share[0]} to {share[-1]}": (*task, share) for share in shares}
-                    run_on(executor, _draw_share, jobs, bar.count)
+                calls = (partial(drawing.draw, index) for index in waiting)
                 with _one_thread_each():
-                    calls = (partial(drawing.draw, by_split, objects, index) for index in drawing.waiting())
                     side_by_side(calls, workers=workers, ended=lambda _: bar.count())
             return _finish(drawing, identity)
         except (InputError, NotEnoughMapsError):  # the next run has other settings
@@ -187,15 +153,14 @@ def make_dataset(
             raise
 
 
-def _announce(spec: DatasetSpec, own: GivenMaps | None) -> None:
-    first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
-    sizes = first if first == last else f"{first} to {last}"
-    announce(
-        f"making a dataset of {pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
-    )
-    if own is not None and own.repeated:
-        which = "that equals another one" if own.repeated == 1 else "that equal others"
-        announce(f"skipped {pluralize(own.repeated, 'map')} {which} when rotated or mirrored")
+def _check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
+    """Checks that the tiles can draw given maps, and that they have lanes for a camera."""
+    for road_map, name in zip(own.maps, own.names, strict=True):
+        if spec.camera is not None and not len(list_movements(road_map.codes)):
+            raise InputError(f"maps_from: expected maps with lanes, for a camera, got none, {name}")
+        if lacking := set(road_map.codes.flat) - set(tiles.rotations):
+            got = " and ".join(kind for kind, members in KINDS.items() if lacking & set(members))
+            raise InputError(f"maps_from: expected codes that the tile set has pictures for, got {got}, {name}")
 
 
 def _objects_of(spec: DatasetSpec, own: GivenMaps | None) -> ObjectSet | None:
@@ -216,27 +181,16 @@ def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None, objects:
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain() | {"tile_px": spec.pixels}
     del plain["tiles"], plain["objects"], plain["maps_from"]  # the pictures and the maps count, not their paths
-    about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points", "blend")}
+    about = {name: getattr(tiles, name) for name in ("name", "licence", "blend")}
     identity = {
         "settings": plain,
         "given_maps": None if own is None else own.digest,
-        "tile_set": about | {"tiles": digest(tiles)},
+        "tile_set": about | {"tiles": tiles.digest},
         "versions": installed_versions(),
     }
     if objects is not None:
         identity["object_set"] = {"name": objects.name, "pictures": objects.digest}
     return json.loads(json.dumps(identity))
-
-
-def _draw_share(drawing: _Drawing, has_objects: bool, share: Sequence[int]) -> int:
-    """Draws the samples of some indices on a worker; returns their number."""
-    spec = drawing.spec
-    tiles = tiles_by_split(load_tiles(spec.tiles, blend=spec.blend), spec)
-    objects = load_objects(spec.objects) if has_objects else None
-    with _one_thread_each():
-        for index in share:
-            drawing.draw(tiles, objects, index)
-    return len(share)
 
 
 @contextmanager

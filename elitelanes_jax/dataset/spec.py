@@ -6,19 +6,25 @@ from itertools import product
 from math import floor, prod
 from pathlib import Path
 
-from elitelanes_jax._util.checks import flag, instance, is_whole, none_or, one_of, path, switch, whole
+from elitelanes_jax._util.checks import instance, is_whole, none_or, one_of, path, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.dataset._transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
-from elitelanes_jax.dataset._viewpoints import Viewpoints, parse_viewpoints
+from elitelanes_jax.dataset._transforms import (
+    GEOMETRY,
+    STANDARD,
+    Transforms,
+    Viewpoints,
+    parse_transforms,
+    parse_viewpoints,
+)
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.given import GivenMaps, parse_given
 from elitelanes_jax.maps.spec import SPLITS, parse_split
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.search.spec import SearchSpec
 
-LAYOUTS = ("imagefolder", "mmseg", "coco", "plain")
+LAYOUTS = ("imagefolder", "coco")
 """The layouts of a dataset's folder."""
 
 # The longest side that OpenCV warps, and the most pixels that Pillow reads.
@@ -55,8 +61,7 @@ class DatasetSpec(Record):
       size: sides of the maps in tiles, such as 8..14 for squares, or 8..10 12..14 for rows and columns
       split: shares of the maps for training, validation and test
       views: pictures of each map, each with other tile pictures, in another view
-      hold_out_tiles: draw the test from tile pictures that no other split shows
-      format: layout: imagefolder, mmseg, coco or plain
+      format: layout: imagefolder or coco
       transforms: how views of the maps vary: none, standard, varied, quarter-turns, rotation=DEGREES, scale=LOW..HIGH,
         perspective=SHARE, crop=PIXELS, light=, contrast=, colour=SHARE, blur=PIXELS, noise=LEVELS, background=,
         shadow=, vignette=, gamma=, saturation=, warmth=SHARE, motion=PIXELS, compression=SHARE; by default standard
@@ -70,8 +75,6 @@ class DatasetSpec(Record):
       tiles: folder of the tile pictures; by default the package's own
       furnish: objects for each view: all, signs, or amounts such as duckies=6 trees=0.2; by default those of given maps
       objects: folder of the pictures of the maps' objects; by default the package's own
-      blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
-        which is on for photographs
       tile_px: side of a tile in pixels; by default 64, with a camera 256
     """
 
@@ -79,30 +82,16 @@ class DatasetSpec(Record):
     size: Sides = option(((8, 14),), parse_sides, "SIDES", many=True)
     split: tuple[float, float, float] = option((0.8, 0.1, 0.1), parse_split, ("TRAIN", "VALIDATION", "TEST"))
     views: int = option(1, whole(1), "N")
-    hold_out_tiles: bool = option(False, flag, "")
     format: str = option("imagefolder", one_of(*LAYOUTS), "NAME")
     transforms: Transforms = option(STANDARD, parse_transforms, "NAME[=VALUE]", flag="transform", many=True)
     camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
-    search: SearchSpec = option(SearchSpec().with_defaults(evaluations=100_000), instance(SearchSpec))
+    search: SearchSpec = option(SearchSpec(evaluations=100_000), instance(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     objects: Path | None = option(None, none_or(path), "DIR")
-    blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
-
-    def replace(self, **given: UserValue) -> "DatasetSpec":
-        """Returns the record with other values in some fields.
-
-        Raises:
-          InputError: as `Record.replace`, and for the number or the sizes of maps together with `maps_from`.
-        """
-        if given.get("maps_from", self.maps_from) is not None:
-            for name in ("maps", "size"):
-                if name in given:
-                    raise InputError(f"{name}: expected none with given maps, which determine it, got {given[name]!r}")
-        return super().replace(**given)
 
     def check_together(self) -> None:
         """Checks the number of maps against sizes and splits, given cells against sizes, and the crop."""
@@ -120,8 +109,6 @@ class DatasetSpec(Record):
                 few = "maps" if self.maps_from is None else "maps_from"
                 expected = f"enough for one in the {name}, {share:g} of them"
                 raise InputError(f"{few}: expected {expected}, got {self.maps}; a split of 1 0 0 trains on all")
-        if self.hold_out_tiles and not self.split[2]:
-            raise InputError("hold_out_tiles: expected a split with a test, which shows these tiles, got a share of 0")
         if self.camera is not None:
             self._check_camera()
         self._check_pixels()
@@ -171,9 +158,9 @@ class DatasetSpec(Record):
 
     def check_search(self) -> None:
         """Checks that the search can find the maps of each size; raises `InputError` if it cannot."""
-        for shape, count in maps_by_shape(self).items():
+        for shape in maps_by_shape(self):
             self.search.check_on(shape)
-            self.search.check_maps(shape, count)
+            self.search.check_maps(shape)
 
     @property
     def pixels(self) -> int:

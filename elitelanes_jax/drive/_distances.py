@@ -1,14 +1,11 @@
-"""Distances and shortest routes between nodes, in tiles, by relaxation on the whole grid at once."""
-
-from functools import partial
-from typing import NamedTuple
+"""Distances and shortest ways to a node, in tiles, by relaxation on the whole grid at once."""
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
-from elitelanes_jax._util.checks import check_named, none_or, whole
-from elitelanes_jax.drive.lanes import LaneNode, Movement, linked, single
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax.drive.lanes import LaneNode, linked, single
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import EXIT
@@ -118,62 +115,3 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
         return jnp.where(numbers >= far, UNREACHABLE, numbers.astype(jnp.int32))
 
     return plain(reached), plain(jnp.stack(onward(reached)))
-
-
-class Route(NamedTuple):
-    """A way from node to node.
-
-    Attributes:
-      nodes: `LaneNode` with int32 ``[N]``, from the start to the goal, which is then repeated.
-      turns: int32 ``[N]``, the turn taken at each node; `NO_WAY` from the goal on.
-      length: int32, tiles. If no way leads to the goal it is `UNREACHABLE`, and all nodes are the start.
-    """
-
-    nodes: LaneNode
-    turns: Int32[Array, " N"]
-    length: Int32[Array, ""]
-
-    @property
-    def movements(self) -> Movement:
-        """The movements of the route, with int32 ``[N]``; from the goal on with the turn `NO_WAY`."""
-        return Movement(*self.nodes, self.turns)
-
-
-def route(grid: Int[ArrayLike, "H W"], start: LaneNode, goal: LaneNode, *, most: int | None = None) -> Route:
-    """Finds a shortest way; among several the one that turns right first, then the one that goes straight on first.
-
-    Args:
-      grid: integer codes ``[H, W]``.
-      start: a node. If the grid does not have it, the length is `UNREACHABLE`, and so for the goal.
-      goal: a node.
-      most: N, the largest number of nodes; by default 4·H·W, the nodes of a grid. A longer route is cut after N nodes.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`), nodes that are no `LaneNode`, or `most` below 1.
-    """
-    check_named("start", single(LaneNode), start)
-    check_named("goal", single(LaneNode), goal)
-    return _route(check_grid(grid), start, goal, check_named("most", none_or(whole(1)), most))
-
-
-@partial(jax.jit, static_argnames="most")
-def _route(grid: Array, start: LaneNode, goal: LaneNode, most: int | None) -> Route:
-    links = linked(grid)
-    size = 4 * links.size if most is None else most
-    # JAX clamps an index beyond the grid, and would return the length of another node.
-    within = jnp.stack([(part >= 0) & (part < size) for part, size in zip(start, (*links.shape, 4), strict=True)])
-    length = jnp.where(within.all(), distances(links, goal)[start.row, start.column, start.heading], UNREACHABLE)
-    count = jnp.where(length < UNREACHABLE, length, 0)
-    ways = shortest_ways(links, goal).astype(jnp.int32)
-
-    def go(index: Array, carry: tuple[Array, Array, LaneNode]) -> tuple[Array, Array, LaneNode]:
-        nodes, turns, node = carry
-        turn = jnp.where(index < count, ways[node.row, node.column] >> 2 * node.heading & 3, NO_WAY)
-        onward = Movement(*node, jnp.minimum(turn, 2)).next_node
-        there = jax.tree.map(lambda new, old: jnp.where(turn < NO_WAY, new, old), onward, node)
-        return nodes.at[:, index].set(jnp.stack(node)), turns.at[index].set(turn), there
-
-    first = LaneNode(*(jnp.asarray(part, jnp.int32) for part in start))
-    empty = jnp.zeros((3, size), jnp.int32), jnp.full(size, NO_WAY, jnp.int32), first
-    nodes, turns, _ = jax.lax.fori_loop(0, size, go, empty)
-    return Route(LaneNode(*nodes), turns, length)

@@ -47,12 +47,6 @@ def _check_sight(value: UserValue) -> Sight | None:
     raise InputError(f"expected a result of make_sight, or None, got {type(value).__name__}")
 
 
-def _check_ahead(value: UserValue) -> tuple[float, ...]:
-    if not isinstance(value, tuple | list):
-        raise InputError(f"expected tiles ahead, such as (0, 0.25, 0.5), got {value!r}")
-    return tuple(real(0, 1)(distance) for distance in value)
-
-
 @pytree
 @dataclass(frozen=True)
 class LaneDriveParams(Record):
@@ -77,7 +71,6 @@ class LaneDriveParams(Record):
       collision: "terminate" or "cost": whether touching an object terminates the episode; static.
       action: "wheels": the commands of the left and the right wheel; "twist": speed and turn, as shares of the robot's
         top speed and top turn; static.
-      ahead: tiles ahead of the robot, up to 1, at which the lane's curvature is observed; static.
       observe: "lane": offset, heading, speed and curvature ahead; "camera": the picture of `sight`; static.
       sight: the camera and its tiles, from `make_sight`; None for none.
     """
@@ -97,7 +90,6 @@ class LaneDriveParams(Record):
     collision: str = static("terminate", one_of("terminate", "cost"))
     task: str = static("route", one_of("route", "lane"))
     action: str = static("wheels", one_of("wheels", "twist"))
-    ahead: tuple[float, ...] = static((0.0, 0.25, 0.5), _check_ahead)
     observe: str = static("lane", one_of("lane", "camera"))
     sight: Sight | None = option(None, _check_sight)
 
@@ -139,7 +131,7 @@ class LaneDriveObservation(NamedTuple):
       phi: float32, radians turned to the left of the lane.
       speed: float32, metres a second.
       turn: float32, radians a second.
-      curvature: float32 ``[N]``, 1 / tiles, to the left, at the distances ahead.
+      curvature: float32 ``[3]``, 1 / tiles, to the left, at the robot, and 0.25 and 0.5 tile ahead of it.
       image: uint8 ``[rows, columns, 3]``, RGB, the camera's picture.
     """
 
@@ -147,7 +139,7 @@ class LaneDriveObservation(NamedTuple):
     phi: Float[Array, ""] | None
     speed: Float[Array, ""] | None
     turn: Float[Array, ""] | None
-    curvature: Float[Array, " N"] | None
+    curvature: Float[Array, "3"] | None
     image: UInt8[Array, "rows columns 3"] | None = None
 
 
@@ -174,6 +166,8 @@ class LaneDriveInfo(NamedTuple):
     spl: Float[Array, ""]
     collision: Bool[Array, ""] | None = None
 
+
+_AHEAD = (0.0, 0.25, 0.5)  # tiles
 
 _Reader = Callable[[Array, Array], tuple[Array, Array]]  # from row and column to the tile's code and ways
 _Parts = dict[str, Pytree]  # parts of a state, by name
@@ -320,7 +314,7 @@ def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObserva
     if params.observe == "camera" and params.sight is not None:
         image = look_around(state.pose, state.grid, params.sight, state.objects).image
         return LaneDriveObservation(None, None, None, None, None, image)
-    beyond = state.s + jnp.asarray(params.ahead, jnp.float32) > lane_length(state.movement.turn)
+    beyond = state.s + jnp.asarray(_AHEAD, jnp.float32) > lane_length(state.movement.turn)
     curvature = jnp.where(beyond, lane_curvature(state.next_turn), lane_curvature(state.movement.turn))
     return LaneDriveObservation(state.d, state.phi, state.wheels.speed, state.wheels.turn, curvature)
 
@@ -385,3 +379,33 @@ def _turns_of(code: Array, heading: Array) -> Array:
 
 LaneDrive = Environment(_reset, _reset_to_level, _step, _observe, actions=None, action_size=2)
 """The environment; `LaneDriveParams` has its options. An action is two numbers, see `LaneDriveParams.action`."""
+
+_SPEED = 0.3  # metres a second
+_LOOKAHEAD = 0.12  # tiles along the lane, from the point beside the robot to the point that it drives to
+
+
+def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array, "2"]:
+    """Returns the expert's action: to drive at 0.3 m/s along the arc to a point of the lane 0.12 tiles ahead.
+
+    Source: Coulter, "Implementation of the pure pursuit path tracking algorithm", Carnegie Mellon University, 1992.
+
+    Args:
+      state: of the environment.
+      params: of the environment.
+
+    Returns:
+      An action of `LaneDrive`, for either kind.
+    """
+    length = lane_length(state.movement.turn)
+    goal_s = state.s + _LOOKAHEAD
+    onward = Movement(*state.movement.next_node, state.next_turn)
+    here, beyond = lane_point(state.movement, goal_s), lane_point(onward, goal_s - length)
+    target = jax.tree.map(lambda one, other: jnp.where(goal_s > length, other, one), here, beyond)
+    east, north = target.x - state.pose.x, state.pose.y - target.y
+    cosine, sine = jnp.cos(state.pose.theta), jnp.sin(state.pose.theta)
+    ahead, left = east * cosine + north * sine, north * cosine - east * sine
+    curvature = 2 * left / jnp.maximum(ahead * ahead + left * left, 1e-6)
+    turn = _SPEED * curvature / TILE
+    if params.action == "twist":
+        return jnp.clip(jnp.stack([_SPEED / params.robot.top_speed, turn / params.robot.top_turn]), -1, 1)
+    return to_wheels(_SPEED, turn, params.robot)

@@ -1,4 +1,4 @@
-"""Levels: a map with a start and a goal, as arrays that environments carry, and their checks."""
+"""Levels: a map with a start and a goal, as arrays that environments carry."""
 
 from typing import NamedTuple
 
@@ -8,14 +8,13 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive._objects import Objects, make_objects
 from elitelanes_jax.drive.lanes import LaneNode, linked
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.network.bits import check_key, randint, random_bits
-from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.movements import list_movements
 
@@ -38,24 +37,6 @@ class Level(NamedTuple):
     shortest: Int32[Array, ""]
     ways: UInt8[Array, "H W"]
     objects: Objects | None = None
-
-
-def make_level(grid: Int[Array | np.ndarray, "H W"], start: LaneNode, goal: LaneNode) -> Level:
-    """Makes a level, also one that `check_level` refuses."""
-    links = linked(grid)
-    start, goal = check_named("start", _check_node, start), check_named("goal", _check_node, goal)
-    shortest = distances(links, goal)[start.row, start.column, start.heading]
-    return Level(links, start, goal, shortest, shortest_ways(links, goal))
-
-
-def _check_node(node: UserValue) -> LaneNode:
-    try:
-        parts = [jnp.asarray(part) for part in node]
-    except (TypeError, ValueError):
-        parts = []
-    if len(parts) != 3 or not all(jnp.issubdtype(part.dtype, jnp.integer) for part in parts):
-        raise InputError(f"expected a row, a column and a heading, whole numbers, got {shorten(repr(node))}")
-    return LaneNode(*(part.astype(jnp.int32) for part in parts))
 
 
 def random_level(
@@ -118,7 +99,7 @@ def make_levels(
       most: tiles from the start to the goal, 1 or more.
 
     Returns:
-      A batch of N levels with the objects of the maps. `check_level` accepts each.
+      A batch of N levels with the objects of the maps. In each a way leads from the start to the goal.
 
     Raises:
       InputError: for anything but a key, a bad grid, grids of several sizes, a map without any lane, or a number out
@@ -142,67 +123,6 @@ def make_levels(
 @jax.jit
 def _random_levels(keys: Array, grids: Array, least: Numeric, most: Numeric) -> Level:
     return jax.vmap(lambda key, grid: random_level(key, grid, least=least, most=most))(keys, grids)
-
-
-def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
-    """Checks a level, or a batch of levels, and returns it.
-
-    Compiled code cannot raise. There a bad level does no harm, but its results mean nothing. Without a lane at the
-    start the episode ends with the first step. A goal off the road or out of reach is never reached. Wrong values of
-    `shortest` and `ways` lead to wrong values in `info` and wrong routes.
-
-    Args:
-      level: one, or a batch with N in front of every shape.
-      shape: the expected (height, width), such as that of the other levels of a batch.
-
-    Raises:
-      InputError: the message names the level, the field, what was expected and what came.
-    """
-    if not isinstance(level, Level):
-        raise InputError(f"level: expected one of make_level, or a batch of make_levels, got {shorten(repr(level))}")
-    grids = np.asarray(level.grid)
-    if grids.ndim not in (2, 3):
-        raise InputError(f"level.grid: expected [H, W] or [N, H, W], got shape {grids.shape}")
-    single = grids.ndim == 2
-    batch: Level = jax.tree.map(lambda part: np.asarray(part)[None] if single else np.asarray(part), level)
-    if shape is not None and grids.shape[-2:] != tuple(shape):
-        expected, got = (f"{height} x {width}" for height, width in (shape, grids.shape[-2:]))
-        raise InputError(f"level.grid: expected {expected} tiles, got {got}")
-    lengths = {np.shape(part)[:1] for part in jax.tree.leaves(batch)}
-    if len(lengths) > 1 or batch.ways.shape != batch.grid.shape:
-        raise InputError(f"level: expected equally many grids, starts and goals, got {sorted(map(str, lengths))}")
-    made = jax.device_get(_remake(batch.grid, batch.start, batch.goal))
-    for index in range(len(batch.grid)):
-        one, again = (jax.tree.map(lambda part, index=index: part[index], tree) for tree in (batch, made))
-        _check_one("level" if single else f"level[{index}]", one, again)
-    return level
-
-
-_remake = jax.jit(jax.vmap(make_level))
-
-
-def _check_one(name: str, level: Level, made: Level) -> None:
-    check_named(f"{name}.grid", check_grid, level.grid)
-    for row, column in np.argwhere(level.grid != made.grid):
-        raise InputError(
-            f"{name}.grid: expected connections that the neighbour returns, got another at row {row}, column {column}"
-        )
-    for field in ("start", "goal"):
-        row, column, heading = (int(part) for part in getattr(level, field))
-        height, width = level.grid.shape
-        inside = 0 <= row < height and 0 <= column < width and 0 <= heading < 4
-        if not inside or not level.grid[row, column] & SIDES[heading].opposite:
-            raise InputError(
-                f"{name}.{field}: expected a tile of the road and a heading with which it can be entered, got row "
-                f"{row}, column {column}, heading {heading}"
-            )
-    if not 0 < made.shortest < UNREACHABLE:
-        got = "its start" if made.shortest == 0 else "one that no way leads to"
-        raise InputError(f"{name}.goal: expected a node ahead that can be reached from the start, got {got}")
-    if level.shortest != made.shortest:
-        raise InputError(f"{name}.shortest: expected {made.shortest}, the distance, got {level.shortest}")
-    if (level.ways != made.ways).any():
-        raise InputError(f"{name}.ways: expected the result of shortest_ways")
 
 
 def check_batch(levels: UserValue) -> Level:

@@ -102,15 +102,12 @@ class RoadNavInfo(NamedTuple):
       shortest: int32, the tiles of a shortest way.
       spl: float32, success times shortest / driven (Anderson et al., "On evaluation of embodied navigation agents",
         2018).
-      regret: float32, the return of a shortest way minus the return so far, both without discount. At success it is
-        `tile_cost` times the additional tiles driven.
     """
 
     success: Bool[Array, ""]
     tiles: Int32[Array, ""]
     shortest: Int32[Array, ""]
     spl: Float[Array, ""]
-    regret: Float[Array, ""]
 
 
 @name_wrong_arguments
@@ -165,14 +162,8 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
     success &= node.heading == goal.heading
     stuck = ~success & (jnp.asarray(CONNECTIONS)[grid[node.row, node.column]] < 2)
     earned = jnp.where(success, params.goal_reward, 0) - jnp.where(stuck, params.stuck_cost, 0)
-    best = params.goal_reward - params.tile_cost * state.shortest
-    info = RoadNavInfo(
-        success,
-        tiles,
-        state.shortest,
-        spl=jnp.where(success, state.shortest / tiles, 0).astype(jnp.float32),
-        regret=jnp.asarray(best - (earned - params.tile_cost * tiles), jnp.float32),
-    )
+    spl = jnp.where(success, state.shortest / tiles, 0).astype(jnp.float32)
+    info = RoadNavInfo(success, tiles, state.shortest, spl)
     terminated = success | stuck
     seen = _observe(after, params)
     reward = jnp.asarray(earned - params.tile_cost, jnp.float32)

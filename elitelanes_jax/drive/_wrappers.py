@@ -1,4 +1,4 @@
-"""The environments by name, and in the interfaces of Gymnax, JaxUED and Gymnasium.
+"""The environments by name, and in the interfaces of Gymnax and Gymnasium.
 
 This module imports none of these libraries.
 
@@ -19,9 +19,9 @@ from elitelanes_jax._util.checks import check_named, is_whole, one_of, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
-from elitelanes_jax.drive._environment import Environment, auto_reset, draw_level
+from elitelanes_jax.drive._environment import Environment, auto_reset
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
-from elitelanes_jax.drive._levels import Level, make_levels
+from elitelanes_jax.drive._levels import make_levels
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 
 _ENVIRONMENTS: dict[str, tuple[Environment, type[RoadNavParams | LaneDriveParams]]] = {
@@ -163,35 +163,6 @@ class GymnaxEnv:
         return flatten(done.observation), done.state, done.reward, *ended, info
 
 
-class JaxUedEnv:
-    """The interface of JaxUED's `UnderspecifiedEnv`: levels are given, and a step never resets."""
-
-    def __init__(self, environment: Environment, params: Pytree, spaces: Untyped) -> None:
-        """Wraps an environment; see `GymnaxEnv` for the arguments and errors."""
-        self._environment, self._spaces = environment, _makers(params, spaces)
-        self.default_params = params
-
-    def reset_to_level(self, key: Key[Array, ""], level: Level, params: Pytree = None) -> tuple[Array, Pytree]:
-        """Starts an episode on a level: (observation, state)."""
-        given = self.default_params if params is None else params
-        observation, state = self._environment.reset_to_level(key, level, given)
-        return flatten(observation), state
-
-    def step(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
-        """Makes a step: (observation, state, reward, done, info)."""
-        done = self._environment.step(key, state, action, self.default_params if params is None else params)
-        info = done.info._asdict() | {"truncated": done.truncated}
-        return flatten(done.observation), done.state, done.reward, done.terminated | done.truncated, info
-
-    def sample_level(self, key: Key[Array, ""]) -> Level:
-        """Draws one of the parameters' levels, as JaxUED's level generators do; the key is consumed."""
-        return draw_level(key, self.default_params.levels)
-
-    def action_space(self, params: Pytree = None) -> Untyped:
-        """Returns the space of actions."""
-        return _action_space(self._environment, self._spaces)
-
-
 def _numpy(tree: Pytree) -> Pytree:
     return jax.tree.map(np.array, jax.device_get(tree))
 
@@ -243,81 +214,3 @@ def gymnasium_env(
             return None if draw is None else np.asarray(draw(self._state))
 
     return Env()
-
-
-def gymnasium_vector_env(
-    environment: Environment,
-    params: Pytree,
-    gymnasium: Untyped,
-    count: int,
-    *,
-    render: Callable[[Pytree], NDArray[np.uint8]] | None = None,
-) -> Untyped:
-    """Makes a vector environment of Gymnasium, which resets in the step that ends an episode.
-
-    Args:
-      environment: `RoadNav` or `LaneDrive`.
-      params: its options.
-      gymnasium: the module ``gymnasium``.
-      count: B, the number of environments.
-      render: takes the state of one environment and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is
-        "rgb_array", and `render` returns a picture of each.
-
-    Raises:
-      InputError: for options or a number out of their range, or another module.
-    """
-    _check(params, gymnasium, "gymnasium", "gymnasium", "Env")
-    count = check_named("count", whole(1), count)
-    resetting, draw = auto_reset(environment), render
-
-    def first(key: Array) -> Pytree:
-        observation, state = environment.reset(key, params)
-        return flatten(observation), state
-
-    def step(key: Array, state: Pytree, action: Pytree) -> Pytree:
-        done = resetting.step(key, state, action, params)
-        seen = flatten(done.observation), flatten(done.reached)
-        return done.state, (*seen, done.reward, done.terminated, done.truncated, done.info._asdict())
-
-    begin, go = jax.jit(jax.vmap(first)), jax.jit(jax.vmap(step))
-    batched = gymnasium.vector.utils.batch_space
-
-    class VectorEnv(gymnasium.vector.VectorEnv):
-        """The environments."""
-
-        num_envs = count
-        metadata = {  # noqa: RUF012
-            "autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP,
-            "render_modes": ["rgb_array"],
-            "render_fps": 30,
-        }
-        render_mode = None if draw is None else "rgb_array"
-        single_action_space = _action_space(environment, gymnasium.spaces)
-        single_observation_space = _observation_space(environment, params, gymnasium.spaces)
-        action_space = batched(single_action_space, count)
-        observation_space = batched(single_observation_space, count)
-
-        def _keys(self) -> Array:
-            return jax.random.split(jax.random.key(int(self.np_random.integers(2**31))), count)
-
-        def reset(self, *, seed: Untyped = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
-            super().reset(seed=seed)
-            observation, self._states = begin(self._keys())
-            return _numpy(observation), {}
-
-        def step(self, actions: Pytree) -> tuple[Pytree, Pytree, Pytree, Pytree, dict[str, Untyped]]:
-            self._states, outcome = go(self._keys(), self._states, jnp.asarray(actions))
-            observation, reached, reward, terminated, truncated, info = _numpy(outcome)
-            ended = terminated | truncated
-            final = np.full(count, None, object)
-            for index in np.flatnonzero(ended):
-                final[index] = reached[index]
-            return observation, reward, terminated, truncated, info | {"final_obs": final, "_final_obs": ended}
-
-        def render(self) -> Untyped:
-            if draw is None:
-                return None
-            every = [jax.tree.map(lambda part, index=index: part[index], self._states) for index in range(count)]
-            return tuple(np.asarray(draw(state)) for state in every)
-
-    return VectorEnv()

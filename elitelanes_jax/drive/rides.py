@@ -1,7 +1,6 @@
 """Rides of a robot across a map, as a film of its camera next to the map, or as trails on the map."""
 
 import errno
-import json
 import runpy
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -23,13 +22,11 @@ from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
 from elitelanes_jax.drive._environment import Transition
-from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
+from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams, pure_pursuit
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
-from elitelanes_jax.drive._pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.lanes import Movement, Pose, lane_point, linked
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.formats.rides import MOST_POSES, RIDES
 from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
@@ -315,20 +312,6 @@ def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     animation.durations = [1000 * _GIF_STEP // _RATE] * len(animation.frames)
     file.write_bytes(cv2.imencodeanimation(".gif", animation)[1].tobytes())
     return len(animation.frames)
-
-
-def rides_to_json(grid: ArrayLike, rides: Rides) -> str:
-    """Returns rides for `read_rides`: the map, and the poses of each ride, 30 per second, `MOST_POSES` at most."""
-    poses = int(rides.steps.sum()) + len(rides.steps)
-    if poses > MOST_POSES:
-        raise InputError(f"rides: expected at most {MOST_POSES} poses, got {poses}")
-    listed = []
-    for index, steps in enumerate(rides.steps.tolist()):
-        tracks = {name: getattr(rides, name)[index, : steps + 1] for name in ("x", "y", "theta")}
-        goal = [int(part[index]) for part in (rides.levels.goal.row, rides.levels.goal.column)]
-        ride = {"goal": goal, "success": bool(rides.success[index])}
-        listed.append(ride | {name: np.round(values.astype(float), 4).tolist() for name, values in tracks.items()})
-    return json.dumps({"format": RIDES, "rate": _RATE, "codes": np.asarray(grid).tolist(), "rides": listed}) + "\n"
 
 
 def _goals(levels: Level) -> NDArray[np.float32]:

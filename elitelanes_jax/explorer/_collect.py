@@ -5,10 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from elitelanes_jax._util.checks import check_named, instance, none_or, whole
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
@@ -20,37 +17,31 @@ from elitelanes_jax.explorer._finds import (
     read_archive,
     read_run,
     setting,
-    with_rides,
 )
 from elitelanes_jax.explorer._payload import Payload, pack
-from elitelanes_jax.formats.rides import RecordedRide, read_rides
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 if TYPE_CHECKING:
-    from elitelanes_jax.search.result import Result
+    pass
 
 
 def collect(
     what: UserValue,
     *,
     tiles: str | Path | TileSet | None = None,
-    blend: bool | None = None,
     tile_px: int = 64,
-    title: str | None = None,
 ) -> Payload:
     """Collects a result, maps, or files of runs and maps, to be shown.
 
     Args:
-      what: a `Result`; a map or several, as `as_maps` takes them; or a path or several. A path is the folder of a run
-        of `generate` or `pick`, a folder of such folders, an archive, a file of maps, or a file of rides of `drive`.
+      what: a `Result`; a map or several, as `as_maps` takes them; a mapping from names to these, to show several side
+        by side; or a path or several. A path is the folder of a run of `generate` or `pick`, a folder of such folders,
+        an archive, or a file of maps.
       tiles: a tile set or its folder; by default the first run's. If it is not found, the package's own
         is used, with a line on standard error. A relative path in a run's record is searched from here, then from each
         folder above the run.
-      blend: whether to blend the tiles (see `tiles.blend`); by default as in the first run that records it, otherwise
-        as the tile set says.
       tile_px: side of a tile's picture in pixels, 16 to 512.
-      title: of the page.
 
     Raises:
       InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of another kind, and
@@ -58,45 +49,35 @@ def collect(
     """
     given: UserValue = what
     check_named("tile_px", whole(16, 512), tile_px)
-    if hasattr(given, "elites") and hasattr(given, "axes"):
-        name = title or "result"
-        return pack([from_result(given, name)], _load_tiles(tiles, blend), tile_px, name)
-    alone = isinstance(given, RoadMap | str | Path) or not isinstance(given, Iterable)
-    listed = [given] if alone else list(given)
+    if _is_result(given):
+        given = {"result": given}
+    if isinstance(given, RoadMap | str | Path):
+        given = [given]
+    if not isinstance(given, Iterable):
+        raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
+    listed = given if isinstance(given, Mapping) else list(given)
     if not listed:
         raise InputError("what: expected a Result, maps, or paths of runs and maps, got nothing")
-    if all(isinstance(one, RoadMap) for one in listed):
-        return pack(of_maps(listed, ""), _load_tiles(tiles, blend), tile_px, title or "")
-    if all(isinstance(one, str | Path) for one in listed):
-        return _collect_files([Path(one) for one in listed], tiles, blend, tile_px, title)
-    if any(hasattr(one, "elites") for one in listed):
-        raise InputError("what: expected one Result, got several; page_of(collect_results(...)) shows several by name")
-    if alone:
-        raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
-    maps = check_named("what", as_maps, listed)
-    return pack(of_maps(maps, ""), _load_tiles(tiles, blend), tile_px, title or "")
-
-
-def collect_results(results: "Mapping[str, Result | Iterable[RoadMap]]", *, seeds: int | None = None) -> Payload:
-    """Collects results of searches, and maps of other methods, by name; of each result the first `seeds` seeds."""
+    if not isinstance(listed, Mapping):
+        if all(isinstance(one, str | Path) for one in listed):
+            return _collect_files([Path(one) for one in listed], tiles, tile_px)
+        if any(map(_is_result, listed)):
+            raise InputError("what: expected one Result, or several by name, got a list of them")
+        return pack(of_maps(check_named("what", as_maps, listed), ""), _load_tiles(tiles), tile_px, "")
     runs: list[Finds] = []
-    check_named("seeds", none_or(whole(1)), seeds)
-    for name, one in check_named("results", instance(Mapping), results).items():
-        if hasattr(one, "elites") and hasattr(one, "axes"):
-            runs.append(from_result(one, name, seeds))
-        else:
-            runs += of_maps(check_named(f"results: {name}", as_maps, one), name)
-    if not runs:
-        raise InputError("results: expected at least one, got none")
-    return pack(runs, load_tiles(), 64, "")
+    for name, one in listed.items():
+        found = check_named(f"what: {name}", as_maps, one) if not _is_result(one) else None
+        runs += [from_result(one, name)] if found is None else of_maps(found, name)
+    return pack(runs, _load_tiles(tiles), tile_px, runs[0].name if len(runs) == 1 else "")
 
 
-def _collect_files(
-    sources: Sequence[Path], tiles: str | Path | TileSet | None, blend: bool | None, tile_px: int, title: str | None
-) -> Payload:
+def _is_result(value: UserValue) -> bool:
+    return hasattr(value, "elites") and hasattr(value, "axes")
+
+
+def _collect_files(sources: Sequence[Path], tiles: str | Path | TileSet | None, tile_px: int) -> Payload:
     runs: list[Finds] = []
     maps: list[tuple[str, RoadMap]] = []
-    driven: list[tuple[str, NDArray[np.int8], list[RecordedRide]]] = []
     own: Path | None = None
     for source in sources:
         if source.is_dir():
@@ -105,26 +86,21 @@ def _collect_files(
                 own = own or _find_tiles(folder, runs[-1])
         elif source.suffix == ".npz":
             runs.append(read_archive(source, source.stem))
-        elif (rides := read_rides(source)) is not None:
-            driven.append((str(source), *rides))
         else:
             found = read_maps(source)
             names = [str(source)] if len(found) == 1 else [f"{source} {index}" for index in range(len(found))]
             maps += zip(names, found, strict=True)
-    grids = [grid for run in runs for grid in run.grids] + [road_map.codes for _, road_map in maps]
-    maps += [(name, RoadMap(grid)) for name, grid, _ in driven if not any(np.array_equal(grid, one) for one in grids)]
     names = _distinct_names([run.name for run in runs])
     runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
-    blended = next((one for run in runs if isinstance(one := setting(run, "blend"), bool)), None)
     if tiles is None and own is None and (lost := next(filter(None, (setting(run, "tiles") for run in runs)), None)):
         announce(f"{lost}: expected the tile pictures of the run, got none; the package's own are shown; see --tiles")
-    tile_set = _load_tiles(own if tiles is None else tiles, blended if blend is None else blend)
-    heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
-    return pack([with_rides(run, driven) for run in (*runs, *by_size(maps))], tile_set, tile_px, heading)
+    tile_set = _load_tiles(own if tiles is None else tiles)
+    heading = runs[0].name if len(runs) == 1 and not maps else ""
+    return pack([*runs, *by_size(maps)], tile_set, tile_px, heading)
 
 
-def _load_tiles(tiles: str | Path | TileSet | None, blend: bool | None) -> TileSet:
-    return tiles if isinstance(tiles, TileSet) else load_tiles(tiles, blend=blend)
+def _load_tiles(tiles: str | Path | TileSet | None) -> TileSet:
+    return tiles if isinstance(tiles, TileSet) else load_tiles(tiles)
 
 
 def _run_folders(folder: Path) -> list[Path]:

@@ -13,7 +13,6 @@ from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
-from elitelanes_jax.formats.rides import RecordedRide
 from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.fitness import fitness as weighted_sum
@@ -44,7 +43,6 @@ class Finds(NamedTuple):
     labels: tuple[str, ...] | None = None  # a name for each grid, or None
     # The chosen maps: the index of each among the grids, its name, and the map itself.
     maps: tuple[tuple[int, str, RoadMap], ...] = ()
-    rides: tuple[tuple[int, RecordedRide], ...] = ()  # on maps, each with the index of its map
     history: "History | None" = None  # of the run
     usual_fitness: bool = True  # whether the fitness is the weighted sum of features plus the penalty of ranges
     # The proven minimum of the usual fitness by cyclomatic number, None if none is known.
@@ -52,23 +50,18 @@ class Finds(NamedTuple):
     record: Mapping[str, Plain] = {}  # of the run, to be shown
 
 
-def from_result(result: "Result", name: str, seeds: int | None = None) -> Finds:
-    """Returns the elites and the history of a result, of all seeds or of the first `seeds`."""
+def from_result(result: "Result", name: str) -> Finds:
+    """Returns the elites and the history of a result."""
     elites = result.elites
     single = elites.valid.ndim == 1
-    some = slice(None if single else seeds)
     valid, fitness, grids, descriptor = (
-        np.asarray(array)[None] if single else np.asarray(array)[some]
+        np.asarray(array)[None] if single else np.asarray(array)
         for array in (elites.valid, elites.fitness, elites.grids, elites.descriptor)
     )
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
     seed, _ = np.nonzero(valid)
-    history = result.history
-    if not single:
-        seeded = ("best_fitness", "elite_count", "refused")
-        history = history._replace(**{name: getattr(history, name)[:seeds] for name in seeded})
-    alphabet, usual = result.spec.alphabet, has_usual_fitness(result)
+    alphabet, usual = result.spec.alphabet, _has_usual_fitness(result)
     return Finds(
         name,
         grids[valid],
@@ -79,15 +72,15 @@ def from_result(result: "Result", name: str, seeds: int | None = None) -> Finds:
         result.spec.all_weights._asdict() | dict(result.spec.weights),
         None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
         niche=np.asarray(niche_index(descriptor[valid], result.axes), np.int32),
-        features={name: np.asarray(one)[some].reshape(valid.shape)[valid] for name, one in elites.features.items()},
-        history=history,
+        features={name: np.asarray(one).reshape(valid.shape)[valid] for name, one in elites.features.items()},
+        history=result.history,
         usual_fitness=usual,
         floors=_floors(result, (grids.shape[2], grids.shape[3])) if usual else None,
         record={"settings": {"search": result.spec.to_plain()}},
     )
 
 
-def has_usual_fitness(result: "Result") -> bool:
+def _has_usual_fitness(result: "Result") -> bool:
     """Returns whether the fitness of a result is the weighted sum of features plus the penalty of ranges.
 
     A result does not say whether a user gave the fitness, so the function computes the sum and compares it.
@@ -204,17 +197,6 @@ def _with_chosen(run: Finds, chosen: Sequence[tuple[str, RoadMap]]) -> Finds:
         if found is not None:
             maps.append((found, name, road_map))
     return run._replace(maps=tuple(maps))
-
-
-def with_rides(run: Finds, driven: Sequence[tuple[str, NDArray[np.int8], list[RecordedRide]]]) -> Finds:
-    found = [
-        (int(index), ride)
-        for _, grid, rides in driven
-        if grid.shape == run.grids.shape[1:]
-        for index in np.flatnonzero((run.grids == grid).all(axis=(1, 2)))
-        for ride in rides
-    ]
-    return run._replace(rides=tuple(found))
 
 
 def setting(run: Finds, name: str) -> Plain:

@@ -105,10 +105,6 @@ def _run_values(run: Finds, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
         "features": {name: blob.add(values, "int32") for name, values in run.features.items()},
         "labels": run.labels,
         "maps": [_map_values(elite, name, road_map, tiles, blob) for elite, name, road_map in run.maps],
-        "rides": [
-            {"elite": elite, "goal": ride.goal, "success": ride.success, "poses": blob.add(ride.poses, "float32")}
-            for elite, ride in run.rides
-        ],
         "history": None if run.history is None else _history_values(run.history, blob),
         "usual_fitness": run.usual_fitness,
         "floors": None if run.floors is None else list(run.floors.items()),

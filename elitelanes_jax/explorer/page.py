@@ -23,20 +23,16 @@ def explore(
     out: str | Path,
     *,
     tiles: str | Path | None = None,
-    blend: bool | None = None,
     tile_px: int = 64,
-    title: str | None = None,
     force: bool = False,
 ) -> int:
     """Writes the page of a result, of maps, or of files of runs and maps, whole or not at all.
 
     Args:
-      what: a `Result`, a map or several, or a path or several; see `collect`.
+      what: a `Result`, a map or several, a mapping from names to these, or a path or several; see `collect`.
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
-      blend: whether to blend the tiles; see `collect`.
       tile_px: side of a tile's picture in pixels, 16 to 512.
-      title: of the page.
       force: whether an earlier page is replaced.
 
     Returns:
@@ -49,7 +45,7 @@ def explore(
     """
     out = Path(check_named("out", file_named(".html"), out))
     _check_out(out, force)
-    content = page_of(collect(what, tiles=tiles, blend=blend, tile_px=tile_px, title=title)).encode()
+    content = page_of(collect(what, tiles=tiles, tile_px=tile_px)).encode()
     with nullcontext() if force else never_replacing(out):
         write_atomic(out, content)
     return len(content)

@@ -1,10 +1,8 @@
-from .cluster import dask_executor as dask_executor
 from .exporting import FormatOptions as FormatOptions
 from .furnishing.placing import furnish as furnish
 from .furnishing.spec import FurnishSpec as FurnishSpec
 from .generation import generate as generate
 from .packing import pack as pack
-from .parts import generate_on as generate_on
 from .parts import merge as merge
 from .picking import pick as pick
 from .spec import GenerateSpec as GenerateSpec

@@ -1,7 +1,7 @@
 """The files of a folder of maps: each map with its picture and its masks, and a sheet with all of them."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,8 +29,8 @@ RECORD = "run.json"
 # The longer side of a map on the contact sheet, in pixels, and the range of a tile's side.
 _SHEET_PX, _SHEET_TILE_PX = 288, (16, 96)
 
-# Files of pictures with points, and with objects.
-_SOMETIMES = ("points.json", "instances.png")
+# The files of a rendered map. A map with objects also has instances.png.
+_PICTURES = tuple(f"{name}.png" for name in ("image", *MASKS, "labels"))
 
 
 def write_maps(
@@ -74,26 +74,22 @@ def foreign_to_maps(folder: Path) -> str | None:
     """Returns the first file in a folder that `generate` and `pick` did not write, or None."""
     try:
         run = read_json(folder / RECORD)
-        names = "|".join(map(re.escape, ("map.json", *_picture_files(run["tile_set"].get("layers", ())))))
         if "elitelanes_jax" not in run["versions"]:
             return f"{RECORD} of another program"
     except FileNotFoundError:
         return f"no {RECORD}"
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return f"{RECORD} of another program"
+    names = "|".join(map(re.escape, ("map.json", *_PICTURES, "instances.png")))
     own = re.compile(rf"run\.json|archive\.npz|explore\.html|contact-sheet\.png|maps/\d{{4,}}/({names})")
     return foreign_file(folder, own.fullmatch)
 
 
-def foreign_to_picture(folder: Path, layers: Iterable[str]) -> str | None:
-    """Returns the first file in a folder that `render` did not write with a tile set's layers, or None."""
-    names = {*_picture_files(layers), "overlay.png"}
-    missing = [name for name in _picture_files(()) if name not in _SOMETIMES and not (folder / name).is_file()]
+def foreign_to_picture(folder: Path) -> str | None:
+    """Returns the first file in a folder that `render` did not write, or None."""
+    names = {*_PICTURES, "instances.png", "overlay.png"}
+    missing = [name for name in _PICTURES if not (folder / name).is_file()]
     return foreign_file(folder, names.__contains__) or (f"no {missing[0]}" if missing else None)
-
-
-def _picture_files(layers: Iterable[str]) -> list[str]:
-    return [*(f"{name}.png" for name in ("image", *MASKS, "labels", *layers)), *_SOMETIMES]
 
 
 def _caption(index: int, road_map: RoadMap) -> tuple[str, ...]:

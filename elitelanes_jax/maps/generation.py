@@ -1,7 +1,6 @@
 """From a specification to a folder of road maps: the search, the chosen maps, their files, and the run's record."""
 
 import time
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +14,7 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluraliz
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.packages import installed_versions
-from elitelanes_jax._util.progress import Progress, announce, detail
+from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
@@ -23,16 +22,12 @@ from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps, write_m
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.optimizers.presets import config_to_plain
-from elitelanes_jax.problem.qd_metrics import coverage, qd_score
+from elitelanes_jax.problem.archive import coverage, qd_score
 from elitelanes_jax.search.evolution import compile_search, evolve
-from elitelanes_jax.search.like import difference_from
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.selection import Choice
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
-
-DIFFERENCE = "difference_from_examples"
-"""The metric of maps like example maps: the share of cells in which a map differs from the nearest example map."""
 
 # The seconds between two checkpoints, and of the shortest search whose checkpoint is kept while maps are drawn.
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
@@ -98,9 +93,9 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
 
 def plan_run(spec: GenerateSpec) -> Run:
     """Loads the tiles of a run and checks its search; raises `InputError`."""
-    tiles = load_tiles(spec.tiles, blend=spec.blend)
+    tiles = load_tiles(spec.tiles)
     search = drawable(spec.search, tiles).on(spec.size)
-    search.check_maps(spec.size, 1 if spec.at_most else spec.maps, exhaustive=True)
+    search.check_maps(spec.size)
     return Run(spec, search, tiles)
 
 
@@ -144,8 +139,7 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
             f"{pluralize(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, {search.method}, "
             f"{pluralize(spec.seeds, 'seed')}, {_budget(search)}, seed {spec.seed}"
         )
-        maps = [_with_difference(one, search) if search.like else one for one in choice.maps]
-        maps = write_maps(folder, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
+        maps = write_maps(folder, choice.maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
     result.save(folder / ARCHIVE, state=False, seed=spec.seed)
     seconds = {"evolve": evolved.seconds + chosen - start, "draw": time.perf_counter() - chosen}
     about = {
@@ -177,7 +171,6 @@ def choose_maps(result: Result, count: int, at_most: bool, hint: str | None = No
     """
     with Progress("choosing maps"):
         choice = result.choose(count, **options)
-    detail(choice.describe(count))
     if len(choice.maps) < (1 if at_most else count):
         height, width = result.elites.grids.shape[-2:]
         hint = hint or choice.hint(result.spec.method, (height, width))
@@ -190,7 +183,7 @@ def describe_source(tiles: TileSet, result: Result, choice: Choice | None) -> di
     chosen = choice and {"elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}}
     return {
         "config": result.config and config_to_plain(result.config),
-        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers", "blend")},
+        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "blend")},
         "axes": [axis._asdict() for axis in result.axes],
         **(chosen or {}),
     }
@@ -199,8 +192,3 @@ def describe_source(tiles: TileSet, result: Result, choice: Choice | None) -> di
 def _budget(search: SearchSpec) -> str:
     evaluations = search.generations is None
     return f"{search.evaluations:,} evaluations" if evaluations else f"{search.generations:,} generations"
-
-
-def _with_difference(road_map: RoadMap, search: SearchSpec) -> RoadMap:
-    difference = round(difference_from(road_map.codes, search.like), 3)
-    return replace(road_map, metrics={**(road_map.metrics or {}), DIFFERENCE: difference})

@@ -1,6 +1,5 @@
 """Maps that a dataset uses instead of evolving maps; without JAX and OpenCV."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
@@ -21,14 +20,12 @@ class GivenMaps:
     Attributes:
       maps: at least one, each with its metrics.
       digest: of all fields of all maps.
-      repeated: the number of maps that were skipped because they equal another one when rotated or mirrored.
       paths: the files and folders they were read from.
       names: of the maps in messages: the index, and the file if there is one.
     """
 
     maps: tuple[RoadMap, ...] = field(compare=False, repr=False)
     digest: str
-    repeated: int = 0
     paths: tuple[Path, ...] = field(default=(), compare=False, repr=False)
     names: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
@@ -36,17 +33,6 @@ class GivenMaps:
     def sizes(self) -> list[tuple[int, int]]:
         """(height, width) of the maps, each once, in order."""
         return sorted({(road_map.codes.shape[0], road_map.codes.shape[1]) for road_map in self.maps})
-
-
-def given(
-    maps: Sequence[RoadMap], repeated: int = 0, paths: Sequence[Path] = (), files: Sequence[str] = ()
-) -> GivenMaps:
-    """Returns the maps with their metrics, which are measured if a map has none."""
-    files = files or [""] * len(maps)
-    names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
-    measured = tuple(map(_measured, maps, names))
-    digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
-    return GivenMaps(measured, digest, repeated, tuple(paths), tuple(names))
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
@@ -69,7 +55,11 @@ def parse_given(sources: UserValue) -> GivenMaps:
         raise InputError("expected at least one map, got none")
     distinct = {canonical_form(road_map.codes): road_map for road_map in reversed(found)}
     maps = [road_map for road_map in found if distinct[canonical_form(road_map.codes)] is road_map]
-    return given(maps, len(found) - len(maps), paths, [file_of.get(id(one), "") for one in maps])
+    files = [file_of.get(id(one), "") for one in maps]
+    names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
+    measured = tuple(map(_measured, maps, names))
+    digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
+    return GivenMaps(measured, digest, tuple(paths), tuple(names))
 
 
 def _maps_of(source: UserValue) -> list[tuple[str, UserValue]]:

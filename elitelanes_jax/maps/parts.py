@@ -1,7 +1,6 @@
-"""Runs whose seeds are searched in parts: joined by `merge`, or searched on an executor's workers."""
+"""Runs whose seeds are searched in parts, which `merge` joins."""
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,26 +8,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from elitelanes_jax._util.checks import check_named, instance, path, paths
-from elitelanes_jax._util.errors import InputError, pluralize
+from elitelanes_jax._util.checks import check_named, path, paths
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import first_difference, has_unfinished, output_folder
 from elitelanes_jax._util.packages import installed_versions
-from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.maps.cluster import run_on
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps
-from elitelanes_jax.maps.generation import Evolved, Run, describe_archive, generate, plan_run, write_run
+from elitelanes_jax.maps.generation import Evolved, Run, describe_archive, plan_run, write_run
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
-from elitelanes_jax.search.compile_cache import use_compile_cache
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.spec import SearchSpec
 
 _EXPECTED = "expected a part of a run, made by elitelanes generate --part"
-
-# Fewer seeds do not keep the cores of a worker busy.
-_SEEDS_A_PART = 16
 
 
 def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False) -> list[RoadMap]:
@@ -53,53 +46,6 @@ def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: b
     folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
     with output_folder(out, {"command": "merge"}, inputs=folders, foreign=foreign_to_maps, force=force) as work:
         return write_run(work.files, join_parts(folders))
-
-
-def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: bool = False) -> list[RoadMap]:
-    """Evolves maps on an executor's workers, and writes the folder that `generate` writes, byte for byte.
-
-    The seeds are searched in parts of 16. After an error, an interruption or a kill, the same call runs only the
-    missing parts, and resumes the started ones.
-
-    Args:
-      executor: of processes or machines that share the disk with this process.
-      spec: of the search and the folder, without a part.
-      out: the folder, new or empty.
-      force: whether the folder is replaced, if an earlier run wrote all files in it.
-
-    Returns:
-      The maps, as they were written.
-
-    Raises:
-      InputError: as `generate`, or for a specification with a part.
-      NotEnoughMapsError: if there are fewer valid and different maps than requested.
-      OSError: if the folder cannot be written, or a worker fails.
-    """
-    spec, out = check_named("spec", instance(GenerateSpec), spec), check_named("out", path, out)
-    if spec.part is not None:
-        raise InputError("part: expected none, because workers run all the parts, got {}/{}".format(*spec.part))
-    plan_run(spec)  # checks it
-    settings = {"command": "generate on workers", "settings": spec.to_plain(), "versions": installed_versions()}
-    with output_folder(out, settings, inputs=spec.inputs, foreign=foreign_to_maps, force=force) as work:
-        count = -(-spec.seeds // _SEEDS_A_PART)
-        parts = {work.kept / str(index): spec.replace(part=(index, count)) for index in range(1, count + 1)}
-        _run_parts(executor, parts)
-        return write_run(work.files, join_parts([*parts]))
-
-
-def _run_parts(executor: Executor, parts: Mapping[Path, GenerateSpec]) -> None:
-    waiting = {folder: spec for folder, spec in parts.items() if not (folder / RECORD).exists()}
-    announce(f"searching {pluralize(len(waiting), 'part')} of {len(parts)} on workers")
-    jobs = {f"part {folder.name} of {len(parts)}": (spec, folder.absolute()) for folder, spec in waiting.items()}
-    with Progress("searching", len(parts), "parts", done=len(parts) - len(waiting)) as bar:
-        run_on(executor, _run_part, jobs, lambda _: bar.count())
-
-
-def _run_part(spec: GenerateSpec, folder: Path) -> None:
-    """Runs a part on a worker, unless a lost worker has completed it."""
-    use_compile_cache()
-    if not (folder / RECORD).exists():
-        generate(spec, folder)
 
 
 def join_parts(folders: Sequence[Path]) -> Evolved:

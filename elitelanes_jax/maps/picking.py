@@ -66,7 +66,7 @@ def pick(
     check_unique("archives", "file", map(str, files))
     if folder := next(filter(Path.is_dir, files), None):
         raise InputError(f"{folder}: expected an archive, such as {folder / ARCHIVE}, got a folder")
-    tiles = load_tiles(spec.tiles, blend=spec.blend)
+    tiles = load_tiles(spec.tiles)
     found = [(own, None)] if own else [load_with_seed(file) for file in files]
     results = [_with_seeds(result) for result, _ in found]
     height, width = shape = results[0].elites.grids.shape[-2:]

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from elitelanes_jax._util.checks import check_unique, flag, instance, none_or, one_of, path, real, switch, whole
+from elitelanes_jax._util.checks import check_unique, flag, instance, none_or, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, nested, option
 from elitelanes_jax._util.types import Plain, UserValue
@@ -13,7 +13,7 @@ from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.ranges import Range, parse_ranges
-from elitelanes_jax.problem.rules import check_rules
+from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds, parse_initial
 
 SPLITS = ("train", "validation", "test")
@@ -64,8 +64,6 @@ class GenerateSpec(Record):
       seeds: number of independent runs to choose from
       seed: seed of everything random
       tiles: folder of the tile pictures; by default the package's own
-      blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
-        which is on for photographs
       tile_px: side of a tile in pixels
       furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
         file .toml, .json or .yaml of your own
@@ -80,7 +78,6 @@ class GenerateSpec(Record):
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     search: SearchSpec = option(SearchSpec(), instance(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
-    blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     part: tuple[int, int] | None = option(None, none_or(parse_part), "K/N")
@@ -92,7 +89,7 @@ class GenerateSpec(Record):
         return range(self.seeds * (index - 1) // count, self.seeds * index // count)
 
     def check_together(self) -> None:
-        """Checks the search on maps of the size, the number of maps, and that every part has a seed."""
+        """Checks the search on maps of the size, and that every part has a seed."""
         if self.part is not None and self.part[1] > self.seeds:
             raise InputError(f"part: expected at most {self.seeds} parts, one for each seed, got {self.part[1]}")
         all_signable = any(item.name == "signable" and item.low == 1 for item in self.search.where)
@@ -102,7 +99,7 @@ class GenerateSpec(Record):
                 "signs=possible leaves out crossings that have a road at a corner"
             )
         self.search.check_on(self.size)
-        self.search.check_maps(self.size, 1 if self.at_most else self.maps)
+        self.search.check_maps(self.size)
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
@@ -127,8 +124,6 @@ class PickSpec(Record):
       unlike: maps that all chosen maps differ from, map.json or Duckietown's .yaml
       seed: seed of the choice of tile pictures
       tiles: folder of the tile pictures; by default the package's own
-      blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
-        which is on for photographs
       tile_px: side of a tile in pixels
       furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
         file .toml, .json or .yaml of your own
@@ -137,12 +132,11 @@ class PickSpec(Record):
     maps: int = option(16, whole(1), "N")
     at_most: bool = option(False, flag, "")
     where: tuple[Range, ...] = option((), lambda where: parse_ranges(where, None), "NAME=LOW..HIGH", many=True)
-    rules: str | None = option(None, none_or(check_rules), "NAME")
+    rules: str | None = option(None, none_or(one_of(*RULES)), "NAME")
     axes: tuple[Axis, ...] | None = option(None, none_or(lambda axes: parse_axes(axes, None)), "NAME:BINS", many=True)
     unlike: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     tiles: Path | None = option(None, none_or(path), "DIR")
-    blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
 

@@ -1,5 +1,7 @@
 from .archive import Population as Population
+from .archive import coverage as coverage
 from .archive import insert as insert
+from .archive import qd_score as qd_score
 from .archive import vacant_fitness as vacant_fitness
 from .descriptor import Axis as Axis
 from .descriptor import niche_bins as niche_bins
@@ -19,6 +21,3 @@ from .kernels import with_town_features as with_town_features
 from .problem import Evaluation as Evaluation
 from .problem import Problem as Problem
 from .problem import road_problem as road_problem
-from .qd_metrics import coverage as coverage
-from .qd_metrics import gaps as gaps
-from .qd_metrics import qd_score as qd_score

@@ -9,8 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Real
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray
 
 VACANT = np.iinfo(np.int32).max
 """The fitness of a vacant slot, if fitness is int32."""
@@ -82,11 +84,21 @@ def insert(
     return Population(write(archive.grids, found.grids), lowest, write(archive.features, found.features))
 
 
-def keep_best(archives: Population) -> Population:
-    """Returns the best elite of each niche among K archives ``[K, ...]``; among equal elites the first archive's."""
-    first = jnp.argmin(archives.fitness, axis=0)
+def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.float64]:
+    """Returns the sum over all elites of worst - fitness, if positive; float ``[...]``.
 
-    def take(array: Array) -> Array:
-        return jnp.take_along_axis(array, first.reshape(1, -1, *(1,) * (array.ndim - 2)), axis=0)[0]
+    `fitness` is ``[..., N]``, lower is better, and anything in niches that are not `valid`, bool ``[..., N]``. Source:
+    Pugh, Soros and Stanley, "Quality diversity", 2016.
+    """
+    return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
 
-    return jax.tree.map(take, archives)
+
+def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
+    """Returns the filled share of the feasible niches, float ``[...]``.
+
+    `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be filled; by default
+    all.
+    """
+    valid = np.atleast_1d(np.asarray(valid, bool))
+    feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)
+    return (valid & feasible).sum(axis=-1) / max(1, int(feasible.sum()))

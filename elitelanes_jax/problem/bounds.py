@@ -11,15 +11,16 @@ from math import ceil, isqrt, prod
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.codes import KINDS, SIDES
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.records import features_without_gaps, largest_metrics, largest_town_feature
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, feature_unit
 from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.problem.ranges import Range
+from elitelanes_jax.problem.rules import RULES, map_constraints
 
 _MOST_ROUNDS = 200
 
@@ -71,33 +72,14 @@ class FeatureBounds(NamedTuple):
         return Fraction(least, unit), Fraction(most, unit)
 
 
-def find_bounds(
-    shape: tuple[int, int],
-    *,
-    certain: Mapping[str, int],
-    fix: FixedCells | None = None,
-    alphabet: Iterable[int] | None = None,
-) -> FeatureBounds:
-    """Finds bounds of the metrics of a set of repaired grids; raises `InputError` if the set is empty.
-
-    `certain` has the metrics that have one value on all grids, `alphabet` the codes besides dead ends and empty cells.
-    """
+def find_bounds(shape: tuple[int, int], certain: Mapping[str, int]) -> FeatureBounds:
+    """Finds bounds of the metrics of a set of repaired grids; `certain` has the metrics with one value on all grids."""
     largest = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), prod(shape))
     intervals = {name: (0, most) for name, most in largest.items()}
     bounds = FeatureBounds(shape, intervals, tuple(_inequalities(shape)))
     for name, value in certain.items():
         bounds = _with(bounds, _equal({name: 1}, value))
-    if fix is not None:
-        bounds = _with(bounds, _fixed_counts(fix))
-    if alphabet is not None:
-        for kind, name in COUNTED.items():
-            if not set(alphabet) & set(KINDS[kind]):
-                bounds = _with(bounds, _equal({name: 1}, 0))
-    try:
-        return _narrowed(bounds)
-    except _ContradictionError as error:
-        fixed = " with the fixed cells" if fix is not None else ""
-        raise InputError(f"no map of {shape[0]} x {shape[1]} tiles{fixed} satisfies all constraints: {error}") from None
+    return _narrowed(bounds)
 
 
 def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> None:
@@ -129,27 +111,41 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
         before += (" and " if before else " with ") + str(item)
 
 
-def free_links(
-    shape: tuple[int, int], fix: FixedCells | None, *, filled: bool
-) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Finds the links that all maps have, and the links that maps may have or lack.
+def check_feasible(
+    shape: tuple[int, int],
+    where: Iterable[Range] = (),
+    *,
+    fix: FixedCells | None = None,
+    rules: str | None = None,
+    filled: bool = True,
+    alphabet: Iterable[int] | None = None,
+) -> None:
+    """Checks that the bounds do not rule out all maps that satisfy some constraints. Some contradictions are missed.
 
-    `filled` says whether every cell has a road. Returns the certain and the free links, ints ``[N, 3]``: row and column
-    of a cell, and the index in `SIDES` of the side, east or south, to which it may be linked.
+    `filled` says whether every free cell has a road. The `InputError` states the bound.
     """
-    codes = np.full(shape, -1) if fix is None else np.where(fix.fixed, fix.grid, -1)
-    corner = np.zeros(shape, bool)
-    corner[:: shape[0] - 1, :: shape[1] - 1] = filled
-    certain: list[NDArray[np.int_]] = []
-    free: list[NDArray[np.int_]] = []
-    for side, (one, other) in ((1, (np.s_[:, :-1], np.s_[:, 1:])), (2, (np.s_[:-1], np.s_[1:]))):
-        ends = ((codes[one], SIDES[side].bit), (codes[other], SIDES[side].opposite))
-        linked = np.any([(code >= 0) & (code & bit > 0) for code, bit in ends], axis=0)
-        unknown = (codes[one] < 0) & (codes[other] < 0)
-        sure = linked | unknown & (corner[one] | corner[other])
-        for links, found in ((sure, certain), (unknown & ~sure, free)):
-            found.append(np.insert(np.argwhere(links), 2, side, axis=1))
-    return np.concatenate(certain), np.concatenate(free)
+    missing = set() if alphabet is None else set(KINDS["turn"]) - set(alphabet)
+    if missing:
+        raise InputError(f"alphabet: expected the turns {KINDS['turn']}, which every map has, got no {min(missing)}")
+    if fix is not None:
+        _check_fixed(fix, rules)
+    if where:
+        constraints = map_constraints(rules, filled=filled and fix is None)
+        bounds = find_bounds(shape, {name: value for name, value, _ in constraints})
+        check_ranges(where, bounds, f"maps of {shape[0]} x {shape[1]} tiles")
+
+
+def _check_fixed(fix: FixedCells, rules: str | None) -> None:
+    ends = np.argwhere(np.isin(fix.grid, KINDS["end"])).tolist()
+    if ends:
+        row, column = ends[0]
+        code = int(fix.grid[row, column])
+        raise InputError(f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}")
+    if rules is not None:
+        metrics = plain_measure(fix.grid)
+        for name in RULES[rules].forbidden:
+            if metrics[name]:
+                raise InputError(f"fix: expected cells that keep the rules of {rules}, got {name} {metrics[name]}")
 
 
 def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
@@ -210,18 +206,6 @@ def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
         # A tile linked to a crossing is a straight, a dead end, or forms a crowded pair with it.
         _Inequality({"straights": 2, "dead_ends": 1, "crowded_crossings": 2, "crossings3": -3, "crossings4": -4}, 0),
     ]
-
-
-def _fixed_counts(fix: FixedCells) -> tuple[_Inequality, ...]:
-    """Returns the numbers of tiles of each kind and of links that fixed cells imply."""
-    free = fix.codes.count(None)
-    found = []
-    for kind, name in {**COUNTED, "empty": "empty_cells"}.items():
-        count = sum(code in KINDS[kind] for code in fix.codes if code is not None)
-        found += [_Inequality({name: 1}, count), _Inequality({name: -1}, -count - free)]
-    certain, possible = free_links(fix.shape, fix, filled=False)
-    found += [_Inequality({"edges": 1}, len(certain)), _Inequality({"edges": -1}, -len(certain) - len(possible))]
-    return tuple(found)
 
 
 def _within(item: Range) -> tuple[_Inequality, ...]:

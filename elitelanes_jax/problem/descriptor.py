@@ -11,7 +11,7 @@ from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, list
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.checks import check_shape
-from elitelanes_jax.problem.features import SHARE_UNIT, check_feature, default_width, is_share, select_features
+from elitelanes_jax.problem.features import check_feature, default_width, select_features
 
 MOST_NICHES = 2**20
 """The largest number of niches, so that the archives of a single seed fit in memory."""
@@ -150,9 +150,6 @@ def _check_axis(axis: UserValue, features: Collection[str] | None) -> Axis:
     largest = max(map(abs, (bins, width, start)))
     if largest > LARGEST:
         raise InputError(f"{source}: expected numbers of at most {LARGEST:,}, got {largest:,}")
-    if is_share(axis.metric) and max(bins - 1, width) > SHARE_UNIT:
-        got = f"{bins} of width {width}"
-        raise InputError(f"{source}: expected at most {SHARE_UNIT + 1} bins of {SHARE_UNIT} thousandths, got {got}")
     if target is not None and not (type(target) is int and 0 <= target < bins):
         raise InputError(f"{source}: expected target to be a bin, 0 to {bins - 1}, got {shorten(repr(target))}")
     return axis

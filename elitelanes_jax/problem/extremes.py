@@ -1,6 +1,5 @@
 """The meaning of each feature, its range on maps of 12 x 12 tiles, and maps with its smallest and largest value."""
 
-from fractions import Fraction
 from functools import cache
 from pathlib import Path
 
@@ -9,10 +8,10 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.records import descriptions
 from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.records import Metrics, TownFeatures
-from elitelanes_jax.problem.bounds import FeatureBounds, find_bounds
+from elitelanes_jax.network.records import Metrics, TownFeatures, features_without_gaps
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, check_feature, feature_unit, is_share
-from elitelanes_jax.problem.rules import map_constraints
+
+_SHAPE = (12, 12)
 
 EXTREMES = Path(__file__).with_name("extremes.txt")
 """The file of maps that ``docs/metrics.py`` found. Each line is a map, in rows with one hexadecimal digit per tile."""
@@ -45,16 +44,6 @@ def feature_range(name: str) -> tuple[float, float]:
     return min(values), max(values)
 
 
-@cache
-def _bounds() -> FeatureBounds:
-    return find_bounds((12, 12), certain={name: value for name, value, _ in map_constraints(None, filled=True)})
-
-
-def feature_bounds(name: str) -> tuple[Fraction, Fraction]:
-    """Returns proven bounds of a feature on the maps of `feature_range`. If both are equal, the range is proven."""
-    return _bounds().of(check_feature("name", name))
-
-
 def extreme_maps(name: str) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     """Returns a map int8 ``[12, 12]`` with the smallest value of a feature, and one with the largest."""
     low, high = feature_range(name)
@@ -64,9 +53,8 @@ def extreme_maps(name: str) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
 def describe_features() -> dict[str, tuple[str, str]]:
     """Returns the meaning and the range of each metric, share and town feature, by name.
 
-    The range is that of `feature_range`, followed by a proven bound in parentheses if it differs. For a town feature,
-    the text is the kind of its values instead, and "filled" with its value if all maps without empty cells have the
-    same.
+    The range is that of `feature_range`. For a town feature, the text is the kind of its values instead, and "filled"
+    with its value if all maps without empty cells have the same.
     """
     shares = {share: f"{part} / {' + '.join(whole)}" for share, (part, whole) in SHARES.items()}
     meanings = shares | descriptions(Metrics) | descriptions(TownFeatures)
@@ -76,15 +64,10 @@ def describe_features() -> dict[str, tuple[str, str]]:
 def _range_text(name: str) -> str:
     if name in TOWN_FEATURES:
         kind = "0..1" if is_share(name) else "a ratio" if feature_unit(name) > 1 else "a number"
-        smallest, largest = feature_bounds(name)
-        return f"{kind}; filled {value_text(float(smallest))}" if smallest == largest else kind
-    low, high = feature_range(name)
-    if low == high:
-        return value_text(low)
-    least, most = (value_text(type(low)(bound)) for bound in feature_bounds(name))
-    below = f"({least}) " if least != value_text(low) else ""
-    above = f" ({most})" if most != value_text(high) else ""
-    return f"{below}{value_text(low)}..{value_text(high)}{above}"
+        value = features_without_gaps(_SHAPE).get(name)
+        return kind if value is None else f"{kind}; filled {value_text(value / feature_unit(name))}"
+    low, high = map(value_text, feature_range(name))
+    return low if low == high else f"{low}..{high}"
 
 
 def value_text(value: float) -> str:

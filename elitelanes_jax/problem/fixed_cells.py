@@ -84,8 +84,6 @@ def _read_rows(file: str | Path) -> Plain:
         content = read_json(file)
     except OSError as error:
         raise InputError(f"{file}: {reason(error)}") from None
-    except InputError as error:
-        raise InputError(str(error) if str(error).startswith(f"{file}:") else f"{file}: {error}") from None
     except (ValueError, RecursionError) as error:  # of the text, of JSON, of a number with too many digits
         raise InputError(f"{file}: expected JSON, got: {error}") from None
     if isinstance(content, dict) and "codes" in content:

@@ -20,7 +20,7 @@ from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, with_shares
+from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for, with_shares
 
 if TYPE_CHECKING:
     from jax.extend import core
@@ -50,19 +50,12 @@ _SCALAR = "an integer or float scalar"
 
 
 def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
-    """Checks the user's features for grids of a shape: kernels by name, or None.
-
-    Each must be a function that JAX can trace to an integer scalar, with a name of its own.
-    """
+    """Checks that the user's features are functions that JAX can trace to an integer scalar on grids of a shape."""
     if features is None:
         return {}
     if not isinstance(features, Mapping):
         raise InputError(f"features: expected kernels by name, got {shorten(repr(features))}")
     for name, kernel in features.items():
-        if not isinstance(name, str) or not name.isidentifier():
-            raise InputError(f"features: expected names of letters, digits and _, got {shorten(repr(name), 40)}")
-        if name in (*FEATURES, *TOWN_FEATURES):
-            raise InputError(f"features: expected names that no other feature has, got {name!r}")
         if not callable(kernel):
             raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
         check_named(f"features: {name}", function_of("grid"), kernel)

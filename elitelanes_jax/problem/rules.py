@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.records import Weights
 
 
@@ -49,10 +47,3 @@ def map_constraints(rules: str | None, *, filled: bool) -> tuple[Constraint, ...
     if rules is not None:
         return (*_ALWAYS, *(Constraint(metric, 0, "against the rules") for metric in RULES[rules].forbidden))
     return (*_ALWAYS, Constraint("empty_cells", 0, "with empty cells")) if filled else _ALWAYS
-
-
-def check_rules(name: UserValue) -> str:
-    """Checks the name of a set of rules."""
-    if not isinstance(name, str) or name not in RULES:
-        raise InputError(f"rules: expected one of {', '.join(RULES)}, got {name!r}")
-    return name

@@ -1,13 +1,12 @@
 """Example values: features of example maps. The chosen maps should have the same distribution."""
 
 from collections.abc import Collection, Iterable, Mapping
-from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from elitelanes_jax._util.checks import LARGEST, check_unique
+from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, real
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.features import check_feature, is_share
@@ -78,12 +77,8 @@ def _example_values(pair: UserValue, features: Collection[str]) -> ExampleValues
     except (TypeError, ValueError):
         raise InputError(f"targets: expected a feature with its values, got {shorten(repr(pair))}") from None
     check_feature("targets", name, features)
-    least, most = -LARGEST if name in features else 0, 1 if is_share(name) else LARGEST
-    for value in values:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-            raise InputError(f"targets: {name}: expected numbers, got {shorten(repr(value))}")
-        if not least <= value <= most:
-            raise InputError(f"targets: {name}: expected {least:,} to {most:,}, got {shorten(repr(value))}")
-    if not values:
+    check = real(-LARGEST if name in features else 0, 1 if is_share(name) else LARGEST)
+    read = tuple(check_named(f"targets: {name}", check, value) for value in values)
+    if not read:
         raise InputError(f"targets: {name}: expected at least one value, got none")
-    return ExampleValues(str(name), tuple(map(float, values)))
+    return ExampleValues(str(name), read)

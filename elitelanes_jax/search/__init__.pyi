@@ -1,5 +1,3 @@
-from ._devices import spread as spread
-from ._islands import evolve_islands as evolve_islands
 from .compile_cache import use_compile_cache as use_compile_cache
 from .elites import MeasuredElites as MeasuredElites
 from .evolution import evolve as evolve

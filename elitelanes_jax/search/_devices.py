@@ -1,7 +1,6 @@
-"""Spreads the rows of arrays over all local devices: the cores of the processor, GPUs, TPU cores."""
+"""Spreads the seeds of a search over all local devices: the cores of the processor, GPUs, TPU cores."""
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -9,57 +8,8 @@ import numpy as np
 
 from elitelanes_jax._util.checks import is_whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.threads import count_cores, side_by_side
-from elitelanes_jax._util.types import AnyArray, Pytree
-
-# Rows of one call on a device. With fewer rows the calls cost more than the rows. More rows need more memory and are
-# not faster.
-_ROWS_A_CALL = 4096
-
-
-def spread(
-    function: Callable[..., Pytree], *arrays: AnyArray, devices: int | Sequence[jax.Device] | None = None
-) -> Pytree:
-    """Applies a function of one row to all rows of large arrays, side by side on all devices.
-
-    The result is that of ``jax.jit(jax.vmap(function))(*arrays)``, bit for bit. Each call takes some thousand rows, so
-    the memory for intermediate results does not grow with the number of rows. Example: ``spread(measure, grids)``.
-
-    Args:
-      function: takes arrays without their first axis, and returns a tree of arrays. It is compiled once for each
-        function object.
-      *arrays: ``[N, ...]`` each, of NumPy or JAX.
-      devices: as in `evolve`; defaults to all local devices.
-
-    Returns:
-      A tree of NumPy arrays ``[N, ...]``.
-
-    Raises:
-      InputError: for no arrays, arrays without rows, or arrays with different numbers of rows.
-    """
-    rows = {np.shape(array)[:1] for array in arrays}
-    if len(rows) != 1 or rows & {(), (0,)}:
-        shapes = ", ".join(str(np.shape(array)) for array in arrays) or "none"
-        raise InputError(f"arrays: expected some with the same number of rows, at least 1, got {shapes}")
-    (count,), chosen = rows.pop(), choose_devices(devices)
-    size = min(count, _ROWS_A_CALL * len(chosen))
-    run = _batched(function)
-
-    def run_part(part: Pytree) -> Pytree:
-        return jax.tree.map(np.asarray, run(*part))
-
-    found = []
-    for first in range(0, count, size):
-        start = min(first, count - size)  # the last call has as many rows as the others, for the same program
-        parts = cut([np.asarray(array[start : start + size]) for array in arrays], chosen)
-        batch = join(side_by_side([partial(run_part, part) for part in parts]), size)
-        found.append(jax.tree.map(lambda array, known=first - start: array[known:], batch))
-    return jax.tree.map(lambda *parts: np.concatenate(parts), *found)
-
-
-@lru_cache(maxsize=32)
-def _batched(function: Callable[..., Pytree]) -> Callable[..., Pytree]:
-    return jax.jit(jax.vmap(function))
+from elitelanes_jax._util.threads import count_cores
+from elitelanes_jax._util.types import Pytree
 
 
 def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[jax.Device]:

@@ -1,6 +1,5 @@
 """The elites of a search, with all features that were measured."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +7,6 @@ from jaxtyping import Array, Bool, Int8, Int32, Real
 
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.records import Metrics
-from elitelanes_jax.problem.ranges import Range, satisfies
 
 
 class MeasuredElites(NamedTuple):
@@ -39,10 +37,6 @@ class MeasuredElites(NamedTuple):
     def by_name(self) -> dict[str, np.ndarray]:
         """Returns the metrics and the other features by name, as arrays of NumPy."""
         return {name: np.asarray(values) for name, values in (self.metrics._asdict() | self.features).items()}
-
-    def satisfies(self, where: Sequence[Range]) -> Bool[np.ndarray, "*S N"]:
-        """Returns which elites are in all ranges, exactly."""
-        return np.asarray(self.valid) & satisfies(self.by_name(), where)
 
 
 def in_short(record: Pytree) -> str:

@@ -36,16 +36,14 @@ from elitelanes_jax.optimizers.presets import (
     with_moves,
 )
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds
-from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, check_kernels, digest
 from elitelanes_jax.problem.problem import Problem
 from elitelanes_jax.problem.ranges import Range, range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint
 from elitelanes_jax.search._devices import choose_devices, cut, join
-from elitelanes_jax.search._options import SearchOptions
 from elitelanes_jax.search._programs import MOST, Digests, Programs, States, Static, Traced, find_programs
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
-from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchSpec, check_seeds
+from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchOptions, SearchSpec, check_seeds
 
 # The seconds that a compiled call should take. Between two calls the progress is shown and a run can be interrupted.
 _SECONDS_A_CALL = 0.2
@@ -57,7 +55,7 @@ _OF_SEEDS = ("best_fitness", "elite_count", "refused")  # the arrays of a histor
 
 
 def evolve(
-    key: int | Key[Array, "*S"] | UInt32[Array, "*S 2"] = 0,
+    key: int | Key[Array, "*S"] = 0,
     shape: tuple[int, int] = (12, 12),
     *,
     seeds: int | None = None,
@@ -113,7 +111,8 @@ def evolve(
         far. A checkpoint has this result too, if the search took ten seconds.
       NotEnoughMemoryError: a `MemoryError`, if the search does not fit into the free memory.
     """
-    search = _check(key, shape, seeds, spec, config, optimizer, Users(features, fitness, moves), options, devices)
+    extensions = {"features": features, "fitness": fitness, "moves": moves, "config": config, "optimizer": optimizer}
+    search = _check(key, shape, spec, options, seeds=seeds, devices=devices, **extensions)
     done, inner = (0, None) if state is None else _restore(state, search)
     check_named("progress", none_or(flag), progress)
     every = check_named("every", real(0), every)
@@ -132,7 +131,7 @@ def compile_search(key: Key[Array, " S"], shape: tuple[int, int], spec: SearchSp
     Raises:
       NotEnoughMemoryError: as `evolve`.
     """
-    search = _check(key, shape, None, spec, None, None, Users(), {}, None)
+    search = _check(key, shape, spec, {})
     programs = search.programs
     if compiles or programs.kept:
         _check_memory(programs.memory, len(search.keys), shape)
@@ -143,21 +142,20 @@ def compile_search(key: Key[Array, " S"], shape: tuple[int, int], spec: SearchSp
 def _check(
     key: UserValue,
     shape: tuple[int, int],
-    seeds: int | None,
     spec: SearchSpec,
-    config: Config | None,
-    optimizer: Callable[[Problem], Optimizer] | None,
-    users: "Users",
     options: Mapping[str, UserValue],
-    devices: int | Sequence[jax.Device] | None,
+    *,
+    seeds: int | None = None,
+    devices: int | Sequence[jax.Device] | None = None,
+    **extensions: UserValue,
 ) -> "_Search":
     """Checks the arguments of `evolve`, and finds the programs of the search."""
-    keys, impl, single = check_keys(key, seeds)
+    keys, impl, single = _check_keys(key, seeds)
     shape = check_shape(shape, new=True)
     chosen = choose_devices(devices)
     if len(keys) == 1 or impl != "threefry2x32":  # the bits of other keys depend on the whole batch
         chosen = chosen[:1]
-    spec, config, static, traced = prepare(spec, shape, config, optimizer, users, options)
+    spec, config, static, traced = prepare(spec, shape, options, **extensions)
     static = static._replace(impl=impl)
     static = static._replace(digests=_digests(static, traced))
     # The names of the user's functions do not count.
@@ -220,24 +218,12 @@ def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
     needed = 2 * states + _COMPILER
     if needed <= free:
         return
-    if free < _COMPILER:
-        raise NotEnoughMemoryError(
-            f"not enough memory: to compile a search takes {in_gigabytes(_COMPILER)}, and {in_gigabytes(free)} are free"
-        )
-    fitting = (free - _COMPILER) * seeds // (2 * states)
+    fitting = max(free - _COMPILER, 0) * seeds // (2 * states)
     fewer = f"{pluralize(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
     raise NotEnoughMemoryError(
         f"not enough memory: {pluralize(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} "
         f"or more, and {in_gigabytes(free)} are free; {fewer} would fit"
     )
-
-
-class Users(NamedTuple):
-    """The functions that a user adds to a search, see `evolve`."""
-
-    features: Mapping[str, Kernel] | None = None
-    fitness: Fitness | None = None
-    moves: Mapping[str, UserValue] | None = None
 
 
 class _Search(NamedTuple):
@@ -265,7 +251,7 @@ class _Search(NamedTuple):
         return Result(elites, history, state, self.spec, self.static.axes, self.config)
 
 
-def check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S B"], str, bool]:
+def _check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S B"], str, bool]:
     """Returns the data of the keys, their implementation, and whether there was one key alone."""
     if is_whole(key):
         key = seed_keys(
@@ -274,8 +260,6 @@ def check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S
         )
     elif seeds is not None and isinstance(key, jax.Array):
         raise InputError(f"seeds: expected none with keys, because each key is a seed, got {seeds!r}")
-    if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
-        key = jax.random.wrap_key_data(key)
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         raise InputError(f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}")
     if key.ndim > 1 or key.size == 0:
@@ -287,28 +271,31 @@ def check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S
 def prepare(
     spec: SearchSpec,
     shape: tuple[int, int],
-    config: Config | None,
-    factory: Callable[[Problem], Optimizer] | None,
-    users: Users,
     options: Mapping[str, UserValue],
+    *,
+    config: Config | None = None,
+    optimizer: Callable[[Problem], Optimizer] | None = None,
+    features: Mapping[str, Kernel] | None = None,
+    fitness: Fitness | None = None,
+    moves: Mapping[str, UserValue] | None = None,
 ) -> tuple[SearchSpec, Config | None, Static, Traced]:
     """Checks the options of a search, and divides them into static and traced arguments of its programs.
 
     Returns:
-      The specification, which says what makes the result; the configuration, None for a factory; and both arguments.
+      The specification, which says what makes the result; the configuration, None for an optimizer; and both arguments.
     """
     spec = check_named("spec", instance(SearchSpec), spec)
     for option, argument in (("size", "shape"), ("seed", "key")):  # as the command calls them
         if option in options:
             raise InputError(f"{option}: expected it as {argument}={options[option]!r}, got {option}=")
-    kernels = check_kernels(users.features, shape)
-    given = dict(options) if users.features is None else {**options, "features": tuple(kernels)}
+    kernels = check_kernels(features, shape)
+    given = dict(options) if features is None else {**options, "features": tuple(kernels)}
     spec = (spec.replace(**given) if given else spec).on(shape)
     exact = True
-    if factory is not None:
-        if not callable(factory):
+    if optimizer is not None:
+        if not callable(optimizer):
             expected = "a function from a problem to an Optimizer (method= takes names)"
-            raise InputError(f"optimizer: expected {expected}, got {shorten(repr(factory))}")
+            raise InputError(f"optimizer: expected {expected}, got {shorten(repr(optimizer))}")
         spec = spec if spec.method in METHODS else spec.replace(method="map-elites", preset="tuned")
     elif config is not None:
         if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(config)):
@@ -318,21 +305,21 @@ def prepare(
             raise InputError(f"config: expected one of {spec.method}, got {type(config).__name__}")
         spec = spec.replace(method=method, preset=preset)
     spec.check_on(shape, "shape")
-    config = None if factory is not None else config or PRESETS[spec.method, spec.preset]
+    config = None if optimizer is not None else config or PRESETS[spec.method, spec.preset]
     unknown = [name for name in spec.features if name not in kernels]
     if unknown:
         raise InputError(
             f"features: expected the kernel of {unknown[0]}, as evolve(features={{name: kernel}}), got none"
         )
-    if factory is None:  # a user's optimiser may make any grids
+    if optimizer is None:  # a user's optimiser may make any grids
         with spec.naming_origins():
-            _check_ranges(spec.where, shape, spec.repair_fills, spec.fix)
-    if users.fitness is not None:
-        check_fitness(users.fitness, shape, (*METRIC_NAMES, *spec.measured))
-    if users.moves is not None:
+            _check_ranges(spec.where, shape, spec.repair_fills and spec.fix is None)
+    if fitness is not None:
+        check_fitness(fitness, shape, (*METRIC_NAMES, *spec.measured))
+    if moves is not None:
         if config is None:
             raise InputError("moves: expected a method with moves, such as preset tuned, got an optimizer")
-        config = with_moves(config, users.moves)
+        config = with_moves(config, moves)
         exact = exact and find_preset(config)[2]
     leaves, structure = jax.tree.flatten(config)
     static = Static(
@@ -343,10 +330,10 @@ def prepare(
         fix=spec.fix,
         bounded=bool(spec.where),
         config=None if config is None else structure,
-        factory=factory,
+        factory=optimizer,
         measured=spec.measured,
         kernels=tuple((name, kernels[name]) for name in spec.measured if name in kernels),
-        fitness=users.fitness,
+        fitness=fitness,
     )
     traced = Traced(
         weights=Weights(*(np.asarray(weight, np.int32) for weight in spec.all_weights)),
@@ -355,8 +342,8 @@ def prepare(
         initial=np.array(spec.initial, np.int8) if spec.initial else None,
         feature_weights=None if spec.feature_weights is None else np.array(spec.feature_weights, np.int32),
     )
-    if factory is not None:
-        spec = spec.replace(method=CUSTOM, preset=_name_of(factory), axes=static.axes)
+    if optimizer is not None:
+        spec = spec.replace(method=CUSTOM, preset=_name_of(optimizer), axes=static.axes)
     elif not exact:
         spec = spec.replace(preset=CUSTOM, axes=static.axes)
     return spec, config, static, traced
@@ -371,10 +358,9 @@ def _name_of(factory: Callable[..., Optimizer]) -> str:
 
 
 @lru_cache(maxsize=32)
-def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], fills: bool, fix: FixedCells | None) -> None:
+def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], filled: bool) -> None:
     """Checks ranges against the bounds of the metrics of a search's grids; raises `InputError`."""
-    full = ("dead_ends", "empty_cells") if fills and fix is None else ()
-    limits = find_bounds(shape, certain=dict.fromkeys(full, 0), fix=fix)
+    limits = find_bounds(shape, dict.fromkeys(("dead_ends", "empty_cells") if filled else (), 0))
     check_ranges(where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
 
 

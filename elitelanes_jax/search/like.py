@@ -8,7 +8,6 @@ import numpy as np
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, Plain
 from elitelanes_jax.network.plain_metrics import cut_to_roads, plain_measure, plain_town
-from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search.style import read_style
 
@@ -63,25 +62,3 @@ def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
 
 
 _COUNTED = {"straight_share": "straights", "turn_share": "turns", "crossing_share": "crossings"}
-
-
-def difference_from(grid: AnyArray, examples: Sequence[AnyArray]) -> float:
-    """Returns the share of cells in which a map differs from the most similar image of any example map.
-
-    Both are cut to their roads and aligned in the north-west.
-    """
-    own = cut_to_roads(np.asarray(grid, np.int8))
-    images = [
-        rotate(side, turns)
-        for one in examples
-        for cut in [cut_to_roads(np.asarray(one, np.int8))]
-        for side in (cut, mirror(cut))
-        for turns in range(4)
-    ]
-    return min(_difference(own, image) for image in images)
-
-
-def _difference(one: AnyArray, other: AnyArray) -> float:
-    shape = np.maximum(one.shape, other.shape)
-    laid = [np.pad(codes, [(0, int(more)) for more in shape - codes.shape]) for codes in (one, other)]
-    return float((laid[0] != laid[1]).mean())

@@ -26,7 +26,7 @@ from elitelanes_jax.optimizers.presets import Config, config_from_plain, config_
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.kernels import with_town_features
-from elitelanes_jax.problem.ranges import parse_ranges
+from elitelanes_jax.problem.ranges import parse_ranges, satisfies
 from elitelanes_jax.search.elites import MeasuredElites, in_short
 from elitelanes_jax.search.selection import MIN_DIFFERENCE, Choice, choose_maps
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SearchSpec
@@ -147,16 +147,15 @@ class Result:
 
     def satisfies(self) -> Bool[np.ndarray, "*S N"]:
         """Returns which elites are in all ranges of the specification, exactly."""
-        return self.elites.satisfies(self.spec.where)
+        return np.asarray(self.elites.valid) & satisfies(self.elites.by_name(), self.spec.where)
 
-    def maps(self, count: int = 16, *, where: UserValue = (), seed: int = 0) -> list[RoadMap]:
+    def maps(self, count: int = 16, *, where: UserValue = ()) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
 
         Args:
           count: the largest number of maps; there may be fewer.
           where: ranges as in `evolve`, added to those of the search. They override the search's range of the same
             feature.
-          seed: of the run, to be noted in the maps.
 
         Returns:
           Maps with their metrics, sorted by niche, and within a niche by fitness; see `choose_maps`.
@@ -164,37 +163,12 @@ class Result:
         Raises:
           InputError: for a bad count or range.
         """
-        check_named("seed", whole(0, 2**32 - 1), seed)
         ranges = {item.name: item for item in (*self.spec.where, *parse_ranges(where, self.spec.features))}
         elites = self.elites
-        if elites.valid.ndim == 1:
-            elites = jax.tree.map(lambda array: array[None], elites)
         features: dict[str, AnyArray] = dict(with_town_features(elites.features, ranges, elites.grids, "where"))
         elites = elites._replace(features=features)
         result = replace(self, elites=elites, spec=self.spec.replace(where=ranges.values()))
-        return result.choose(check_named("count", whole(1), count), seed).maps
-
-    def write(self, folder: str | Path, maps: int = 16, *, force: bool = False, **options: UserValue) -> list[RoadMap]:
-        """Writes the folder that `generate` writes: chosen maps with pictures and masks, a sheet, and the archive.
-
-        Args:
-          folder: new or empty.
-          maps: the number of maps.
-          force: whether the folder is replaced, if an earlier run wrote all files in it.
-          **options: more fields of `PickSpec`, such as `where`, `at_most`, `tiles`, `tile_px` and `seed`.
-
-        Returns:
-          The maps, as they were written.
-
-        Raises:
-          InputError: for a bad option, or a folder with other files.
-          NotEnoughMapsError: if there are fewer valid and different maps than requested.
-          OSError: if the folder cannot be written.
-        """
-        from elitelanes_jax.maps.picking import pick
-        from elitelanes_jax.maps.spec import PickSpec
-
-        return pick(PickSpec().replace(maps=maps, **options), self, folder, force=force)
+        return result.choose(check_named("count", whole(1), count)).maps
 
     def choose(
         self,
@@ -204,7 +178,7 @@ class Result:
         exclude: Sequence[Int8[np.ndarray, "_ _"]] = (),
         min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
-        """Chooses maps of a search with an array of keys, and says why the others were rejected; see `choose_maps`."""
+        """Chooses maps, and says why the others were rejected; see `choose_maps`."""
         return choose_maps(
             self.elites, self.spec, self.axes, count, seed, exclude=exclude, min_difference=min_difference
         )
@@ -229,7 +203,7 @@ class Result:
                 *([f"  where    {where}"] if where else []),
                 *([f"  config   {self.config}"] if self.config is not None and self.spec.preset == CUSTOM else []),
                 "  fields   elites, history, state, spec, axes, config",
-                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; write(folder); save(path)",
+                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; save(path)",
             ]
         )
 

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, TypeAlias
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +15,7 @@ from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
 from elitelanes_jax.problem.inventory import COUNTED
-from elitelanes_jax.problem.ranges import range_limits, range_penalty
+from elitelanes_jax.problem.ranges import satisfies
 from elitelanes_jax.problem.rules import map_constraints
 from elitelanes_jax.problem.targets import SupportPoints
 from elitelanes_jax.search.elites import MeasuredElites
@@ -38,9 +39,6 @@ class Choice(NamedTuple):
     found: int  # the number of elites
     rejected: dict[str, int]  # the number of elites that violate a constraint, by reason
     alike: int  # the number of elites that equal another elite, or an excluded map, when rotated or mirrored
-    # If no elite is in all ranges, the constrained features of the elite nearest to them, if possible of one
-    # without other violations. None if there are no elites.
-    nearest: dict[str, float] | None = None
 
     def describe(self, wanted: int) -> str:
         """Returns a sentence: how many of the `wanted` maps were found, and the reasons against the other elites."""
@@ -52,18 +50,12 @@ class Choice(NamedTuple):
 
     def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
         """Returns what `describe` returns, and what finds more maps: `hint`, and `at_most` if some can be written."""
-        flawed = "" if _OUTSIDE in self.rejected else ", with other flaws"
-        nearest = ", ".join(f"{name} {value:g}" for name, value in (self.nearest or {}).items())
-        return (
-            self.describe(wanted)
-            + (f"; nearest found{flawed}: {nearest}" if nearest else "")
-            + ("; at_most=True writes those found" if writable and self.maps else "")
-            + f"; {hint} find more"
-        )
+        at_most = "; at_most=True writes those found" if writable and self.maps else ""
+        return f"{self.describe(wanted)}{at_most}; {hint} find more"
 
     def hint(self, method: str, shape: tuple[int, int]) -> str:
         """Returns what finds more maps ``(height, width)`` with a method."""
-        if self.nearest:
+        if _OUTSIDE in self.rejected:
             return "wider ranges, more seeds or evaluations"
         if method == "ea":  # its population becomes more alike with time
             return "more seeds"
@@ -82,7 +74,7 @@ def choose_maps(
     exclude: Sequence[_Grids] = (),
     min_difference: Sequence[float] = MIN_DIFFERENCE,
 ) -> Choice:
-    """Chooses up to `count` maps of a search with an array of keys.
+    """Chooses up to `count` maps of a search.
 
     A map is one component without dead ends, boundary violations or mismatches. All its cells are tiles of the search's
     alphabet, or empty where rules, fixed cells or an inventory allow it. It is in the ranges of the specification,
@@ -94,7 +86,7 @@ def choose_maps(
     the chosen maps and the targets is smallest. Niches in the axes' target bins come before all others.
 
     Args:
-      elites: of a search, with a leading seed axis.
+      elites: of a search.
       spec: of the search.
       axes: of the descriptor.
       count: the number of maps.
@@ -103,20 +95,15 @@ def choose_maps(
       min_difference: the least share of tiles in which each map differs from all others, however they are rotated or
         mirrored. If there are too few such maps, the next share applies.
 
-    Raises:
-      InputError: for the result of a single key.
     """
+    if elites.valid.ndim == 1:
+        elites = jax.tree.map(lambda array: array[None], elites)
     valid = np.asarray(elites.valid)
-    if valid.ndim != 2:
-        raise InputError("result: expected one of an array of keys, with the seeds in front, got one of a single key")
     shape = (elites.grids.shape[-2], elites.grids.shape[-1])
     grids, fitness = np.asarray(elites.grids).reshape(-1, *shape), np.asarray(elites.fitness).ravel()
     metrics = {name: values.ravel() for name, values in elites.by_name().items()}
     useful, rejected = without_flaws(valid.ravel(), metrics, spec)
-    satisfied = elites.satisfies(spec.where).ravel()
-    nearest = None
-    if not (useful & satisfied).any():
-        nearest = _nearest(metrics, useful if useful.any() else valid.ravel(), shape, spec)
+    satisfied = satisfies(metrics, spec.where)
     rejected[_OUTSIDE] = int((useful & ~satisfied).sum())
     useful &= satisfied
 
@@ -152,7 +139,7 @@ def choose_maps(
         for index in sorted(chosen, key=lambda index: (*bins[index], index))
     ]
     reasons = {words: number for words, number in rejected.items() if number}
-    return Choice(maps, int(valid.sum()), reasons, int(useful.sum()) - len(kept), nearest)
+    return Choice(maps, int(valid.sum()), reasons, int(useful.sum()) - len(kept))
 
 
 def without_flaws(
@@ -195,20 +182,6 @@ def _distinct(
         if form not in seen and not (roads and canonical_form(cut_to_roads(grids[index])) in roads):
             distinct.setdefault(form, index)
     return np.array([*distinct.values()], int)
-
-
-def _nearest(
-    metrics: dict[str, NDArray[np.generic]], among: NDArray[np.bool_], shape: tuple[int, int], spec: SearchSpec
-) -> dict[str, float] | None:
-    """Returns the constrained features of the elite that violates the ranges least; among equal ones the first."""
-    if not among.any():
-        return None
-    ranged = [item.name for item in spec.where]
-    names = columns_for(ranged)
-    features = np.stack([metrics[name] for name in names], axis=-1).astype(np.int32)[among]
-    index = int(np.argmin(range_penalty(features, names, range_limits(spec.where, names), shape)))
-    values = select_features(features[index], names, ranged).tolist()
-    return {name: value / feature_unit(name) for name, value in zip(ranged, values, strict=True)}
 
 
 def _value(name: str, number: float) -> float:

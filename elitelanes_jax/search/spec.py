@@ -1,17 +1,18 @@
 """The specification of a search: all options with their defaults, without JAX."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Unpack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
-from elitelanes_jax._util.checks import check_named, check_unique, flag, name, none_or, one_of, split_settings, whole
-from elitelanes_jax._util.errors import InputError, pluralize, shorten, suggest
+from elitelanes_jax._util.checks import check_named, check_unique, flag, name, none_or, one_of, whole
+from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats.road_map import as_maps
+from elitelanes_jax.formats.road_map import RoadMap, as_maps
 from elitelanes_jax.network.codes import check_alphabet
 from elitelanes_jax.network.records import (
     LONGEST_DETOUR,
@@ -21,17 +22,19 @@ from elitelanes_jax.network.records import (
     check_weights,
     largest_side,
 )
+from elitelanes_jax.problem.bounds import check_feasible
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
-from elitelanes_jax.problem.feasible import check_feasible
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, largest_addend
 from elitelanes_jax.problem.fixed_cells import FixedCells, parse_fixed_cells
-from elitelanes_jax.problem.inventory import parse_inventory, within_inventory
+from elitelanes_jax.problem.inventory import parse_inventory, parse_numbers, within_inventory
 from elitelanes_jax.problem.ranges import Range, parse_ranges
-from elitelanes_jax.problem.rules import RULES, check_rules
+from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.problem.targets import ExampleValues, parse_targets
-from elitelanes_jax.search._options import SpecOptions
 from elitelanes_jax.search.like import settings_like
 from elitelanes_jax.search.style import Style, merge_options, read_style
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 METHODS = {
     "map-elites": ("tuned", "paper", "standard", "irregular"),
@@ -53,8 +56,40 @@ SEEDS = 8
 check_seeds = whole(1, 10**6)
 """Checks a number of independent runs."""
 
+_Maps: TypeAlias = "str | Path | ArrayLike | RoadMap | Iterable[str | Path | ArrayLike | RoadMap]"
+_Limits: TypeAlias = str | float | tuple[float | None, float | None]
+
+
+class SearchOptions(TypedDict, total=False):
+    """The options of `evolve`, for type checkers and editors. `SearchSpec` says what they mean."""
+
+    style: str | Path | None
+    like: _Maps
+    method: str
+    preset: str
+    evaluations: int | str
+    generations: int | str | None
+    axes: str | Axis | Iterable[str | Axis | Mapping[str, Any]] | Mapping[str, int | tuple[int, int]] | None
+    where: str | Range | Iterable[str | Range] | Mapping[str, _Limits]
+    weights: str | Weights | Mapping[str, int] | Iterable[str | tuple[str, int]]
+    targets: Mapping[str, Sequence[float]] | Iterable[ExampleValues]
+    fix: "str | Path | FixedCells | ArrayLike | Sequence[Sequence[int | None]] | None"
+    rules: str | None
+    inventory: str | Path | Mapping[str, int] | Iterable[str | tuple[str, int]] | None
+    fill: bool | None
+    initial: _Maps
+    alphabet: Iterable[int] | None
+    large: Mapping[str, Any] | None
+
+
+class SpecOptions(SearchOptions, total=False):
+    """The options of `SearchSpec`."""
+
+    features: Iterable[str]
+
+
 _BUDGET = ("generations", "evaluations")
-_NOT_OF_STYLES = ("style", "like", "features")
+_NOT_OF_STYLES = ("style", "like", "features", *_BUDGET)
 _NOT_OF_LARGE = (*_NOT_OF_STYLES, "large")
 
 
@@ -70,46 +105,16 @@ def check_features(features: UserValue) -> tuple[str, ...]:
     names = check_unique("features", "name", map(name, features))
     for one in names:
         if not one.isidentifier() or one in (*FEATURES, *TOWN_FEATURES, *Weights._fields):
-            raise InputError(f"features: expected names that no other feature has, got {shorten(repr(one), 40)}")
+            expected = "names of letters, digits and _ that no other feature has"
+            raise InputError(f"features: expected {expected}, got {shorten(repr(one), 40)}")
     return tuple(names)
 
 
 def parse_weights(weights: UserValue, own: Collection[str] = ()) -> tuple[tuple[str, int], ...]:
-    """Reads weights from texts such as ``bridges=300``, a mapping of names to whole numbers, pairs, or `Weights`.
-
-    `own` are the names of the user's own features, which may have a weight too.
-    """
-    if isinstance(weights, str):
-        weights = split_settings(weights)
-    if isinstance(weights, Weights):
-        weights = weights._asdict()
-    if isinstance(weights, Mapping):
-        weights = weights.items()
-    if not isinstance(weights, Iterable):
-        raise InputError(f"weights: expected weights such as ['bridges=300'], got {weights!r}")
-    pairs = tuple(_parse_weight(weight, own) for weight in weights)
-    check_unique("weights", "metric", [metric for metric, _ in pairs])
-    return pairs
-
-
-def _parse_weight(weight: UserValue, own: Collection[str]) -> tuple[str, int]:
-    try:
-        metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
-    except (TypeError, ValueError):
-        raise InputError(f"weights: expected weights such as 'bridges=300', got {shorten(repr(weight))}") from None
-    metric = metric.strip() if isinstance(metric, str) else metric
+    """Reads `Weights`, or what `parse_numbers` reads; `own` are the names of the user's own features."""
     known = (*Weights._fields, *TOWN_FEATURES, *own)
-    if metric not in known:
-        raise InputError(
-            f"weights: expected a metric such as dead_ends, or constant, got {shorten(repr(metric), 40)}"
-            f"{suggest(metric, known)} (there are {', '.join(known)})"
-        )
-    try:
-        return metric, whole(-(2**31), 2**31 - 1)(number)
-    except InputError:
-        text = weight if isinstance(weight, str) else f"{metric}={number}"
-        expected = f"NAME=N with a whole number, {-(2**31)} to {2**31 - 1}"
-        raise InputError(f"weights: expected {expected}, got {shorten(repr(text), 40)}") from None
+    given = weights._asdict() if isinstance(weights, Weights) else weights
+    return parse_numbers("weights", known, given, least=-(2**31))
 
 
 def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]:
@@ -176,14 +181,13 @@ class SearchSpec(Record):
     weights: tuple[tuple[str, int], ...] = option((), parse_weights, "NAME=N", many=True, after="features")
     targets: tuple[ExampleValues, ...] = option((), parse_targets, after="features")
     fix: FixedCells | None = option(None, none_or(parse_fixed_cells), "FILE")
-    rules: str | None = option(None, none_or(check_rules), "NAME")
+    rules: str | None = option(None, none_or(one_of(*RULES)), "NAME")
     inventory: tuple[tuple[str, int], ...] | None = option(None, none_or(parse_inventory), "KIND=N", many=True)
     fill: bool | None = option(None, none_or(flag))
     initial: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", flag="from", many=True)
     alphabet: tuple[int, ...] | None = option(None, none_or(check_alphabet))
     large: "SearchSpec | None" = option(None, none_or(_parse_large), after="features")
     _given: Mapping[str, UserValue] = field(init=False, repr=False, compare=False)
-    _defaults: Mapping[str, UserValue] = field(init=False, repr=False, compare=False)
     _origins: Mapping[str, str] = field(init=False, repr=False, compare=False)  # of the style or `like`
 
     def __init__(self, **given: Unpack[SpecOptions]) -> None:
@@ -196,7 +200,7 @@ class SearchSpec(Record):
           InputError: for an unknown option, a wrong value, or options that exclude each other.
         """
         _check_budget(given)
-        self._resolve(given, {})._keep_inputs(given)
+        self._resolve(given)._keep_inputs(given)
 
     def replace(self, **given: Unpack[SpecOptions]) -> "SearchSpec":  # type: ignore[override]
         """Returns a specification with new options, as if they had been given to the constructor with the earlier ones.
@@ -206,12 +210,7 @@ class SearchSpec(Record):
         """
         new_budget = _check_budget(given)
         kept = {name: value for name, value in self._given.items() if not (new_budget and name in _BUDGET)}
-        return _empty()._resolve({**kept, **given}, self._defaults)._keep_inputs(given, *self.inputs)
-
-    def with_defaults(self, **defaults: Unpack[SpecOptions]) -> "SearchSpec":
-        """Returns the specification with other defaults, which a style overrides. Raises as the constructor does."""
-        made = _empty()._resolve(self._given, _check_options(defaults, self.features))
-        return made._keep_inputs(defaults, *self.inputs)
+        return _empty()._resolve({**kept, **given})._keep_inputs(given, *self.inputs)
 
     @classmethod
     def from_plain(cls, plain: Plain) -> "SearchSpec":
@@ -231,19 +230,18 @@ class SearchSpec(Record):
             values["large"] = cls.from_plain({**plain, **large, "large": None})
         return _empty()._fill(values)
 
-    def _resolve(self, given: Mapping[str, UserValue], defaults: Mapping[str, UserValue]) -> "SearchSpec":
-        """Fills the record from layers of options: the defaults, the style's, the example maps', and the given ones."""
+    def _resolve(self, given: Mapping[str, UserValue]) -> "SearchSpec":
+        """Fills the record from layers of options: the style's, the example maps', and the given ones."""
         own = check_named("features", check_features, given.get("features", ()))
         given = _check_options(given, own)
-        layers, style, origins = [defaults, given], given.get("style"), dict[str, str]()
+        layers, style, origins = [given], given.get("style"), dict[str, str]()
         if given.get("like"):
-            layers.insert(1, _check_options(settings_like(given["like"]), own))
-            origins = dict.fromkeys(_names_in(layers[1]), "like")
+            layers.insert(0, _check_options(settings_like(given["like"]), own))
+            origins = dict.fromkeys(_names_in(layers[0]), "like")
         if style is not None:
-            check_named(f"style {style.name!r}", _check_budget, style.options)
             check = partial(_check_options, own=own, without=_NOT_OF_STYLES)
-            layers.insert(1, check_named(f"style {style.name!r}", check, style.options))
-            origins = dict.fromkeys(_names_in(layers[1]), f"style {style.name!r}") | origins
+            layers.insert(0, check_named(f"style {style.name!r}", check, style.options))
+            origins = dict.fromkeys(_names_in(layers[0]), f"style {style.name!r}") | origins
         origins = {name: origin for name, origin in origins.items() if name not in _names_in(given)}
         small = [{name: value for name, value in layer.items() if name != "large"} for layer in layers]
         rest = {"style": style and style.name, "large": None}
@@ -251,13 +249,12 @@ class SearchSpec(Record):
         last = max((index for index, layer in enumerate(layers) if "large" in layer), default=0)
         if (large := layers[last].get("large")) is not None:
             values["large"] = _empty()._fill(merge_options([*small[: last + 1], large, *small[last + 1 :]]) | rest)
-        return self._fill(values, given, defaults, origins)
+        return self._fill(values, given, origins)
 
     def _fill(
         self,
         values: Mapping[str, UserValue],
         given: Mapping[str, UserValue] | None = None,
-        defaults: Mapping[str, UserValue] | None = None,
         origins: Mapping[str, str] | None = None,
     ) -> "SearchSpec":
         """Sets the fields to checked values, or to their defaults; by default, all of them count as given."""
@@ -268,7 +265,7 @@ class SearchSpec(Record):
             every, origins = every | {"where": where}, {**(origins or {}), **added}
         label = every["style"] and Style(every["style"], {})
         given = every | {"style": label} if given is None else given
-        vars(self).update(every, _given=given, _defaults=defaults or {}, _origins=origins or {})
+        vars(self).update(every, _given=given, _origins=origins or {})
         with self.naming_origins():
             self.check_together()
         return self
@@ -312,11 +309,9 @@ class SearchSpec(Record):
           InputError: for a custom method or preset, which only results have, cells or initial maps of another shape, or
             weights with which the fitness of a grid could exceed 32 bits.
         """
-        if self.large is not None:
-            self.on(shape).check_on(shape, name)
-        else:
-            with self.naming_origins():
-                self._check_on(shape, name)
+        search = self if self.large is None else self.on(shape)
+        with search.naming_origins():
+            search._check_on(shape, name)
 
     def _check_on(self, shape: tuple[int, int], name: str) -> None:
         if self.method == CUSTOM:
@@ -345,12 +340,8 @@ class SearchSpec(Record):
             expected = f"grids whose fitness has 32 bits, such as all up to {side} x {side}"
             raise InputError(f"{name}: expected {expected}, got {size}") from None
 
-    def check_maps(self, shape: tuple[int, int], maps: int = 1, *, exhaustive: bool = False) -> None:
-        """Checks whether `maps` maps ``(height, width)`` can satisfy all constraints, see `check_feasible`.
-
-        Raises:
-          InputError: if there are fewer maps; the message states the bound or the count.
-        """
+    def check_maps(self, shape: tuple[int, int]) -> None:
+        """Checks that maps ``(height, width)`` can satisfy all constraints; raises as `check_feasible`."""
         search = self.on(shape)
         with search.naming_origins():
             check_feasible(
@@ -360,8 +351,6 @@ class SearchSpec(Record):
                 rules=search.rules,
                 filled=search.repair_fills,
                 alphabet=search.alphabet,
-                maps=maps,
-                exhaustive=exhaustive,
             )
 
     @property

@@ -16,7 +16,7 @@ STYLES = ("paper", "town")
 """The names of the package's own styles. `paper` has no options, so it equals a search without a style."""
 
 # Each of these options discards another option of the layers before it, which depends on it or would override it.
-_DISCARDS = {"method": "preset", "axes": "targets", "evaluations": "generations"}
+_DISCARDS = {"method": "preset", "axes": "targets"}
 
 
 class Style(NamedTuple):
@@ -53,8 +53,8 @@ def _read(file: Path) -> Style:
 def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserValue]:
     """Merges layers of checked options; each layer overrides the ones before it.
 
-    Ranges and weights are merged feature by feature. A method discards the preset of the layers before, axes discard
-    the targets, and evaluations the generations.
+    Ranges and weights are merged feature by feature. A method discards the preset of the layers before, and axes
+    discard the targets.
     """
     merged: dict[str, UserValue] = {}
     for layer in layers:

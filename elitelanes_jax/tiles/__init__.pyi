@@ -1,9 +1,11 @@
 from .contact_sheet import write_text as write_text
+from .files import Tile as Tile
 from .masking import mask_folder as mask_folder
 from .masking import propose_masks as propose_masks
 from .object_set import ObjectPictures as ObjectPictures
 from .object_set import ObjectSet as ObjectSet
 from .object_set import default_objects as default_objects
+from .object_set import draw_tag as draw_tag
 from .object_set import load_objects as load_objects
 from .rendering import LABEL_COLOURS as LABEL_COLOURS
 from .rendering import LABELS as LABELS
@@ -16,9 +18,6 @@ from .rendering import scale_tiles as scale_tiles
 from .rendering import stand as stand
 from .rendering import write_picture as write_picture
 from .rendering import write_png as write_png
-from .seams import describe_seams as describe_seams
-from .seams import find_seams as find_seams
-from .seams import seam_picture as seam_picture
 from .tileset import MASKS as MASKS
 from .tileset import TileSet as TileSet
 from .tileset import default_tiles as default_tiles

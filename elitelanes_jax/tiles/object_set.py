@@ -13,7 +13,6 @@ An object set has a folder for each object, such as ``duckie_1``. Each has
 """
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
@@ -21,20 +20,21 @@ from hashlib import sha256
 from math import cos, degrees, radians
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, is_real, path
+from elitelanes_jax._util.checks import check_named, is_real, path, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import KIB
+from elitelanes_jax._util.files import read_toml
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, base_kind, check_kind, nearest_view
-from elitelanes_jax.formats.tag_pictures import draw_tag
-from elitelanes_jax.tiles.files import read_picture, read_table
+from elitelanes_jax.formats.tags import LARGEST_TAG
+from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.pasting import Placed, paste
 
 _KEYS, _TAG = ("kind", "height", "footprint"), "tag"
-_MOST_TOML = 16 * KIB
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +134,18 @@ def _with_tag(one: ObjectPictures, number: int) -> ObjectPictures:
     return replace(one, views=views)
 
 
+def draw_tag(number: UserValue) -> NDArray[np.uint8]:
+    """Draws an AprilTag of the family 36h11, uint8 ``[8, 8]``, 0 or 255: its black square, a pixel for each bit.
+
+    Raises:
+      InputError: for a number that is not 0 to 586.
+    """
+    number = check_named("tag", whole(0, LARGEST_TAG), number)
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    # OpenCV has the family upside down: only then is the first row of tag 0 the first six bits of its code.
+    return np.asarray(cv2.aruco.generateImageMarker(family, number, 8)[::-1, ::-1], np.uint8)
+
+
 def _paint_tag(pixels: NDArray[np.uint8], number: int, row: float, high: float, wide: float) -> NDArray[np.uint8]:
     """Paints an AprilTag around the middle column, as bright as the brightest of the tag that was there."""
     left, top = (pixels.shape[1] - wide) / 2, row - high / 2
@@ -221,7 +233,7 @@ def _load_pictures(folder: Path) -> ObjectPictures:
 
 
 def _about(file: Path) -> tuple[str, float, tuple[float, float], tuple[float, float] | None]:
-    about = read_table(file, tomllib.loads, _MOST_TOML)
+    about = read_toml(file, str(file))
     for wrong in sorted({*about} - {_TAG} ^ {*_KEYS}):
         got = shorten(repr(wrong)) if wrong in about else f"no {wrong}"
         raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {got}")

@@ -1,7 +1,6 @@
 """Rendering: from a grid to one picture, its masks and its label map (paper, "Real-World Data Integration")."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -10,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, file_named, instance, is_whole, listed, path, real, switch, whole
+from elitelanes_jax._util.checks import check_named, file_named, instance, is_whole, listed, path, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
@@ -43,9 +42,6 @@ class Picture(NamedTuple):
       red: uint8 ``[H·P, W·P]``, 0 or 255, the stop lines.
       yellow: uint8 ``[H·P, W·P]``, 0 or 255, the lane separators.
       labels: uint8 ``[H·P, W·P]``, indices in `LABELS`.
-      layers: uint8 ``[H·P, W·P]``, 0 or 255, further masks of the tile set, by name.
-      points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name;
-        tile by tile, row by row.
       instances: uint16 ``[H·P, W·P]``, 0, or the number of the object that is seen, its index on the map plus 1; None
         without objects. Where there is an object, masks and labels are 0.
     """
@@ -55,8 +51,6 @@ class Picture(NamedTuple):
     red: NDArray[np.uint8]
     yellow: NDArray[np.uint8]
     labels: NDArray[np.uint8]
-    layers: Mapping[str, NDArray[np.uint8]] = {}
-    points: Mapping[str, NDArray[np.float64]] = {}
     instances: NDArray[np.uint16] | None = None
 
 
@@ -102,7 +96,6 @@ def render(
     tile_px: int = 64,
     seed: int | None = None,
     chosen: UserValue = None,
-    blend: bool | None = None,
     objects: ObjectSet | str | Path | None = None,
 ) -> Picture:
     """Draws a map, with its objects as seen from above.
@@ -114,7 +107,6 @@ def render(
       seed: of the choice among the pictures of each code (see `choose_tiles`). By default a map is drawn with the same
         pictures as before, if the set has them; other maps have seed 0.
       chosen: the choice, instead of the seed's.
-      blend: whether to blend the tiles: equal light, feathered seams; by default as the set says.
       objects: the pictures of the map's objects, a set or its folder; by default the package's own.
 
     Raises:
@@ -134,7 +126,7 @@ def render(
         chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
     picture = chosen[..., 0] * 4 + chosen[..., 1]
     layers = {name: _lay_out(rotated[picture]) for name, rotated in scale_tiles(tiles, tile_px).items()}
-    if tiles.blend if blend is None else check_named("blend", switch, blend):
+    if tiles.blend:
         codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
         toned = apply_tones(layers["image"], solve_tones(codes, picture, small["image"], small["labels"]))
         layers["image"] = feather(toned, layers["labels"], codes)
@@ -144,12 +136,7 @@ def render(
     if things := getattr(grid, "objects", None):
         placed, order = lay_all_flat(things, load_objects(objects).choose(things, seed or 0), tile_px)
         instances, _ = paste_objects(layers, placed, order)
-    return Picture(
-        **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
-        layers=layers,
-        points={name: _lay_points(name, tiles, chosen, tile_px) for name in tiles.points},
-        instances=instances,
-    )
+    return Picture(**layers, instances=instances)
 
 
 @cache
@@ -206,7 +193,7 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
 
 
 def write_picture(folder: str | Path, picture: Picture) -> None:
-    """Writes a picture's files: image.png, a PNG file for each mask, labels.png, and points.json if it has points.
+    """Writes a picture's files: image.png, a PNG file for each mask, and labels.png.
 
     A picture with objects also gets instances.png, of 16 bits per pixel.
 
@@ -223,13 +210,8 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("image", *MASKS, "labels"):
         write_png(folder / f"{name}.png", getattr(picture, name))
-    for name, mask in picture.layers.items():
-        write_png(folder / f"{name}.png", mask)
     if picture.instances is not None:
         write_png(folder / "instances.png", picture.instances)
-    if picture.points:
-        points = {name: listed.tolist() for name, listed in picture.points.items()}
-        (folder / "points.json").write_text(json.dumps(points) + "\n", encoding="utf-8")
 
 
 def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
@@ -279,7 +261,6 @@ def stand(objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path 
 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
     """Lays the labels over the picture of `render` in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
-    check_named("picture", instance(Picture), picture)
     check_named("opacity", real(0, 1), opacity)
     colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
     return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
@@ -290,20 +271,16 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     """Scales all layers of all T tiles of a set in all four rotations to P = `size` pixels a side.
 
     Returns:
-      uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow, labels, and further
-      masks of the set. Index ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
+      uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow and labels. Index
+      ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
 
     Raises:
       InputError: for anything else than a tile set, or a size that is not a whole number from 1 on.
     """
-    check_named("tiles", instance(TileSet), tiles)
     check_named("size", whole(1), size)
     layers: dict[str, list[NDArray[np.uint8]]] = {}
     for tile in tiles.pictures:
-        empty = np.zeros(tile.road.shape, bool)
-        masks = {name: getattr(tile, name) for name in MASKS}
-        masks |= {name: tile.layers.get(name, empty) for name in tiles.layers}
-        masks = {name: _resize_mask(mask, size, name) for name, mask in masks.items()}
+        masks = {name: _resize_mask(getattr(tile, name), size, name) for name in MASKS}
         labels = np.where(masks["yellow"], 3, np.where(masks["red"], 2, masks["road"])).astype(np.uint8)
         drawn = {name: mask * np.uint8(255) for name, mask in masks.items()}
         for name, layer in (drawn | {"image": _resize(tile.image, size), "labels": labels}).items():
@@ -330,17 +307,6 @@ def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bo
     if name == "road" or not area or 0.75 * area <= half.sum() <= 1.33 * area:
         return half
     return cover >= np.sort(cover, axis=None)[-area] - 1e-4
-
-
-def _lay_points(name: str, tiles: TileSet, chosen: NDArray[np.int_], size: int) -> NDArray[np.float64]:
-    laid = []
-    for row, column in np.ndindex(chosen.shape[:2]):
-        index, turns = chosen[row, column]
-        own, points = len(tiles.pictures[index].image), tiles.pictures[index].points.get(name, np.zeros((0, 2)))
-        for _ in range(turns):
-            points = np.stack([points[:, 1], own - points[:, 0]], axis=1)  # a quarter turn counter-clockwise
-        laid.append(points * size / own + (column * size, row * size))
-    return np.concatenate(laid)
 
 
 def _lay_out(tiles: np.ndarray) -> np.ndarray:

@@ -4,14 +4,9 @@ A tile set has sub-folders ``<kind>_<n>``, the kind one of turn, straight, cross
 ``image.png``, the picture of one square tile, and the masks ``road.png``, ``red.png`` (stop lines) and
 ``yellow.png`` (lane separators) of the same size: grey, of 0 and one other value.
 
-A tile may also have further masks, such as ``cones.png``, and points, in ``points.json``:
-``{"name": [[x, y], ...], ...}``, in pixels from the top left corner of the picture. They are rotated with the tile.
-Tiles without a mask or points that other tiles have are empty in it.
-
-An optional ``tileset.toml`` has a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
-single tile opens, as letters: ``turn = "SW"``. By default a turn opens S and W, a straight N and S, a crossing3
-N, S and W, a crossing4 all four, an end S. New maps have no dead ends: an end is for maps drawn by hand or repaired.
-Without ``blend = false`` the tiles are blended as photographs, whose light differs.
+A tile opens the sides that its road reaches. New maps have no dead ends: an end is for maps drawn by hand or repaired.
+An optional ``tileset.toml`` has a ``name`` and a ``licence``. Without ``blend = false`` the tiles are blended as
+photographs, whose light differs.
 
 Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop lines on
 the wrong side.
@@ -19,38 +14,40 @@ the wrong side.
 
 import re
 import reprlib
-import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, none_or, path, switch
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import KIB
+from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles._lines import misplaced_lines
-from elitelanes_jax.tiles.files import Tile, read_mask, read_picture, read_points, read_table, size_of
+from elitelanes_jax.tiles.files import Tile, read_mask, read_picture, size_of
 
 MASKS = ("road", "red", "yellow")
 """The masks of a tile, by the names of their files."""
 
-_OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW", "end": "S"}
+_EXPECTED = {
+    "turn": "two sides that meet",
+    "straight": "two sides that face each other",
+    "crossing3": "three sides",
+    "crossing4": "all four sides",
+    "end": "one side",
+}
 _FILES = ("image", *MASKS)
 _KEYS: dict[str, tuple[type, str]] = {  # in tileset.toml: what each is
     "name": (str, "name to be text"),
     "licence": (str, "licence to be text"),
     "blend": (bool, "blend to be true or false"),
-    "opens": (dict, "a table [opens]"),
 }
-_MOST_TOML = 64 * KIB  # tomllib's time for a dotted key grows with the square of its length
-_TOUCHES = 0.1  # the least part of a side in road if a road crosses it
-_OUTPUT = ("labels", "overlay", "instances")  # names of pictures that are written next to the masks of a map
+_TOUCHES = 0.1  # the least part of a side in road if a road reaches it
 _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
 
@@ -94,14 +91,14 @@ class TileSet:
         return {code: tuple(draws[code]) for code in sorted(draws)}
 
     @cached_property
-    def layers(self) -> tuple[str, ...]:
-        """The names of all further masks, sorted."""
-        return tuple(sorted({name for tile in self.tiles for name in tile.layers}))
-
-    @cached_property
-    def points(self) -> tuple[str, ...]:
-        """The names of all points, sorted."""
-        return tuple(sorted({name for tile in self.tiles for name in tile.points}))
+    def digest(self) -> str:
+        """A digest of all names, pictures and masks."""
+        found = sha256(repr((self.name, self.licence)).encode())
+        for tile in self.tiles:
+            found.update(repr((tile.name, tile.code, tile.image.shape)).encode())
+            for layer in (tile.image, *(getattr(tile, name) for name in MASKS)):
+                found.update(np.ascontiguousarray(layer).tobytes())
+        return found.hexdigest()[:16]
 
     @property
     def alphabet(self) -> tuple[int, ...]:
@@ -115,25 +112,23 @@ def default_tiles() -> Path:
     return installed if installed.is_dir() else Path(__file__).parents[2] / "tiles"
 
 
-def load_tiles(folder: str | Path | None = None, *, blend: bool | None = None) -> TileSet:
+def load_tiles(folder: str | Path | None = None) -> TileSet:
     """Loads a tile set.
 
-    Files, sizes and kinds are checked, and that roads reach the sides they open. The positions of lines are not
+    Files and sizes are checked, and that roads reach as many sides as their kind has. The positions of lines are not
     checked, because photographs of unusual roads need judgement; `elitelanes tiles check` reports them.
 
     Args:
       folder: of the set; by default the package's own.
-      blend: whether the tiles are blended on a map; by default as ``tileset.toml`` says, and otherwise they are.
 
     Raises:
       InputError: for an error in the folder; the message names the file.
     """
-    blend = check_named("blend", none_or(switch), blend)
     tiles, problems = inspect_tiles(default_tiles() if folder is None else check_named("folder", path, folder))
     if tiles is None:
         more = f" (and {len(problems) - 1} more; see: elitelanes tiles check)" if len(problems) > 1 else ""
         raise InputError(problems[0] + more)
-    return tiles if blend is None else replace(tiles, blend=blend)
+    return tiles
 
 
 def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet | None, list[str]]:
@@ -143,12 +138,7 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
     """
     folder, problems = Path(folder), list[str]()
     about = _about(folder / "tileset.toml", problems)
-    folders, opens = tile_folders(folder, problems), about.get("opens", {})
-    strangers = set(opens) - set(_OPENS) - {tile_folder.name for tile_folder in folders}
-    problems += [
-        f"{folder / 'tileset.toml'}: [opens]: expected a tile of the set, got {_shown(name)}" for name in strangers
-    ]
-    read = [_load_tile(tile_folder, opens, problems) for tile_folder in folders]
+    read = [_load_tile(tile_folder, problems) for tile_folder in tile_folders(folder, problems)]
     tiles = [tile for tile in read if tile is not None]
     if lines:
         problems += [f"{folder / tile / mask}.png: {fault}" for tile, mask, fault in misplaced_lines(tiles)]
@@ -176,21 +166,11 @@ def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
     found = []
     for entry in folder.iterdir():
         match = re.fullmatch(r"([a-z]+\d?)_(\d+)", entry.name)
-        if entry.is_dir() and match and match[1] in _OPENS:
-            found.append(((list(_OPENS).index(match[1]), int(match[2])), entry))
+        if entry.is_dir() and match and match[1] in _EXPECTED:
+            found.append(((list(_EXPECTED).index(match[1]), int(match[2])), entry))
         elif entry.is_dir() and any((entry / f"{name}.png").exists() for name in _FILES):
-            problems.append(f"{entry}: expected a folder <kind>_<number>, the kind one of {', '.join(_OPENS)}")
+            problems.append(f"{entry}: expected a folder <kind>_<number>, the kind one of {', '.join(_EXPECTED)}")
     return [entry for _, entry in sorted(found)]
-
-
-def stray_files(folder: Path) -> list[Path]:
-    """Returns the files in the folders of a set's tiles that are not read, except hidden ones, sorted."""
-    return [
-        file
-        for tile_folder in tile_folders(folder, [])
-        for file in sorted(tile_folder.iterdir())
-        if not file.name.startswith(".") and file.suffix != ".png" and file.name != "points.json"
-    ]
 
 
 def edge_pixels(picture: np.ndarray, side: Side) -> np.ndarray:
@@ -211,58 +191,31 @@ def describe_tiles(tiles: TileSet) -> str:
         for kind in _absent_kinds(tiles.tiles)
     ]
     lines += ["no lane separators"] if not any(tile.yellow.any() for tile in tiles.tiles) else []
-    lines += [f"layers: {', '.join(tiles.layers)}"] if tiles.layers else []
-    lines += [f"points: {', '.join(tiles.points)}"] if tiles.points else []
     return "\n".join(lines)
 
 
 def _absent_kinds(tiles: Iterable[Tile]) -> list[str]:
     drawn = {tile.code for tile in tiles}
-    return [kind for kind in _OPENS if not drawn & set(KINDS[kind])]
+    return [kind for kind in _EXPECTED if not drawn & set(KINDS[kind])]
 
 
 def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
     """Reads tileset.toml and checks it; returns what is right."""
     try:
-        about = read_table(file, tomllib.loads, _MOST_TOML) if file.exists() else {}
+        about = read_toml(file, str(file)) if file.exists() else {}
     except InputError as error:
         problems.append(str(error))
         return {}
     for key, value in list(about.items()):
         kind, expected = _KEYS.get(key, (type(None), f"the keys {', '.join(_KEYS)}"))
         if not isinstance(value, kind):
-            problems.append(f"{file}: expected {expected}, got {_shown(value if key in _KEYS else key)}")
+            got = shorten(reprlib.repr(value if key in _KEYS else key))
+            problems.append(f"{file}: expected {expected}, got {got}")
             del about[key]
-    opens = about.setdefault("opens", {})
-    for name, sides in opens.items():
-        kind = name.rpartition("_")[0] or name
-        if kind not in _OPENS:
-            problems.append(f"{file}: expected in [opens] kinds ({', '.join(_OPENS)}) or tiles, got {_shown(name)}")
-        elif not isinstance(sides, str) or _code(sides) not in KINDS[kind]:
-            number = CONNECTIONS[KINDS[kind][0]]
-            count = f"{number} sides" if number > 1 else "1 side"
-            how = {"turn": " that meet", "straight": " that face each other"}.get(kind, "")
-            expected = f"{shorten(name)} to open {count}{how}, as letters of NESW"
-            problems.append(f"{file}: expected {expected}, got {_shown(sides)}")
-    about["opens"] = {name: sides for name, sides in opens.items() if isinstance(sides, str)}
     return about
 
 
-def _shown(value: Plain) -> str:
-    """Returns a value for a message, shortened in length and depth."""
-    return shorten(reprlib.repr(value))
-
-
-def _code(sides: str) -> int | None:
-    """Returns the tile code of sides given as letters, or None."""
-    bits = {side.letter: side.bit for side in SIDES}
-    if len(set(sides)) != len(sides) or not set(sides) <= set(bits):
-        return None
-    return sum(bits[letter] for letter in sides)
-
-
-def _load_tile(folder: Path, opens: dict[str, str], problems: list[str]) -> Tile | None:
-    kind = folder.name.rpartition("_")[0]
+def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
     before = len(problems)
     missing = [f"{name}.png" for name in _FILES if not (folder / f"{name}.png").is_file()]
     if missing:
@@ -273,46 +226,12 @@ def _load_tile(folder: Path, opens: dict[str, str], problems: list[str]) -> Tile
         if image.shape[0] != image.shape[1]:
             problems.append(f"{folder / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
     road, red, yellow = (read_mask(folder / f"{name}.png", image, problems) for name in MASKS)
-    layers = _read_layers(folder, image, problems)
-    points = read_points(folder / "points.json", image, problems)
-    code = _code(opens.get(folder.name, opens.get(kind, _OPENS[kind])))
-    if len(problems) > before or code is None or image is None or road is None or red is None or yellow is None:
+    if len(problems) > before or image is None or road is None or red is None or yellow is None:
         return None
-    if _check_sides(folder, code, road, problems):
+    reached = [side for side in SIDES if edge_pixels(road, side).mean() >= _TOUCHES]
+    code, kind = sum(side.bit for side in reached), folder.name.rpartition("_")[0]
+    if code not in KINDS[kind]:
+        got = ", ".join(side.letter for side in reached) or "none"
+        problems.append(f"{folder / 'road.png'}: expected a road that reaches {_EXPECTED[kind]} of the tile, got {got}")
         return None
-    return Tile(folder.name, code, image[..., :3], road, red, yellow, layers, points)
-
-
-def _check_sides(folder: Path, code: int, road: NDArray[np.bool_], problems: list[str]) -> bool:
-    """Adds the sides that a tile opens but no road reaches, and the reverse; returns whether there are any."""
-    before, size = len(problems), road.shape[0]
-    for turns, side in enumerate(SIDES):
-        across = np.rot90(road, turns).sum(axis=1)  # by the distance from the side
-        opens = code & side.bit > 0
-        if opens == (across[0] >= _TOUCHES * size):
-            continue
-        name = side.letter
-        expected = f"to reach the side {name}, which the tile opens" if opens else f"to end before the side {name}"
-        short = int(np.argmax(across >= _TOUCHES * size))
-        problems.append(
-            f"{folder / 'road.png'}: expected the road {expected} (see [opens] in tileset.toml), "
-            f"got road on {across[0]} of its {size} pixels" + (f"; it ends {short} pixels short of it" if short else "")
-        )
-    return len(problems) > before
-
-
-def _read_layers(folder: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> dict[str, NDArray[np.bool_]]:
-    layers = {}
-    for file in sorted(folder.glob("[!.]*.png")):
-        if file.stem in _FILES:
-            continue
-        if not re.fullmatch("[a-z][a-z0-9_-]*", file.stem) or file.stem in _OUTPUT:
-            problems.append(
-                f"{file}: expected a mask's name in small letters, digits, - and _ and none of {', '.join(_OUTPUT)}, "
-                f"got {file.stem!r}"
-            )
-            continue
-        mask = read_mask(file, image, problems)
-        if mask is not None:
-            layers[file.stem] = mask
-    return layers
+    return Tile(folder.name, code, image[..., :3], road, red, yellow)

@@ -1,6 +1,5 @@
 """The study's maps: where they come from, which niches are held out, and levels whose distances are matched."""
 
-from collections.abc import Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple, TypeAlias, TypedDict
@@ -19,7 +18,7 @@ from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.optimizers import seed_keys
 from elitelanes_jax.problem import niche_bins
 
-__all__ = ["AXES", "DISTANCES", "SIDE", "Grids", "MapBudget", "Maps", "draw_levels", "human_maps", "make_maps"]
+__all__ = ["SIDE", "Grids", "MapBudget", "Maps", "draw_levels", "human_maps", "make_maps"]
 
 SIDE = 8
 
@@ -172,7 +171,7 @@ def _furthest(grid: NDArray[np.int8]) -> int:
     return int(away[away < UNREACHABLE].max(initial=0))
 
 
-def draw_levels(seed: int, grids: ArrayLike, count: int, *, among: Sequence[int] = DISTANCES) -> Level:
+def draw_levels(seed: int, grids: ArrayLike, count: int) -> Level:
     """Draws levels, N of them, with matched distances: level i is on map i modulo M, its distance the next in turn.
 
     A goal without a start at the distance is drawn again, some times; then the nearest distance beyond is taken, or the
@@ -182,18 +181,17 @@ def draw_levels(seed: int, grids: ArrayLike, count: int, *, among: Sequence[int]
       seed: of all that is random.
       grids: codes ``[M, H, W]``.
       count: N.
-      among: tiles from start to goal.
     """
     listed = np.asarray(grids, np.int8)
-    drawn = _drawn(seed, listed.tobytes(), listed.shape, -(-count // _ROUND) * _ROUND, tuple(among))
+    drawn = _drawn(seed, listed.tobytes(), listed.shape, -(-count // _ROUND) * _ROUND)
     return jax.tree.map(lambda part: part[:count], drawn)
 
 
 @lru_cache(maxsize=16)
-def _drawn(seed: int, packed: bytes, shape: tuple[int, ...], count: int, among: tuple[int, ...]) -> Level:
+def _drawn(seed: int, packed: bytes, shape: tuple[int, ...], count: int) -> Level:
     """Draws levels as `draw_levels` does, and keeps them: the drivers of a seed drive on the same ones."""
     grids, number = np.frombuffer(packed, np.int8).reshape(shape), np.arange(count)
-    target = jnp.asarray(np.asarray(among)[number // len(grids) % len(among)], jnp.int32)
+    target = jnp.asarray(np.asarray(DISTANCES)[number // len(grids) % len(DISTANCES)], jnp.int32)
     return _draw_levels(jax.random.split(jax.random.key(seed), count), jnp.asarray(grids[number % len(grids)]), target)
 
 

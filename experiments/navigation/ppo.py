@@ -246,7 +246,7 @@ def _row(tree: Pytree) -> Pytree:
     return jax.tree.map(lambda x: x[None], tree)
 
 
-@partial(jax.jit, static_argnames=("environment", "network", "steps", "likeliest"))
+@partial(jax.jit, static_argnames=("environment", "network", "steps"))
 def drive_levels(
     key: Array,
     weights: Pytree,
@@ -256,9 +256,8 @@ def drive_levels(
     network: Network,
     *,
     steps: int,
-    likeliest: bool = False,
-) -> tuple[Pytree, Array]:
-    """Drives one episode on each level.
+) -> Pytree:
+    """Drives one episode on each level, and returns the info ``[N]`` of its last step.
 
     Args:
       key: consumed.
@@ -268,10 +267,6 @@ def drive_levels(
       environment: without automatic resets.
       network: as in `train`.
       steps: the most that are driven.
-      likeliest: take the policy's likeliest actions; else they are drawn from it.
-
-    Returns:
-      The info ``[N]`` of each episode's last step, and its reward, float32 ``[N]``.
     """
     count = levels.grid.shape[0]
     starting, driving = jax.random.split(key)
@@ -280,21 +275,18 @@ def drive_levels(
     discrete = environment.actions is not None
 
     def go(carry: Pytree) -> Pytree:
-        step, seen, states, memory, first, over, info, reward = carry
+        step, seen, states, memory, first, over, info = carry
         choosing, going = jax.random.split(jax.random.fold_in(driving, step))
         memory, head, _ = network.apply(weights, memory, *_row((seen, first)))
         action = distribution(head[0], discrete)[0](choosing)
-        if likeliest:
-            action = head[0].argmax(axis=-1) if discrete else head[0][:, : environment.action_size]
         done = jax.vmap(environment.step, (0, 0, 0, None))(jax.random.split(going, count), states, action, params)
 
         def stay(new: Array, old: Array) -> Array:
             return jnp.where(over.reshape(over.shape + (1,) * (new.ndim - 1)), old, new)
 
         info, states, seen = jax.tree.map(stay, (done.info, done.state, done.observation), (info, states, seen))
-        reward += done.reward * ~over
         over |= done.terminated | done.truncated
-        return step + 1, seen, states, memory, jnp.zeros_like(first), over, info, reward
+        return step + 1, seen, states, memory, jnp.zeros_like(first), over, info
 
     shape = jax.eval_shape(
         jax.vmap(environment.step, (0, 0, None, None)),
@@ -302,9 +294,8 @@ def drive_levels(
     )
     info = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape.info)
     over, first = jnp.zeros(count, bool), jnp.ones(count, bool)
-    carry = 0, seen, states, jnp.zeros((count, network.memory)), first, over, info, jnp.zeros(count)
-    *_, info, reward = jax.lax.while_loop(lambda carry: (carry[0] < steps) & ~carry[5].all(), go, carry)
-    return info, reward
+    carry = 0, seen, states, jnp.zeros((count, network.memory)), first, over, info
+    return jax.lax.while_loop(lambda carry: (carry[0] < steps) & ~carry[5].all(), go, carry)[-1]
 
 
 def _any_action(environment: Environment) -> Array:

@@ -1,9 +1,9 @@
-"""Tables and figures of `navigation.py`, from the files of its finished runs."""
+"""Tables and figures of `study`, from the files of its finished runs, and the statistics that compare them."""
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import matplotlib as mpl
 
@@ -11,27 +11,12 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from elitelanes_jax.problem import Axis
-from elitelanes_jax.tiles import load_tiles, render
-from experiments.common import Untyped, save, table, write
-from experiments.navigation.hypotheses import answers
-from experiments.navigation.outcomes import (
-    FEATURES,
-    Difference,
-    Runs,
-    correlations,
-    difference,
-    over_seeds,
-    read_places,
-    read_runs,
-    success_by_niche,
-)
-from experiments.navigation.tasks import CONDITIONS, TASKS, Figures
+from experiments.common import bootstrap_interval, save, table, write
+from experiments.navigation.tasks import CONDITIONS, TASKS, Figures, Judged
 
-__all__ = ["Archive", "hard_niches", "write_report"]
+__all__ = ["Difference", "Runs", "difference", "success_by_niche", "write_report"]
 
 TESTS = {
     "trained on": "its own maps",
@@ -44,24 +29,63 @@ TESTS = {
 }
 """The tests by name, with words for their maps."""
 
-_KEYS: tuple[Figures, ...] = ("success", "worst", "spl", "tiles")
-_REFERENCE = {"lane": "maps-100", "map": "maps-1000", "window": "maps-1000"}
+ALIKE = ("seen", "held out")
+"""The tests on unseen maps of MAP-Elites."""
+
+Runs: TypeAlias = dict[tuple[str, str, int], dict[str, Judged]]
+"""What `judge` says of each test, by task, condition and seed."""
+
+
+class Difference(NamedTuple):
+    """A mean over seeds, as of differences between runs of the same seed, with its 95 % bootstrap interval.
+
+    The interval is NaN under three seeds.
+    """
+
+    mean: float
+    low: float
+    high: float
+    seeds: int
+
+
+def read_runs(out: Path) -> Runs:
+    """Reads the finished runs of a folder: what `judge` says of each test, by task, condition and seed."""
+    runs: Runs = {}
+    for name in TASKS:
+        for condition in CONDITIONS:
+            for file in sorted((out / "runs").glob(f"{name}-{condition}-*.json")):
+                seed = file.stem.removeprefix(f"{name}-{condition}-")
+                if seed.isdigit():
+                    runs[name, condition, int(seed)] = json.loads(file.read_text(encoding="utf-8"))
+    return runs
+
+
+def difference(
+    runs: Runs, task: str, one: tuple[str, str], other: tuple[str, str], figure: Figures = "success"
+) -> Difference:
+    """Compares two (condition, test), over the seeds that both have."""
+    pairs = [
+        (found[one[1]][figure], runs[task, other[0], seed][other[1]][figure])
+        for (name, condition, seed), found in sorted(runs.items())
+        if (name, condition) == (task, one[0]) and one[1] in found and other[1] in runs.get((task, other[0], seed), {})
+    ]
+    return over_seeds([first - second for first, second in pairs])
+
+
+def over_seeds(values: Sequence[float]) -> Difference:
+    """Averages a figure of each seed."""
+    mean = float(np.mean(values)) if len(values) else float("nan")
+    low, high = bootstrap_interval(values) if len(values) > 2 else (float("nan"), float("nan"))
+    return Difference(mean, low, high, len(values))
 
 
 def write_report(out: Path, tasks: Sequence[str]) -> None:
     """Writes navigation.md and the figures of all finished runs of some tasks into the folder."""
     runs = {key: found for key, found in read_runs(out).items() if key[0] in tasks}
     trained = [name for name in TASKS if any(key[0] == name for key in runs)]
-    parts = [
-        "# Navigation",
-        *_answers_table(runs, out),
-        *(part for name in trained for part in _task_tables(runs, name)),
-    ]
-    if "where" in tasks:
-        parts += _places_tables(out)
-    parts += _hard_tables(runs, out)
+    parts = ["# Navigation", *(part for name in trained for part in _task_tables(runs, name))]
     write(out / "navigation.md", "\n\n".join(part.rstrip() for part in parts) + "\n")
-    write(out / "navigation.json", json.dumps(_figures(runs, out), indent=1) + "\n")
+    write(out / "navigation.json", json.dumps(_figures(runs), indent=1) + "\n")
     shown = [name for name in ("map", "window") if name in trained]
     if shown:
         save(_curves(runs, shown), out / "navigation.png")
@@ -70,40 +94,13 @@ def write_report(out: Path, tasks: Sequence[str]) -> None:
         save(_heat(runs, out, heated), out / "niches.png")
 
 
-def _answers_table(runs: Runs, out: Path) -> list[str]:
-    """Makes the table of the hypotheses."""
-    rows = [
-        [
-            str(answer.hypothesis),
-            answer.words,
-            _words(answer.found),
-            str(answer.found.seeds),
-            f"at least {answer.least:g}" if np.isfinite(answer.least) else f"at most {answer.most:g}",
-            answer.verdict,
-        ]
-        for answer in answers(runs, out)
-    ]
-    about = (
-        "Means over seeds, and 95 % bootstrap intervals. As expected: yes where the whole interval lies within the "
-        "range, no where it lies outside. Intervals of ten seeds hold the true mean about 9 times in ten."
-    )
-    head = ["", "figure", "mean, interval", "seeds", "expected", "as expected"]
-    return ["## The hypotheses", about, table(head, rows)] if rows else []
-
-
-def _figures(runs: Runs, out: Path) -> list[dict[str, object]]:
-    """Lists all runs with their figures by test; and of the maps of each seed the means of their features."""
-    trained = [
+def _figures(runs: Runs) -> list[dict[str, object]]:
+    """Lists all runs with their figures by test."""
+    return [
         {"task": task, "condition": condition, "seed": seed}
-        | {test: {key: round(judged[key], 5) for key in _KEYS} for test, judged in found.items()}
+        | {test: {key: round(judged[key], 5) for key in ("success", "worst", "spl")} for test, judged in found.items()}
         for (task, condition, seed), found in sorted(runs.items())
     ]
-    places = [
-        {"task": "where", "seed": seed}
-        | {test: {key: round(float(np.mean(values)), 5) for key, values in of.items()} for test, of in found.items()}
-        for seed, found in read_places(out).items()
-    ]
-    return trained + places
 
 
 def _of(runs: Runs, task: str, condition: str, test: str, figure: Figures) -> NDArray[np.float64]:
@@ -120,22 +117,19 @@ def _task_tables(runs: Runs, name: str) -> list[str]:
         "success": "Success",
         "worst": "Success on the worst tenth of maps",
         "spl": "SPL",
-        "tiles": "Tiles",
     }
     for figure, words in figures.items():
-        if figure == ("spl" if name == "lane" else "tiles"):
-            continue
         head = ["trained on", "seeds", *(TESTS[test] for test in tests)]
         rows = [
             [
                 CONDITIONS[condition].words,
                 str(len(_of(runs, name, condition, "seen", figure))),
-                *(_mean(_of(runs, name, condition, test, figure), 1 if figure == "tiles" else 3) for test in tests),
+                *(_mean(_of(runs, name, condition, test, figure)) for test in tests),
             ]
             for condition in conditions
         ]
         parts += [f"### {words}", table(head, rows)]
-    reference = _REFERENCE[name]
+    reference = "maps-1000"
     head = [f"success less that of {CONDITIONS[reference].words}", *(TESTS[test] for test in tests)]
     rows = [
         [
@@ -150,48 +144,15 @@ def _task_tables(runs: Runs, name: str) -> list[str]:
     return parts
 
 
-def _mean(values: NDArray[np.float64], digits: int) -> str:
-    return f"{values.mean():.{digits}f}" if len(values) else ""
+def _mean(values: NDArray[np.float64]) -> str:
+    return f"{values.mean():.3f}" if len(values) else ""
 
 
-def _words(apart: Difference, digits: int = 3) -> str:
+def _words(apart: Difference) -> str:
     if apart.seeds == 0:
         return ""
-    interval = f", {apart.low:+.{digits}f} to {apart.high:+.{digits}f}" if apart.seeds > 2 else ""
-    return f"{apart.mean:+.{digits}f}{interval}"
-
-
-def _places_tables(out: Path) -> list[str]:
-    """Makes the table of task "where": means over maps, then over seeds."""
-    found = list(read_places(out).values())
-    if not found:
-        return []
-    keys = {"never": "places never known", "tiles": "tiles until known", "ambiguity": "ambiguity, tiles"}
-    keys |= {
-        "cyclomatic": "cyclomatic number",
-        "straight_share": "straights",
-        "mean_detour": "mean detour",
-        "repetition": "repetition",
-    }
-    rows = [
-        [TESTS[test], *(f"{np.mean([np.mean(seed[test][key]) for seed in found]):.3g}" for key in keys)]
-        for test in TESTS
-        if test in found[0]
-    ]
-    return ["## where: find out where on a known map one is", table(["maps", *keys.values()], rows)]
-
-
-def _hard_tables(runs: Runs, out: Path) -> list[str]:
-    """Makes the table of what makes a map hard: correlations of failures with features, over unseen maps."""
-    places, rows = read_places(out), []
-    for task in ("map", "window"):
-        values = [over_seeds(correlations(runs, places, task, "maps-1000", feature)) for feature in FEATURES]
-        if values[0].seeds:
-            rows.append([f"{task}, {CONDITIONS['maps-1000'].words}", *(_words(value, 2) for value in values)])
-    if not rows:
-        return []
-    about = "Spearman's rank correlation of a map's failures with its features, over all unseen maps of MAP-Elites."
-    return ["## What makes a map hard", about, table(["driver", *FEATURES], rows)]
+    interval = f", {apart.low:+.3f} to {apart.high:+.3f}" if apart.seeds > 2 else ""
+    return f"{apart.mean:+.3f}{interval}"
 
 
 def _curves(runs: Runs, tasks: Sequence[str]) -> Figure:
@@ -238,53 +199,18 @@ def _heat(runs: Runs, out: Path, tasks: Sequence[str]) -> Figure:
     return plot
 
 
-class Archive(NamedTuple):
-    """Maps in the niches of two axes.
+def success_by_niche(runs: Runs, out: Path, task: str, condition: str) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
+    """Averages the success on maps of each niche, trained on or held out, over all seeds.
 
-    Attributes:
-      words: what maps they are.
-      grids: codes ``[N, H, W]``.
-      bins: of each grid, ``[N, 2]``.
-      failures: the share of levels that a driver fails on each, ``[N]``.
+    Returns:
+      Means ``[10, 10]``, NaN in niches without a map, and the numbers of maps.
     """
-
-    words: str
-    grids: NDArray[np.int8]
-    bins: NDArray[np.int_]
-    failures: NDArray[np.float64]
-
-
-def hard_niches(archives: Sequence[Archive], hardest: NDArray[np.int_], axes: Sequence[Axis]) -> Figure:
-    """Draws the mean failure rate in each niche of some archives, and up to six maps of the last by their numbers."""
-    extent = tuple(axis.bins for axis in axes)
-    heats = [_means(extent, one.bins, one.failures) for one in archives]
-    plot = plt.figure(figsize=(4.3 * len(archives) + 4.6, 4.8), layout="constrained")
-    halves: Untyped = plot.subfigures(1, 2, width_ratios=(4.3 * len(archives), 4.6))
-    shown = halves[0].subplots(1, len(archives), sharey=True, squeeze=False)[0]
-    names = ("loops (cyclomatic number), from", "ambiguity of places (tiles until one is known), from")
-    lows = [[axis.start + axis.width * place for place in range(axis.bins)] for axis in axes]
-    for ax, one, heat in zip(shown, archives, heats, strict=True):
-        image = ax.imshow(heat.T, origin="lower", cmap="magma", aspect="auto", vmin=0, vmax=np.nanmax(heats))
-        ax.set_title(f"maps {one.words}", fontsize=10)
-        ax.set_xticks(range(extent[0]), [f"{low:g}" for low in lows[0]])
-        ax.set_yticks(range(extent[1]), [f"{low / 100:g}" for low in lows[1]])
-        ax.set_xlabel(names[0])
-    shown[0].set_ylabel(names[1])
-    halves[0].colorbar(image, ax=shown, label="failure rate of the driver", format=PercentFormatter(1, 0))
-    _, grids, bins, failures = archives[-1]
-    tiles = load_tiles()
-    for ax, place in zip(halves[1].subplots(2, 3).flat, hardest, strict=False):
-        ax.imshow(render(grids[place], tiles, tile_px=32).image)
-        loops, away = (axis.start + axis.width * at for axis, at in zip(axes, bins[place], strict=True))
-        ax.set_title(f"{failures[place]:.0%} fail\n{loops:g} loops, {away / 100:g} tiles", fontsize=8)
-    for ax in halves[1].axes:
-        ax.axis("off")
-    halves[1].suptitle("the hardest niches' maps", fontsize=10)
-    return plot
-
-
-def _means(extent: tuple[int, ...], bins: NDArray[np.int_], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    total, count = np.zeros(extent), np.zeros(extent)
-    np.add.at(total, tuple(bins.T), values)
-    np.add.at(count, tuple(bins.T), 1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    total, count = np.zeros((10, 10)), np.zeros((10, 10), int)
+    for (name, trained, seed), found in runs.items():
+        if (name, trained) == (task, condition):
+            niches = json.loads((out / "maps" / f"{seed}.json").read_text(encoding="utf-8"))["niches"]
+            for test in ALIKE:
+                for (loops, straights), success in zip(niches[test], found[test]["by_map"], strict=True):
+                    total[loops, straights] += success
+                    count[loops, straights] += 1
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan), count

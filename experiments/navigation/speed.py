@@ -1,24 +1,16 @@
-"""The speed of the environments and of the camera on one core, beside others that are installed.
+"""The speed of the environments and of the camera on one core.
 
-python -m experiments.navigation.speed [--quick] [--duckietown PYTHON]
+python -m experiments.navigation.speed [--quick]
 
 A thousand environments step at once and start anew, on one of 10,000 maps of 12 x 12 tiles, where an episode ends.
-Seconds are those of the one core that this process is pinned to; those of compiling and of OpenGL, by the clock.
-Peers do the same with their own episodes in the same process, if they can be imported (pip install gymnax jaxued):
-Gymnax' CartPole, and JaxUED's maze with a reset as JaxUED's wrapper has it. PYTHON is an interpreter that imports
-gym_duckietown, which draws frame after frame with OpenGL, without a display. It needs an environment of its own:
-
-pip install duckietown-gym-daffy "numpy<1.24" "pyglet<2"
+Seconds are those of the one core that this process is pinned to; those of compiling, by the clock.
 """
 
 import argparse
 import os
-import re
-import subprocess
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import import_module
 from typing import TypeAlias
 
 if __name__ == "__main__":  # before JAX starts its threads
@@ -49,15 +41,13 @@ from experiments.common import Parser, Pytree, leave, run
 
 __all__ = ["main"]
 
-SHAPE, TILE_PX = (12, 12), 64
-ROWS, COLUMNS = 48, 64
+SHAPE = (12, 12)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("driving_speed", __doc__)
     parser.add_argument("--quick", action="store_true", help="few environments, maps and steps, to see that it runs")
-    parser.add_argument("--duckietown", metavar="PYTHON", help="an interpreter that imports gym_duckietown")
     options = parser.parse_args(arguments)
     return run("driving_speed", lambda: _measure(options))
 
@@ -70,20 +60,10 @@ def _measure(options: argparse.Namespace) -> None:
     road, lane = RoadNavParams(levels, window=5), LaneDriveParams(levels)
     _row("RoadNav, window 5 x 5", batch, steps, *_of_ours(RoadNav, road, _turn))
     _row("LaneDrive, lane poses", batch, steps, *_of_ours(LaneDrive, lane, _steer))
-    _row("LaneDrive, lane poses, without resets", batch, steps, *_of_ours(LaneDrive, lane, _steer, resets=False))
     tiles = load_tiles()
-    scaled = scale_tiles(tiles, TILE_PX)
-    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=ROWS, columns=COLUMNS))
+    scaled = scale_tiles(tiles, 64)
+    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=48, columns=64))
     _row("camera 64 x 48 with labels", batch, max(steps // 20, 2), *_of_the_camera(grids[:batch], sight))
-    for name, peer in (("Gymnax CartPole", _cart_pole), ("JaxUED maze", _maze)):
-        try:
-            made = peer()
-        except ImportError as error:
-            print(f"| {name} | {error} | |")
-            continue
-        _row(name, batch, steps, *made)
-    if options.duckietown:
-        print(f"| gym-duckietown, 64 x 48 | {_gym_duckietown(options.duckietown, steps)} | |")
 
 
 Begin: TypeAlias = Callable[[Key[Array, " B"]], Pytree]
@@ -124,10 +104,8 @@ def _steer(keys: Key[Array, " B"], state: Pytree) -> Array:
     return jnp.stack([0.4 - 2 * state.d, 0.4 + 2 * state.d], axis=-1)
 
 
-def _of_ours(
-    environment: Environment, params: Pytree, act: Callable[[Array, Pytree], Array], *, resets: bool = True
-) -> tuple[Begin, Step]:
-    stepping = auto_reset(environment) if resets else environment
+def _of_ours(environment: Environment, params: Pytree, act: Callable[[Array, Pytree], Array]) -> tuple[Begin, Step]:
+    stepping = auto_reset(environment)
 
     def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
         done = jax.vmap(stepping.step, in_axes=(0, 0, 0, None))(keys, state, act(keys, state), params)
@@ -145,58 +123,6 @@ def _of_the_camera(grids: Int8[Array, "B H W"], sight: Sight) -> tuple[Begin, St
         return (poses + 0.013) % 12, views
 
     return begin, step
-
-
-def _cart_pole() -> tuple[Begin, Step]:
-    environment, params = import_module("gymnax").make("CartPole-v1")
-
-    def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
-        action = (jax.random.key_data(keys)[:, 0] % 2).astype(jnp.int32)
-        seen, state, *rest, _ = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(keys, state, action, params)
-        return state, (seen, *rest)
-
-    return lambda keys: jax.vmap(environment.reset, in_axes=(0, None))(keys, params)[1], step
-
-
-def _maze() -> tuple[Begin, Step]:
-    module = import_module("jaxued.environments.maze")
-    environment = module.Maze(max_height=13, max_width=13, agent_view_size=5, normalize_obs=True)
-    draw, params = module.make_level_generator(13, 13, 50), environment.default_params
-
-    def begin_one(key: Key[Array, ""]) -> Pytree:
-        return environment.reset_to_level(jax.random.fold_in(key, 1), draw(jax.random.fold_in(key, 2)), params)
-
-    def step_one(key: Key[Array, ""], state: Pytree, action: Array) -> tuple[Pytree, Pytree]:
-        first = begin_one(key)
-        seen, after, reward, done, _ = environment.step(key, state, action, params)
-        seen, after = jax.tree.map(lambda new, old: jnp.where(done, new, old), first, (seen, after))
-        return after, (seen, reward, done)
-
-    def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
-        return jax.vmap(step_one)(keys, state, (jax.random.key_data(keys)[:, 0] % 3).astype(jnp.int32))
-
-    return lambda keys: jax.vmap(lambda key: begin_one(key)[1])(keys), step
-
-
-_DUCKIETOWN = """
-import logging, time, pyglet
-pyglet.options["headless"] = True
-logging.disable(logging.CRITICAL)
-from gym_duckietown.simulator import Simulator
-environment = Simulator("loop_empty", domain_rand=False, camera_width={columns}, camera_height={rows}, max_steps=10**9)
-environment.reset()
-began = time.perf_counter()
-for _ in range({steps}):
-    environment.step([0.1, 0.1])
-print("frames a second:", round({steps} / (time.perf_counter() - began)))
-"""
-
-
-def _gym_duckietown(python: str, steps: int) -> str:
-    code = _DUCKIETOWN.format(rows=ROWS, columns=COLUMNS, steps=steps)
-    ran = subprocess.run([python, "-c", code], capture_output=True, text=True)
-    found = re.findall(r"frames a second: (\d+)", ran.stdout)
-    return found[0] if found else (ran.stderr.strip().splitlines() or ["nothing was said"])[-1]
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Measures whether a driver learns more from more maps, or from maps of another source.
 
-    python -m experiments.navigation.study [--tasks ...] [--seeds N] [--cores N] [--human-made DIR] [--quick]
+    python -m experiments.navigation.study [--tasks ...] [--seeds N] [--cores N] [--quick]
 
 PPO trains drivers on sets of maps that differ in their number and source alone, with the same steps, networks and
 distances from start to goal. Tests use maps that no driver was trained on: of the same niches, of niches held out, of
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax import InputError, __version__
+from elitelanes_jax import __version__
 from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, Untyped, add_cores, kept, leave, open_results, require, run, whole, write
 from experiments.navigation.maps import SIDE, Grids, MapBudget, human_maps, make_maps
@@ -29,8 +29,8 @@ from experiments.navigation.maps import SIDE, Grids, MapBudget, human_maps, make
 if TYPE_CHECKING:
     from experiments.navigation.tasks import Judged, TrainBudget
 
-_TASKS = ("map", "window", "where", "lane")
-_HUMAN = Path(__file__).parents[2] / ".venv-duckietown"
+_TASKS = ("map", "window")
+_HUMAN = Path(__file__).parents[2] / ".venv-duckietown"  # of make duckietown; people's maps are tests where it is
 
 _FULL_MAPS = MapBudget()
 _QUICK_MAPS = MapBudget(most=12, others=4, tests=2, other_tests=2, runs=4, evaluations=400)
@@ -39,11 +39,9 @@ _QUICK_MAPS = MapBudget(most=12, others=4, tests=2, other_tests=2, runs=4, evalu
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("navigation", __doc__)
-    names = ", ".join(_TASKS)
-    parser.add_argument("--tasks", nargs="+", default=list(_TASKS), metavar="NAME", help=f"some of {names}")
+    parser.add_argument("--tasks", nargs="+", default=_TASKS, choices=_TASKS, help="default both")
     parser.add_argument("--seeds", type=whole(1, 1000), metavar="N", help="runs of each; default 10, or 1 if quick")
     add_cores(parser)
-    parser.add_argument("--human-made", type=Path, metavar="DIR", help="of Duckietown's YAML maps, to test on as well")
     out = Path("results/navigation")
     parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"folder of results; default {out}")
     parser.add_argument("--quick", action="store_true", help="tiny budgets, to test the program")
@@ -53,11 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     require("training needs", "flax", "optax")
-    for name in options.tasks:
-        if name not in _TASKS:
-            raise InputError(f"tasks: expected some of {', '.join(_TASKS)}, got {name!r}")
     tasks = [name for name in _TASKS if name in options.tasks]
-    folder = options.human_made or next(_HUMAN.glob("lib/*/site-packages/duckietown_world/data/gd1/maps"), None)
+    folder = next(_HUMAN.glob("lib/*/site-packages/duckietown_world/data/gd1/maps"), None)
     human = np.zeros((0, SIDE, SIDE), np.int8) if folder is None else human_maps(folder)
     about = {"program": "navigation", "version": __version__, "quick": options.quick, "human_made": human.tolist()}
     open_results(options.out, about)
@@ -96,7 +91,6 @@ def _settle(cores: Untyped) -> None:
 
 def _do(tasks: Sequence[str], out: Path, quick: bool, human: list[Grids], seed: int) -> None:
     """Makes the maps of a seed and runs each task under all conditions. Prints a line for each run."""
-    from experiments.navigation.localization import find_places
     from experiments.navigation.tasks import CONDITIONS, FEW, TASKS, TrainBudget
 
     made = kept(out / "maps" / f"{seed}.json", partial(make_maps, seed, _QUICK_MAPS if quick else _FULL_MAPS))
@@ -104,13 +98,8 @@ def _do(tasks: Sequence[str], out: Path, quick: bool, human: list[Grids], seed: 
     tests = {part: maps[part] for part in ("seen", "held out", "test ea", "test wfc", "test random")}
     if len(human):
         tests["human-made"] = np.array(human, np.int8)
-    if "where" in tasks:
-        kept(out / "runs" / f"where-{seed}.json", partial(find_places, tests))
-        print(f"where, seed {seed}", flush=True)
-    for name in [name for name in tasks if name != "where"]:
-        budget = TrainBudget(updates=2, levels=256, each=2) if quick else TrainBudget()
-        if name == "lane":
-            budget = budget._replace(each=min(budget.each, 5))  # its episodes are long
+    budget = TrainBudget(updates=2, levels=256, each=2) if quick else TrainBudget()
+    for name in tasks:
         for condition in TASKS[name].conditions:
             if condition in TASKS[name].few and seed >= FEW:
                 continue

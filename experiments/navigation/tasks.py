@@ -7,12 +7,11 @@ from typing import Literal, NamedTuple, TypeAlias, TypedDict
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
 from numpy.typing import NDArray
 
-from elitelanes_jax.drive import Environment, LaneDrive, LaneDriveParams, Level, RoadNav, RoadNavParams
+from elitelanes_jax.drive import Level, RoadNav, RoadNavParams
 from experiments.common import Pytree
-from experiments.navigation.drivers import LaneNetwork, MapNetwork, WindowNetwork, at_choices, in_lane
+from experiments.navigation.drivers import MapNetwork, WindowNetwork, at_choices
 from experiments.navigation.maps import SIDE, draw_levels
 from experiments.navigation.ppo import Network, Ppo, drive_levels, train
 
@@ -74,7 +73,7 @@ class TrainBudget(NamedTuple):
     each: int = 14
 
 
-Figures: TypeAlias = Literal["success", "worst", "spl", "tiles"]
+Figures: TypeAlias = Literal["success", "worst", "spl"]
 """The figures of a test."""
 
 
@@ -84,87 +83,55 @@ class Judged(TypedDict):
     Attributes:
       success: the share of levels that are a success.
       spl: the mean success weighted by path length.
-      tiles: the mean number of tiles driven.
       worst: the success on the worst tenth of maps.
       by_map: the success on each map.
     """
 
     success: float
     spl: float
-    tiles: float
     worst: float
     by_map: list[float]
 
 
 class Task(NamedTuple):
-    """A task.
+    """A task of `RoadNav`: to reach a goal.
 
     Attributes:
       words: its description.
-      environment: that the driver learns in, and is tested in.
       network: of the driver.
       params: from levels to the environment's settings.
-      ppo: settings of the training.
-      steps: the most that a test drives.
-      likeliest: whether tests take the likeliest action; else actions are drawn.
-      succeeds: whether an episode was a success, from its info.
       conditions: names of those that are run.
       few: names of those that the first `FEW` seeds alone run.
     """
 
     words: str
-    environment: Environment
     network: Network
-    params: Callable[[Level], Pytree]
-    ppo: Ppo
-    steps: int
-    likeliest: bool
-    succeeds: Callable[[Pytree], Bool[Array, "..."]]
+    params: Callable[[Level], RoadNavParams]
     conditions: tuple[str, ...]
-    few: tuple[str, ...] = ()
+    few: tuple[str, ...]
 
 
 FEW = 3
-"""The number of seeds that run what no hypothesis asks for, or what was never in doubt."""
+"""The number of seeds that run what no hypothesis asks for."""
 
 _TOGETHER = 512  # levels of a test that are driven side by side
 _LIMIT = 64  # tiles; the furthest goal is 12 away
-_LEAST = 8  # tiles in 500 steps: what the expert drives. Who stands still keeps to the lane as well.
+_ENVIRONMENT = at_choices(RoadNav)
+_PPO = Ppo(60, epochs=3, rate=2e-3)
+_params = partial(RoadNavParams, limit=_LIMIT, tile_cost=0.02)
 
 TASKS = {
-    "lane": Task(
-        "keep to the lane for 500 steps, 8 tiles or more",
-        in_lane(LaneDrive),
-        LaneNetwork(),
-        partial(LaneDriveParams, limit=500, task="lane", action="twist"),
-        Ppo(60, steps=64, discount=0.99, rate=5e-4, entropy=0.0),
-        500,
-        True,
-        lambda info: info.own_lane & (info.tiles >= _LEAST),
-        ("untrained", "maps-1", "maps-100", "ea", "wfc", "random"),
-        few=("untrained", "maps-1", "maps-100", "ea", "wfc", "random"),
-    ),
     "map": Task(
         "reach the goal, the map seen",
-        at_choices(RoadNav),
         MapNetwork(),
-        partial(RoadNavParams, limit=_LIMIT, tile_cost=0.02, window=2 * SIDE - 1, goal="both", whole_map=True),
-        Ppo(60, epochs=3, rate=2e-3),
-        _LIMIT,
-        False,
-        lambda info: info.success,
+        partial(_params, window=2 * SIDE - 1, goal="both", whole_map=True),
         tuple(CONDITIONS),
         few=("maps-3", "maps-10", "maps-30"),
     ),
     "window": Task(
         "reach the goal by a 5 x 5 window, the compass and memory",
-        at_choices(RoadNav),
         WindowNetwork(),
-        partial(RoadNavParams, limit=_LIMIT, tile_cost=0.02, window=5, goal="compass"),
-        Ppo(60, epochs=3, rate=2e-3),
-        _LIMIT,
-        False,
-        lambda info: info.success,
+        partial(_params, window=5, goal="compass"),
         ("untrained", "maps-1", "maps-10", "maps-100", "maps-1000"),
         few=("maps-100",),
     ),
@@ -176,12 +143,12 @@ def train_driver(task: Task, condition: Condition, seed: int, grids: NDArray[np.
     """Trains a driver on the first maps of a condition, int8 ``[M, 8, 8]``; returns its weights."""
     count = max(1, condition.maps)
     params = task.params(draw_levels(seed, grids[:count], budget.levels))
-    ppo = task.ppo._replace(updates=budget.updates)
     if condition.maps == 0:
-        seen, _ = task.environment.reset(jax.random.key(0), params)
+        seen, _ = _ENVIRONMENT.reset(jax.random.key(0), params)
         row = jax.tree.map(lambda part: part[None, None], seen)
         return task.network.init(jax.random.key(seed), jnp.zeros((1, task.network.memory)), row, jnp.ones((1, 1), bool))
-    *_, (weights, _) = train(jax.random.key(seed), task.environment, params, task.network, ppo)
+    ppo = _PPO._replace(updates=budget.updates)
+    *_, (weights, _) = train(jax.random.key(seed), _ENVIRONMENT, params, task.network, ppo)
     return weights
 
 
@@ -195,32 +162,23 @@ def test_driver(
     for first in range(0, count, _TOGETHER):
         # All parts have one size, which is compiled once, and each ends with its own longest episode.
         part = jax.tree.map(lambda of, first=first: of[np.arange(first, first + _TOGETHER) % count], levels)
-        info, _ = drive_levels(
-            jax.random.fold_in(jax.random.key(7), first),
-            weights,
-            part,
-            task.params(part),
-            task.environment,
-            task.network,
-            steps=task.steps,
-            likeliest=task.likeliest,
-        )
-        outcomes.append((task.succeeds(info), info.spl, info.tiles))
-    success, spl, tiles = (np.concatenate(of).astype(float)[:count] for of in zip(*outcomes, strict=True))
+        key, params = jax.random.fold_in(jax.random.key(7), first), task.params(part)
+        info = drive_levels(key, weights, part, params, _ENVIRONMENT, task.network, steps=_LIMIT)
+        outcomes.append((info.success, info.spl))
+    success, spl = (np.concatenate(of).astype(float)[:count] for of in zip(*outcomes, strict=True))
     ends = np.cumsum([len(grids) * budget.each for grids in tests.values()])[:-1]
-    split = zip(*(np.split(part, ends) for part in (success, spl, tiles)), strict=True)
+    split = zip(*(np.split(part, ends) for part in (success, spl)), strict=True)
     return {
         name: judge(*(part.reshape(budget.each, -1) for part in outcome))
         for name, outcome in zip(tests, split, strict=True)
     }
 
 
-def judge(success: NDArray[np.float64], spl: NDArray[np.float64], tiles: NDArray[np.float64]) -> Judged:
+def judge(success: NDArray[np.float64], spl: NDArray[np.float64]) -> Judged:
     """Computes the figures of a test from its episodes, each ``[levels of a map, maps]``."""
     return {
         "success": float(np.mean(success)),
         "spl": float(np.mean(spl)),
-        "tiles": float(np.mean(tiles)),
         "worst": worst_tenth(success),
         "by_map": success.mean(axis=0).round(3).tolist(),
     }

@@ -8,43 +8,65 @@ grid for each seed. The folder of results keeps every finished run: after an int
 
 import argparse
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax import Result
-from elitelanes_jax.explorer import collect_results, page_of
+from elitelanes_jax import __version__
 from elitelanes_jax.formats import RoadMap, map_to_json, table_to_csv
-from elitelanes_jax.network import Metrics
+from elitelanes_jax.network import Metrics, check_shape
 from elitelanes_jax.search import use_compile_cache
 from elitelanes_jax.tiles import load_tiles, render, write_picture
-from experiments.common import Parser, leave, open_results, run, save, write
-from experiments.paper.arguments import add_arguments, check_arguments
+from experiments.common import Parser, add_cores, leave, open_results, run, save, whole, write
 from experiments.paper.figures import plot_comparison
-from experiments.paper.runs import Row, Runs, Settings, kept_runs
+from experiments.paper.published import SHAPE
+from experiments.paper.readings import READINGS
+from experiments.paper.runs import METHODS, Row, Runs, Settings, kept_runs
 from experiments.paper.tables import make_tables, timing_table
 
 _PICTURED = (14, 14)
-_MOST_BYTES = 8 * 2**20  # of the explorer's page
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("compare", __doc__)
-    add_arguments(parser, sizes=[(12, 12)], seeds=32, out="results/compare")
+    parser.add_argument("--methods", nargs="+", default=METHODS, choices=METHODS, help="default all")
+    parser.add_argument("--sizes", nargs="+", type=_size, default=[SHAPE], metavar="SIZE", help="such as 12 or 9x14")
+    runs = parser.add_mutually_exclusive_group()
+    seeds = "runs of each method; default 32"
+    runs.add_argument("--seeds", type=whole(1, 2**20), default=32, metavar="N", help=seeds)
+    runs.add_argument("--paper", action="store_const", dest="seeds", const=4, help="4 runs, as in the paper")
+    parser.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="random seed; default 0")
+    generations = "generations of 40 grids; default 200"
+    parser.add_argument("--generations", type=whole(1), default=200, metavar="N", help=generations)
+    parser.add_argument("--reading", default="ours", choices=READINGS, help="of the paper's text; default ours")
+    add_cores(parser)
+    out = Path("results/compare")
+    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"folder of results; default {out}")
     parser.add_argument("--no-maps", action="store_true", help="draw no 14 x 14 maps")
     options = parser.parse_args(arguments)
     return run("compare", lambda: _compare(options))
 
 
+def _size(text: str) -> tuple[int, int]:
+    try:
+        sides = [int(side) for side in text.split("x")]
+        return check_shape(sides * 2 if len(sides) == 1 else sides, new=True)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a size, 12 or 9x14, sides from 2 to 1024, got {text!r}") from None
+
+
 def _compare(options: argparse.Namespace) -> None:
-    settings, command = check_arguments("compare", options)
+    options.methods = [method for method in METHODS if method in options.methods]
+    options.sizes = list(dict.fromkeys(options.sizes))
+    settings = Settings(options.seeds, options.seed, options.generations, READINGS[options.reading])
+    names = ("methods", "sizes", "seeds", "seed", "generations", "reading")
+    command = {"program": "compare", "version": __version__} | {name: getattr(options, name) for name in names}
     open_results(options.out, command | {"maps": not options.no_maps})
     use_compile_cache()
     began = time.perf_counter()
     rows: list[Row] = []
-    shown: dict[str, Result | list[RoadMap]] = {}
     tables, times = [], []
     for shape in options.sizes:
         size = f"{shape[0]}x{shape[1]}"
@@ -53,8 +75,6 @@ def _compare(options: argparse.Namespace) -> None:
             file = options.out / "runs" / f"{method}-{size}.json"
             found = kept_runs(file, method, shape, settings, alone=True)
             of_size += found.rows
-            archive = file.with_suffix(".npz")
-            shown[f"{method} {size}"] = Result.load(archive) if archive.exists() else _best_maps(found, settings.seed)
             timings[method] = found.timing
             succeeded = sum(row.elite == "best" for row in found.rows)
             print(
@@ -63,8 +83,7 @@ def _compare(options: argparse.Namespace) -> None:
             )
         title = f"{shape[0]} x {shape[1]} tiles, {settings.seeds} seeds, {settings.generations} generations of 40"
         suffix = "" if len(options.sizes) == 1 else f"_{size}"
-        for kind in ("pdf", "png"):
-            save(plot_comparison(of_size, title), options.out / f"comparison{suffix}.{kind}")
+        save(plot_comparison(of_size, title), options.out / f"comparison{suffix}.png")
         tables.append(make_tables(of_size, title))
         times.append(timing_table(timings, title, settings.seeds))
         rows += of_size
@@ -74,20 +93,6 @@ def _compare(options: argparse.Namespace) -> None:
     if not options.no_maps:
         _draw_maps(options.methods, settings, options.out)
     print(f"{len(rows)} rows in {options.out / 'results.csv'}, {time.perf_counter() - began:.0f} s")
-    if shown := {name: one for name, one in shown.items() if one}:
-        print(_write_page(shown, settings.seeds, options.out / "explore.html"))
-
-
-def _write_page(shown: Mapping[str, Result | Sequence[RoadMap]], seeds: int, page: Path) -> str:
-    """Writes the explorer's page with the archives of as many seeds as fit; returns what it shows."""
-    content = page_of(collect_results(shown)).encode()
-    count = seeds
-    while len(content) > _MOST_BYTES and count > 1:
-        count //= 2
-        content = page_of(collect_results(shown, seeds=count)).encode()
-    write(page, content)
-    fewer = "" if count == seeds else " of the first seed" if count == 1 else f" of the first {count} seeds"
-    return f"{page} shows all maps{fewer}"
 
 
 def _best_maps(found: Runs, seed: int) -> list[RoadMap]:

@@ -78,9 +78,7 @@ class Runs(NamedTuple):
     timing: dict[str, float]
 
 
-def run_method(
-    method: str, shape: tuple[int, int], settings: Settings, *, alone: bool = True, archive: Path | None = None
-) -> Runs:
+def run_method(method: str, shape: tuple[int, int], settings: Settings, *, alone: bool) -> Runs:
     """Runs a method with many seeds in one call. WFC makes one grid for each seed.
 
     Args:
@@ -88,7 +86,6 @@ def run_method(
       shape: (height, width).
       settings: of the runs.
       alone: whether to time also one seed alone, which is compiled separately.
-      archive: file for all elites of a search, for the explorer.
     """
     if method == "wfc":
         return _collapse(shape, settings)
@@ -102,8 +99,6 @@ def run_method(
     result = search(keys, generations=generations)
     best = np.asarray(result.best())
     total = time.perf_counter() - began
-    if archive is not None:
-        result.save(archive, state=False, seed=seed)
     working = result.history.seconds
     timing = {"all seeds": working, "a seed among them": working / seeds, "first call, compiling": total}
     if alone:
@@ -130,12 +125,8 @@ def run_method(
 
 
 def kept_runs(file: Path, method: str, shape: tuple[int, int], settings: Settings, *, alone: bool = False) -> Runs:
-    """Returns runs from a file. If the file does not exist, runs the method and writes it.
-
-    With `alone`, the elites are written to a ``.npz`` file with the same name.
-    """
-    archive = file.with_suffix(".npz") if alone else None
-    rows, best, timing = kept(file, lambda: run_method(method, shape, settings, alone=alone, archive=archive))
+    """Returns runs from a file. If the file does not exist, runs the method and writes it."""
+    rows, best, timing = kept(file, lambda: run_method(method, shape, settings, alone=alone))
     return Runs([Row(*row) for row in rows], best, timing)
 
 

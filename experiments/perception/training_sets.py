@@ -1,25 +1,21 @@
 """Maps for training and tests, and the datasets drawn from them."""
 
-import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from elitelanes_jax import InputError, SearchSpec, evolve
-from elitelanes_jax.dataset import STANDARD, DatasetSpec, Transforms, draw_sample, make_dataset, tiles_by_split
+from elitelanes_jax.dataset import STANDARD, Transforms, draw_sample
 from elitelanes_jax.formats import RoadMap
 from elitelanes_jax.network import rotate
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.optimizers import seed_keys
-from elitelanes_jax.tiles import TileSet, default_tiles, load_tiles
+from elitelanes_jax.tiles import Tile, TileSet, load_tiles
 
 __all__ = [
     "CONDITIONS",
@@ -119,7 +115,14 @@ def make_maps(source: str, count: int, seed: int, alphabet: Iterable[int], evalu
 
 def split_tiles(seed: int) -> tuple[TileSet, TileSet]:
     """Splits the drawn tiles into those for training and those held out: one of every kind that has several."""
-    seen, _, held_out = tiles_by_split(load_tiles(), _spec(seed))
+    tiles, rng, kinds = load_tiles(), np.random.default_rng([seed, 2]), dict[str, list[Tile]]()
+    for tile in tiles.tiles:
+        kinds.setdefault(_kind(tile), []).append(tile)
+    held = {some[index].name for some in kinds.values() for index in rng.permutation(len(some))[: len(some) > 1]}
+    seen, held_out = (
+        replace(tiles, tiles=tuple(tile for tile in tiles.tiles if (tile.name in held) == wanted))
+        for wanted in (False, True)
+    )
     return seen, held_out
 
 
@@ -142,23 +145,19 @@ def shift_lines(tiles: TileSet, shift: float) -> TileSet:
 
 
 def training_set(condition: Condition, grids: NDArray[np.int8], seed: int) -> Pictures:
-    """Makes the dataset of a condition with `make_dataset`, and reads it.
+    """Makes the pictures of a condition, as `make_dataset` draws them.
 
     Args:
       condition: the condition.
       grids: codes ``[N, H, W]``. The first ones are used.
       seed: of the drawings, and of the held-out tiles.
     """
-    maps = [RoadMap(grids[index % condition.maps]) for index in range(condition.drawings)]
-    names = [tile.name for tile in split_tiles(seed)[0].tiles]
+    tiles = split_tiles(seed)[0]
     if condition.one_picture:
-        names = list({name.rpartition("_")[0]: name for name in reversed(names)}.values())
-    spec = _spec(seed).replace(maps=condition.drawings, transforms=condition.transforms)
-    with TemporaryDirectory() as folder:
-        # The dataset is for training alone, so it knows nothing of the tiles held out.
-        spec = replace(spec, tiles=_copied(names, Path(folder)), split=(1.0, 0.0, 0.0), hold_out_tiles=False)
-        make_dataset(spec, Path(folder) / "dataset", maps=maps)
-        return Pictures(*(_read_all(Path(folder) / "dataset" / "train" / name) for name in Pictures._fields))
+        first = {_kind(tile): tile for tile in reversed(tiles.tiles)}
+        tiles = replace(tiles, tiles=tuple(tile for tile in tiles.tiles if tile is first[_kind(tile)]))
+    repeated = grids[np.arange(condition.drawings) % condition.maps]
+    return draw_maps(repeated, [tiles], seed, views=[condition.transforms])
 
 
 def draw_maps(
@@ -177,7 +176,6 @@ def draw_maps(
             seed=seed,
             tile_px=tile_px,
             transforms=views[index % len(views)],
-            layers=(),
         ).layers
         for index, grid in enumerate(grids)
     ]
@@ -192,18 +190,5 @@ def patterns(grids: ArrayLike) -> set[bytes]:
     return {min(rotate(window, turns).tobytes() for turns in range(4)) for window in np.unique(windows, axis=0)}
 
 
-def _spec(seed: int) -> DatasetSpec:
-    return DatasetSpec(size=((SIDE, SIDE),), tile_px=TILE_PX, split=(0.9, 0.0, 0.1), seed=seed, hold_out_tiles=True)
-
-
-def _copied(names: Iterable[str], folder: Path) -> Path:
-    """Makes a tile set of some of the package's tiles, in a folder."""
-    for name in names:
-        shutil.copytree(default_tiles() / name, folder / "tiles" / name)
-    shutil.copy(default_tiles() / "tileset.toml", folder / "tiles")
-    return folder / "tiles"
-
-
-def _read_all(folder: Path) -> NDArray[np.uint8]:
-    """Reads all pictures of a folder, in the order of their names."""
-    return np.stack([np.asarray(Image.open(file)) for file in sorted(folder.iterdir())])
+def _kind(tile: Tile) -> str:
+    return tile.name.rpartition("_")[0]

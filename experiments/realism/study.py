@@ -1,7 +1,6 @@
 """How like people's maps ours are: features of both, and measures of how far two sets of them lie apart.
 
-    python -m experiments.realism.study [--maps N] [--evaluations N] [--styles NAME ...] [--people FOLDER] [--splits N]
-                                  [--sides N ...] [--map-utils FOLDER] [--out DIR]
+    python -m experiments.realism.study [--maps N] [--evaluations N] [--styles NAME ...] [--people FOLDER] [--out DIR]
 
 People's maps are those in the package duckietown-world-daffy 6.4.3, cut to their roads. Their features are kept in
 results/people.json; `--people` takes the folder of the unpacked package and writes that file again. Ours have the
@@ -10,19 +9,13 @@ sizes of people's, equally many of each; where there are fewer towns of a size, 
 The measures are taken on standardised features: energy distance (Székely and Rizzo, 2013); precision, recall, density
 and coverage (Naeem et al., 2020); and how well a logistic regression and a random forest tell the two sets apart, as
 the area under the ROC curve on maps that they were not fitted to. The first half of the features is the one that the
-style `town` was tuned on. `--splits` picks the towns again, by a random half of the features each time, and tells both
-sets apart by the other half. `--sides` compares blocks, streets and turns of larger square towns, of which people made
-hardly any, with the lowest and the highest tenth of people's maps of their own sizes.
-
-Other generators are named as styles are: netgenerate-grid, netgenerate-rand (pip install '.[sumo]') and map-utils, of
-which `--map-utils` takes a copy of the repository.
+style `town` was tuned on.
 """
 
 import argparse
 import json
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -34,11 +27,9 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, Result, SearchSpec, evolve
 from elitelanes_jax.formats import read_map
-from elitelanes_jax.network import EAST, SOUTH, canonical_form, measure_town, plain_measure
-from elitelanes_jax.problem import with_town_features
+from elitelanes_jax.network import canonical_form, measure_town, plain_measure
 from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, leave, require, run, whole, write
-from experiments.realism.references import REFERENCES, Counts, use_map_utils
 
 __all__ = ["FEATURES", "TUNED", "apart", "coverage_and_co", "cut", "energy_distance", "features_of", "read_people"]
 
@@ -55,8 +46,6 @@ FEATURES = (
 )
 """All features, sizes left out: these are given."""
 
-LARGER = ("mean_block", "mean_street", "turn_share")
-"""What is compared of larger maps."""
 
 SIZES = (
     *((3, 3), (3, 5), (4, 4), (4, 5), (5, 5), (4, 6), (5, 6), (5, 6), (5, 6), (5, 9), (6, 7), (4, 10), (6, 10), (7, 7)),
@@ -77,7 +66,6 @@ Figures: TypeAlias = dict[str, object]
 
 PEOPLE = Path(__file__).parent / "results" / "people.json"
 
-_NAMES = [*STYLES, *REFERENCES, "map-utils"]
 _NEIGHBOURS, _FOLDS, _REPEATS = 5, 6, 5
 
 
@@ -227,81 +215,18 @@ def make_pools(style: str, evaluations: int) -> dict[tuple[int, int], Result]:
     return pools
 
 
-def shares(count: int) -> Counts:
-    """Divides a number of maps among people's sizes, equally for each of people's maps."""
-    ends = [0, *np.cumsum(list(Counter(SIZES).values()))]
-    parts = np.diff([round(count * end / len(SIZES)) for end in ends])
-    return dict(zip(Counter(SIZES), parts.tolist(), strict=True))
-
-
 def pick_maps(pools: dict[tuple[int, int], Result], count: int) -> list[NDArray[np.int8]]:
     """Picks the same number of maps for each of people's maps. If a size has fewer maps, they are repeated."""
     picked: list[NDArray[np.int8]] = []
-    for size, part in shares(count).items():
+    ends = [0, *np.cumsum(list(Counter(SIZES).values()))]
+    parts = np.diff([round(count * end / len(SIZES)) for end in ends]).tolist()
+    for size, part in zip(Counter(SIZES), parts, strict=True):
         found = [road_map.codes for road_map in pools[size].maps(part)]
         picked += [found[index % len(found)] for index in range(part if found else 0)]
     return picked
 
 
-def with_targets(pool: Result, rows: NDArray[np.float64], columns: Sequence[str]) -> Result:
-    """Returns the search with other targets for its maps: people's values of some features."""
-    targets = {}
-    for name in columns:
-        values = rows[:, FEATURES.index(name)]
-        if name in ("unlinked_per_tile", "crowded_per_tile"):  # the rules keep both at 0
-            continue
-        targets[name] = values.tolist()
-    spec = pool.spec.replace(targets=targets)
-    measured = with_town_features(pool.elites.features, spec.measured, pool.elites.grids)
-    features = {name: jnp.asarray(values) for name, values in measured.items()}
-    return replace(pool, spec=spec, elites=pool.elites._replace(features=features))
-
-
-def line_drawing(grid: NDArray[np.int8], side: int = 120) -> str:
-    """Draws a map's links as an SVG picture of `side` x `side` pixels."""
-    codes = cut(grid)
-    height, width = codes.shape
-    lines = []
-    for row, column in np.argwhere(codes > 0).tolist():
-        code = int(codes[row, column])
-        lines += [f"M{column} {row}h1"] * (code & EAST > 0) + [f"M{column} {row}v1"] * (code & SOUTH > 0)
-    long = max(height, width)
-    return (
-        f'<svg width="{side}" height="{side}" viewBox="-1 -1 {long + 1} {long + 1}"><path d="{"".join(lines)}" '
-        'fill="none" stroke="#345" stroke-width="0.45" stroke-linecap="round"/></svg>'
-    )
-
-
-def blind_page(people: Sequence[NDArray[np.int8]], made: Sequence[NDArray[np.int8]]) -> str:
-    """Makes a page with people's and made maps in random order, as many of each, and the answers at its end."""
-    rng = np.random.default_rng(0)
-    count = min(len(people), len(made))
-    kinds = rng.permutation([0] * count + [1] * count)
-    piles = [list(rng.permutation(len(pile))[:count]) for pile in (people, made)]
-    drawn = [line_drawing((people, made)[kind][piles[kind].pop()]) for kind in kinds]
-    figures = "".join(
-        f"<figure>{picture}<figcaption>{number}</figcaption></figure>" for number, picture in enumerate(drawn, start=1)
-    )
-    by_people = ", ".join(str(number) for number, kind in enumerate(kinds, start=1) if kind == 0)
-    return f"""<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<title>Which towns did people make?</title>
-<style>
-body {{ font: 16px sans-serif; max-width: 60em; margin: 2em auto; }}
-div {{ display: flex; flex-wrap: wrap; gap: 1em; }}
-figure {{ margin: 0; text-align: center; }}
-</style>
-<h1>Which towns did people make?</h1>
-<p>Half of these {2 * count} maps were made by people for Duckietown, half by <code>--style town</code>. Note the
-numbers of those that you think people made. By guessing, half of them are right.</p>
-<div>{figures}</div>
-<details><summary>Answers</summary><p>People made {by_people}.</p></details>
-</html>
-"""
-
-
-def draw_sheet(file: Path, rows: dict[str, Sequence[NDArray[np.int8]]]) -> None:
+def draw_sheet(file: Path, rows: Mapping[str, Sequence[NDArray[np.int8]]]) -> None:
     """Draws maps in rows of six, kind by kind."""
     from matplotlib.figure import Figure
 
@@ -340,46 +265,14 @@ def report(real: NDArray[np.float64], made: NDArray[np.float64], columns: Sequen
     }
 
 
-def split(
-    pools: dict[tuple[int, int], Result], real: NDArray[np.float64], count: int, seed: int
-) -> dict[str, list[float]]:
-    """Picks maps by a random half of the features, and tells them apart from people's by the other half."""
-    order = np.random.default_rng(seed).permutation(FEATURES).tolist()
-    chosen, others = order[: len(FEATURES) // 2], order[len(FEATURES) // 2 :]
-    aimed = {size: with_targets(pool, real, chosen) for size, pool in pools.items()}
-    return apart(*standardised(real, features_of(pick_maps(aimed, count)), others))
-
-
-def larger(style: str, side: int, evaluations: int, real: NDArray[np.float64]) -> Figures:
-    """Measures 24 square maps: quantiles of each of `LARGER`, and the share of maps between people's tenths."""
-    pool = evolve(0, (side, side), seeds=4, evaluations=evaluations, spec=STYLES[style])
-    rows = features_of([road_map.codes for road_map in pool.maps(24)])
-    found: Figures = {"found": len(pool.maps(10_000)), "maps": len(rows)}
-    inside = np.ones(len(rows), bool)
-    for name in LARGER if len(rows) else ():
-        column = FEATURES.index(name)
-        low, high = np.quantile(real[:, column], [0.1, 0.9])
-        between = (rows[:, column] >= low) & (rows[:, column] <= high)
-        inside &= between
-        found[name] = {
-            "people": [low, high],
-            "maps": np.quantile(rows[:, column], [0.1, 0.5, 0.9]).tolist(),
-            "inside": between.mean(),
-        }
-    return found | {"all inside": inside.mean() if len(rows) else 0.0}
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("realism", __doc__)
     parser.add_argument("--maps", type=whole(8), default=200, metavar="N", help="of each style; default 200")
     parser.add_argument("--evaluations", type=whole(1), default=100_000, metavar="N", help="of a run; default 100000")
-    styles = f"some of {', '.join(_NAMES)}; default {' '.join(STYLES)}"
-    parser.add_argument("--styles", nargs="+", default=list(STYLES), choices=_NAMES, metavar="NAME", help=styles)
+    styles = f"some of {', '.join(STYLES)}; default all"
+    parser.add_argument("--styles", nargs="+", default=list(STYLES), choices=STYLES, metavar="NAME", help=styles)
     parser.add_argument("--people", type=Path, metavar="FOLDER", help="read people's maps again, from this folder")
-    parser.add_argument("--splits", type=whole(0), default=0, metavar="N", help="random halves of features; default 0")
-    parser.add_argument("--sides", nargs="+", type=whole(8), metavar="N", help="compare larger towns only, of N x N")
-    parser.add_argument("--map-utils", type=Path, metavar="FOLDER", help="a copy of duckietown/map-utils")
     out = Path("results/realism")
     parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"folder of results; default {out}")
     options = parser.parse_args(arguments)
@@ -395,18 +288,11 @@ def _run(options: argparse.Namespace) -> None:
         rows = features_of(list(maps.values()))
         people = {name: dict(zip(FEATURES, row.tolist(), strict=True)) for name, row in zip(maps, rows, strict=True)}
         write(PEOPLE, json.dumps(people, indent=1) + "\n")
-    others = REFERENCES | ({"map-utils": use_map_utils(options.map_utils)} if "map-utils" in options.styles else {})
-    if options.sides and not others.keys().isdisjoint(options.styles):
-        raise InputError(f"--sides: expected styles among {', '.join(STYLES)}, got {' '.join(options.styles)}")
     known = json.loads(PEOPLE.read_text(encoding="utf-8"))
     real = np.array([[row[name] for name in FEATURES] for row in known.values()])
     found: dict[str, Figures] = {}
-    for style in options.styles if options.sides else ():
-        found[style] = {str(side): larger(style, side, options.evaluations, real) for side in options.sides}
-        print(f"{style}: {json.dumps(found[style], indent=1)}")
-    for style in () if options.sides else options.styles:
-        pools = {} if style in others else make_pools(style, options.evaluations)
-        grids = others[style](shares(options.maps)) if style in others else pick_maps(pools, options.maps)
+    for style in options.styles:
+        grids = pick_maps(make_pools(style, options.evaluations), options.maps)
         if not grids:
             print(f"{style}: no maps")
             continue
@@ -414,9 +300,8 @@ def _run(options: argparse.Namespace) -> None:
         if style == "town" and maps:
             order = np.random.default_rng(0).permutation(len(grids))
             shown = list({canonical_form(grids[index]): grids[index] for index in order}.values())
-            theirs = list(maps.values())
-            draw_sheet(options.out / "towns-and-people.png", {"made by people": theirs, "--style town": shown[:24]})
-            write(options.out / "blind-test.html", blind_page(theirs, shown))
+            sheet = {"made by people": list(maps.values()), "--style town": shown[:24]}
+            draw_sheet(options.out / "towns-and-people.png", sheet)
         made = features_of(grids)
         medians = {
             name: [np.quantile(rows[:, column], [0.1, 0.5, 0.9]).tolist() for rows in (made, real)]
@@ -430,12 +315,9 @@ def _run(options: argparse.Namespace) -> None:
         }
         if style == "town":
             found[style]["by chance"] = apart_by_chance(*standardised(real, made, FEATURES))
-            found[style]["splits"] = [split(pools, real, options.maps, seed) for seed in range(options.splits)]
         print(json.dumps({key: value for key, value in found[style].items() if key != "features"}, indent=1))
         write(options.out / "realism.json", json.dumps(found, indent=1) + "\n")
         jax.clear_caches()  # the programs of several styles together are more than a process may map
-    if options.sides:
-        write(options.out / "larger.json", json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":

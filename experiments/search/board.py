@@ -1,14 +1,12 @@
 """The board of the benchmark: searches of this package and of other libraries, each in its own loop.
 
     python -m experiments.search.board ROW ... [--tasks 6x6B-10000 ...] [--runs N] [--out DIR]
-    python -m experiments.search.board ROW ... --tune
     python -m experiments.search.board --table [--out DIR]
 
 A row runs on each task: one of the board's, or a Python file of yours with a function `search` as
 `elitelanes_jax.benchmark.run` takes it. The program writes its raw archive, which `elitelanes score` measures, and its
-scores. `--tune` tries settings on 6 x 6 alone, with other seeds: eight for every row, drawn at random from its choices.
-Finished trials are kept in the folder `tuning`; the same command continues. `--table` makes the table and the curves of
-all rows in the folder. QDax, evosax and pyribs come with the extra `interop`.
+scores. `--table` makes the table and the curves of all rows in the folder. QDax, evosax and pyribs come with the extra
+`interop`.
 
 All grids that a search evaluates are offered to a record of the best network of each niche, which the search does not
 see. The record of the tuned EA has the grids that its chains move to.
@@ -21,16 +19,16 @@ import time
 from collections.abc import Mapping, Sequence
 from itertools import cycle, product
 from pathlib import Path
-from typing import TypedDict
 
 import matplotlib as mpl
 
 mpl.use("Agg")
+import jax
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax import InputError, benchmark
+from elitelanes_jax import InputError, benchmark, fitness, measure
 from elitelanes_jax.benchmark import (
     BUDGETS,
     Scores,
@@ -44,23 +42,13 @@ from elitelanes_jax.benchmark import (
 )
 from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, leave, run, save, table, whole, write
-from experiments.search.board_rows import ROWS, Found, Row, Setting
+from experiments.search.board_rows import ROWS, Found, Row
 
-__all__ = ["TASKS", "TRIALS", "TUNED_ON", "Trial", "best_of", "drawn_settings", "main", "mean_reliability"]
+__all__ = ["TASKS", "best_of", "main"]
 
 TASKS = [f"{size}-1000000" for size in ("6x6B", "7x7B")]
-TUNED_ON = [f"{size}-100000" for size in ("6x6A", "6x6B")]
-TRIALS, _TUNING_SEEDS, _FIRST_TUNING_SEED = 8, 4, 1000
 
 _COLOURS = (*mpl.color_sequences["tab10"], "black")
-
-
-class Trial(TypedDict):
-    """A trial of settings: the mean reliability of each task at every budget, and the seconds of the processor."""
-
-    settings: dict[str, Setting]
-    reliability: dict[str, list[float]]
-    seconds: float
 
 
 Record = dict[str, str | float | list[int] | list[list[float]]]
@@ -74,7 +62,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--tasks", nargs="+", default=TASKS, metavar="TASK", help=f"default {' '.join(TASKS)}")
     parser.add_argument("--runs", type=whole(10), default=10, metavar="N", help="of each task; default 10, the least")
     parser.add_argument("--out", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
-    parser.add_argument("--tune", action="store_true", help="try settings of the rows")
     parser.add_argument("--table", action="store_true", help="write the table of all rows in the folder")
     options = parser.parse_args(arguments)
     return run("board", lambda: _run(options))
@@ -87,9 +74,6 @@ def _run(options: argparse.Namespace) -> None:
     tasks = [find_task(name) for name in options.tasks]
     use_compile_cache()
     for name, row in rows.items():
-        if options.tune:
-            _tune(name, options.out)
-            continue
         for task in tasks:
             _measure_row(name, row, task, options.runs, options.out)
     if options.table:
@@ -107,9 +91,11 @@ def _find_row(name: str) -> tuple[str, Row]:
     if not callable(search):
         raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py with a function search, got {name}")
 
-    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Setting]) -> Found:
-        _, *found = benchmark.run(task, search, range(first, first + runs))
-        return Found(*found)
+    def play(task: Task, runs: int, budgets: Sequence[int]) -> Found:
+        grids = benchmark.run(task, search, range(runs)).grids
+        metrics = jax.jit(jax.vmap(measure))(grids.reshape(-1, *task.shape))
+        values = (np.asarray(one).reshape(grids.shape[:3]) for one in (fitness(metrics), metrics.cyclomatic))
+        return Found(grids, *values)
 
     return file.stem, Row(file.stem, play, steps=BUDGETS)
 
@@ -125,10 +111,10 @@ def _measure_row(name: str, row: Row, task: Task, runs: int, out: Path) -> None:
     """Runs a row on a task; writes its raw archive and its scores."""
     budgets = [budget for budget in row.steps if budget <= task.evaluations]
     began = time.process_time()
-    found = row.play(task, 0, runs, budgets, row.settings)
+    found = row.play(task, runs, budgets)
     seconds = time.process_time() - began
     at = [budgets.index(budget) for budget in BUDGETS if budget <= task.evaluations]
-    submission = Submission(task, *(array[:, at] for array in found))
+    submission = Submission(task, found.grids[:, at])
     _, again = score_submission(submission)
     scores = compute_scores(task, best_of(task, found))
     for field, values in again._asdict().items():
@@ -140,50 +126,6 @@ def _measure_row(name: str, row: Row, task: Task, runs: int, out: Path) -> None:
     last = {field: values[:, -1] for field, values in scores._asdict().items()}
     means = [f"{field} {np.nanmean(values):.3f}" for field, values in last.items() if not np.isnan(values).all()]
     print(f"{name}, {task.name}, {runs} runs: {', '.join(means)} ({seconds:.0f} s)", flush=True)
-
-
-def _tune(name: str, out: Path) -> None:
-    """Tries settings of a row; writes their reliability, and prints the best."""
-    file = out / "tuning" / f"{name}.json"
-    known: list[Trial] = _read(file)["trials"] if file.exists() else []
-    trials = [
-        next(
-            (trial for trial in known if trial["settings"] == settings),
-            Trial(settings=settings, reliability={}, seconds=0.0),
-        )
-        for settings in drawn_settings(name)
-    ]
-    for trial, task in product(trials, map(find_task, TUNED_ON)):
-        if task.name not in trial["reliability"]:
-            budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
-            began = time.process_time()
-            found = ROWS[name].play(task, _FIRST_TUNING_SEED, _TUNING_SEEDS, budgets, trial["settings"])
-            reliability = compute_scores(task, best_of(task, found)).reliability.mean(axis=0)
-            trial["reliability"][task.name] = np.round(reliability, 6).tolist()
-            trial["seconds"] = round(trial["seconds"] + time.process_time() - began, 1)
-            write(file, json.dumps({"row": name, "seeds": _TUNING_SEEDS, "trials": trials}, indent=1) + "\n")
-    for trial in trials:
-        print(f"{name}, {trial['settings']}: reliability {mean_reliability(trial):.3f}")
-    best = max(trials, key=mean_reliability)["settings"]
-    same = "as" if best == ROWS[name].settings else "not as"
-    print(f"{name}, the best of {len(trials)}: {best}; {same} in board_rows.py")
-
-
-def drawn_settings(name: str) -> list[dict[str, Setting]]:
-    """Draws the settings of a row that are tried, the same each time: every choice comes equally often, or nearly."""
-    choices, draws = ROWS[name].choices if name in ROWS else {}, np.random.default_rng(0)
-    if not choices:
-        raise InputError(f"{name}: expected a row with settings to tune, got one without")
-    while True:
-        orders = [draws.permutation(np.arange(TRIALS) % len(values)) for values in choices.values()]
-        drawn = list(zip(*orders, strict=True))
-        if len(set(drawn)) == TRIALS:
-            return [{key: values[at] for (key, values), at in zip(choices.items(), one, strict=True)} for one in drawn]
-
-
-def mean_reliability(trial: Trial) -> float:
-    """Returns the mean reliability of a trial over tasks and budgets."""
-    return float(np.mean(list(trial["reliability"].values())))
 
 
 def _write_table(out: Path) -> None:
@@ -208,7 +150,6 @@ def _write_table(out: Path) -> None:
                 lines.append([title, *map(_cell, values)])
         if lines:
             parts += [f"{size}-{budget}", table(["search", *Scores._fields], lines)]
-    parts += _tuning_table(out / "tuning")
     write(out / "board.md", "\n\n".join(part.rstrip() for part in parts) + "\n")
     _draw(records, titles, sizes, out / "board.png")
     print(f"written to {out}")
@@ -219,22 +160,6 @@ def _cell(values: NDArray[np.float64]) -> str:
         return ""
     low, high = confidence_interval(values)
     return f"{np.nanmean(values):.2f} ({low:.2f} to {high:.2f})"
-
-
-def _tuning_table(folder: Path) -> list[str]:
-    """Makes the table of what was tried for each row: means of reliability over tasks and budgets."""
-    records = {record["row"]: record["trials"] for record in map(_read, folder.glob("*.json"))}
-    lines = []
-    for name, row in ROWS.items():
-        if trials := records.get(name):
-            means = [mean_reliability(trial) for trial in trials]
-            figures = [f"{value:.2f}" for value in (max(means), np.median(means), min(means))]
-            best = trials[int(np.argmax(means))]["settings"]
-            lines.append(
-                [row.title, str(len(trials)), *figures, ", ".join(f"{key} {value}" for key, value in best.items())]
-            )
-    head = ["search", "trials", "best", "median", "worst", "settings of the best"]
-    return ["Tuning", table(head, lines)] if lines else []
 
 
 def _draw(records: Mapping[tuple[str, str], dict], titles: Mapping[str, str], sizes: Sequence[str], file: Path) -> None:

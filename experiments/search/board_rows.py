@@ -3,10 +3,9 @@
 A loop in JAX is an `Optimizer`, so that `evolve` runs all seeds side by side. pyribs runs one seed after another.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from types import MappingProxyType
 from typing import NamedTuple
 
 import jax
@@ -39,10 +38,7 @@ from elitelanes_jax.optimizers.interop import (
 from elitelanes_jax.problem import Population, Problem, insert, road_problem, tuned_axes, vacant_fitness
 from experiments.common import Pytree, Untyped
 
-__all__ = ["ROWS", "Found", "Row", "Setting"]
-
-Setting = int | float | str
-"""The value of a setting of a row."""
+__all__ = ["ROWS", "Found", "Row"]
 
 
 class Found(NamedTuple):
@@ -62,8 +58,8 @@ class Found(NamedTuple):
 Decode = Callable[[NDArray[np.floating]], Array | NDArray[np.int8]]
 """From the solutions of pyribs to grids."""
 
-Play = Callable[[Task, int, int, Sequence[int], Mapping[str, Setting]], Found]
-"""(task, first seed, runs, budgets, settings) -> `Found`."""
+Play = Callable[[Task, int, Sequence[int]], Found]
+"""(task, runs, budgets) -> `Found`."""
 
 
 # 1, 2 and 5 times the powers of ten.
@@ -76,15 +72,11 @@ class Row(NamedTuple):
     Attributes:
       title: its name in the table.
       play: runs it.
-      settings: the settings that `--tune` chose; none for the presets of this package.
-      choices: for each setting the values that `--tune` draws from; none if nothing is tuned.
       steps: the evaluations at which scores are kept.
     """
 
     title: str
     play: Play
-    settings: Mapping[str, Setting] = MappingProxyType({})
-    choices: Mapping[str, tuple[Setting, ...]] = MappingProxyType({})
     steps: Sequence[int] = _STEPS
 
 
@@ -99,20 +91,20 @@ def _found(task: Task, kept: Sequence[Population]) -> Found:
     return Found(np.where(valid[..., None, None], grids, 0).astype(np.int8), fitness, cyclomatic)
 
 
-def _in_jax(make: Callable[..., Optimizer]) -> Play:
-    """Runs a loop in JAX. `make` returns an optimiser for a problem and settings; its first state is one batch."""
+def _in_jax(make: Callable[[Problem], Optimizer]) -> Play:
+    """Runs a loop in JAX. `make` returns an optimiser for a problem; its first state is one batch."""
 
-    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Setting]) -> Found:
-        factory, axes = partial(make, **settings), tuned_axes(task.shape)
-        batch = factory(road_problem(task.shape, axes, fill=task.fill)).evaluations_per_step
-        keys, state, done, kept = seed_keys(0, first + runs)[first:], None, 1, []
+    def play(task: Task, runs: int, budgets: Sequence[int]) -> Found:
+        axes = tuned_axes(task.shape)
+        batch = make(road_problem(task.shape, axes, fill=task.fill)).evaluations_per_step
+        keys, state, done, kept = seed_keys(0, runs), None, 1, []
         for budget in budgets:
             result = evolve(
                 keys,
                 task.shape,
                 fill=task.fill,
                 axes=axes,
-                optimizer=factory,
+                optimizer=make,
                 generations=budget // batch - done,
                 state=state,
                 progress=False,
@@ -132,7 +124,7 @@ def _preset(problem: Problem, *, method: str, preset: str) -> Optimizer:
 
 
 def _drawn(problem: Problem, *, hottest: int, penalty: int, restart: float, filling: float, refit: int) -> Optimizer:
-    """Makes the tuned MAP-Elites without refitted strips, with settings that `--tune` draws."""
+    """Makes the tuned MAP-Elites without refitted strips, with other settings."""
     config = PRESETS["map-elites", "tuned"]
     assert isinstance(config, AnnealedMapElitesConfig)
     moves = replace(config.annealing.moves, fill_probability=filling, refit=refit)
@@ -204,10 +196,14 @@ def _qdax(
     return Optimizer(init, step, elites, batch)
 
 
-def _qdax_moves(problem: Problem, *, batch: int, share: float, filling: float, refit: int) -> Optimizer:
+# Of the rows with our moves: grids a step, the share of them that take parts of a mate, and the weights of moves.
+_BATCH, _CROSSED, _WEIGHTS = 16, 0.2, MoveWeights(fill_probability=0.0, refit=25)
+
+
+def _qdax_moves(problem: Problem) -> Optimizer:
     """QDax's MAP-Elites with our moves: genotypes are grids."""
-    vary = qdax_moves(problem, MoveWeights(fill_probability=filling, refit=refit))
-    return _qdax(problem, problem.random, lambda grids: grids, vary, batch, share)
+    vary = qdax_moves(problem, _WEIGHTS)
+    return _qdax(problem, problem.random, lambda grids: grids, vary, _BATCH, _CROSSED)
 
 
 def _qdax_line(problem: Problem, *, batch: int, iso: float, line: float) -> Optimizer:
@@ -256,9 +252,9 @@ def _evosax(problem: Problem, *, population: int, restart: int, std: float) -> O
 
 
 def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
-    """Runs pyribs's loop. `make` returns, for a problem, a seed and settings, a scheduler and what makes grids."""
+    """Runs pyribs's loop. `make` returns, for a problem and a seed, a scheduler and what makes grids."""
 
-    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Setting]) -> Found:
+    def play(task: Task, runs: int, budgets: Sequence[int]) -> Found:
         problem = road_problem(task.shape, tuned_axes(task.shape), fill=task.fill)
         kept: list[list[Population]] = []
 
@@ -268,8 +264,8 @@ def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
             record = insert(record, problem.niche(found.features), found)
             return -found.fitness, problem.descriptor(found.features), record
 
-        for seed in range(first, first + runs):
-            scheduler, decode = make(problem, seed, **settings)
+        for seed in range(runs):
+            scheduler, decode = make(problem, seed)
             record, done, of_run = problem.empty_archive(), 0, []
             solutions = scheduler.ask()
             for budget in budgets:
@@ -311,21 +307,19 @@ def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float, batch: 
 
 
 @cache
-def _vary(problem: Problem, filling: float, refit: int) -> Callable[[NDArray[np.int8], NDArray[np.int8], int], Array]:
+def _vary(problem: Problem) -> Callable[[NDArray[np.int8], NDArray[np.int8], int], Array]:
     """Compiles the moves once for all seeds: (grids, mates, seed) -> grids."""
-    _, vary = qdax_moves(problem, MoveWeights(fill_probability=filling, refit=refit))
+    _, vary = qdax_moves(problem, _WEIGHTS)
     return jax.jit(lambda grids, mates, seed: vary(grids, mates, jax.random.key(seed)))
 
 
-def _ribs_moves(
-    problem: Problem, seed: int, *, batch: int, share: float, filling: float, refit: int
-) -> tuple[Untyped, Decode]:
+def _ribs_moves(problem: Problem, seed: int) -> tuple[Untyped, Decode]:
     """Makes the genetic emitter of pyribs, with our moves instead of its operators."""
     from ribs.archives import GridArchive
     from ribs.emitters import GeneticAlgorithmEmitter
     from ribs.schedulers import Scheduler
 
-    vary, crossed, draws = _vary(problem, filling, refit), int(batch * share), np.random.default_rng(seed)
+    vary, crossed, draws = _vary(problem), int(_BATCH * _CROSSED), np.random.default_rng(seed)
 
     def as_grids(solutions: NDArray[np.floating]) -> NDArray[np.int8]:
         return solutions.reshape(-1, *problem.shape).astype(np.int8)
@@ -334,21 +328,19 @@ def _ribs_moves(
         def ask(self) -> NDArray[np.floating]:
             if self.archive.empty:
                 return self.initial_solutions
-            one, other = (as_grids(self.archive.sample_elites(batch)["solution"]) for _ in range(2))
+            one, other = (as_grids(self.archive.sample_elites(_BATCH)["solution"]) for _ in range(2))
             mates = np.concatenate([other[:crossed], one[crossed:]])
-            return np.asarray(vary(one, mates, int(draws.integers(2**31)))).reshape(batch, -1)
+            return np.asarray(vary(one, mates, int(draws.integers(2**31)))).reshape(_BATCH, -1)
 
     archive = GridArchive(**ribs_archive_space(problem), seed=seed)
-    start = np.asarray(problem.random(jax.random.key(int(draws.integers(2**31))), batch)).reshape(batch, -1)
+    start = np.asarray(problem.random(jax.random.key(int(draws.integers(2**31))), _BATCH)).reshape(_BATCH, -1)
     emitter = MovesEmitter(
         archive, operator="gaussian", operator_kwargs={"sigma": 1}, initial_solutions=start, seed=seed
     )
     return Scheduler(archive, [emitter]), as_grids
 
 
-_MIX = {"filling": (0.0, 0.05, 0.1, 0.3), "refit": (0, 8, 25)}
-_MOVES = {"batch": (16, 32, 64, 128), "share": (0.0, 0.2, 0.5, 0.8), **_MIX}
-
+# Settings of other libraries' rows are the best of eight trials each, on 6 x 6 alone: results/tuning.
 ROWS = {
     **{
         preset: Row(f"MAP-Elites, `{preset}`", _in_jax(partial(_preset, method="map-elites", preset=preset)))
@@ -356,40 +348,17 @@ ROWS = {
     },
     "drawn": Row(
         "the same, no refitted strips, with the effort of the other libraries",
-        _in_jax(_drawn),
-        {"hottest": 80, "penalty": 400, "restart": 0.0, "filling": 0.05, "refit": 25},
-        {"hottest": (20, 40, 80, 160), "penalty": (100, 200, 400, 800), "restart": (0.0, 0.1, 0.3), **_MIX},
+        _in_jax(partial(_drawn, hottest=80, penalty=400, restart=0.0, filling=0.05, refit=25)),
     ),
     "ea": Row("EA with restarts, `tuned`", _in_jax(_ea)),
-    "qdax-moves": Row(
-        "QDax: MAP-Elites, our moves",
-        _in_jax(_qdax_moves),
-        {"batch": 16, "share": 0.2, "filling": 0.0, "refit": 25},
-        _MOVES,
-    ),
+    "qdax-moves": Row("QDax: MAP-Elites, our moves", _in_jax(_qdax_moves)),
     "qdax-line": Row(
-        "QDax: MAP-Elites, Iso+LineDD on logits",
-        _in_jax(_qdax_line),
-        {"batch": 128, "iso": 0.3, "line": 0.2},
-        {"batch": (16, 32, 64, 128), "iso": (0.03, 0.1, 0.3, 1.0, 3.0), "line": (0.0, 0.2, 0.5, 1.0)},
+        "QDax: MAP-Elites, Iso+LineDD on logits", _in_jax(partial(_qdax_line, batch=128, iso=0.3, line=0.2))
     ),
-    "ribs-cma": Row(
-        "pyribs: CMA-ME on logits",
-        _in_ribs(_ribs_cma),
-        {"ranker": "2imp", "sigma": 0.1, "batch": 72},
-        {"ranker": ("imp", "2imp", "2rd", "obj"), "sigma": (0.1, 0.3, 1.0, 3.0), "batch": (12, 36, 72)},
-    ),
-    "ribs-moves": Row(
-        "pyribs: genetic emitter, our moves",
-        _in_ribs(_ribs_moves),
-        {"batch": 16, "share": 0.2, "filling": 0.0, "refit": 25},
-        _MOVES,
-    ),
+    "ribs-cma": Row("pyribs: CMA-ME on logits", _in_ribs(partial(_ribs_cma, ranker="2imp", sigma=0.1, batch=72))),
+    "ribs-moves": Row("pyribs: genetic emitter, our moves", _in_ribs(_ribs_moves)),
     "evosax": Row(
-        "evosax: SNES on logits, with restarts",
-        _in_jax(_evosax),
-        {"population": 16, "restart": 100, "std": 3.0},
-        {"population": (16, 32, 64, 128), "restart": (25, 50, 100, 200, 400), "std": (0.3, 1.0, 3.0)},
+        "evosax: SNES on logits, with restarts", _in_jax(partial(_evosax, population=16, restart=100, std=3.0))
     ),
 }
 """The rows by their names on the command line."""

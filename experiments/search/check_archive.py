@@ -1,25 +1,13 @@
-"""Measures an archive and compares it with the certificates, with NumPy and NetworkX alone.
+"""Measures networks, and compares them with the certificates, with NumPy and NetworkX alone."""
 
-    python -m experiments.search.check_archive CERTIFICATES ARCHIVE --size H W [--empty]
-
-The archive is an ``.npz`` with ``grids``, integer codes ``[..., H, W]``. For each cyclomatic number, the program prints
-the certified optimum, and the best fitness and the number of the archive's flawless networks. Exit code 1 means that a
-network contradicts a certificate, 2 that the input cannot be read.
-"""
-
-import argparse
-import json
-import sys
-import zipfile
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Score", "check", "main", "read_certificate", "rescore"]
+__all__ = ["Score", "check", "rescore"]
 
 _NORTH, _EAST, _SOUTH, _WEST = 8, 4, 2, 1
 
@@ -98,65 +86,3 @@ def check(
                 f"cyclomatic number {score.cyclomatic}: certified {expected}, got {score.fitness}: {grid.tolist()}"
             )
     return found, faults
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs a command line; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="check_archive", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("certificates", type=Path, help="the JSON file of the certificates")
-    parser.add_argument("archive", type=Path, help="an .npz with grids [..., H, W]")
-    parser.add_argument("--size", type=int, nargs=2, metavar=("H", "W"), required=True, help="of the grids")
-    parser.add_argument("--empty", action="store_true", help="cells may be empty: the networks of variant B")
-    options = parser.parse_args(arguments)
-    try:
-        optima = read_certificate(options.certificates, sorted(options.size), not options.empty)
-        grids = _read_grids(options.archive, tuple(options.size))
-    except ValueError as error:
-        print(f"check_archive: {error}", file=sys.stderr)
-        return 2
-    found, faults = check(optima, grids, fill=not options.empty)
-    print("cyclomatic  certified  best  networks")
-    for cyclomatic, optimum in sorted(optima.items()):
-        values = found.get(cyclomatic, [])
-        print(f"{cyclomatic:10}  {optimum:9}  {min(values, default='-'):>4}  {len(values):8}")
-    for fault in faults:
-        print(f"check_archive: {fault}", file=sys.stderr)
-    return 1 if faults else 0
-
-
-def read_certificate(file: Path, sides: Sequence[int], fill: bool) -> dict[int, int]:
-    """Returns the certified fitness of a size by feasible cyclomatic number.
-
-    Args:
-      file: the certificates.
-      sides: the shorter side first.
-      fill: whether every cell is filled.
-
-    Raises:
-      ValueError: if the file cannot be read or has no such certificate.
-    """
-    try:
-        for entry in json.loads(file.read_text(encoding="utf-8"))["certificates"]:
-            if sorted((entry["height"], entry["width"])) == list(sides) and entry["fill"] == fill:
-                return {niche["cyclomatic"]: niche["optimum"] for niche in entry["niches"]}
-    except (OSError, ValueError, LookupError, TypeError) as error:
-        raise ValueError(f"{file}: expected certificates, got {error!r}") from None
-    raise ValueError(f"{file}: expected a certificate of {sides[0]} x {sides[1]} {'A' if fill else 'B'}, got none")
-
-
-def _read_grids(file: Path, shape: tuple[int, int]) -> NDArray[np.int_]:
-    try:
-        with np.load(file, allow_pickle=False) as content:
-            grids = content["grids"]
-    except (OSError, ValueError, LookupError, EOFError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{file}: expected an .npz with grids, got {error!r}") from None
-    integers = np.issubdtype(grids.dtype, np.integer)
-    if not integers or grids.shape[-2:] != shape or (grids.size and not 0 <= grids.min() <= grids.max() <= 15):
-        got = f"{grids.dtype} {list(grids.shape)}"
-        got += f", {grids.min()} to {grids.max()}" if integers and grids.size else ""
-        raise ValueError(f"{file}: expected codes 0 to 15 in grids [..., {shape[0]}, {shape[1]}], got {got}")
-    return grids.reshape(-1, *shape).astype(int)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

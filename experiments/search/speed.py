@@ -106,7 +106,7 @@ def _evaluations() -> tuple[Callable[[Grids], NDArray[np.int32]], dict[str, Eval
     import jax
 
     from elitelanes_jax import fitness, measure
-    from experiments.search.baselines import cpp_fitness, networkx_fitness, tarjan_fitness
+    from experiments.search.baselines import cpp_fitness, networkx_fitness
 
     def evaluate(grid: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         metrics = measure(grid)
@@ -115,7 +115,6 @@ def _evaluations() -> tuple[Callable[[Grids], NDArray[np.int32]], dict[str, Eval
     kernel = jax.jit(jax.vmap(evaluate))
     candidates: dict[str, Evaluation] = {
         "elitelanes_jax": lambda grids: jax.block_until_ready(kernel(grids)),
-        "numba": tarjan_fitness,
         "networkx": networkx_fitness,
     }
     if (compiled := cpp_fitness()) is not None:
@@ -143,9 +142,7 @@ def _evaluation(repetitions: int) -> list[Record]:
     print(f"{'batch':>6} {'candidate':>15} {'µs a grid':>10} {'grids a second':>15} {'times ours':>12}")
     for batch in (40, 512, 4096):
         grids = fresh_grids(batch, (12, 12))
-        expected = np.asarray(candidates["numba"](grids))
-        assert (fitness(grids) == expected).all()
-        assert (np.asarray(candidates["networkx"](grids[:40])) == expected[:40]).all()
+        assert (np.asarray(candidates["networkx"](grids[:40])) == fitness(grids[:40])).all()
         medians = _evaluation_times(list(candidates), (12, 12), batch, repetitions)
         for name, median in medians.items():
             ratio = median / medians["elitelanes_jax"]
@@ -163,8 +160,7 @@ def _sizes(repetitions: int) -> list[Record]:
     for side in _SIDES:
         batch = min(max(2**19 // side**2, 8), 512)
         grids = fresh_grids(batch, (side, side))
-        compiled = [name for name in ("numba", "c++") if name in candidates]
-        assert all((np.asarray(candidates[name](grids)) == fitness(grids)).all() for name in compiled)
+        assert "c++" not in candidates or (np.asarray(candidates["c++"](grids)) == fitness(grids)).all()
         medians = _evaluation_times(list(candidates), (side, side), batch, max(repetitions // 4, 1))
         rows.append({"side": side, "batch": batch, **medians})
         print(f"{side:>6} {batch:>6} " + " ".join(f"{median:>15,.1f}" for median in medians.values()))
@@ -189,34 +185,6 @@ def _corridors(repetitions: int) -> list[Record]:
     ratio = medians["with a spiral"] / medians["random"]
     print(f"\n64 x 64: {medians['random']:.0f} µs a random grid; {ratio:.1f} times that with a spiral in the batch")
     return [{**medians, "ratio": ratio}]
-
-
-def _whole_run(repetitions: int) -> list[Record]:
-    """Measures 200 generations of 40 offspring of the paper's MAP-Elites at 12 x 12, one seed."""
-    import jax
-
-    from elitelanes_jax import evolve
-    from experiments.search.baselines import networkx_fitness, tarjan_map_elites
-
-    seeds = iter(range(1, 2**20))
-
-    def ours() -> float:
-        key = jax.random.key(next(seeds))
-        return _timed(lambda: jax.block_until_ready(evolve(key, preset="paper", fill=False, generations=200).elites))
-
-    medians = _medians(
-        {"elitelanes_jax": ours, "numba": lambda: _timed(lambda: tarjan_map_elites(next(seeds), 12, 12, 200))},
-        repetitions,
-    )
-    grids = fresh_grids(200, (12, 12))
-    medians["networkx, evaluation alone"] = _timed(partial(networkx_fitness, grids)) * 8000 / 200
-    print("\nMAP-Elites, 200 generations of 40, 12 x 12, one seed\n")
-    rows: list[Record] = []
-    for name, median in medians.items():
-        ratio = median / medians["elitelanes_jax"]
-        rows.append({"candidate": name, "seconds": median, "times_ours": ratio})
-        print(f"{name:>30} {median:>9.4f} s {ratio:>9.1f}x")
-    return rows
 
 
 def _tuned(method: str, devices: int, generations: int) -> float:
@@ -329,7 +297,6 @@ _PARTS: dict[str, Callable[[int], list[Record]]] = {
     "evaluation": _evaluation,
     "sizes": _sizes,
     "corridors": _corridors,
-    "run": _whole_run,
     "steps": _steps,
     "cores": _cores,
     "start": _start,

@@ -1,5 +1,5 @@
 /** The whole page. */
-import { useEffect, useMemo, useState } from "preact/hooks";
+import { useMemo, useState } from "preact/hooks";
 import { SharedContext, type Shared } from "./context";
 import type { Data, Run } from "./data";
 import { editorOf } from "./editor";
@@ -8,10 +8,9 @@ import { useDrawing } from "./hooks/useDrawing";
 import { useDrop } from "./hooks/useDrop";
 import { useKeptFocus } from "./hooks/useKeptFocus";
 import { useMessage } from "./hooks/useMessage";
-import { useSearch } from "./hooks/useSearch";
 import { useTiles } from "./hooks/useTiles";
 import { useView } from "./hooks/useView";
-import { emptyGrid, rowsOf } from "./network/codes";
+import { emptyGrid } from "./network/codes";
 import type { Weights } from "./network/measure";
 import type { MapObject } from "./network/objects";
 import { Header } from "./parts/Header";
@@ -30,22 +29,15 @@ interface Props {
   readonly addressed: boolean;
   /** Receives the map that is drawn, and its objects. */
   readonly onMap?: (rows: number[][], objects: readonly MapObject[]) => void;
-  /** Receives the map that is open. */
-  readonly onSelect?: (run: number, elite: number) => void;
-  /** Asks a notebook to continue its search from a map. */
-  readonly onContinue?: (rows: number[][]) => void;
-  /** Calls its argument with each message of a notebook; returns a function that ends this. */
-  readonly listen?: (hear: (message: string) => void) => () => void;
 }
 
-export function App({ data, addressed, onMap, onSelect, onContinue, listen }: Props) {
+export function App({ data, addressed, onMap }: Props) {
   const [anyView, show] = useView(addressed);
   const [message, say] = useMessage();
   const tiles = useTiles(data, say);
   const [dark, onTheme] = useDark();
   const { editor: drawn, edit, draw, openFiles } = useDrawing({ kinds: data.objects.kinds, onMap, show, say });
   const [over, dropHandlers] = useDrop(openFiles);
-  const [searching, startSearch] = useSearch(listen, say);
   const [changed, setChanged] = useState<{ readonly run: Run; readonly weights: Weights } | null>(null);
 
   const view = useMemo(() => validView(anyView, data), [anyView, data]);
@@ -54,9 +46,6 @@ export function App({ data, addressed, onMap, onSelect, onContinue, listen }: Pr
   const start = open >= 0 ? editorOf(run.grid(open), objectsOf(run, open)) : editorOf(emptyGrid(run.height, run.width));
   const editor = drawn ?? start;
   const body = useKeptFocus(`${view.view} ${view.pins.length}`);
-  useEffect(() => {
-    if (open >= 0) onSelect?.(view.run, open);
-  }, [onSelect, view.run, open]);
 
   const shared = useMemo<Shared>(
     () => ({ data, view, run, tiles, dark, show, draw, say }),
@@ -77,14 +66,6 @@ export function App({ data, addressed, onMap, onSelect, onContinue, listen }: Pr
               weights={changed?.run === run ? changed.weights : run.weights}
               onWeights={(weights) => setChanged(weights && { run, weights })}
               onFiles={openFiles}
-              onContinue={
-                onContinue &&
-                (() => {
-                  startSearch();
-                  onContinue(rowsOf(editor.grid));
-                })
-              }
-              searching={searching}
             />
           )}
           {view.view === "run" && <RunView />}

@@ -68,12 +68,6 @@ interface RunValues {
     readonly best_fitness: ArrayRef;
     readonly elite_count: ArrayRef;
   } | null;
-  readonly rides: readonly {
-    readonly elite: number;
-    readonly goal: readonly [number, number];
-    readonly success: boolean;
-    readonly poses: ArrayRef;
-  }[];
   readonly usual_fitness: boolean;
   readonly floors: readonly (readonly [number, number])[] | null;
   readonly record: Readonly<Record<string, unknown>>;
@@ -95,16 +89,6 @@ export interface ChosenMap {
   readonly name: string;
   readonly pictures: readonly number[] | null;
   readonly objects: readonly MapObject[];
-}
-
-/** A ride on a map with 30 poses a second: x in tiles east, y in tiles south, theta in radians from east. */
-export interface Ride {
-  readonly elite: number;
-  readonly goal: readonly [row: number, column: number];
-  readonly success: boolean;
-  readonly x: Float32Array;
-  readonly y: Float32Array;
-  readonly theta: Float32Array;
 }
 
 export interface History {
@@ -146,19 +130,13 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
       elite_count: rows(read("int32", run.history.elite_count), run.history.steps),
     };
     const features = new Map(Object.entries(run.features).map(([name, ref]) => [name, read("int32", ref)]));
-    const rides = run.rides.map(({ elite, goal, success, poses }) => {
-      const track = read("float32", poses);
-      const steps = track.length / 3;
-      const [x, y, theta] = [0, 1, 2].map((row) => track.subarray(row * steps, (row + 1) * steps));
-      return { elite, goal, success, x, y, theta };
-    });
     const maps = run.maps.map(({ objects, ...map }) => ({
       ...map,
       objects: objects ? (JSON.parse(new TextDecoder().decode(read("uint8", objects))) as MapObject[]) : NO_OBJECTS,
     }));
     const fit = run.fitness && read(run.fitness.array[0] === "float32" ? "float32" : "int32", run.fitness);
     const niche = run.niche && read("int32", run.niche);
-    return new Run(run, codes, fit, niche, read("int32", run.seed), features, maps, history, rides);
+    return new Run(run, codes, fit, niche, read("int32", run.seed), features, maps, history);
   });
   return {
     title: values.title,
@@ -217,7 +195,6 @@ export class Run {
     readonly features: ReadonlyMap<string, Int32Array>,
     readonly maps: readonly ChosenMap[],
     readonly history: History | null,
-    readonly rides: readonly Ride[],
   ) {
     [this.height, this.width] = values.shape;
     ({ name: this.name, seeds: this.seeds, axes: this.axes, weights: this.weights } = values);

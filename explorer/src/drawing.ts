@@ -3,7 +3,6 @@ import { CONNECTIONS, IS_TURN, SIDES, EAST, SOUTH, type Grid } from "./network/c
 import { countFaces, findFaces } from "./network/faces";
 import { baseKind, footprint, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
 import { DISTINCT, objectColour } from "./colours";
-import type { Ride } from "./data";
 
 export interface Shape {
   readonly d: string;
@@ -177,34 +176,6 @@ export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes
     shapes.push({ d, stroke: OVERLAY_COLOURS.dead_ends, width: 0.13, cap: "round" });
   }
   return { shapes: shapes.filter((shape) => shape.d), texts };
-}
-
-const TRAIL = "#ff3f8e";
-const ROBOT_LENGTH = 0.18 / 0.585;
-const ROBOT_WIDTH = 0.15 / 0.585;
-
-/** Draws a ride up to a step: its trail, the robot, and a ring around the goal. */
-export function rideShapes({ x, y, theta, goal }: Ride, until: number): Shape[] {
-  const step = Math.min(until, x.length - 1);
-  const trail = Array.from(x.subarray(0, step + 1), (east, at_) => `${at_ ? "L" : "M"}${at(east)} ${at(y[at_])}`).join(
-    "",
-  );
-  const corner = (along: number, left: number): string => {
-    const [cosine, sine] = [Math.cos(theta[step]), Math.sin(theta[step])];
-    return `${at(x[step] + along * cosine - left * sine)} ${at(y[step] - along * sine - left * cosine)}`;
-  };
-  const back = -ROBOT_LENGTH / 2;
-  const half = ROBOT_WIDTH / 2;
-  return [
-    { d: trail, stroke: TRAIL, width: 0.06, cap: "round" },
-    { d: circle(goal[1] + 0.5, goal[0] + 0.5, 0.25), stroke: TRAIL, width: 0.07 },
-    {
-      d: `M${corner(back, half)}L${corner(back, -half)}L${corner(-back, 0)}Z`,
-      fill: "#fff",
-      stroke: "#14181f",
-      width: 0.035,
-    },
-  ];
 }
 
 const ARROW = 0.12; // how far an object's arrow is ahead of it, in tiles

@@ -13,9 +13,8 @@ interface Model {
   get(name: string): unknown;
   set(name: string, value: unknown): void;
   save_changes(): void;
-  on(event: string, callback: (content: unknown) => void): void;
-  off(event: string, callback: (content: unknown) => void): void;
-  send(content: unknown): void;
+  on(event: string, callback: () => void): void;
+  off(event: string, callback: () => void): void;
 }
 
 function bytesOf(value: unknown): Uint8Array<ArrayBuffer> {
@@ -25,10 +24,6 @@ function bytesOf(value: unknown): Uint8Array<ArrayBuffer> {
 
 function render({ model, el }: { readonly model: Model; readonly el: HTMLElement }): () => void {
   let version = 0;
-  const tell = (values: Record<string, unknown>) => {
-    for (const [name, value] of Object.entries(values)) model.set(name, value);
-    model.save_changes();
-  };
   const show = async () => {
     const current = ++version;
     try {
@@ -39,13 +34,10 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
           key={current}
           data={data}
           addressed={model.get("addressed") === true}
-          onMap={(rows, objects) => tell({ grid: rows, objects })}
-          onSelect={(run, elite) => tell({ selected: [run, elite] })}
-          onContinue={model.get("continues") ? (rows) => model.send({ continue: rows }) : undefined}
-          listen={(tell_) => {
-            const heard = (content: unknown) => tell_(String((content as { message?: unknown }).message));
-            model.on("msg:custom", heard);
-            return () => model.off("msg:custom", heard);
+          onMap={(rows, objects) => {
+            model.set("grid", rows);
+            model.set("objects", objects);
+            model.save_changes();
           }}
         />,
         el,
@@ -82,7 +74,6 @@ function pageModel(): Model {
     save_changes: () => undefined,
     on: () => undefined,
     off: () => undefined,
-    send: () => undefined,
   };
 }
 

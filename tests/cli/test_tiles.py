@@ -29,54 +29,39 @@ def bare(folder):
     return folder
 
 
-def test_a_good_set_is_described_with_its_seams(folder, tmp_path, capsys):
-    picture = tmp_path / "worst.png"
-    (folder / "turn_1" / "image.jpg").write_bytes(b"")
-    (folder / "turn_1" / ".DS_Store").write_bytes(b"")
-    assert main(["tiles", "check", str(folder), "--picture", str(picture)]) == 0
+def test_a_good_set_is_described(folder, capsys):
+    assert main(["tiles", "check", str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "tiles: 4 tiles"
     assert lines[6] == "no end: maps with dead ends cannot be drawn"
     assert lines[5] == "rotated, 16 pictures of the codes 3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15"
-    assert lines[7].startswith("seams: 66 pairs of sides may meet; the road is displaced by 0 pixels of 384 at most")
-    assert lines[-2:] == [f"{folder / 'turn_1' / 'image.jpg'}: not used", f"the worst seam is in {picture}"]
-    assert len(lines) == 11
-    assert read_picture(picture).shape[2] == 3
+    assert len(lines) == 7
 
 
 def test_all_faults_are_listed_at_once(folder, capsys):
-    """A turn that is rotated, a mask without road, a mask too few, a photograph under another name."""
-    for name in ("image", "road", "yellow"):
-        file = folder / "turn_1" / f"{name}.png"
-        cv2.imwrite(str(file), np.ascontiguousarray(np.rot90(read_picture(file))))
+    """A straight road on a turn, a mask without road, a mask too few, a photograph under another name."""
+    shutil.copy(folder / "straight_1" / "road.png", folder / "turn_1")
     cv2.imwrite(str(folder / "straight_1" / "road.png"), np.zeros((384, 384), np.uint8))
     (folder / "crossing3_1" / "red.png").unlink()
     (folder / "crossing4_1" / "image.png").rename(folder / "crossing4_1" / "photo.JPG")
     before = files(folder)
-    assert main(["tiles", "check", str(folder), "--picture", str(folder.parent / "worst.png")]) == 2
+    assert main(["tiles", "check", str(folder)]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     lines = captured.err.splitlines()
     for line, (place, words) in zip(
         lines,
         (
-            ("turn_1", "expected the road to end before the side E (see [opens] in tileset.toml), got road on 284 of"),
-            (
-                "turn_1",
-                "expected the road to reach the side W, which the tile opens (see [opens] in tileset.toml), got",
-            ),
-            ("straight_1", "expected the road to reach the side N, which the tile opens"),
-            ("straight_1", "expected the road to reach the side S, which the tile opens"),
+            ("turn_1", "expected a road that reaches two sides that meet of the tile, got N, S"),
+            ("straight_1", "expected a road that reaches two sides that face each other of the tile, got none"),
             ("crossing3_1", "expected image.png, road.png, red.png and yellow.png, got no red.png"),
             ("crossing4_1", "expected image.png, road.png, red.png and yellow.png, got no image.png"),
-            ("crossing4_1", "photo.JPG: not used"),
         ),
         strict=True,
     ):
         assert line.startswith(str(folder / place)), line
         assert words in line
     assert files(folder) == before
-    assert not (folder.parent / "worst.png").exists()
 
 
 def test_masks_make_a_set_of_photographs(folder, capsys):
@@ -92,13 +77,13 @@ def test_masks_make_a_set_of_photographs(folder, capsys):
     (folder / "turn_1" / "red.png").unlink()
     before = files(folder)
     before.pop("masks.png")
-    sheet = folder.parent / "sheet.png"
     (folder / "masks.png").unlink()
-    assert main(["tiles", "masks", str(folder), "--sheet", str(sheet)]) == 0
+    assert main(["tiles", "masks", str(folder)]) == 0
     printed = capsys.readouterr().out
     assert "1 mask of 4 tiles" in printed
     assert "11 existing ones unchanged" in printed
     after = files(folder)
+    sheet = after.pop("masks.png")
     after.pop("turn_1/red.png")
     assert after == before
     assert main(["tiles", "masks", str(folder), "--overwrite", "--yellow", "0..5,0..1,0..1"]) == 0
@@ -109,11 +94,8 @@ def test_masks_make_a_set_of_photographs(folder, capsys):
     assert all("yellow" in name for name in after if remade[name] != after[name])
     assert all(remade[f"{first(name)}/.yellow.png.before"] == after[name] for name in after if "yellow" in name)
     assert main(["tiles", "check", str(folder)]) == 0
-    assert read_picture(sheet).shape[2] == read_picture(folder / "masks.png").shape[2] == 3
-    # The command's own sheet is made again, and the one before is kept.
-    earlier = (folder / "masks.png").read_bytes()
-    assert main(["tiles", "masks", str(folder)]) == 0
-    assert (folder / ".masks.png.before").read_bytes() == earlier
+    assert read_picture(folder / "masks.png").shape[2] == 3
+    assert (folder / ".masks.png.before").read_bytes() == sheet  # it was made again, and the one before is kept
 
 
 def test_masks_replaced_again_and_again_are_all_kept(folder, capsys):
@@ -141,21 +123,6 @@ def test_a_disk_that_fills_up_leaves_all_as_it_was(folder, capsys, monkeypatch):
     assert main(["tiles", "masks", str(folder)]) == 2
     assert ".png: No space left on device" in capsys.readouterr().err
     assert files(folder) == before
-
-
-def test_masks_and_points_of_the_users_are_written_with_the_map(folder, tmp_path):
-    cones = np.zeros((384, 384), np.uint8)
-    cones[96:192, 288:] = 255
-    cv2.imwrite(str(folder / "turn_1" / "cones.png"), cones)
-    (folder / "turn_1" / "points.json").write_text('{"cones": [[384, 96]]}')
-    (tmp_path / "map.json").write_text('{"codes": [[6, 3], [12, 9]]}')
-    assert main(["render", str(tmp_path / "map.json"), "--tiles", str(folder), "--tile-px", "32"]) == 0
-    assert read_picture(tmp_path / "map" / "cones.png").astype(bool).sum() == 4 * 8 * 8
-    # The drawn turn opens south and west; in reading order these are rotated by 1, 0, 2 and 3 quarter-turns.
-    expected = [[8, 0], [64, 8], [0, 56], [56, 64]]
-    assert json.loads((tmp_path / "map" / "points.json").read_text()) == {"cones": expected}
-    mask = read_picture(tmp_path / "map" / "cones.png") > 0
-    assert mask[:8, 8:16].all() and mask[8:16, 56:].all() and mask[48:56, :8].all() and mask[56:, 48:56].all()
 
 
 def first(name):
@@ -187,16 +154,10 @@ def test_without_ends_roads_that_lead_nowhere_can_be_left_out(folder, tmp_path, 
     assert 0 < fewer < cv2.imread(str(tmp_path / "all" / "road.png"), 0).sum()
 
 
-def test_maps_that_a_set_cannot_draw_at_all_end_in_one_line(folder, tmp_path, capsys):
-    """Without three-way crossings no road fills 3 x 3: a loop has as many black cells as white ones."""
+def test_a_set_without_a_kind_of_tiles_is_named_if_maps_are_too_few(folder, tmp_path, capsys):
     shutil.rmtree(folder / "crossing3_1")
     out = tmp_path / "out"
     few = ["--quiet", "--seeds", "2", "--maps", "1", "--preset", "paper", "--generations", "0", "--tiles", str(folder)]
-    assert main(["generate", "--size", "3", "3", *few, "--out", str(out)]) == 2
-    assert (
-        capsys.readouterr().err
-        == "elitelanes: no map of 3 x 3 tiles satisfies all constraints: none of the 11 grids without dead ends does\n"
-    )
     assert main(["generate", "--size", "5", "6", *few, "--out", str(out)]) == 1
     said = capsys.readouterr().err
     assert "found 0 of 1 map" in said

@@ -12,13 +12,13 @@ from elitelanes_jax import DatasetSpec, InputError, make_dataset
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset._layouts import LAYOUTS
 
-OTHERS = random_maps(seed=1)
+OTHERS = {"maps_from": random_maps(seed=1), "seed": 1}
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     out = tmp_path_factory.mktemp("written") / "out"
-    make_dataset(small(), out, maps=random_maps())
+    make_dataset(small(), out)
     return out
 
 
@@ -32,25 +32,25 @@ def test_another_dataset_takes_the_place_of_one_of_any_format(name, folder, tmp_
     if LAYOUTS[name].needs and not importlib.util.find_spec(LAYOUTS[name].needs):
         pytest.skip(f"{LAYOUTS[name].needs} is not installed")
     with pytest.raises(InputError, match=r"expected results with .*, got .*; use another folder, or force=True"):
-        make_dataset(small(format=name, seed=1), folder, maps=OTHERS)
-    make_dataset(small(format=name, seed=1), folder, maps=OTHERS, force=True)
+        make_dataset(small(format=name, **OTHERS), folder)
+    make_dataset(small(format=name, **OTHERS), folder, force=True)
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]
-    make_dataset(small(format=name, seed=1), tmp_path / "new", maps=OTHERS)
+    make_dataset(small(format=name, **OTHERS), tmp_path / "new")
     assert files(folder) == files(tmp_path / "new")
 
 
 def test_the_one_before_stays_until_the_new_one_is_complete(folder, tmp_path, monkeypatch):
-    before, spec = files(folder), small(seed=1)
-    make_dataset(spec, tmp_path / "expected", maps=OTHERS)
+    before, spec = files(folder), small(**OTHERS)
+    make_dataset(spec, tmp_path / "expected")
     with monkeypatch.context() as patch:
         patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
         with pytest.raises(KeyboardInterrupt):
-            make_dataset(spec, folder, maps=OTHERS, force=True)
+            make_dataset(spec, folder, force=True)
     assert files(folder) == before
     hidden = tmp_path / ".out-unfinished" / "files"
     drawn = min(hidden.rglob("*000000.png"))
     when = drawn.stat().st_mtime_ns
-    make_dataset(spec, folder, maps=OTHERS, force=True)
+    make_dataset(spec, folder, force=True)
     assert files(folder) == files(tmp_path / "expected")
     assert (folder / drawn.relative_to(hidden)).stat().st_mtime_ns == when, "it was not drawn again"
     assert {entry.name for entry in tmp_path.iterdir()} == {"out", "expected"}

@@ -10,7 +10,6 @@ from killed_runs import digest
 from pages import blocks, run_program
 
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.search.result import Result
 
 PAGE = (Path(__file__).parents[2] / "docs" / "scaling.md").read_text(encoding="utf-8")
 PROGRAMS = [text for _, text in blocks(PAGE, "python")]
@@ -56,29 +55,3 @@ def test_submitit_runs_the_parts(whole):
     Path("program.py").write_text(program)
     subprocess.run([sys.executable, "program.py"], check=True)
     assert digest(Path("maps")) == whole
-
-
-@pytest.mark.slow
-def test_a_program_with_a_cluster_of_its_own(whole):
-    pytest.importorskip("distributed")
-    program = smaller(PROGRAMS[4].replace("GenerateSpec(seeds=1000, maps=100)", SPEC.removesuffix(", 3")))
-    Path("program.py").write_text(program)
-    subprocess.run([sys.executable, "program.py"], check=True)
-    assert digest(Path("maps")) == whole
-
-
-@pytest.mark.slow
-def test_the_search_on_many_hosts_finds_its_processes(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    program = PROGRAMS[5].replace(
-        "(16, 16), islands=32, every=200, evaluations=1_000_000", "(5, 6), islands=4, generations=9"
-    )
-    Path("program.py").write_text(program)
-    here = os.environ | {"SLURM_JOB_ID": "4711", "SLURM_STEP_NODELIST": "localhost", "SLURM_NTASKS": "2"}
-    here |= {"SLURM_STEP_NUM_NODES": "1", "SLURM_NNODES": "1"}
-    running = [
-        subprocess.Popen([sys.executable, "program.py"], env=here | {"SLURM_PROCID": number, "SLURM_LOCALID": number})
-        for number in ("0", "1")
-    ]
-    assert [process.wait(timeout=300) for process in running] == [0, 0]
-    assert Result.load("islands.npz").elites.grids.shape[-2:] == (5, 6)

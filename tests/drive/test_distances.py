@@ -1,4 +1,4 @@
-"""Distances and routes: NetworkX finds the same, and every step of a route is a movement."""
+"""Distances and ways: NetworkX finds the same."""
 
 import jax
 import networkx as nx
@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax import InputError
-from elitelanes_jax.drive import UNREACHABLE, LaneNode, distances, lane_nodes, route
-from elitelanes_jax.drive._distances import NO_WAY, Route, shortest_ways
+from elitelanes_jax.drive import UNREACHABLE, LaneNode, distances, lane_nodes
+from elitelanes_jax.drive._distances import NO_WAY, shortest_ways
 
 SHAPE = (5, 6)
 find = jax.jit(distances)
 find_ways = jax.jit(shortest_ways)
-find_route = jax.jit(route, static_argnames="most")
 find_nodes = jax.jit(lane_nodes)
 any_grids = hnp.arrays(np.int8, (3, 4), elements=st.integers(0, 15))
 small_grids = hnp.arrays(np.int8, (3, 4), elements=st.sampled_from((3, 5, 6, 7, 9, 11, 12, 13, 14, 15)))
@@ -43,12 +42,12 @@ def test_distances_are_those_of_networkx(grid, data):
 
 @settings(max_examples=40)
 @given(small_grids, st.data())
-def test_ways_and_routes_are_shortest(grid, data):
+def test_ways_are_shortest(grid, data):
     graph = lane_graph(grid)
     if not graph:
         return
     listed = sorted(graph)
-    start, goal = data.draw(st.sampled_from(listed)), data.draw(st.sampled_from(listed))
+    goal = data.draw(st.sampled_from(listed))
     table = lengths_to(graph, goal, grid.shape)
     ways = np.asarray(find_ways(grid, LaneNode(*goal)))
     for node in listed:
@@ -56,17 +55,6 @@ def test_ways_and_routes_are_shortest(grid, data):
         best = min(onward.values(), default=UNREACHABLE)
         expected = [turn for turn in range(3) if best < UNREACHABLE and onward.get(turn) == best]
         assert ways[node[:2]] >> 2 * node[2] & 3 == (expected[0] if expected else NO_WAY)
-    check_route(graph, find_route(grid, LaneNode(*start), LaneNode(*goal)), start, goal, table[start])
-
-
-def check_route(graph, found: Route, start, goal, length):
-    assert found.length == length
-    count = 0 if length == UNREACHABLE else int(length)
-    listed, turns = list(zip(*(part.tolist() for part in found.nodes), strict=True)), found.turns.tolist()
-    assert listed[0] == start and listed[count] == (goal if length < UNREACHABLE else start)
-    assert turns[count:] == [NO_WAY] * (len(turns) - count) and listed[count:] == [listed[count]] * (len(turns) - count)
-    for before, turn, after in zip(listed[:count], turns, listed[1 : count + 1], strict=False):
-        assert graph.edges[before, after]["turn"] == turn
 
 
 def serpentine(height, width):
@@ -90,14 +78,6 @@ def test_the_longest_way_is_found():
 
     for nowhere in (LaneNode(0, 0, 1), LaneNode(-1, 0, 0), LaneNode(9, 9, 2)):
         assert (find(small, nowhere) == UNREACHABLE).all()
-
-
-@pytest.mark.slow
-def test_a_short_table_keeps_the_first_places():
-    ends = serpentine(4, 5), LaneNode(0, 1, 1), LaneNode(3, 0, 3)
-    found, whole = find_route(*ends, most=6), find_route(*ends)
-    assert found.length == 18 and found.turns.shape == (6,)
-    np.testing.assert_array_equal(np.stack(found.movements), np.stack(whole.movements)[:, :6])
 
 
 def many(seed, count):
@@ -126,16 +106,6 @@ def test_one_program_serves_all_grids_and_alone_is_as_in_a_batch():
     assert not compiled
     np.testing.assert_array_equal(np.stack(alone), batch)
     np.testing.assert_array_equal(distances(grids[0], LaneNode(*(part[0] for part in goals))), batch[0])
-
-
-@pytest.mark.parametrize("node", [(9, 0, 1), (0, 9, 1), (0, 0, 4), (-1, 0, 1)])
-def test_a_node_beyond_the_grid_has_no_way(node):
-    ring = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
-    inside = LaneNode(0, 1, 1)
-    assert route(ring, inside, LaneNode(2, 1, 3)).length < UNREACHABLE
-    for start, goal in ((LaneNode(*node), inside), (inside, LaneNode(*node))):
-        found = route(ring, start, goal)
-        assert found.length == UNREACHABLE and (found.turns == NO_WAY).all()
 
 
 def test_a_wrong_grid_is_refused():

@@ -47,8 +47,6 @@ def test_episodes_are_walks_in_the_graph_of_places(params):
             assert reward[n] == pytest.approx(2 * success - 3 * stuck - 0.25)
             assert info.success[n] == success and info.tiles[n] == tiles and info.shortest[n] == levels.shortest[n]
             assert info.spl[n] == pytest.approx(levels.shortest[n] / tiles if success else 0)
-            earned = 2 * success - 3 * stuck - 0.25 * tiles
-            assert info.regret[n] == pytest.approx(2 - 0.25 * levels.shortest[n] - earned)
             over[n] = terminated[n]
             ends["success"] += success
             ends["stuck"] += stuck

@@ -7,13 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from driving_oracle import drawn_maps, pick
+from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, load_tiles
 from elitelanes_jax.drive import (
     Camera,
     GymnaxEnv,
-    JaxUedEnv,
     LaneDrive,
     LaneDriveParams,
     Pose,
@@ -21,7 +20,6 @@ from elitelanes_jax.drive import (
     RoadNavParams,
     auto_reset,
     gymnasium_env,
-    gymnasium_vector_env,
     look_around,
     make_levels,
     make_sight,
@@ -54,9 +52,9 @@ def seeing(levels):
 
 
 def test_the_camera_is_an_observation_of_all_wrappers(seeing):
-    env, ued = GymnaxEnv(LaneDrive, seeing, SPACES, values=5), JaxUedEnv(LaneDrive, seeing, SPACES)
+    env = GymnaxEnv(LaneDrive, seeing, SPACES, values=5)
     assert env.observation_space() == ("box", 0, 255, (12, 16, 3), np.uint8)
-    key, level = jax.random.key(0), pick(seeing.levels, 3)
+    key = jax.random.key(0)
     image, state = jax.jit(env.reset)(key)
     assert image.dtype == jnp.uint8 and image.shape == (12, 16, 3)
     np.testing.assert_array_equal(image, jax.jit(look_around)(state.pose, state.grid, seeing.sight).image)
@@ -64,8 +62,6 @@ def test_the_camera_is_an_observation_of_all_wrappers(seeing):
     moved, after, *_, info = jax.jit(env.step)(key, state, action)
     assert (moved != image).any() and (moved == info["final_observation"]).all()
     np.testing.assert_array_equal(moved, LaneDrive.observe(after, seeing).image)
-    again, _ = jax.jit(ued.reset_to_level)(key, level)
-    assert again.shape == (12, 16, 3)
     with pytest.raises(InputError, match="rotations: expected a picture of code 0"):
         make_sight(np.zeros((4, 8, 8, 3), np.uint8), np.zeros((4, 8, 8), np.uint8), {5: [(0, 0)]})
 
@@ -100,20 +96,6 @@ def test_a_vector_has_codes_as_bits():
     assert flatten(seen).tolist() == [1, 0, 0, 1, 0, 1, 0, 0, 1, 0.5]
 
 
-def test_jaxued_stays_on_the_level_that_it_is_given(params):
-    env = JaxUedEnv(RoadNav, params, SPACES)
-    level = env.sample_level(jax.random.key(4))
-    observation, state = jax.jit(env.reset_to_level)(jax.random.key(0), level, params)
-    step = jax.jit(env.step)
-    done = False
-    for _ in range(6):
-        observation, state, _, done, info = step(jax.random.key(0), state, 1, params)
-        np.testing.assert_array_equal(state.grid, level.grid)
-        if done:
-            break
-    assert done and env.action_space() == ("discrete", 3) and "spl" in info and observation.shape == (42,)
-
-
 @pytest.mark.parametrize("environment", ["road-nav", "lane-drive", "camera"])
 def test_gymnasium_accepts_them(environment, params, levels, seeing):
     gymnasium = pytest.importorskip("gymnasium")
@@ -133,22 +115,6 @@ def test_gymnasium_accepts_them(environment, params, levels, seeing):
     check_env(alone, skip_render_check=True)
     alone.reset(seed=1)
     assert alone.render_mode == "rgb_array" and alone.render().dtype == np.uint8
-    many = gymnasium_vector_env(*given, gymnasium, 5, render=render)
-    many.reset(seed=1)
-    assert many.render_mode == "rgb_array" and [picture.ndim for picture in many.render()] == [3] * 5
-    observation, _ = many.reset(seed=3)
-    again, _ = many.reset(seed=3)
-    np.testing.assert_array_equal(observation, again)
-    assert observation in many.observation_space
-    ended = 0
-    for _ in range(25):
-        observation, reward, terminated, truncated, info = many.step(many.action_space.sample())
-        assert reward.shape == (5,) and (info["_final_obs"] == terminated | truncated).all()
-        assert all(
-            (final is not None) == over for final, over in zip(info["final_obs"], info["_final_obs"], strict=True)
-        )
-        ended += info["_final_obs"].sum()
-    assert ended > 3
 
 
 def test_what_is_wrong_is_named(params):
@@ -157,7 +123,6 @@ def test_what_is_wrong_is_named(params):
         (lambda: GymnaxEnv(RoadNav, None, SPACES), "params: expected RoadNavParams or LaneDriveParams, got None"),
         (lambda: GymnaxEnv(RoadNav, params, SPACES, values=7), "values: expected 5 or 6, got 7"),
         (lambda: gymnasium_env(RoadNav, params, None), "gymnasium: expected the module gymnasium, got None"),
-        (lambda: gymnasium_vector_env(RoadNav, params, SimpleNamespace(Env=0), 0), "count: expected a whole number"),
     ):
         with pytest.raises(InputError, match=f"^{message}"):
             wrap()
@@ -165,11 +130,10 @@ def test_what_is_wrong_is_named(params):
 
 def test_they_can_be_copied(params, seeing):
     # Rejax copies environments; a module, such as ``gymnax.environments.spaces``, cannot be copied.
-    for kind in (GymnaxEnv, JaxUedEnv):
-        for environment, settings in ((RoadNav, params), (LaneDrive, seeing)):
-            spaces = ModuleType("spaces")
-            spaces.Discrete, spaces.Box = SPACES.Discrete, SPACES.Box
-            assert deepcopy(kind(environment, settings, spaces)).action_space()
+    for environment, settings in ((RoadNav, params), (LaneDrive, seeing)):
+        spaces = ModuleType("spaces")
+        spaces.Discrete, spaces.Box = SPACES.Discrete, SPACES.Box
+        assert deepcopy(GymnaxEnv(environment, settings, spaces)).action_space()
 
 
 @pytest.mark.slow
@@ -184,49 +148,3 @@ def test_rejax_learns_on_it(levels):
     algorithm = PPO.create(env=env, env_params=params, **settings)
     _, (lengths, returns) = jax.jit(algorithm.train)(jax.random.key(0))
     assert np.isfinite(returns).all() and (lengths <= 20).all() and returns[-1].mean() > returns[0].mean()
-
-
-@pytest.mark.slow
-def test_jaxued_replays_the_levels_that_its_scores_choose(params, monkeypatch):
-    """Prioritised level replay in JaxUED's parts: its automatic replay, its scores, its buffer of levels."""
-    pytest.importorskip("jaxued")
-    if not hasattr(jax, "tree_map"):  # JaxUED 0.0.1 calls it, and JAX has it no more; JaxUED 0.0.2 does not
-        monkeypatch.setattr(jax, "tree_map", jax.tree.map, raising=False)
-    from gymnax.environments import spaces
-    from jaxued.level_sampler import LevelSampler
-    from jaxued.utils import compute_max_returns, max_mc
-    from jaxued.wrappers import AutoReplayWrapper
-
-    inner = JaxUedEnv(RoadNav, params, spaces)
-    env, sampler = AutoReplayWrapper(inner), LevelSampler(16, minimum_fill_ratio=0.5, duplicate_check=True)
-
-    @jax.jit
-    def drive(key, levels):
-        def go(state, key):
-            keys, action = jax.random.split(key, 8), jax.random.randint(key, (8,), 0, 3)
-            _, state, reward, done, _ = jax.vmap(env.step, in_axes=(0, 0, 0, None))(keys, state, action, params)
-            return state, (state.env_state.grid, reward, done)
-
-        state = jax.vmap(env.reset_to_level, in_axes=(0, 0, None))(jax.random.split(key, 8), levels, params)[1]
-        return jax.lax.scan(go, state, jax.random.split(key, 12))[1]
-
-    buffer = sampler.initialize(inner.sample_level(jax.random.key(0)), {"max_return": -jnp.inf})
-    replayed = 0
-    for number in range(6):
-        key = jax.random.fold_in(jax.random.key(1), number)
-        places, levels = None, jax.vmap(inner.sample_level)(jax.random.split(key, 8))
-        if sampler.sample_replay_decision(buffer, key):
-            replayed += 1
-            buffer, (places, levels) = sampler.sample_replay_levels(buffer, key, 8)
-        grids, rewards, dones = drive(key, levels)
-        assert (grids == levels.grid).all() and (dones.sum(axis=0) >= 2).all()  # an episode has at most 6 steps
-        returns = compute_max_returns(dones, rewards)
-        scores = max_mc(dones, jnp.zeros_like(rewards), returns)
-        if places is None:
-            buffer, _ = sampler.insert_batch(buffer, levels, scores, {"max_return": returns})
-        else:
-            buffer = sampler.update_batch(buffer, places, scores, {"max_return": returns})
-    assert replayed and buffer["size"] >= 8
-    kept = sampler.get_levels(buffer, buffer["scores"].argmax())
-    same = jax.tree.map(lambda of, one: (of == one).reshape(len(of), -1).all(axis=1), params.levels, kept)
-    assert np.all(jax.tree.leaves(same), axis=0).any()

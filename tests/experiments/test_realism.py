@@ -3,11 +3,10 @@
 import json
 from types import SimpleNamespace
 
-import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, SearchSpec, evolve
+from elitelanes_jax import InputError, SearchSpec
 from elitelanes_jax.formats import to_duckietown
 from elitelanes_jax.network import measure_town
 from experiments.realism.study import (
@@ -16,13 +15,11 @@ from experiments.realism.study import (
     SIZES,
     TUNED,
     apart,
-    blind_page,
     coverage_and_co,
     energy_distance,
     features_of,
     pick_maps,
     read_people,
-    with_targets,
 )
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [12, 5, 5, 9]], np.int8)
@@ -100,15 +97,6 @@ def test_the_kept_features_are_peoples():
     assert set(TUNED) < set(FEATURES) and len(SIZES) == 18
 
 
-def test_the_blind_test_says_which_were_made_by_people():
-    page = blind_page([RING, RING], [EIGHT] * 5)
-    pictures = page.split("<figure>")[1:]
-    assert len(pictures) == 4
-    said = [int(word) for word in page.split("People made ")[1].split(".")[0].split(", ")]
-    rings = [number for number, picture in enumerate(pictures, start=1) if 'viewBox="-1 -1 5 5"' in picture]
-    assert said == rings
-
-
 def test_maps_of_a_size_with_fewer_come_more_than_once():
     class Pool:
         def __init__(self, size):
@@ -120,17 +108,6 @@ def test_maps_of_a_size_with_fewer_come_more_than_once():
     picked = pick_maps({size: Pool(size) for size in SIZES}, 90)
     assert [sum(grid.shape == size for grid in picked) for size in ((3, 3), (5, 6), (10, 19))] == [5, 15, 10]
     assert [int(grid[0, 0]) for grid in picked[:5]] == [1, 2, 3, 1, 2] and len(picked) == 90
-
-
-def test_maps_are_picked_by_other_columns_too():
-    real = np.array([[row[name] for name in FEATURES] for row in json.loads(PEOPLE.read_text()).values()])
-    pool = evolve(jax.random.split(jax.random.key(0), 2), (6, 6), style="town", evaluations=4_000)
-    aimed = with_targets(pool, real, ["border_share", "crowded_per_tile", "turn_share"])
-    assert [target.name for target in aimed.spec.targets] == ["border_share", "turn_share"]
-    maps = aimed.maps(4)
-    assert len(maps) == 4
-    for road_map in maps:
-        assert road_map.metrics["border_share"] == int(measure_town(road_map.codes).border_share) / 1000
 
 
 def test_the_styles_targets_are_peoples_features():

@@ -89,12 +89,6 @@ const settle = (page) => page.evaluate(() => new Promise((done) => requestAnimat
 // A niche, its layers and its files: a map that the run wrote.
 {
   const page = await open("run.html", { hash: "map=PLACE".replace("PLACE", process.argv[3]) });
-  const still = await pixels(page, ".detail canvas");
-  await button(page, "Play the ride");
-  await page.waitForFunction(() => Number(document.querySelector(".ride input").value) > 5);
-  await button(page, "Pause");
-  await settle(page);
-  seen.ride = { moved: (await pixels(page, ".detail canvas")) !== still, time: await page.textContent(".ride span") };
   const looks = [await pixels(page, ".detail canvas")];
   for (const overlay of ["Bridges", "Adjacent crossings", "Adjacent turns", "Dead ends", "Faces"]) {
     const chip = page.locator(".detail .switch", { hasText: overlay });

@@ -19,7 +19,6 @@ from explored import IN_BROWSER, big_result, float_result, own_result, write_run
 from elitelanes_jax import DatasetSpec, Result, RoadMap, Weights, load_tiles, read_map, render
 from elitelanes_jax.explorer import collect, page_of
 from elitelanes_jax.formats import MapObject, make_plan, map_to_json, read_maps, to_duckietown
-from elitelanes_jax.formats.rides import RIDES
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.network import METRIC_NAMES, measure_town, plain_measure
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
@@ -50,12 +49,6 @@ def drawn(run):
     return read_map(run / "maps" / shown["name"] / "map.json"), shown["elite"]
 
 
-def a_ride(codes):
-    """A ride of five seconds across a map, as `drive` would record it."""
-    track = {"x": np.linspace(0.5, 4.5, 151).tolist(), "y": [0.5] * 151, "theta": [0.0] * 151}
-    return {"format": RIDES, "codes": codes.tolist(), "rides": [{"goal": [0, 4], "success": True, **track}]}
-
-
 def photographs():
     """The package's tiles, each in a light of its own."""
     random, tiles = np.random.default_rng(0), load_tiles()
@@ -73,8 +66,7 @@ def furnished():
 
 @pytest.fixture(scope="module")
 def seen(folder, run, drawn, furnished):
-    (folder / "ride.json").write_text(json.dumps(a_ride(drawn[0].codes)))
-    (folder / "run.html").write_text(page_of(collect([run, folder / "ride.json"])))
+    (folder / "run.html").write_text(page_of(collect([run])))
     (folder / "own.html").write_text(page_of(collect(own_result())))
     (folder / "float.html").write_text(page_of(collect(float_result())))
     (folder / "big.html").write_text(page_of(collect(big_result())))
@@ -121,11 +113,6 @@ def test_every_layer_and_overlay_changes_the_picture(seen, drawn):
     )
     assert seen["niche"]["different"] == seen["niche"]["looks"] - empty
     assert "look=tiles" in seen["niche"]["hash"] and "overlays=bridges,adjacent_crossings" in seen["niche"]["hash"]
-
-
-def test_a_recorded_ride_is_played(seen):
-    assert seen["ride"]["moved"]
-    assert re.fullmatch(r"[0-5]\.\d s", seen["ride"]["time"]) and seen["ride"]["time"] != "0.0 s"
 
 
 def test_saved_files_are_those_of_python(seen, drawn, folder):

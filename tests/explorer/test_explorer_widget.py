@@ -1,4 +1,4 @@
-"""The widget: what it shows, what comes back from its drawing, and the whole of it in JupyterLab."""
+"""The widget: what it shows, what comes back from its drawing, and the whole of it in JupyterLab and marimo."""
 
 import json
 import os
@@ -11,11 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explored import IN_BROWSER, big_result, float_result
+from explored import IN_BROWSER
 
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.explorer import show
-from elitelanes_jax.explorer._widget import continue_search
 from elitelanes_jax.explorer.page import static_text
 from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.objects import object_values
@@ -32,7 +31,6 @@ CELLS = [
     "explorer = show(evolve(0, (5, 6), seeds=2, progress=False, **search))\n"
     "explorer",
     "print(explorer.grid.dtype, explorer.grid.tolist())",
-    "print(explorer.result.spec.initial)",
 ]
 
 
@@ -65,38 +63,17 @@ if __name__ == "__main__":
 """
 
 
-def test_a_drawing_comes_back_as_a_grid_and_continues_the_search():
-    result = big_result()
-    asked = []
-
-    def continued(grid, before):
-        asked.append((grid, before))
-        return result
-
-    explorer = show(result, on_continue=continued)
-    assert explorer.continues and explorer.grid is None and len(explorer.blob) > 100_000
+def test_a_drawing_comes_back_as_a_grid_with_objects():
+    explorer = show([RoadMap(LOOP), RoadMap(LOOP)])
+    assert explorer.values["runs"][0]["labels"] == ("map 0", "map 1") and explorer.grid is None and explorer.blob
     duckie = MapObject("duckie", 1.0, 1.5, 0.0, 0.08, static=False)
     explorer.set_state({"grid": LOOP.tolist(), "objects": [object_values(duckie)]})
     assert explorer.grid.dtype == np.int8
     np.testing.assert_array_equal(explorer.grid, LOOP)
     assert explorer.objects == (duckie,)
-    explorer._handle_custom_msg({"continue": LOOP.tolist()}, [])
-    np.testing.assert_array_equal(asked[0][0], LOOP)
-    assert asked[0][1] is result
-    words = "grid: expected 12 x 12, as the search's, got 2 x 2"
-    with pytest.raises(InputError, match=words):
-        continue_search(LOOP, result)
-    with pytest.raises(InputError, match="fitness: expected the usual one, got a user's"):
-        continue_search(np.zeros((6, 6), np.int8), float_result())
-    explorer, said = show(result), []
-    explorer.send = said.append
-    explorer._handle_custom_msg({"continue": LOOP.tolist()}, [])
-    assert said == [{"message": words}]
 
 
-def test_maps_and_paths_are_shown_and_other_things_refused(tmp_path):
-    explorer = show([RoadMap(LOOP), RoadMap(LOOP)])
-    assert not explorer.continues and explorer.values["runs"][0]["labels"] == ("map 0", "map 1")
+def test_other_things_than_results_maps_and_paths_are_refused(tmp_path):
     with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got int"):
         show(3)
     with pytest.raises(InputError, match="nowhere"):
@@ -157,7 +134,6 @@ def test_the_widget_in_jupyterlab(tmp_path):
     assert seen["errors"] == []
     assert seen["map"].startswith("niche ")
     assert seen["grid"] == f"int8 {DRAWN}"
-    assert seen["result"] == str((tuple(map(tuple, DRAWN)),))
 
 
 @IN_BROWSER
@@ -173,7 +149,6 @@ def test_the_widget_in_marimo(tmp_path, command):
     assert seen["theme"] == ["elx light", "elx dark"]
     assert seen["grid"] == f"drawn int8 {DRAWN}"
     assert seen["heading"] == "700"
-    assert seen["result"].startswith("niche ")
 
 
 def test_the_module_keeps_to_anywidget_s_contract():

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracle import CERTIFICATES
+from certified import certificates
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
@@ -36,7 +36,7 @@ from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.loop import advance, run, start
 from elitelanes_jax.problem.descriptor import compute_descriptor, niche_index, paper_axes
 from elitelanes_jax.problem.problem import road_problem
-from experiments.search.check_archive import check, read_certificate
+from experiments.search.check_archive import check
 
 SHAPE = (5, 6)
 AXES = paper_axes(SHAPE)
@@ -166,7 +166,7 @@ def test_elites_have_the_fitness_and_the_metrics_of_their_grids(name):
 def test_no_elite_is_better_than_its_certificate(name):
     elites = jax.vmap(compiled(name).optimizer.elites)(whole_run(name)[0])
     grids = np.asarray(elites.grids)[np.asarray(elites.valid)]
-    assert not check(read_certificate(CERTIFICATES, list(SHAPE), False), grids, fill=False)[1]
+    assert not check(certificates()[*SHAPE, False], grids, fill=False)[1]
 
 
 @every_optimizer

@@ -28,9 +28,9 @@ def test_targets_are_read_from_mappings_and_pairs_alike():
         ({"turns": 3}, "targets: expected a feature with its values"),
         ({"turn": [3]}, "is it turns?"),
         ({"turns": []}, "targets: turns: expected at least one value, got none"),
-        ({"turns": ["3"]}, "targets: turns: expected numbers, got '3'"),
-        ({"turns": [float("nan")]}, "targets: turns: expected numbers, got nan"),
-        ({"turn_share": [1.5]}, "targets: turn_share: expected 0 to 1, got 1.5"),
+        ({"turns": ["x"]}, "targets: turns: expected a number, 0 to 1.07374e+09, got 'x'"),
+        ({"turns": [float("nan")]}, "targets: turns: expected a number, 0 to 1.07374e+09, got nan"),
+        ({"turn_share": [1.5]}, "targets: turn_share: expected a number, 0 to 1, got 1.5"),
         (
             {"turns": [1, 2], "tiles": [3]},
             "targets: expected the same number of values of each feature, got turns 2, tiles 1",

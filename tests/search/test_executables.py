@@ -15,7 +15,7 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.progress import Verbosity, reporting
+from elitelanes_jax._util.progress import reporting
 from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.search import _executables, _programs
@@ -164,13 +164,13 @@ def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
         _programs._find.cache_clear()
         jax.clear_caches()  # XLA does not serialise a program that has run
         capsys.readouterr()
-        with reporting(Verbosity.NORMAL):
+        with reporting(quiet=False):
             assert arrays(first()) == expected
         assert re.fullmatch(line, capsys.readouterr().err)
         assert load(file).programs.keys() == {"start", "collect"}
     for spoilt in (whole[: len(whole) // 2], b"", b"{}\n" * 99):
         file.write_bytes(spoilt)
-        with reporting(Verbosity.NORMAL):
+        with reporting(quiet=False):
             assert load(file) is None
         assert re.fullmatch(line, capsys.readouterr().err)
 

@@ -10,7 +10,7 @@ from elitelanes_jax import GenerateSpec, InputError, SearchSpec, evolve, generat
 from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.problem.inventory import COUNTED, parse_inventory
-from elitelanes_jax.search.evolution import Users, prepare
+from elitelanes_jax.search.evolution import prepare
 
 SHELF = {"straight": 20, "turn": 10, "crossing3": 4, "crossing4": 0}
 
@@ -58,7 +58,7 @@ def test_an_inventory_narrows_the_ranges_and_leaves_cells_empty():
 
 def test_searches_without_these_counts_measure_nothing_more():
     """The program of a search depends on its static arguments: a crossing is counted only in searches that name it."""
-    static, traced = prepare(SearchSpec(), (5, 5), None, None, Users(), {})[2:]
+    static, traced = prepare(SearchSpec(), (5, 5), {})[2:]
     assert static.measured == () and len(traced.limits[0]) == len(METRIC_NAMES) + 4
     assert set(SearchSpec(inventory=SHELF).measured) == {"crossings3", "crossings4"}
     assert SearchSpec(weights="crossings4=-9", axes="crossings3:4").measured == ("crossings3", "crossings4")

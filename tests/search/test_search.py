@@ -73,12 +73,6 @@ def test_stopped_and_continued_is_the_whole_run_and_a_seed_is_the_same_alone(met
     check_shapes_and_types(method, alone, whole)
 
 
-def test_old_style_keys_are_keys():
-    same(search(jax.random.PRNGKey(3), SHAPE, generations=3), search(KEY, SHAPE, generations=3))
-    keys = jax.random.split(KEY, 3)
-    same(search(jax.random.key_data(keys), SHAPE, generations=3), search(keys, SHAPE, generations=3))
-
-
 def test_metrics_are_those_of_the_grids():
     elites = search(KEY, SHAPE, generations=20).elites
     np.testing.assert_array_equal(fitness(elites.metrics)[elites.valid], elites.fitness[elites.valid])
@@ -307,8 +301,8 @@ def test_progress_is_shown_when_asked_for(capsys):
         ({"generations": 2.5}, "generations: expected a whole number, 0 or more, got 2.5"),
         ({"generations": None, "evaluations": 1.5}, "evaluations: expected a whole number, 0 or more, got 1.5"),
         ({"alphabet": [3, 99]}, "alphabet: expected tile codes, whole numbers 0 to 15, got 99"),
-        ({"weights": Weights(bridges=0.1)}, "weights: expected NAME=N with a whole number, .* got 'bridges=0.1'"),
-        ({"weights": {"speed": 1}}, "weights: expected a metric such as dead_ends, or constant, got 'speed'"),
+        ({"weights": Weights(bridges=0.1)}, "weights bridges: expected a whole number, .* got 0.1"),
+        ({"weights": {"speed": 1}}, "weights: expected NAME=N with one of components, .*, got 'speed'"),
         ({"weights": {"bridges": 2**30}}, "weights: expected a fitness within int32 for every grid of 5 x 6"),
         ({"axes": [Axis("crossings", 3, target=3)]}, "axes 'crossings': expected target to be a bin, 0 to 2"),
         ({"rules": "duckietown", "fill": True}, "fill: expected none with the rules of duckietown"),
@@ -350,7 +344,4 @@ def test_a_search_that_cannot_fit_is_refused_before_it_is_compiled(monkeypatch):
         evolve(0, (6, 7), seeds=40, generations=1)
     monkeypatch.setattr("elitelanes_jax.search.evolution.free_memory", lambda: 200_000_010)
     with pytest.raises(MemoryError, match="smaller maps or fewer niches would fit$"):
-        evolve(0, (6, 7), seeds=40, generations=1)
-    monkeypatch.setattr("elitelanes_jax.search.evolution.free_memory", lambda: 10)
-    with pytest.raises(MemoryError, match=r"to compile a search takes 0\.2 GB, and 0\.0 GB are free$"):
         evolve(0, (6, 7), seeds=40, generations=1)

@@ -59,10 +59,10 @@ def test_what_is_chosen_is_valid_and_different(evolved):
 def test_a_result_hands_its_maps_over(evolved):
     plain = [road_map.codes.tolist() for road_map in evolved.choose(16).maps]
     assert [road_map.codes.tolist() for road_map in evolved.maps()] == plain
-    few = evolved.maps(5, where="turns=8.. cyclomatic=..4", seed=3)
+    few = evolved.maps(5, where="turns=8.. cyclomatic=..4")
     assert 0 < len(few) <= 5
     for road_map in few:
-        assert road_map.metrics["turns"] >= 8 and road_map.metrics["cyclomatic"] <= 4 and road_map.seed[0] == 3
+        assert road_map.metrics["turns"] >= 8 and road_map.metrics["cyclomatic"] <= 4
         assert "\n" not in repr(road_map) and repr(road_map).startswith("RoadMap(6 x 6, fitness ")
         assert measure(road_map).turns == road_map.metrics["turns"]
     ranged = replace(evolved, spec=evolved.spec.replace(where="turns=100.."))
@@ -120,12 +120,6 @@ def test_maps_that_hardly_differ_come_last():
     for original, copy in zip(originals, copies, strict=True):
         assert len({canonical_form(original), canonical_form(copy)} & first) == 1
     assert len(found.choose(6).maps) == 6
-
-
-def test_one_keys_result_is_refused(evolved):
-    alone = jax.tree.map(lambda array: array[0], evolved.elites)
-    with pytest.raises(InputError, match="result: expected one of an array of keys, .* got one of a single key"):
-        replace(evolved, elites=alone).choose(3)
 
 
 def test_niches_that_lie_apart_come_first(evolved):

@@ -1,9 +1,11 @@
 """Blending: gains and offsets are those of a plain least squares, seams go, and masks stay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, load_tiles, render
+from elitelanes_jax import render
 from elitelanes_jax.tiles import choose_tiles, scale_tiles
 from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
 
@@ -94,7 +96,7 @@ def solved(tiles, grid, seed=0):
 
 def test_gains_and_offsets_are_those_of_least_squares_over_all_pairs(uneven):
     tones = solved(uneven, TOWN)
-    expected = least_squares(render(TOWN, uneven, tile_px=PX, blend=False), TOWN)
+    expected = least_squares(render(TOWN, replace(uneven, blend=False), tile_px=PX), TOWN)
     np.testing.assert_allclose(tones, expected, atol=1e-8)
     assert np.abs(tones[..., 1]).max() > 5
 
@@ -106,7 +108,7 @@ def test_tiles_that_meet_no_other_stay(uneven):
 
 
 def test_each_pixel_is_toned_as_the_formula_says(uneven):
-    picture, tones = render(TOWN, uneven, tile_px=16, blend=False), solved(uneven, TOWN)
+    picture, tones = render(TOWN, replace(uneven, blend=False), tile_px=16), solved(uneven, TOWN)
     toned = apply_tones(picture.image, tones)
     rng = np.random.default_rng(0)
     for y, x in zip(rng.integers(0, 64, 200), rng.integers(0, 80, 200), strict=True):
@@ -117,7 +119,7 @@ def test_each_pixel_is_toned_as_the_formula_says(uneven):
 
 @pytest.mark.parametrize("size", [16, 64, 150])
 def test_feathered_pixels_are_mixed_with_their_mirror_images(uneven, size):
-    plain = render(TOWN, uneven, tile_px=size, blend=False)
+    plain = render(TOWN, replace(uneven, blend=False), tile_px=size)
     reach = max(0.02 * size, 2)
     expected = plain.image.astype(np.float32)
     for one, other, level in seams(TOWN):
@@ -140,14 +142,14 @@ def test_feathered_pixels_are_mixed_with_their_mirror_images(uneven, size):
 @pytest.mark.parametrize("size", [32, 64, 128, 400])
 def test_seams_of_uneven_tiles_and_of_photographs_go(tiles, size, request):
     tiles = request.getfixturevalue(tiles)
-    before, inside = jumps(render(NO_ENDS, tiles, tile_px=size, blend=False, seed=1), NO_ENDS, size)
+    before, inside = jumps(render(NO_ENDS, replace(tiles, blend=False), tile_px=size, seed=1), NO_ENDS, size)
     after, _ = jumps(render(NO_ENDS, tiles, tile_px=size, seed=1), NO_ENDS, size)
     assert before > 3 * inside
     assert after <= 1.5 * inside
 
 
 def test_masks_and_labels_stay_and_the_same_map_gives_the_same_picture(uneven):
-    plain, blended, again = (render(TOWN, uneven, tile_px=40, blend=blend) for blend in (False, True, None))
+    plain, blended, again = (render(TOWN, replace(uneven, blend=blend), tile_px=40) for blend in (False, True, True))
     for name in ("road", "red", "yellow", "labels"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(blended, name))
     np.testing.assert_array_equal(blended.image, again.image)
@@ -167,10 +169,5 @@ def test_a_turned_map_has_the_turned_light(uneven):
     assert (difference == 0).mean() > 0.999
 
 
-def test_a_set_says_whether_it_blends(uneven, drawn_tiles, real_tiles, tmp_path):
-    assert not drawn_tiles.blend
-    assert real_tiles.blend
-    assert not load_tiles(blend=None).blend
-    assert load_tiles(blend=True).blend
-    with pytest.raises(InputError, match="blend: expected on or off, got 'no'"):
-        render(TOWN, uneven, blend="no")
+def test_photographs_are_blended_and_drawings_are_not(drawn_tiles, real_tiles):
+    assert real_tiles.blend and not drawn_tiles.blend

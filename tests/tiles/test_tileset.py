@@ -46,11 +46,11 @@ def test_a_description(drawn_tiles):
     assert "56 pictures of the codes 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15" in text
 
 
-def test_sides_may_be_stated(folder):
+def test_a_tile_opens_the_sides_that_its_road_reaches(folder):
     for file in (folder / "turn_2").iterdir():
         picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
         cv2.imwrite(str(file), np.ascontiguousarray(np.rot90(picture)))
-    (folder / "tileset.toml").write_text('[opens]\nturn_2 = "SE"\n')
+    (folder / "tileset.toml").unlink()
     tiles = load_tiles(folder)
     assert tiles.name == "tiles"
     assert tiles.licence == ""
@@ -80,24 +80,6 @@ def test_masks_of_zeros_and_ones_and_grey_pictures_are_fine(folder):
 
 def write(folder, name, picture):
     cv2.imwrite(str(folder / name), picture)
-
-
-def test_masks_and_points_of_ones_own(folder):
-    cones = np.zeros((384, 384), np.uint8)
-    cones[3:9, 5:7] = 255
-    write(folder, "turn_1/cones.png", cones)
-    write(folder, "turn_2/wet_floor.png", cones // 255)
-    (folder / "turn_1" / "._cones.png").write_bytes(b"what a file manager left")
-    (folder / "straight_3" / "points.json").write_text('{"cones": [[0, 384], [12.5, 7]], "none": []}')
-    tiles = load_tiles(folder)
-    assert tiles.layers == ("cones", "wet_floor")
-    assert tiles.points == ("cones", "none")
-    np.testing.assert_array_equal(tiles.tiles[0].layers["cones"], cones > 0)
-    assert [sorted(tile.layers) for tile in tiles.tiles[:3]] == [["cones"], ["wet_floor"], []]
-    points = tiles.tiles[6].points
-    assert points["cones"].tolist() == [[0, 384], [12.5, 7]]
-    assert points["none"].shape == (0, 2)
-    assert describe_tiles(tiles).endswith("layers: cones, wet_floor\npoints: cones, none")
 
 
 def clear(folder, part):
@@ -139,52 +121,32 @@ def misnamed(name, *lost):
     return spoil
 
 
-def png(width, height, rows, cut=False):
+def png(width, height, rows):
     """A PNG file of a grey picture, chunk by chunk."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    packed = zlib.compress(rows)
     header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
-    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", packed[:-6] if cut else packed) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
 TOMLS = {
-    "name =": "expected a readable TOML file, got: ",
-    "name = " + "[" * 10_000: "expected a readable TOML file, got: ",
-    "name = " + "9" * 10_000: "expected a readable TOML file, got: Exceeds the limit",
+    "name =": "expected TOML, got ",
+    "name = " + "[" * 10_000: "expected TOML, got ",
+    "name = " + "9" * 10_000: "expected TOML, got Exceeds the limit",
     "name" + ".a" * 5_000 + " = 1": r"expected name to be text, got {'a': {'a': .{0,80}$",
     "name = 3": "expected name to be text, got 3",
-    "opens = 3": r"expected a table \[opens\], got 3",
     'blend = "off"': "expected blend to be true or false, got 'off'",
-    'license = "MIT"': "expected the keys name, licence, blend, opens, got 'license'",
-    '[opens]\nturn_9 = "SW"': r"\[opens\]: expected a tile of the set, got 'turn_9'",
-    '[opens]\nbridge = "NS"': r"expected in \[opens\] kinds \(turn, .*\) or tiles, got 'bridge'",
-    "[opens]\nturn_1 = true\nturn = 5": "expected turn_1 to open 2 sides that meet, as letters of NESW, got True",
-    '[opens]\nturn = "NS"': "expected turn to open 2 sides that meet, as letters of NESW, got 'NS'",
-    '[opens]\nstraight_2 = "NX"': "expected straight_2 to open 2 sides that face each other, as letters .* got 'NX'",
-}
-POINTS = {
-    "{": "expected a readable JSON file, got: ",
-    "[[1, 2]]": r'expected points by name, {"name": \[\[x, y\], ...\]}, got \[\[1, 2\]\]',
-    '{"cones": [[1, 2], [true, 4]]}': r"'cones': expected points \[x, y\], got \[true, 4\]",
-    '{"cones": 3}': r"'cones': expected points \[x, y\], got 3",
-    '{"cones": [[1, NaN]]}': r"'cones': expected points \[x, y\], got \[1, NaN\]",
-    '{"cones": [[1, 384.5]]}': r"'cones': expected points within 384 x 384 pixels, got \[1, 384.5\]",
-    '{"cones": [[1, 1%s]]}' % ("0" * 400): r"'cones': expected points within 384 x 384 pixels, got \[1, 10000",
+    'license = "MIT"': "expected the keys name, licence, blend, got 'license'",
 }
 GREY = "expected a mask of two values, 0 and one other, got"
-LAYER = "expected a mask's name in small letters, .* none of labels, overlay, instances, got"
 PICTURES = {
     "straight_1/road.png": (np.zeros((100, 90)), "expected 384 x 384 pixels like image.png, got 90 x 100"),
     "turn_1/yellow.png": (np.full((384, 384), [[0, 7, 9] * 128]), f"{GREY} 3: 0, 7, 9"),
     "turn_2/yellow.png": (np.full((384, 384), [[1, 255] * 192]), f"{GREY} 2: 1, 255"),
     "turn_1/red.png": (np.full((384, 384, 3), [0, 0, 255]), "expected a grey mask, got one in colours"),
     "turn_1/image.png": (np.zeros((384, 300, 3)), "expected a square picture, got 300 x 384 pixels"),
-    "turn_1/cones.png": (np.zeros((100, 90)), "expected 384 x 384 pixels like image.png, got 90 x 100"),
-    "turn_1/labels.png": (np.zeros((384, 384)), f"{LAYER} 'labels'"),
-    "turn_1/Road.png": (np.zeros((384, 384)), f"{LAYER} 'Road'"),
 }
 NO_PNG = "expected a PNG picture of 8 bits a channel, got"
 BYTES = [
@@ -194,14 +156,10 @@ BYTES = [
     (lambda before: b"", f"{NO_PNG} one that cannot be read"),
     (lambda before: png(0, 0, b""), f"{NO_PNG} one that cannot be read"),
     (lambda before: png(60_000, 60_000, b"\0" * 99), "it has 60000 x 60000 pixels, not 1 to 4096 a side"),
-    (lambda before: png(8, 8, b"\0" * 71), "it is damaged or unfinished"),
-    (lambda before: png(8, 8, b"\0" * 10**6), "it is damaged or unfinished"),
-    (lambda before: png(8, 8, b"\0" * 99, cut=True), f"{NO_PNG} one that cannot be read"),
     (lambda before: cv2.imencode(".png", np.zeros((384, 384, 3), np.uint16))[1].tobytes(), f"{NO_PNG} uint16"),
 ]
 SPOILS = [
     *((text("tileset.toml", content), f"tileset.toml: {words}") for content, words in TOMLS.items()),
-    *((text("turn_1/points.json", content), f"turn_1/points.json: {words}") for content, words in POINTS.items()),
     *((drawn(file, pixels.astype(np.uint8)), f"{file}: {words}") for file, (pixels, words) in PICTURES.items()),
     *((image(change), f"turn_1/image.png: .*{words}") for change, words in BYTES),
     (lambda folder: (folder / "turn_2/red.png").unlink(), "turn_2: expected image.png, road.png, .*, got no red.png"),
@@ -210,17 +168,15 @@ SPOILS = [
     (without("*_*"), r"got no straight and no turn and no crossing"),
     (misnamed("trun_1"), r"trun_1: expected a folder <kind>_<number>, the kind one of turn, straight, crossing3"),
     (misnamed("Turn_1", "image.png", "red.png"), r"Turn_1: expected a folder <kind>_<number>"),
-    (sparse("tileset.toml"), r"tileset.toml: expected a file of at most 64 KiB, got a larger one"),
+    (sparse("tileset.toml"), r"tileset.toml: expected TOML, got .*tileset"),
     (sparse("turn_1/image.png"), r"turn_1/image.png: expected a file of at most 72 MiB, got a larger one"),
-    (sparse("turn_1/points.json"), r"turn_1/points.json: expected a file of at most 8 MiB, got a larger one"),
     (
         lambda folder: clear(folder, np.s_[:3]),
-        r"straight_1/road.png: expected the road to reach the side N, which the tile opens \(see \[opens\] in "
-        r"tileset.toml\), got road on 0 of its 384 pixels; it ends 3 pixels short of it",
+        "straight_1/road.png: expected a road that reaches two sides that face each other of the tile, got S",
     ),
     (
         lambda folder: shutil.copy(folder / "crossing4_1/road.png", folder / "crossing3_1"),
-        r"crossing3_1/road.png: expected the road to end before the side E \(see .*\), got road on 284 of its 384",
+        "crossing3_1/road.png: expected a road that reaches three sides of the tile, got N, E, S, W",
     ),
 ]
 
@@ -235,6 +191,12 @@ def test_what_is_wrong_is_named(spoil, message, folder, capfd):
     assert not "".join(capfd.readouterr()), "libraries keep silent"
 
 
+def test_a_picture_with_too_few_pixels_is_refused(folder):
+    (folder / "turn_1/image.png").write_bytes(png(384, 384, b"\0" * 99))
+    with pytest.raises(ValueError, match=f"turn_1/image.png: {NO_PNG} one that cannot be read"):
+        load_tiles(folder)
+
+
 def test_all_that_is_wrong_is_found_at_once(folder):
     (folder / "turn_2" / "red.png").unlink()
     write(folder, "straight_1/road.png", np.zeros((100, 90), np.uint8))
@@ -243,10 +205,3 @@ def test_all_that_is_wrong_is_found_at_once(folder):
     assert len(problems) == 2
     with pytest.raises(ValueError, match="turn_2: .* \\(and 1 more; see: elitelanes tiles check\\)"):
         load_tiles(folder)
-
-
-@pytest.mark.parametrize(("name", "got"), [("nowhere", "none"), ("file", "a file")])
-def test_no_folder(name, got, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ValueError, match=f"{name}: expected a folder of tile pictures, got {got}"):
-        load_tiles(tmp_path / name)

@@ -39,19 +39,22 @@ def foreign(folder):
     return foreign_file(folder, lambda path: path in MINE)
 
 
-@pytest.fixture(params=["next to it", "in it"])
-def hidden(request, monkeypatch):
-    """Where the hidden folder is: in an output folder that is a mount, or whose parent cannot be written to."""
-    if request.param == "in it":
-        monkeypatch.setattr(os, "access", lambda *_: False)
-
-
 def test_a_current_folder_that_was_deleted_is_an_error_of_the_output_folder(tmp_path, monkeypatch):
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
     with pytest.raises(InputError, match="^out: expected a path that can be written to, got: no such file"):
         write("out")
+
+
+def test_a_folder_that_cannot_be_renamed_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="^.: expected a folder that can be renamed, got the current one; name a new"):
+        write(".")
+    monkeypatch.setattr(os.path, "ismount", lambda path: path == tmp_path / "out")
+    with pytest.raises(InputError, match="out: expected a folder that can be renamed, got a mount; name a new folder"):
+        write(tmp_path / "out")
+    assert not everything(tmp_path)
 
 
 def test_a_link_to_itself_is_refused_before_the_work(tmp_path):
@@ -62,13 +65,12 @@ def test_a_link_to_itself_is_refused_before_the_work(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"here", "there"}
 
 
-@pytest.mark.parametrize("out", ["out", "deep/down/out", "empty", "link", "."])
-def test_a_folder_is_there_when_it_is_complete(tmp_path, out, hidden, monkeypatch):
+@pytest.mark.parametrize("out", ["out", "deep/down/out", "empty", "link"])
+def test_a_folder_is_there_when_it_is_complete(tmp_path, out):
     (tmp_path / "empty").mkdir()
     (tmp_path / "there").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "there")
-    monkeypatch.chdir(tmp_path / "empty")
-    out = Path(out) if out == "." else tmp_path / out
+    out = tmp_path / out
     with output_folder(out, SETTINGS) as work:
         (work.files / "file").write_text("text")
         (work.kept / "file").write_text("text")
@@ -80,7 +82,7 @@ def test_a_folder_is_there_when_it_is_complete(tmp_path, out, hidden, monkeypatc
 
 @pytest.mark.parametrize("out", ["out", "deep/down/out", "empty"])
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_nothing_remains_of_what_went_wrong(tmp_path, out, error, hidden):
+def test_nothing_remains_of_what_went_wrong(tmp_path, out, error):
     (tmp_path / "empty").mkdir()
 
     def fails():
@@ -113,7 +115,7 @@ def test_folders_that_cannot_be_made_are_refused(tmp_path, monkeypatch):
     refused(tmp_path / "out", "out: expected a path that can be written to, got .*: permission denied")
 
 
-def test_one_process_at_a_time_works_for_a_folder(tmp_path, hidden):
+def test_one_process_at_a_time_works_for_a_folder(tmp_path):
     (tmp_path / "out").mkdir()
     with output_folder(tmp_path / "out", SETTINGS) as work:
         (work.files / "file").write_text("text")
@@ -121,10 +123,9 @@ def test_one_process_at_a_time_works_for_a_folder(tmp_path, hidden):
     assert contents(tmp_path) == {"out/file": "text"}
 
 
-def test_a_folder_is_replaced_if_that_is_asked_for(tmp_path, hidden):
+def test_a_folder_is_replaced_if_that_is_asked_for(tmp_path):
     out = tmp_path / "out"
     write(out, "old", ("one", "three"))
-    before = out.stat().st_ino
     refused(out, "got one with files in it; force=True replaces it", foreign=foreign)
     refused(out, "got one with files in it$", force=True)
     (tmp_path / "link").symlink_to(out / "three")
@@ -133,12 +134,11 @@ def test_a_folder_is_replaced_if_that_is_asked_for(tmp_path, hidden):
     refused(out, words, foreign=foreign, force=True, inputs=inputs)
     write(out, foreign=foreign, force=True)
     assert contents(out) == {"one": "new", "sub/two": "new"}
-    assert out.stat().st_ino == before
 
 
 @pytest.mark.parametrize("when", ["before", "meanwhile"])
 @pytest.mark.parametrize("name", ["notes.txt", "sub/notes.txt", ".git/HEAD", "sub/link"])
-def test_a_folder_with_anything_else_is_never_replaced(when, name, tmp_path, hidden):
+def test_a_folder_with_anything_else_is_never_replaced(when, name, tmp_path):
     out = tmp_path / "out"
     write(out, "old")
 
@@ -182,13 +182,13 @@ def kill_at(patch, step):
 
 
 @pytest.mark.parametrize("there", ["nothing", "empty", "old"])
-def test_killed_at_any_step_of_the_end_the_next_run_does_the_rest(there, tmp_path, monkeypatch, hidden):
+def test_killed_at_any_step_of_the_end_the_next_run_does_the_rest(there, tmp_path, monkeypatch):
     """The folder has all its old files or all its new files, in whole or, while they are moved, in part."""
     for step in count(1):
         out = tmp_path / str(step) / "out"
         if there == "old":
             write(out, "old", ("one", "three"))
-        elif there == "empty" or not os.access(tmp_path, os.W_OK):
+        elif there == "empty":
             out.mkdir(parents=True)
         options = {"foreign": foreign, "force": True, "resume_files": True}
         with monkeypatch.context() as patch, suppress(Killed), output_folder(out, SETTINGS, **options) as work:
@@ -207,11 +207,11 @@ def test_killed_at_any_step_of_the_end_the_next_run_does_the_rest(there, tmp_pat
         assert everything(out.parent) == {"out", "out/one", "out/two"}
         if not killed:
             break
-    assert step > 5
+    assert step > 3
 
 
-@pytest.mark.parametrize("step", range(1, 7))
-def test_everything_stays_as_it_was_if_the_last_step_goes_wrong(step, tmp_path, monkeypatch, hidden):
+@pytest.mark.parametrize("step", [1, 2])
+def test_everything_stays_as_it_was_if_the_last_step_goes_wrong(step, tmp_path, monkeypatch):
     out = tmp_path / "out"
     write(out, "old", ("one", "three"))
     usual, steps = Path.rename, count(1)
@@ -228,7 +228,7 @@ def test_everything_stays_as_it_was_if_the_last_step_goes_wrong(step, tmp_path, 
     assert contents(tmp_path) == {"out/one": "old", "out/three": "old"}
 
 
-def test_work_is_resumed_with_the_same_settings_alone(tmp_path, hidden):
+def test_work_is_resumed_with_the_same_settings_alone(tmp_path):
     out = tmp_path / "out"
 
     def interrupted():
@@ -301,7 +301,7 @@ def test_an_interruption_while_the_lock_is_taken_leaves_no_folder(tmp_path, monk
     assert not folder.exists()
 
 
-def test_an_interruption_at_any_line_before_the_work_leaves_nothing(tmp_path, hidden):
+def test_an_interruption_at_any_line_before_the_work_leaves_nothing(tmp_path):
     out = tmp_path / "out"
     for line in count():
         left = line

@@ -33,7 +33,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".mp4 or .png")
     parser.add_argument("--policy", action="store_true", help="the weights are those of a policy")
     parser.add_argument("--seconds", type=whole(_SHOWN, 600), default=30, metavar="N", help="default 30")
-    parser.add_argument("--domain-rand", action="store_true", help="with gym-duckietown's random light and camera")
     parser.add_argument("--ours", action="store_true", help="without gym-duckietown's pictures")
     options = parser.parse_args(arguments)
     return run("film", lambda: _run(options))
@@ -41,21 +40,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     driver, film = read_driver(options.weights, policy=options.policy), options.out.suffix == ".mp4"
-    pause = 1 if film else _RATE
-    ride = ride_on_map(options.map, driver, options.seconds, domain_rand=options.domain_rand, pause=pause)
-    codes, about, images, poses = ride
+    codes, about, images, poses = ride_on_map(options.map, driver, options.seconds, 1 if film else _RATE)
     if film:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         size = (640 if options.ours else 1280, 480)
         writer = cv2.VideoWriter(str(options.out), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, size)
         for first in range(0, len(images), _TOGETHER):
-            ours, _ = our_views(codes, np.stack(poses[first : first + _TOGETHER]))
+            ours = our_views(codes, np.stack(poses[first : first + _TOGETHER]))
             for pair in zip(images[first : first + _TOGETHER], ours, strict=True):
                 writer.write(np.ascontiguousarray(np.concatenate(pair[options.ours :], axis=1)[..., ::-1]))
         writer.release()
     else:
         shown = np.linspace(0, len(images) - 1, _SHOWN).round().astype(int)
-        rows = [np.stack(images)[shown], our_views(codes, np.stack(poses)[shown])[0]][options.ours :]
+        rows = [np.stack(images)[shown], our_views(codes, np.stack(poses)[shown])][options.ours :]
         sheet = np.concatenate([np.concatenate(shrink(row), axis=1) for row in rows])
         write(options.out, png_of(sheet.astype(np.uint8)))
     print(f"{options.out}: {about}")

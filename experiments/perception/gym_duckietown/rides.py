@@ -1,6 +1,6 @@
 """A network drives in gym-duckietown's physics: it sees a picture, and pure pursuit follows the lane it finds.
 
-    python -m experiments.perception.gym_duckietown.rides WEIGHTS --out FILE [--part test] [--seconds 60] [--rides N]
+    python -m experiments.perception.gym_duckietown.rides WEIGHTS --out FILE [--part test] [--seconds 60]
 
 With `--policy`, the network chooses the speed and the turn, see `policy`.
 
@@ -24,7 +24,7 @@ from experiments.common import Parser, Untyped, leave, run, table, whole, write
 from experiments.perception.gym_duckietown.nets import choose_actions, find_poses, read_weights
 from experiments.perception.gym_duckietown.pictures import TILE, shrink
 from experiments.perception.gym_duckietown.policy import to_motion
-from experiments.perception.gym_duckietown.world import DuckietownMap, World, random_poses, read_maps
+from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
 
 __all__ = ["follow", "main", "read_driver", "ride", "ride_on_map"]
 
@@ -100,7 +100,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="rides, .json")
     parser.add_argument("--part", choices=("development", "test"), default="test")
     parser.add_argument("--seconds", type=whole(1, 600), default=60, metavar="S", help="of a ride; default 60")
-    parser.add_argument("--rides", type=whole(1, 100), default=1, metavar="N", help="on each map; default 1")
     parser.add_argument("--domain-rand", action="store_true", help="with gym-duckietown's random light and camera")
     parser.add_argument("--policy", action="store_true", help="the weights are those of a policy")
     parser.add_argument("--only", choices=("people", "towns"), help="people's maps, or our towns; default both")
@@ -117,21 +116,17 @@ def _run(options: argparse.Namespace) -> None:
     with World() as world:
         for place in read_maps(options.part, options.only):
             if place.name not in kept:
-                kept[place.name] = _rides_on(world, place, driver, options)
+                about = world.load(place, domain_rand=options.domain_rand)
+                start = random_poses(place.codes, 1, 7)[0]
+                found, *_ = ride(world, start, place.codes, driver, options.seconds)
+                kept[place.name] = {"objects": len(about["objects"]), "rides": [found]}
                 write(options.out, json.dumps(kept, indent=1))
                 print(place.name, kept[place.name], flush=True)
     print(report({name: found for name, found in kept.items() if name != "settings"}))
 
 
-def _rides_on(world: World, place: DuckietownMap, driver: Driver, options: argparse.Namespace) -> dict[str, Untyped]:
-    about = world.load(place, domain_rand=options.domain_rand)
-    starts = random_poses(place.codes, options.rides, 7)
-    found = [ride(world, start, place.codes, driver, options.seconds)[0] for start in starts]
-    return {"objects": len(about["objects"]), "rides": found}
-
-
 def ride_on_map(
-    name: str, driver: Driver, seconds: float, *, domain_rand: bool = False, pause: int = _RATE // _FRAMES
+    name: str, driver: Driver, seconds: float, pause: int
 ) -> tuple[NDArray[np.int8], dict[str, float], list[UInt8[NDArray, "480 640 3"]], list[Float[NDArray, "3"]]]:
     """Drives on one of people's maps in maps.toml; returns the map's codes, and what `ride` returns."""
     maps = {place.name: place for part in ("development", "test") for place in read_maps(part, "people")}
@@ -139,7 +134,7 @@ def ride_on_map(
         raise InputError(f"map: expected one of {', '.join(maps)}, got {name!r}")
     place = maps[name]
     with World() as world:
-        world.load(place, domain_rand=domain_rand)
+        world.load(place)
         start = random_poses(place.codes, 1, 7)[0]
         return place.codes, *ride(world, start, place.codes, driver, seconds, pause)
 

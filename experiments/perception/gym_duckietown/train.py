@@ -2,7 +2,7 @@
 
     python -m experiments.perception.gym_duckietown.train {pose,labels} DATASET --out FILE [--steps N]
 
-DATASET is a folder of `elitelanes dataset --camera rows=120 columns=160 --format plain`, or a file of `pictures`.
+DATASET is a folder of `elitelanes dataset --camera rows=120 columns=160`, or a file of `pictures`.
 An interrupted training continues with the same command.
 """
 
@@ -24,19 +24,14 @@ from jaxtyping import Array, Float, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
-from elitelanes_jax.tiles import LABELS
 from experiments.common import Parser, Pytree, leave, run, whole, write
 from experiments.perception.gym_duckietown.nets import (
     COLUMNS,
     NETS,
     ROWS,
     SCALES,
-    find_labels,
-    find_poses,
     write_weights,
 )
-from experiments.perception.gym_duckietown.pictures import TILE
-from experiments.perception.unet import confusion, ious
 
 __all__ = ["Views", "main", "read_views", "train"]
 
@@ -61,7 +56,7 @@ class Views(NamedTuple):
 
 
 def read_views(folder: Path, part: str = "train") -> Views:
-    """Reads a part of a dataset in the layout plain, or a file of `pictures`.
+    """Reads a part of a dataset in the layout imagefolder, or a file of `pictures`.
 
     Raises:
       InputError: for another folder, or pictures of another size.
@@ -74,12 +69,12 @@ def read_views(folder: Path, part: str = "train") -> Views:
         rows = [json.loads(line) for line in lines]
         lanes = [[row["nearest"][name] for name in ("d", "phi", "curvature")] for row in rows]
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{folder}: expected a dataset of dataset --camera --format plain, got: {error!r}") from None
+        raise InputError(f"{folder}: expected a dataset of dataset --camera, got: {error!r}") from None
     if {tuple(row["pixels"]) for row in rows} != {(ROWS, COLUMNS)}:
         raise InputError(f"{folder}: expected pictures of {ROWS} x {COLUMNS} pixels, got {rows[0]['pixels']}")
-    files = [folder / part / row["folder"] for row in rows]
-    images = [np.asarray(cv2.imread(str(file / "image.png")))[..., ::-1] for file in files]
-    labels = [np.asarray(cv2.imread(str(file / "labels.png"), cv2.IMREAD_GRAYSCALE)) for file in files]
+    images = [np.asarray(cv2.imread(str(folder / part / row["image_file_name"])))[..., ::-1] for row in rows]
+    files = [str(folder / part / row["labels_file_name"]) for row in rows]
+    labels = [np.asarray(cv2.imread(file, cv2.IMREAD_GRAYSCALE)) for file in files]
     return Views(np.stack(images), np.stack(labels).astype(np.uint8), np.array(lanes, np.float32))
 
 
@@ -97,17 +92,9 @@ def _label_loss(weights: Pytree, images: Array, labels: Array, lanes: Array, sha
     return (weight * losses).sum() / weight.sum()
 
 
-def train(
-    task: str,
-    views: Views,
-    steps: int,
-    seed: int,
-    checkpoint: Path,
-    say: Callable[[str], None],
-    batch: int | None = None,
-) -> Pytree:
+def train(task: str, views: Views, steps: int, seed: int, checkpoint: Path, say: Callable[[str], None]) -> Pytree:
     """Trains a network; returns its weights. The checkpoint is kept up to date, and continued if it exists."""
-    batch, loss = batch or _BATCH[task], _pose_loss if task == "pose" else _label_loss
+    batch, loss = _BATCH[task], _pose_loss if task == "pose" else _label_loss
     schedule = optax.warmup_cosine_decay_schedule(0, _LEARNING_RATE[task], min(200, steps), steps + 1)
     optimizer = optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=1e-4))
     weights = NETS[task].init(jax.random.key(seed), jnp.zeros((1, ROWS, COLUMNS, 3), jnp.uint8))
@@ -137,15 +124,6 @@ def train(
     return weights
 
 
-def _score(task: str, weights: Pytree, views: Views) -> str:
-    """Returns the medians of the lane pose's error, or each class's IoU."""
-    if task == "labels":
-        scores = ious(confusion(views.labels, find_labels(weights, views.images), len(LABELS)))
-        return ", ".join(f"{name} {score:.3f}" for name, score in zip(LABELS, scores, strict=True))
-    d, phi = np.median(np.abs(find_poses(weights, views.images) - views.lanes), axis=0)[:2]
-    return f"medians {d * TILE * 100:.2f} cm, {phi:.3f} rad"
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("train", __doc__)
@@ -153,8 +131,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="weights, .npz")
     parser.add_argument("--steps", type=whole(1), metavar="N", help=f"by default {_STEPS}")
-    parser.add_argument("--pictures", type=whole(1), metavar="N", help="as many of the dataset, at random; default all")
-    parser.add_argument("--held-out", type=Path, metavar="DATASET", help="says the errors there after the training")
     parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of first weights and batches; default 0")
     options = parser.parse_args(arguments)
     return run("train", lambda: _run(options))
@@ -162,15 +138,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     views, steps = read_views(options.dataset), options.steps or _STEPS[options.task]
-    if options.pictures:
-        chosen = np.random.default_rng(options.seed).permutation(len(views.images))[: options.pictures]
-        views = Views(*(part[chosen] for part in views))
     checkpoint = options.out.with_suffix(".checkpoint")
     weights = train(options.task, views, steps, options.seed, checkpoint, partial(print, flush=True))
     write_weights(options.out, weights)
     print(f"{options.out}: {options.out.stat().st_size:,} bytes")
-    if options.held_out:
-        print(_score(options.task, weights, read_views(options.held_out)))
     checkpoint.unlink()
 
 

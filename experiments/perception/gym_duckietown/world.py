@@ -103,11 +103,9 @@ def read_maps(part: str, only: str | None = None) -> list[DuckietownMap]:
     return (found if only != "towns" else []) + towns
 
 
-def our_towns(
-    size: int, count: int, seed: int, evaluations: int = 50_000, style: str = "town"
-) -> list[NDArray[np.int8]]:
+def our_towns(size: int, count: int, seed: int, evaluations: int = 50_000) -> list[NDArray[np.int8]]:
     """Evolves different maps of size x size tiles, as ``generate --style town`` does."""
-    spec = SearchSpec(style=style, evaluations=evaluations)
+    spec = SearchSpec(style="town", evaluations=evaluations)
     found = evolve(seed_keys(seed, max(2, count // 4)), (size, size), spec=spec, progress=False)
     return [road_map.codes for road_map in found.choose(count, seed).maps]
 

@@ -1,5 +1,4 @@
 /** One map of a run: its picture, its metrics, files of it. */
-import { useEffect, useMemo, useState } from "preact/hooks";
 import { useShared } from "../context";
 import { feature } from "../network/features";
 import { mapFields, objectsOf, picturesOf } from "../record";
@@ -8,16 +7,11 @@ import { LookSwitches, OverlaySwitches, useBlend } from "./Looks";
 import { MapPicture } from "./MapPicture";
 import { Metrics } from "./Metrics";
 import { Objects } from "./Objects";
-import { Rides, ridingShapes, type Playing } from "./Rides";
 import { SaveButtons } from "./SaveButtons";
 
 export function Detail({ elite }: { readonly elite: number }) {
   const { data, run, view, show, draw, say } = useShared();
   const blend = useBlend();
-  const [playing, setPlaying] = useState<Playing>({ ride: 0, step: 0 });
-  useEffect(() => setPlaying({ ride: 0, step: 0 }), [run, elite]);
-  const rides = useMemo(() => run.rides.filter((ride) => ride.elite === elite), [run, elite]);
-  const above = useMemo(() => ridingShapes(rides, playing), [rides, playing]);
   const grid = run.grid(elite);
   const metrics = run.metricsOf(elite);
   const pictures = picturesOf(run, elite);
@@ -56,10 +50,8 @@ export function Detail({ elite }: { readonly elite: number }) {
         look={view.look}
         blend={blend}
         overlays={view.overlays}
-        above={above}
       />
       <Objects objects={objects} />
-      {rides.length > 0 && <Rides rides={rides} playing={playing} onPlay={setPlaying} />}
       <LookSwitches />
       <OverlaySwitches metrics={metrics} />
       <div class="buttons">

@@ -1,7 +1,7 @@
 /** A map as lines or with tile pictures, and overlays. */
 import { useEffect } from "preact/hooks";
 import { useShared } from "../context";
-import { mapShapes, objectShapes, overlayShapes, paint, type Overlay, type Shape } from "../drawing";
+import { mapShapes, objectShapes, overlayShapes, paint, type Overlay } from "../drawing";
 import type { Grid } from "../network/codes";
 import { edgeOf, NO_OBJECTS, type MapObject } from "../network/objects";
 import { paintTiles, type Blend } from "../tiles";
@@ -15,8 +15,6 @@ interface Props {
   readonly look?: "lines" | "tiles";
   readonly blend?: Blend;
   readonly overlays?: readonly Overlay[];
-  /** More shapes over the map. */
-  readonly above?: readonly Shape[];
 }
 
 const NO_OVERLAYS: readonly Overlay[] = [];
@@ -30,7 +28,6 @@ export function MapPicture({
   look = "lines",
   blend,
   overlays = NO_OVERLAYS,
-  above,
 }: Props) {
   const { data, tiles } = useShared();
   const { canvas, width, clear } = useFittedCanvas();
@@ -52,7 +49,6 @@ export function MapPicture({
       paint(context, { shapes: [...roads, ...objectShapes(objects, data.objects.kinds)], texts: [] }, scale);
     }
     paint(context, overlayShapes(grid, new Set(overlays)), scale);
-    if (above) paint(context, { shapes: above, texts: [] }, scale);
-  }, [grid, edge, width, look, tiles, pictures, objects, blend, overlays, above, data, canvas, clear]);
+  }, [grid, edge, width, look, tiles, pictures, objects, blend, overlays, data, canvas, clear]);
   return <canvas ref={canvas} class="map" role="img" aria-label={label} style={fittedStyle(grid, edge, 90)} />;
 }

@@ -36,13 +36,9 @@ interface Props {
   readonly weights: Weights;
   readonly onWeights: (weights: Weights | null) => void;
   readonly onFiles: (files: ArrayLike<File>) => void;
-  /** Asks a notebook to continue its search from the map. */
-  readonly onContinue: (() => void) | undefined;
-  /** Whether the notebook is searching. */
-  readonly searching: boolean;
 }
 
-export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, searching }: Props) {
+export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
   const { run, say } = useShared();
   const [tool, setTool] = useState<Tool>("road");
   const [tile, setTile] = useState(15);
@@ -191,11 +187,6 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
               fix.json
             </button>
           </SaveButtons>
-          {onContinue && (
-            <button type="button" class="main" disabled={searching} onClick={onContinue}>
-              {searching ? "Searching…" : "Continue the search from here"}
-            </button>
-          )}
         </div>
       </section>
       <section class="panel side" aria-label="What it measures">
