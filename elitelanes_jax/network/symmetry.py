@@ -19,7 +19,7 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
     """
     grid = check_grid(grid)
     for _ in range(check_named("quarter_turns", whole(-LARGEST, LARGEST), quarter_turns) % 4):
-        grid = rotate_codes(grid).T[::-1]
+        grid = _turned(grid)
     return grid
 
 
@@ -37,5 +37,13 @@ def canonical_form(grid: AnyArray) -> bytes:
     Raises `InputError` for a bad grid (see `check_grid`).
     """
     grid = np.asarray(check_grid(grid), np.int8)
-    images = [rotate(side, turns) for side in (grid, mirror(grid)) for turns in range(4)]
+    images = []
+    for image in (grid, mirror(grid)):
+        for _ in range(4):
+            images.append(image)
+            image = _turned(image)
     return min(bytes([image.shape[0] >> 8, image.shape[0] & 255]) + image.tobytes() for image in images)
+
+
+def _turned(grid: AnyArray) -> AnyArray:
+    return rotate_codes(grid).T[::-1]
