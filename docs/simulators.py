@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import read_map
 from elitelanes_jax.drive import Camera, Pose, look, make_atlas
-from elitelanes_jax.formats import RoadMap, Streets, convert, to_mjcf, to_opendrive
+from elitelanes_jax.formats import RoadMap, Streets, to_mjcf, to_opendrive, to_sumo
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles
 
@@ -90,10 +90,13 @@ def draw_sumo() -> NDArray[np.uint8]:
     town = read_map(FOLDER / "examples" / "town.json")
     image, pixel = floor(town)
     with TemporaryDirectory() as folder:
-        convert(Path(folder, "net.xml"), town, _STREETS)
+        kinds = ("nod.xml", "edg.xml", "con.xml", "netccfg")
+        for kind, text in zip(kinds, to_sumo(town, "net", _STREETS), strict=True):
+            Path(folder, f"net.{kind}").write_text(text)
         bots = '<additional><vType id="DEFAULT_VEHTYPE" length="2.6" width="1.8" minGap="1"/></additional>'
         Path(folder, "bots.xml").write_text(bots)
         for command in (
+            f"{SUMO_HOME}/bin/netconvert -c net.netccfg -o net.xml",
             f"{sys.executable} {SUMO_HOME}/tools/randomTrips.py -n net.xml -o trips.xml --seed 1 --end 120 --period 4",
             f"{SUMO_HOME}/bin/sumo -n net.xml -r trips.xml -a bots.xml --end 121 --device.fcd.begin 120 --fcd-output "
             "places.xml",

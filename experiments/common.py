@@ -10,14 +10,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypeVar
 
+import numpy as np
+from scipy import stats
+
 from elitelanes_jax import InputError, use_cores
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    *("Parser", "Pytree", "Untyped", "add_cores", "kept", "leave", "open_results", "require", "run", "save", "table"),
-    *("whole", "write"),
+    *("Parser", "Pytree", "Untyped", "add_cores", "bootstrap_interval", "kept", "leave", "open_results", "require"),
+    *("run", "save", "table", "whole", "write"),
 ]
 
 INTERRUPTED = 130
@@ -155,6 +158,14 @@ def kept(file: Path, make: Callable[[], T]) -> T:
     except ValueError as error:
         raise InputError(f"{file}: expected results as JSON, got: {error}; delete the file to repeat its run") from None
     return content
+
+
+def bootstrap_interval(sample: Sequence[float]) -> tuple[float, float]:
+    """Returns the 95 % bootstrap interval of the mean (BCa, 9,999 resamples); of a constant sample its value twice."""
+    if np.ptp(sample) == 0:
+        return float(sample[0]), float(sample[0])
+    found = stats.bootstrap((sample,), np.mean, n_resamples=9999, rng=np.random.default_rng(0))
+    return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:

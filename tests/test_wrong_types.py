@@ -42,7 +42,7 @@ VALUES = [None, "x", -1, 2.5, object(), [], {}, np.zeros((2, 3, 4, 5)), KEY]
 # These search, compile or write with whatever fits, so they are given only what cannot fit.
 SLOW = {"collect", "draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
 SLOW |= {"make_rides", "measure_town", "random_level", "random_population", "random_pose", "repair", "run"}
-ELSEWHERE = {"convert", "show"}  # they need other packages
+ELSEWHERE = {"show"}  # they need other packages
 
 
 @cache

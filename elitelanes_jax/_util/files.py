@@ -80,7 +80,9 @@ def new_file(file: Path) -> Iterator[Path]:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         yield part
-        _rename(part, file)
+        if _KEPT.get() == file:
+            check_new(file)
+        part.replace(file)
     except OSError as error:
         if error.filename not in (None, str(part)) and not file.is_relative_to(error.filename):
             raise  # the block wrote another file
@@ -90,18 +92,6 @@ def new_file(file: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             part.unlink()
-
-
-def _rename(part: Path, file: Path) -> None:
-    if _KEPT.get() != file:
-        part.replace(file)
-        return
-    try:
-        os.link(part, file)
-    except FileExistsError:
-        check_new(file)
-    except OSError:  # this file system has no links
-        part.replace(file)
 
 
 def write_atomic(file: Path, content: bytes | Iterable[bytes]) -> None:

@@ -20,13 +20,9 @@ from elitelanes_jax.cli.arguments import (
     naming_options,
     read_options,
 )
-from elitelanes_jax.cli.program import say, warn
+from elitelanes_jax.cli.program import say
 from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, Format, FormatOptions, as_bytes
-
-TABLES = ("json", "csv")
-
-_MOST_WARNINGS = 3
 
 
 def add_export(commands: Commands) -> None:
@@ -35,13 +31,13 @@ def add_export(commands: Commands) -> None:
         "export",
         _export,
         help="maps for other programs, or a table of their metrics",
-        description="Writes maps for other programs: Duckietown's map files, graphs, networks, tables of metrics.",
+        description="Writes maps for other programs: Duckietown's map files, networks, floors, tables of metrics.",
     )
     command.add_argument(
         "maps", type=checked_by(path), nargs="+", metavar="MAP", help="a map.json, or a map of Duckietown, .yaml"
     )
     command.add_argument(
-        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*FORMATS, *TABLES))
+        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*FORMATS, "csv"))
     )
     command.add_argument(
         "--out",
@@ -54,16 +50,11 @@ def add_export(commands: Commands) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    if options.to not in (*FORMATS, *TABLES):
-        raise InputError(f"--to: expected one of {', '.join((*FORMATS, *TABLES))}, got {shorten(repr(options.to))}")
+    if options.to not in (*FORMATS, "csv"):
+        raise InputError(f"--to: expected one of {', '.join((*FORMATS, 'csv'))}, got {shorten(repr(options.to))}")
     settings = read_options(options, FormatOptions())
     with naming_options(FormatOptions()):
         settings.check_taken_by(options.to)
-    seen: set[str] = set()
-    for file in options.maps:
-        if os.path.realpath(file) in seen:
-            raise InputError(f"{file}: expected each map once, got it twice")
-        seen.add(os.path.realpath(file))
     target = FORMATS.get(options.to)
     if target:
         with naming_options(FormatOptions(), tile="--tile-size"):
@@ -71,16 +62,11 @@ def _export(options: argparse.Namespace) -> int:
     maps = {file: read_map(file) for file in options.maps}
     grids = [road_map.codes for road_map in maps.values()]
     if target:
-        warnings = _write_maps(maps, target, settings.given(), options.out)
-        for warning in warnings[:_MOST_WARNINGS]:
-            warn(f"elitelanes: {shorten(warning, 200)}")
-        if len(warnings) > _MOST_WARNINGS:
-            warn(f"elitelanes: {_MOST_WARNINGS} of {len(warnings)} warnings shown")
+        _write_maps(maps, target, settings.given(), options.out)
     else:
-        from elitelanes_jax.formats.table import measure_maps, table_to_csv, table_to_json
+        from elitelanes_jax.formats.table import measure_maps, table_to_csv
 
-        rows = measure_maps([*map(str, maps)], grids)
-        _write_new(options.out, (table_to_csv if options.to == "csv" else table_to_json)(rows))
+        _write_new(options.out, table_to_csv(measure_maps([*map(str, maps)], grids)))
     left_out = ""
     if settings.dead_ends == "grass":
         from elitelanes_jax.formats.duckietown import without_dead_ends
@@ -91,17 +77,12 @@ def _export(options: argparse.Namespace) -> int:
     return 0
 
 
-def _write_maps(
-    maps: Mapping[Path, RoadMap], target: Format, settings: Mapping[str, UserValue], out: Path
-) -> list[str]:
-    """Writes the files of maps, to a file or a folder; returns the warnings."""
-    warnings: list[str] = []
+def _write_maps(maps: Mapping[Path, RoadMap], target: Format, settings: Mapping[str, UserValue], out: Path) -> None:
+    """Writes the files of maps, to a file or a folder."""
 
     def contents(file: Path, name: str) -> tuple[str | bytes, ...]:
         with naming(file), naming_options(FormatOptions()):
-            made = target.files(maps[file], name, **settings)
-        warnings.extend(f"{file}: {warning}" for warning in made.warnings)
-        return made.contents
+            return target.files(maps[file], name, **settings)
 
     only = target.suffixes[0] if len(target.suffixes) == 1 else None
     if only and out.name.lower().endswith(only):
@@ -118,7 +99,6 @@ def _write_maps(
             for file, stem in names.items():
                 for suffix, content in zip(target.suffixes, contents(file, stem), strict=True):
                     write_atomic(work.files / (stem + suffix), as_bytes(content))
-    return warnings
 
 
 def _names(files: Sequence[Path]) -> dict[Path, str]:

@@ -44,14 +44,13 @@ def add_tiles(commands: Commands) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles, stray_files
+    from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles
 
     tiles, problems = inspect_tiles(options.folder, lines=True)
-    strays = [f"{file}: not used" for file in stray_files(options.folder)] if options.folder.is_dir() else []
     if tiles is None:
-        warn("\n".join(problems + strays))
+        warn("\n".join(problems))
         return 2
-    say("\n".join([describe_tiles(tiles), *strays]))
+    say(describe_tiles(tiles))
     return 0
 
 

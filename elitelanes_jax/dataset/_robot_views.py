@@ -5,7 +5,7 @@ of 0 or less. Picture and labels are sampled at the same points: the picture fou
 smaller at a larger distance, and averaged; labels once, at the nearest pixel of the map.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 import cv2
@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._viewpoints import Viewpoints
+from elitelanes_jax.dataset._transforms import Viewpoints
 from elitelanes_jax.drive.lanes import LANE_OFFSET
 from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.formats.objects import NEAR, MapObject
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import list_movements
+from elitelanes_jax.tiles.object_set import ObjectPictures, lay_flat
+from elitelanes_jax.tiles.pasting import Placed
 
 _F = TypeVar("_F", np.float32, np.float64)
 
@@ -171,6 +174,40 @@ def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray
     depth = [cosine, 0, -sine, camera["height"] * sine]
     seen = np.array([[0, -1, 0, 0], down, depth])
     return np.asarray(np.array([[focal, 0, columns / 2], [0, focal, rows / 2], [0, 0, 1]]) @ seen)
+
+
+def stand(
+    objects: Sequence[MapObject], pictures: Sequence[ObjectPictures], viewpoint: Viewpoint, tile_px: int
+) -> tuple[list[Placed], list[int], list[float]]:
+    """Places objects with their pictures in a view from a robot; `tile_px` is that of the rendered map.
+
+    Each picture stands upright, parallel to the picture's rows, so that its rows stay rows of the view. It is not
+    turned towards the camera, but its view is chosen by the direction from which the camera sees it.
+
+    Returns the pictures from back to front, the objects' indices, and their distances from the camera in metres.
+    """
+    pose, camera = viewpoint.about["pose"], viewpoint.about["camera"]
+    cosine, sine = np.cos(pose["theta"]), np.sin(pose["theta"])
+    found = []
+    for index, (thing, one) in enumerate(zip(objects, pictures, strict=True)):
+        east, north = (thing.x - pose["x"]) * TILE, (pose["y"] - thing.y) * TILE
+        ahead, left = east * cosine + north * sine - camera["forward"], north * cosine - east * sine
+        distance = float(np.hypot(ahead, left))
+        if not one.height:
+            flat = lay_flat(thing, one, tile_px)
+            found.append((np.inf, -index, flat._replace(matrix=viewpoint.matrix @ flat.matrix), distance))
+        elif ahead > NEAR:
+            towards = np.arctan2(-left, -ahead) + pose["theta"] - thing.angle
+            pixels = one.view(towards)
+            rows, columns = pixels.shape[:2]
+            metre = thing.height / rows
+            # From (column, row) of the picture to metres ahead, to the left and upwards.
+            position = np.array(
+                [[0, 0, ahead], [-metre, 0, left + columns / 2 * metre], [0, -metre, thing.height], [0, 0, 1]]
+            )
+            found.append((ahead, -index, Placed(pixels, project(camera, viewpoint.size) @ position), distance))
+    found.sort(key=lambda one: one[:2], reverse=True)
+    return [one[2] for one in found], [-one[1] for one in found], [one[3] for one in found]
 
 
 def _places(viewpoint: Viewpoint, finer: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:

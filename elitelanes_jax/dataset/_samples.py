@@ -5,13 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, instance, none_or, whole
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels
-from elitelanes_jax.dataset._standing import stand
-from elitelanes_jax.dataset._transforms import Transforms
+from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels, stand
+from elitelanes_jax.dataset._transforms import Transforms, Viewpoints
 from elitelanes_jax.dataset._variation import compress, varies, vary_background, vary_light, vary_motion
-from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.dataset._views import draw_view, photograph, warp
 from elitelanes_jax.formats.objects import NEAR
 from elitelanes_jax.formats.road_map import RoadMap
@@ -60,10 +58,7 @@ def draw_sample(
     Raises:
       InputError: for a camera on a map without a lane, an object without a picture, or an argument of another type.
     """
-    check_named("road_map", instance(RoadMap), road_map)
     check_named("index", whole(0), index)
-    check_named("transforms", instance(Transforms), transforms)
-    check_named("camera", none_or(instance(Viewpoints)), camera)
     chosen = choose_tiles(road_map.codes, tiles, [seed, index])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
     size = (picture.labels.shape[0], picture.labels.shape[1])

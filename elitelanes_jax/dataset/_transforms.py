@@ -1,4 +1,4 @@
-"""The ranges of views of a map."""
+"""The ranges of views of a map, and of poses of a robot and its camera."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -92,13 +92,8 @@ VARIATION = ("background", "shadow", "vignette", "gamma", "saturation", "warmth"
 def parse_transforms(texts: UserValue) -> Transforms:
     """Reads transforms such as ``["standard", "noise=0"]`` or ``["quarter-turns", "scale=0.5..1.5"]``.
 
-    Args:
-      texts: words, one or several: a name in `PRESETS`, which comes first, ``quarter-turns``, or ``NAME=NUMBER`` with a
-        field of `Transforms`, for ``scale`` also ``scale=LOW..HIGH``. Or a mapping of a transform's fields, or a
-        `Transforms`.
-
-    Raises:
-      InputError: for anything else, or a number out of its range.
+    The words are a name in `PRESETS`, which comes first, ``quarter-turns``, or ``NAME=NUMBER`` with a field of
+    `Transforms`. Also takes a mapping of fields, or a `Transforms`. Raises `InputError`.
     """
     return parse_words("transforms", Transforms(), texts, "transform", "'standard' or 'noise=0'", PRESETS)
 
@@ -135,3 +130,41 @@ def parse_words(
             known = ", ".join((*presets, *flags, *(f"{number}=..." for number in numbers)))
             raise InputError(f"{field}: expected some of {known}, got {shorten(repr(word))}")
     return defaults
+
+
+@dataclass(frozen=True)
+class Viewpoints(Record):
+    """Poses on the lanes of a map, and the camera there, by default gym-duckietown's.
+
+    Attributes:
+      rows: of a picture, in pixels, 16 to 4096.
+      columns: of a picture, in pixels, 16 to 4096.
+      offset: largest distance from the lane's centre in tiles, either way, 0 to 0.2.
+      heading: largest angle from the lane's direction in degrees, either way, 0 to 180.
+      height: of the camera above the ground in metres, 0.01 to 10.
+      forward: metres from the middle between the wheels ahead to the camera, -1 to 1.
+      pitch: degrees downwards, 0 to 90.
+      field_of_view: degrees, from the upper to the lower edge, 1 to 170.
+      wobble: largest change of height, pitch and field of view, either way, as a share, 0 to 0.5.
+      lines: largest shift of the white lines, outwards or inwards, in tiles, 0 to 0.08. The middle of the road and the
+        tile's edges stay, and what lies between is stretched: line positions and widths differ between labs.
+    """
+
+    rows: int = option(480, whole(16, 4096))
+    columns: int = option(640, whole(16, 4096))
+    offset: float = option(0.1, real(0, 0.2))
+    heading: float = option(30.0, real(0, 180))
+    height: float = option(0.108, real(0.01, 10))
+    forward: float = option(0.066, real(-1, 1))
+    pitch: float = option(19.15, real(0, 90))
+    field_of_view: float = option(75.0, real(1, 170))
+    wobble: float = option(0.05, real(0, 0.5))
+    lines: float = option(0.0, real(0, 0.08))
+
+
+def parse_viewpoints(texts: UserValue) -> Viewpoints:
+    """Reads options such as ``["rows=120", "columns=160"]``, a mapping of them, or a `Viewpoints`.
+
+    Raises `InputError`.
+    """
+    return parse_words("camera", Viewpoints(), texts, "setting", "'rows=120'")

@@ -63,10 +63,6 @@ class _Drawing(NamedTuple):
         """Returns the file of a sample's record."""
         return self.records / f"{index // 1000:03d}" / f"{index:06d}.json"
 
-    def waiting(self) -> list[int]:
-        """Returns the indices of the samples that are not complete."""
-        return [index for index in range(len(self.splits)) if not self.record(index).exists()]
-
     def draw(self, index: int) -> None:
         """Draws a sample, and writes its pictures, then its record."""
         spec, split, layout = self.spec, int(self.splits[index]), find_layout(self.spec.format)
@@ -139,11 +135,14 @@ def make_dataset(
         out, identity, inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:
         try:
-            _announce(spec, own)
+            first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
+            sizes = first if first == last else f"{first} to {last}"
+            words = f"{pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
+            announce(f"making a dataset of {words}")
             maps = evolve_maps(spec, search, work.kept) if own is None else own.maps
             splits = np.repeat(split_maps(spec, maps), spec.views)
             drawing = _Drawing(spec, maps, tiles, objects, splits, work.files, work.kept / "records")
-            waiting = drawing.waiting()
+            waiting = [index for index in range(len(splits)) if not drawing.record(index).exists()]
             with Progress("drawing", len(splits), "pictures", done=len(splits) - len(waiting)) as bar:
                 calls = (partial(drawing.draw, index) for index in waiting)
                 with _one_thread_each():
@@ -162,17 +161,6 @@ def _check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
         if lacking := set(road_map.codes.flat) - set(tiles.rotations):
             got = " and ".join(kind for kind, members in KINDS.items() if lacking & set(members))
             raise InputError(f"maps_from: expected codes that the tile set has pictures for, got {got}, {name}")
-
-
-def _announce(spec: DatasetSpec, own: GivenMaps | None) -> None:
-    first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
-    sizes = first if first == last else f"{first} to {last}"
-    announce(
-        f"making a dataset of {pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
-    )
-    if own is not None and own.repeated:
-        which = "that equals another one" if own.repeated == 1 else "that equal others"
-        announce(f"skipped {pluralize(own.repeated, 'map')} {which} when rotated or mirrored")
 
 
 def _objects_of(spec: DatasetSpec, own: GivenMaps | None) -> ObjectSet | None:

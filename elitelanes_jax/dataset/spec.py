@@ -10,8 +10,14 @@ from elitelanes_jax._util.checks import instance, is_whole, none_or, one_of, pat
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.dataset._transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
-from elitelanes_jax.dataset._viewpoints import Viewpoints, parse_viewpoints
+from elitelanes_jax.dataset._transforms import (
+    GEOMETRY,
+    STANDARD,
+    Transforms,
+    Viewpoints,
+    parse_transforms,
+    parse_viewpoints,
+)
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.given import GivenMaps, parse_given
 from elitelanes_jax.maps.spec import SPLITS, parse_split
@@ -86,18 +92,6 @@ class DatasetSpec(Record):
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     objects: Path | None = option(None, none_or(path), "DIR")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
-
-    def replace(self, **given: UserValue) -> "DatasetSpec":
-        """Returns the record with other values in some fields.
-
-        Raises:
-          InputError: as `Record.replace`, and for the number or the sizes of maps together with `maps_from`.
-        """
-        if given.get("maps_from", self.maps_from) is not None:
-            for name in ("maps", "size"):
-                if name in given:
-                    raise InputError(f"{name}: expected none with given maps, which determine it, got {given[name]!r}")
-        return super().replace(**given)
 
     def check_together(self) -> None:
         """Checks the number of maps against sizes and splits, given cells against sizes, and the crop."""

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elitelanes_jax._util.checks import check_named, instance, none_or, whole
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
@@ -23,7 +23,7 @@ from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 if TYPE_CHECKING:
-    from elitelanes_jax.search.result import Result
+    pass
 
 
 def collect(
@@ -35,8 +35,9 @@ def collect(
     """Collects a result, maps, or files of runs and maps, to be shown.
 
     Args:
-      what: a `Result`; a map or several, as `as_maps` takes them; or a path or several. A path is the folder of a run
-        of `generate` or `pick`, a folder of such folders, an archive, or a file of maps.
+      what: a `Result`; a map or several, as `as_maps` takes them; a mapping from names to these, to show several side
+        by side; or a path or several. A path is the folder of a run of `generate` or `pick`, a folder of such folders,
+        an archive, or a file of maps.
       tiles: a tile set or its folder; by default the first run's. If it is not found, the package's own
         is used, with a line on standard error. A relative path in a run's record is searched from here, then from each
         folder above the run.
@@ -48,36 +49,30 @@ def collect(
     """
     given: UserValue = what
     check_named("tile_px", whole(16, 512), tile_px)
-    if hasattr(given, "elites") and hasattr(given, "axes"):
-        return pack([from_result(given, "result")], _load_tiles(tiles), tile_px, "result")
-    alone = isinstance(given, RoadMap | str | Path) or not isinstance(given, Iterable)
-    listed = [given] if alone else list(given)
+    if _is_result(given):
+        given = {"result": given}
+    if isinstance(given, RoadMap | str | Path):
+        given = [given]
+    if not isinstance(given, Iterable):
+        raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
+    listed = given if isinstance(given, Mapping) else list(given)
     if not listed:
         raise InputError("what: expected a Result, maps, or paths of runs and maps, got nothing")
-    if all(isinstance(one, RoadMap) for one in listed):
-        return pack(of_maps(listed, ""), _load_tiles(tiles), tile_px, "")
-    if all(isinstance(one, str | Path) for one in listed):
-        return _collect_files([Path(one) for one in listed], tiles, tile_px)
-    if any(hasattr(one, "elites") for one in listed):
-        raise InputError("what: expected one Result, got several; page_of(collect_results(...)) shows several by name")
-    if alone:
-        raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
-    maps = check_named("what", as_maps, listed)
-    return pack(of_maps(maps, ""), _load_tiles(tiles), tile_px, "")
-
-
-def collect_results(results: "Mapping[str, Result | Iterable[RoadMap]]", *, seeds: int | None = None) -> Payload:
-    """Collects results of searches, and maps of other methods, by name; of each result the first `seeds` seeds."""
+    if not isinstance(listed, Mapping):
+        if all(isinstance(one, str | Path) for one in listed):
+            return _collect_files([Path(one) for one in listed], tiles, tile_px)
+        if any(map(_is_result, listed)):
+            raise InputError("what: expected one Result, or several by name, got a list of them")
+        return pack(of_maps(check_named("what", as_maps, listed), ""), _load_tiles(tiles), tile_px, "")
     runs: list[Finds] = []
-    check_named("seeds", none_or(whole(1)), seeds)
-    for name, one in check_named("results", instance(Mapping), results).items():
-        if hasattr(one, "elites") and hasattr(one, "axes"):
-            runs.append(from_result(one, name, seeds))
-        else:
-            runs += of_maps(check_named(f"results: {name}", as_maps, one), name)
-    if not runs:
-        raise InputError("results: expected at least one, got none")
-    return pack(runs, load_tiles(), 64, "")
+    for name, one in listed.items():
+        found = check_named(f"what: {name}", as_maps, one) if not _is_result(one) else None
+        runs += [from_result(one, name)] if found is None else of_maps(found, name)
+    return pack(runs, _load_tiles(tiles), tile_px, runs[0].name if len(runs) == 1 else "")
+
+
+def _is_result(value: UserValue) -> bool:
+    return hasattr(value, "elites") and hasattr(value, "axes")
 
 
 def _collect_files(sources: Sequence[Path], tiles: str | Path | TileSet | None, tile_px: int) -> Payload:

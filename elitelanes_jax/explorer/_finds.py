@@ -50,22 +50,17 @@ class Finds(NamedTuple):
     record: Mapping[str, Plain] = {}  # of the run, to be shown
 
 
-def from_result(result: "Result", name: str, seeds: int | None = None) -> Finds:
-    """Returns the elites and the history of a result, of all seeds or of the first `seeds`."""
+def from_result(result: "Result", name: str) -> Finds:
+    """Returns the elites and the history of a result."""
     elites = result.elites
     single = elites.valid.ndim == 1
-    some = slice(None if single else seeds)
     valid, fitness, grids, descriptor = (
-        np.asarray(array)[None] if single else np.asarray(array)[some]
+        np.asarray(array)[None] if single else np.asarray(array)
         for array in (elites.valid, elites.fitness, elites.grids, elites.descriptor)
     )
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
     seed, _ = np.nonzero(valid)
-    history = result.history
-    if not single:
-        seeded = ("best_fitness", "elite_count", "refused")
-        history = history._replace(**{name: getattr(history, name)[:seeds] for name in seeded})
     alphabet, usual = result.spec.alphabet, _has_usual_fitness(result)
     return Finds(
         name,
@@ -77,8 +72,8 @@ def from_result(result: "Result", name: str, seeds: int | None = None) -> Finds:
         result.spec.all_weights._asdict() | dict(result.spec.weights),
         None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
         niche=np.asarray(niche_index(descriptor[valid], result.axes), np.int32),
-        features={name: np.asarray(one)[some].reshape(valid.shape)[valid] for name, one in elites.features.items()},
-        history=history,
+        features={name: np.asarray(one).reshape(valid.shape)[valid] for name, one in elites.features.items()},
+        history=result.history,
         usual_fitness=usual,
         floors=_floors(result, (grids.shape[2], grids.shape[3])) if usual else None,
         record={"settings": {"search": result.spec.to_plain()}},

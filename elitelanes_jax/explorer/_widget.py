@@ -18,7 +18,7 @@ def show(what: UserValue, *, tile_px: int = 64) -> Untyped:
     ``objects`` is a tuple of that map's `MapObject`. ``observe`` reports changes of both.
 
     Args:
-      what: a `Result`, a map or several, or a path or several, as `collect` takes them.
+      what: a `Result`, a map or several, a mapping from names to these, or a path or several; see `collect`.
       tile_px: side of a tile's picture in pixels, 16 to 512.
 
     Returns:

@@ -29,7 +29,7 @@ def explore(
     """Writes the page of a result, of maps, or of files of runs and maps, whole or not at all.
 
     Args:
-      what: a `Result`, a map or several, or a path or several; see `collect`.
+      what: a `Result`, a map or several, a mapping from names to these, or a path or several; see `collect`.
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
       tile_px: side of a tile's picture in pixels, 16 to 512.

@@ -6,7 +6,6 @@ from .duckietown import to_duckietown as to_duckietown
 from .duckietown import without_dead_ends as without_dead_ends
 from .gltf import to_gltf as to_gltf
 from .graph import Cell as Cell
-from .graph import reduced_graph as reduced_graph
 from .graph import tile_graph as tile_graph
 from .lanelet2 import to_lanelet2 as to_lanelet2
 from .movingai import to_movingai as to_movingai
@@ -30,7 +29,6 @@ from .sketch import LINES as LINES
 from .sketch import draw_svg as draw_svg
 from .sketch import draw_text as draw_text
 from .streets import Streets as Streets
-from .sumo import convert as convert
-from .sumo import write_sumo as write_sumo
+from .sumo import Sumo as Sumo
+from .sumo import to_sumo as to_sumo
 from .table import table_to_csv as table_to_csv
-from .tag_pictures import draw_tag as draw_tag

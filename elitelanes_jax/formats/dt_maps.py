@@ -38,21 +38,19 @@ _SIGNS = {
 _KIND_OF_SIGN = {name: kind for kind, name in _SIGNS.items()}
 
 
-def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE, dead_ends: str = "refuse") -> dict[str, str]:
+def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
     """Returns the texts of a map's layers, by their names in `LAYERS`.
 
     Args:
       road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       tile_size: in metres, 0.01 to 100.
-      dead_ends: "refuse" tiles with one connection, which Duckietown lacks; or "grass", to remove roads that lead
-        nowhere (see `without_dead_ends`).
 
     Raises:
-      InputError: for a bad map or option; the message names refused tiles; or if no road is left.
+      InputError: for a bad map or size, or tiles with one connection, which Duckietown lacks; the message names them.
     """
     check_tile_size(tile_size)
     given = as_map(road_map)
-    grid = check_roads(given.codes, dead_ends)
+    grid = check_roads(given.codes)
     size, rows = float(tile_size), len(grid)
     layers: dict[str, dict[str, Plain]] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}

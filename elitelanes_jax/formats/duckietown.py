@@ -25,8 +25,7 @@ from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, rotate_codes
 TILE_SIZE = 0.585
 """The side of Duckietown's tiles in metres."""
 
-GROUNDS = ("grass", "floor", "asphalt", "empty")
-"""The kinds for cells without a road."""
+_GROUNDS = ("grass", "floor", "asphalt", "empty")  # for cells without a road; grass is written
 
 # The sides that each kind opens when it faces south, and the quarter turns counter-clockwise to other sides.
 _ROADS = {"straight": 10, "curve_left": 12, "curve_right": 9, "3way_left": 14, "3way_right": 11, "4way": 15}
@@ -34,7 +33,7 @@ _TURNS = {"S": 0, "E": 1, "N": 2, "W": 3}
 _CODE = {
     **{f"{kind}/{side}": rotate_codes(code, turns) for kind, code in _ROADS.items() for side, turns in _TURNS.items()},
     **{kind: rotate_codes(code, _TURNS["E"]) for kind, code in _ROADS.items()},
-    **{kind + side: 0 for kind in (*GROUNDS, "calibration_tile") for side in ("", "/S", "/E", "/N", "/W")},
+    **{kind + side: 0 for kind in (*_GROUNDS, "calibration_tile") for side in ("", "/S", "/E", "/N", "/W")},
 }
 
 # The tile that is written for each code.
@@ -55,8 +54,6 @@ def to_duckietown(
     *,
     objects: Sequence[MapObject] | None = None,
     tile_size: float = TILE_SIZE,
-    ground: str = "grass",
-    dead_ends: str = "refuse",
 ) -> str:
     """Returns a grid as the text of a Duckietown map.
 
@@ -68,20 +65,15 @@ def to_duckietown(
       objects: of the map. Tags are written of signs and tags on the floor only.
       tile_size: in metres, 0.01 to 100. duckietown-world rounds positions to centimetres where lanes meet: sizes in
         whole centimetres work at any extent, 0.585 up to 37 tiles a side.
-      ground: the kind of cells without a road, one of `GROUNDS`.
-      dead_ends: "refuse" tiles with one connection, which Duckietown lacks; or "grass", to remove roads that lead
-        nowhere (see `without_dead_ends`).
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), object or option; the message names refused tiles; or if no road
-        is left.
+      InputError: for a bad grid (see `check_grid`), object or size, or tiles with one connection, which Duckietown
+        lacks; the message names them, and `without_dead_ends` removes them.
     """
-    grid = check_roads(codes, dead_ends)
+    grid = check_roads(codes)
     check_tile_size(tile_size)
-    if ground not in GROUNDS:
-        raise InputError(f"ground: expected one of {', '.join(GROUNDS)}, got {ground!r}")
     things = check_objects(objects or (), *grid.shape)
-    kinds = [[_TILE.get(code, ground) for code in row] for row in grid.tolist()]
+    kinds = [[_TILE.get(code, "grass") for code in row] for row in grid.tolist()]
     width = max(len(kind) for row in kinds for kind in row) + 1
     rows = ["".join(f"{kind},".ljust(width + 1) for kind in row).rstrip(", ") for row in kinds]
     metres = np.format_float_positional(tile_size, trim="0")  # also short for a float32
@@ -89,21 +81,14 @@ def to_duckietown(
     return f"tile_size: {metres}\ntiles:\n{table}" + write_objects(things, len(grid), float(tile_size))
 
 
-def check_roads(codes: ArrayLike, dead_ends: str) -> NDArray[np.int8]:
-    """Returns a grid that Duckietown can have, int8 ``[H, W]``; `to_duckietown` says what `dead_ends` does."""
+def check_roads(codes: ArrayLike) -> NDArray[np.int8]:
+    """Returns a grid that Duckietown can have, int8 ``[H, W]``; raises `InputError` for dead ends."""
     grid = np.asarray(check_grid(codes))
-    if dead_ends not in ("refuse", "grass"):
-        raise InputError(f"dead_ends: expected 'refuse' or 'grass', got {dead_ends!r}")
-    if dead_ends == "grass":
-        tiles = np.count_nonzero(grid)
-        grid = without_dead_ends(grid)
-        if tiles and not grid.any():
-            raise InputError(f"grid: expected a road that forms a loop, got {tiles} tiles, all on roads to dead ends")
     stubs = np.argwhere(CONNECTIONS[grid] == 1).tolist()
     if stubs:
         cells = "; ".join(f"row {row}, column {column}" for row, column in stubs[:8])
         more = f" and {len(stubs) - 8} more" if len(stubs) > 8 else ""
-        got = f"got dead ends at {cells}{more}; dead_ends='grass' removes these roads"
+        got = f"got dead ends at {cells}{more}; dead_ends='grass' or without_dead_ends removes these roads"
         raise InputError(f"grid: expected tiles with two or more connections, as in Duckietown, {got}")
     return grid
 
@@ -148,7 +133,7 @@ def read_duckietown(text: str) -> tuple[NDArray[np.int8], list[MapObject] | None
 def _code(tile: Plain, row: int, column: int) -> int:
     kind = "/".join(part.strip() for part in tile.split("/")) if isinstance(tile, str) else ""
     if kind not in _CODE:
-        kinds = ", ".join((*_ROADS, *GROUNDS))
+        kinds = ", ".join((*_ROADS, *_GROUNDS))
         position = f"at row {row}, column {column}"
         got = shorten(reprlib.repr(tile))  # reprlib limits the expansion of aliases
         raise InputError(f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {got} {position}")

@@ -1,4 +1,4 @@
-"""The pages of a plan, drawn with matplotlib: the map with its measures and its bill, a check-list, and tags."""
+"""The pages of a plan, drawn with matplotlib: the map with its measures and its bill, and a check-list."""
 
 import io
 from collections import Counter
@@ -8,8 +8,6 @@ from math import cos, degrees, sin
 from pathlib import Path
 from textwrap import wrap
 
-import numpy as np
-
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
@@ -18,8 +16,6 @@ from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, make_plan, tapes_of
-from elitelanes_jax.formats.tag_pictures import draw_tag
-from elitelanes_jax.formats.tags import STREET_NAMES, TAG_BORDER, TAG_SIZE
 
 # Lengths on pages are in millimetres.
 _A4, _MARGIN, _LINE = (210.0, 297.0), 14.0, 4.5
@@ -65,7 +61,7 @@ def _draw_plan(plan: Plan, kind: str) -> bytes:
     with rc_context({"svg.hashsalt": "plan", "svg.fonttype": "none", "pdf.fonttype": 42}):
         if kind == ".pdf":
             with PdfPages(content, metadata={"CreationDate": None, "Title": "Plan of a map"}) as pages:
-                for page in (_map_page(plan), *_list_pages(plan), *_tag_pages(plan)):
+                for page in (_map_page(plan), *_list_pages(plan)):
                     pages.savefig(page)
         else:
             dates = {"Date": None} if kind == ".svg" else None
@@ -210,29 +206,6 @@ def _check_list(plan: Plan) -> list[str]:
         lines += [f"{_BOX} {index}  {_thing_name(thing.kind)}{tag}"]
         lines += [f"      {abs(east):.2f} {across}, {abs(south):.2f} {down}{faces}"]
     return lines
-
-
-def _tag_pages(plan: Plan) -> Iterator[Untyped]:
-    """Draws the tags of all objects on A4 in their size, to cut out."""
-    side, border = 1000 * TAG_SIZE, 1000 * TAG_BORDER
-    across, down = side + 2 * border + 4, side + 2 * border + _LINE
-    columns, rows = int((_A4[0] - 2 * _MARGIN) / across), int((_A4[1] - 2 * _MARGIN - 12) / down)
-    tagged = [(number, thing.kind, thing.tag) for number, thing in enumerate(plan.objects, 1) if thing.tag is not None]
-    for first in range(0, len(tagged), rows * columns):
-        page, ax = _page(*_A4, "Tags")
-        _write(ax, _MARGIN + 18, _MARGIN + 3, f"print at 100 %: black squares have {side / 10:g} cm", color=_FAINT)
-        for index, (number, kind, tag) in enumerate(tagged[first : first + rows * columns]):
-            x, y = _MARGIN + index % columns * across, _MARGIN + 12 + index // columns * down
-            right, bottom = x + side + 2 * border, y + side + 2 * border
-            ax.plot([x, right, right, x, x], [y, y, bottom, bottom, y], color=_FAINT, lw=0.4)
-            bits = np.kron(draw_tag(tag), np.ones((16, 16), np.uint8))  # large pixels, which viewers may smooth
-            extent = x + border, right - border, bottom - border, y + border
-            ax.imshow(bits, "gray", extent=extent, vmin=0, vmax=255, aspect="auto", interpolation="none")
-            name = STREET_NAMES.get(tag, "") if kind == "sign_street_name" else ""
-            words = f"{number}  {_thing_name(kind)} {name}".rstrip() + f", tag {tag}"
-            _write(ax, x, bottom + 0.7 * _LINE, words)
-        ax.set(xlim=(0, _A4[0]), ylim=(_A4[1], 0))
-        yield page
 
 
 def _tile_name(kind: str, quarter_turns: int | None = None) -> str:

@@ -1,26 +1,20 @@
-"""Road networks for SUMO, the traffic simulator: its plain XML, and networks that its `netconvert` makes from it.
+"""Road networks for SUMO, the traffic simulator: the plain XML from which its `netconvert` makes a network.
 
-Roads are those of `reduced_graph`, with a lane in each direction; traffic keeps right. They run along the middle of
+Roads lead from crossing to crossing, with a lane in each direction; traffic keeps right. They run along the middle of
 straights and the arcs of turns. SUMO has no edge from a node to itself, so a road back to its start, such as a ring, is
 cut in two.
 """
 
 import math
-import os
-import re
-import subprocess
-import tempfile
 from collections.abc import Iterable
-from pathlib import Path
 from typing import NamedTuple
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, path
-from elitelanes_jax._util.errors import InputError, reason
-from elitelanes_jax._util.files import unwritable_error, write_atomic
-from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import name as is_name
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
@@ -28,39 +22,49 @@ from elitelanes_jax.formats.streets import Streets, no_road
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS
 
-_OPTIONS = (
-    "--offset.disable-normalization=true",  # keep the grid's coordinates
-    "--precision=4",  # for streets as small as Duckietown's
-    "--geometry.min-radius=0",  # no warnings of turns as sharp as a tile's
-    "--roundabouts.guess=false",
-)
-
-# The comment with the date and netconvert's settings.
-_COMMENT = re.compile(r"<!-- generated on .*?-->\s*", re.DOTALL)
+_SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
+_SETTINGS = {
+    "output-file": "{name}.net.xml",
+    "offset.disable-normalization": "true",  # keep the grid's coordinates
+    "precision": "4",  # for streets as small as Duckietown's
+    "geometry.min-radius": "0",  # no warnings of turns as sharp as a tile's
+    "roundabouts.guess": "false",
+}
 
 _ARC = np.linspace(0, math.pi / 2, 9)
 _HALF = _ARC.size // 2
 
 
-class PlainXml(NamedTuple):
-    """A network in SUMO's plain XML, one text for each file.
+class Sumo(NamedTuple):
+    """The files of a map.
 
     x is east and y north of the grid's south-west corner, in metres.
+
+    Attributes:
+      nodes: plain XML; each is named ROW_COLUMN after its tile.
+      edges: each is named ROW_COLUMN_SIDE after its first tile and the side by which it leaves that tile.
+      connections: from each edge to those that start at its end; back along the same road only at dead ends.
+      settings: for ``netconvert -c``, which makes the network NAME.net.xml.
     """
 
-    nodes: str  # each named ROW_COLUMN after its tile
-    edges: str  # each named ROW_COLUMN_SIDE after its first tile and the side by which it leaves that tile
-    connections: str  # from each edge to those that start at its end; back along the same road only at dead ends
+    nodes: str
+    edges: str
+    connections: str
+    settings: str
 
 
-def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
-    """Returns a grid, integer codes ``[H, W]``, or a `RoadMap` as plain XML; the same map gives the same texts.
+def to_sumo(codes: AnyArray, name: str, streets: Streets = Streets()) -> Sumo:
+    """Writes a map for SUMO; the same map gives the same texts.
 
-    Connections that no neighbour returns, or that leave the grid, are no roads. A crossing with lights or stop signs on
-    the map has these, and no other right of way.
+    Connections that no neighbour returns, or that leave the grid, are no roads.
+
+    Args:
+      codes: integer codes ``[H, W]``, or a `RoadMap`.
+      name: of the files, without their suffixes .nod.xml, .edg.xml and .con.xml, for the settings.
+      streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
+      InputError: for a bad grid (see `check_grid`), one without any road, a bad name, or bad measures.
     """
     rules, grid = rights_of_way(codes, streets), check_grid(codes)
     roads = _roads(grid)
@@ -76,82 +80,19 @@ def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
         for road in roads
         for after in [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
     ]
-    return PlainXml(
+    return Sumo(
         _xml("node", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
         _xml("edge", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
         _xml("connection", onward),
+        _settings(escape(check_named("name", is_name, name))),
     )
 
 
-def write_sumo(prefix: str | Path, codes: AnyArray, streets: Streets = Streets()) -> tuple[Path, Path, Path]:
-    """Writes a grid as ``PREFIX.nod.xml``, ``PREFIX.edg.xml`` and ``PREFIX.con.xml``, and returns their paths.
-
-    Missing folders are made. Existing files are replaced when all three are written.
-
-    Raises:
-      InputError: as `plain_xml`, or if the files cannot be written.
-    """
-    prefix, texts = check_named("prefix", path, prefix), plain_xml(codes, streets)
-    nodes, edges, connections = files = [Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con")]
-    try:
-        nodes.parent.mkdir(parents=True, exist_ok=True)
-        # Nodes of one network do not fit the edges of another, so no file is replaced before all are written.
-        with tempfile.TemporaryDirectory(dir=nodes.parent, prefix=f".{nodes.name}-") as folder:
-            for file, text in zip(files, texts, strict=True):
-                write_atomic(Path(folder, file.name), text.encode())
-            for file in files:
-                Path(folder, file.name).replace(file)
-    except OSError as error:
-        error.filename = None  # that of the hidden folder
-        raise unwritable_error(nodes, error) from None
-    return nodes, edges, connections
-
-
-def network(codes: AnyArray, streets: Streets = Streets()) -> tuple[str, tuple[str, ...]]:
-    """Makes a network of a map, see `plain_xml`, by SUMO's `netconvert`.
-
-    Returns:
-      The text of a file ``.net.xml`` without the date, and netconvert's warnings. The same map and version of SUMO give
-      the same text.
-
-    Raises:
-      InputError: as `plain_xml`; if eclipse-sumo is not installed, or netconvert fails.
-    """
-    sumo = import_optional("sumo", "netconvert is SUMO's", "eclipse-sumo")
-    program = Path(sumo.SUMO_HOME, "bin", "netconvert")
-    with tempfile.TemporaryDirectory() as folder:
-        nodes, edges, connections = (file.name for file in write_sumo(Path(folder, "city"), codes, streets))
-        command = [str(program), "-n", nodes, "-e", edges, "-x", connections, "-o", "converted", *_OPTIONS]
-        env = {**os.environ, "SUMO_HOME": sumo.SUMO_HOME}
-        try:
-            run = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)
-        except OSError as error:
-            raise InputError(f"{program}: expected a program, got: {reason(error)}") from None
-        said = run.stderr.splitlines()
-        if run.returncode:
-            why = "; ".join(line for line in said if line.startswith("Error")) or f"exit code {run.returncode}"
-            raise InputError(f"netconvert: expected a network of the map, got: {why}")
-        text = Path(folder, "converted").read_text(encoding="utf-8")
-    return _COMMENT.sub("", text), tuple(line for line in said if line.startswith("Warning"))
-
-
-def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> tuple[str, ...]:
-    """Writes the `network` of a grid to a file, and returns netconvert's warnings.
-
-    Args:
-      file: such as ``city.net.xml``; missing folders are made. An existing file is replaced, and kept after an error.
-      codes: integer codes ``[H, W]``, or a `RoadMap`.
-      streets: their measures.
-
-    Raises:
-      InputError: as `network`, or if the file cannot be written.
-    """
-    target, (text, warnings) = check_named("file", path, file), network(codes, streets)
-    try:
-        write_atomic(target, text.encode())
-    except OSError as error:
-        raise unwritable_error(file, error) from None
-    return warnings
+def _settings(name: str) -> str:
+    values = {f"{kind}-files": name + suffix for kind, suffix in _SUFFIXES.items()}
+    values |= {key: value.format(name=name) for key, value in _SETTINGS.items()}
+    lines = "".join(f'    <{key} value="{value}"/>\n' for key, value in values.items())
+    return f"<configuration>\n{lines}</configuration>\n"
 
 
 def _roads(grid: AnyArray) -> list[list[Cell]]:

@@ -1,8 +1,7 @@
-"""The metrics of many maps as one table, CSV or JSON."""
+"""The metrics of many maps as one table."""
 
 import csv
 import io
-import json
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,8 +36,3 @@ def table_to_csv(rows: Sequence[Row]) -> str:
     table.writeheader()
     table.writerows(rows)
     return text.getvalue()
-
-
-def table_to_json(rows: Sequence[Row]) -> str:
-    """Returns rows of `measure_maps` as a JSON list of objects, one per line."""
-    return "[\n" + ",\n".join("  " + json.dumps(row) for row in rows) + "\n]\n"

@@ -6,9 +6,6 @@ All tags are of the family 36h11. The database has several numbers for some stre
 TAG_SIZE = 0.065
 """The side of a tag's black square in metres."""
 
-TAG_BORDER = 0.008
-"""The width of the white border around it in metres."""
-
 LARGEST_TAG = 586
 """The largest number of the family 36h11."""
 

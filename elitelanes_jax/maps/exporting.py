@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from elitelanes_jax import formats
-from elitelanes_jax._util.checks import name, none_or, path, real, whole
+from elitelanes_jax._util.checks import name, none_or, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
@@ -19,18 +19,6 @@ from elitelanes_jax.formats.road_map import RoadMap
 
 if TYPE_CHECKING:
     from elitelanes_jax.tiles.tileset import TileSet
-
-
-class Files(NamedTuple):
-    """The files of a map.
-
-    Attributes:
-      contents: a text or bytes for each suffix of the format.
-      warnings: of another program.
-    """
-
-    contents: tuple[str | bytes, ...]
-    warnings: tuple[str, ...] = ()
 
 
 def as_bytes(content: str | bytes) -> bytes:
@@ -48,35 +36,35 @@ class Format(NamedTuple):
     """
 
     suffixes: tuple[str, ...]
-    convert: Callable[..., str | bytes | Iterable[str | bytes] | Files]
+    convert: Callable[..., str | bytes | Iterable[str | bytes]]
     takes: tuple[str, ...] = ()
 
-    def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> Files:
-        """Returns the files of a map; `name` is theirs without suffix."""
+    def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str | bytes, ...]:
+        """Returns the content of each file of a map; `name` is theirs without suffix."""
         made = self.convert(road_map, name, **settings)
-        return made if isinstance(made, Files) else Files((made,) if isinstance(made, str | bytes) else tuple(made))
+        return (made,) if isinstance(made, str | bytes) else tuple(made)
 
 
 # `formats` is lazy: a format imports slow modules when it runs.
 
 
-def _sumo(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
-    from elitelanes_jax.formats.sumo import network
-
-    text, warnings = network(road_map, _streets(measures))
-    return Files((text,), tuple(f"netconvert: {line.removeprefix('Warning: ')}" for line in warnings))
-
-
-def _sumo_plain(road_map: RoadMap, name: str, **measures: UserValue) -> tuple[str, ...]:
-    from elitelanes_jax.formats.sumo import plain_xml
-
-    return plain_xml(road_map, _streets(measures))
+def _roads(road_map: RoadMap, dead_ends: str | None = None) -> RoadMap:
+    """Returns a map, if asked for without roads that lead nowhere; raises `InputError` if it has no others."""
+    if dead_ends is None:
+        return road_map
+    codes = formats.without_dead_ends(road_map.codes)
+    if road_map.codes.any() and not codes.any():
+        tiles = np.count_nonzero(road_map.codes)
+        raise InputError(f"grid: expected a road that forms a loop, got {tiles} tiles, all on roads to dead ends")
+    return replace(road_map, codes=codes)
 
 
-def _graphml(road_map: RoadMap, reduced: bool) -> str:
-    from elitelanes_jax.formats.graph import to_graphml
+def _duckietown(road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float) -> str:
+    return formats.to_duckietown(_roads(road_map, dead_ends).codes, objects=road_map.objects, **size)
 
-    return to_graphml((formats.reduced_graph if reduced else formats.tile_graph)(road_map.codes))
+
+def _dt_maps(road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float) -> Iterable[str]:
+    return formats.to_dt_maps(_roads(road_map, dead_ends), **size).values()
 
 
 def _streets(measures: Mapping[str, UserValue]) -> formats.Streets:
@@ -110,20 +98,13 @@ def _mujoco(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, b
 _STREETS, _FLOOR = ("tile_size", "lane", "speed", "right_of_way"), ("tile_size", "tiles", "tile_px")
 
 FORMATS = {
-    "duckietown": Format(
-        (".yaml",),
-        lambda one, _, **how: formats.to_duckietown(one.codes, objects=one.objects, **how),
-        ("tile_size", "ground", "dead_ends"),
+    "duckietown": Format((".yaml",), _duckietown, ("tile_size", "dead_ends")),
+    "dt-maps": Format(tuple(f"/{layer}.yaml" for layer in LAYERS), _dt_maps, ("tile_size", "dead_ends")),
+    "sumo": Format(
+        (".nod.xml", ".edg.xml", ".con.xml", ".netccfg"),
+        lambda one, name, **how: formats.to_sumo(one, name, _streets(how)),
+        _STREETS,
     ),
-    "dt-maps": Format(
-        tuple(f"/{layer}.yaml" for layer in LAYERS),
-        lambda one, _, **how: formats.to_dt_maps(one, **how).values(),
-        ("tile_size", "dead_ends"),
-    ),
-    "graphml": Format((".graphml",), lambda one, _: _graphml(one, reduced=False)),
-    "graphml-reduced": Format((".graphml",), lambda one, _: _graphml(one, reduced=True)),
-    "sumo": Format((".net.xml",), _sumo, _STREETS),
-    "sumo-plain": Format((".nod.xml", ".edg.xml", ".con.xml"), _sumo_plain, _STREETS),
     "opendrive": Format((".xodr",), lambda one, _, **how: formats.to_opendrive(one, _streets(how)), _STREETS),
     "lanelet2": Format((".osm",), lambda one, _, **how: formats.to_lanelet2(one, _streets(how)), _STREETS),
     "commonroad": Format((".xml",), lambda one, _, **how: formats.to_commonroad(one, _streets(how)), _STREETS),
@@ -153,7 +134,6 @@ class FormatOptions(Record):
 
     Attributes:
       tile_size: side of a tile; by default 0.585, as Duckietown has it, or 30 for networks
-      ground: kind of Duckietown's cells without a road: grass (the default), floor, asphalt, empty
       dead_ends: grass: remove roads that lead nowhere, for Duckietown; by default they are refused
       lane: width of a network's lanes; by default 3.2
       speed: limit in a network, in metres a second; by default 8.33
@@ -164,8 +144,7 @@ class FormatOptions(Record):
     """
 
     tile_size: float | None = option(None, _metres, "METRES")
-    ground: str | None = option(None, _name, "KIND")
-    dead_ends: str | None = option(None, _name, "HOW")
+    dead_ends: str | None = option(None, none_or(one_of("grass")), "HOW")
     lane: float | None = option(None, _metres, "METRES")
     speed: float | None = option(None, none_or(real(0)), "M/S")
     right_of_way: str | None = option(None, _name, "HOW")

@@ -20,14 +20,12 @@ class GivenMaps:
     Attributes:
       maps: at least one, each with its metrics.
       digest: of all fields of all maps.
-      repeated: the number of maps that were skipped because they equal another one when rotated or mirrored.
       paths: the files and folders they were read from.
       names: of the maps in messages: the index, and the file if there is one.
     """
 
     maps: tuple[RoadMap, ...] = field(compare=False, repr=False)
     digest: str
-    repeated: int = 0
     paths: tuple[Path, ...] = field(default=(), compare=False, repr=False)
     names: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
@@ -61,7 +59,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
     names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
     measured = tuple(map(_measured, maps, names))
     digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
-    return GivenMaps(measured, digest, len(found) - len(maps), tuple(paths), tuple(names))
+    return GivenMaps(measured, digest, tuple(paths), tuple(names))
 
 
 def _maps_of(source: UserValue) -> list[tuple[str, UserValue]]:

@@ -130,7 +130,7 @@ def _write(spec: PackSpec, one: _Packed, folder: Path) -> dict[str, Plain]:
         files = [folder / to / one.niche / f"{one.id}{suffix}" for suffix in FORMATS[to].suffixes]
         if not all(file.exists() for file in files):
             made = FORMATS[to].files(one.road_map, one.id, **_settings(spec, to))
-            for file, content in zip(files, made.contents, strict=True):
+            for file, content in zip(files, made, strict=True):
                 write_atomic(file, as_bytes(content))
     write_atomic(folder / "maps" / one.niche / f"{one.id}.json", map_to_json(one.road_map).encode())
     write_atomic(folder / "trips" / one.niche / f"{one.id}.csv", table_to_csv(trips).encode())

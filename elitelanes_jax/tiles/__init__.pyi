@@ -5,6 +5,7 @@ from .masking import propose_masks as propose_masks
 from .object_set import ObjectPictures as ObjectPictures
 from .object_set import ObjectSet as ObjectSet
 from .object_set import default_objects as default_objects
+from .object_set import draw_tag as draw_tag
 from .object_set import load_objects as load_objects
 from .rendering import LABEL_COLOURS as LABEL_COLOURS
 from .rendering import LABELS as LABELS

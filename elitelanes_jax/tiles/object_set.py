@@ -20,15 +20,17 @@ from hashlib import sha256
 from math import cos, degrees, radians
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, is_real, path
+from elitelanes_jax._util.checks import check_named, is_real, path, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, base_kind, check_kind, nearest_view
-from elitelanes_jax.formats.tag_pictures import draw_tag
+from elitelanes_jax.formats.tags import LARGEST_TAG
 from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.pasting import Placed, paste
 
@@ -130,6 +132,18 @@ def _with_tag(one: ObjectPictures, number: int) -> ObjectPictures:
         row, wide = pixels.shape[0] - middle * metre, side * metre * cos(radians(angle))
         views[angle] = _paint_tag(pixels, number, row, side * metre, wide) if wide > 1 else pixels
     return replace(one, views=views)
+
+
+def draw_tag(number: UserValue) -> NDArray[np.uint8]:
+    """Draws an AprilTag of the family 36h11, uint8 ``[8, 8]``, 0 or 255: its black square, a pixel for each bit.
+
+    Raises:
+      InputError: for a number that is not 0 to 586.
+    """
+    number = check_named("tag", whole(0, LARGEST_TAG), number)
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    # OpenCV has the family upside down: only then is the first row of tag 0 the first six bits of its code.
+    return np.asarray(cv2.aruco.generateImageMarker(family, number, 8)[::-1, ::-1], np.uint8)
 
 
 def _paint_tag(pixels: NDArray[np.uint8], number: int, row: float, high: float, wide: float) -> NDArray[np.uint8]:

@@ -261,7 +261,6 @@ def stand(objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path 
 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
     """Lays the labels over the picture of `render` in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
-    check_named("picture", instance(Picture), picture)
     check_named("opacity", real(0, 1), opacity)
     colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
     return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
@@ -278,7 +277,6 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     Raises:
       InputError: for anything else than a tile set, or a size that is not a whole number from 1 on.
     """
-    check_named("tiles", instance(TileSet), tiles)
     check_named("size", whole(1), size)
     layers: dict[str, list[NDArray[np.uint8]]] = {}
     for tile in tiles.pictures:

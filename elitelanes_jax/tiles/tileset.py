@@ -173,16 +173,6 @@ def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
     return [entry for _, entry in sorted(found)]
 
 
-def stray_files(folder: Path) -> list[Path]:
-    """Returns the files in the folders of a set's tiles that are not read, except hidden ones, sorted."""
-    return [
-        file
-        for tile_folder in tile_folders(folder, [])
-        for file in sorted(tile_folder.iterdir())
-        if not file.name.startswith(".") and file.name not in {f"{name}.png" for name in _FILES}
-    ]
-
-
 def edge_pixels(picture: np.ndarray, side: Side) -> np.ndarray:
     """Returns the outermost pixels along a side of a picture ``[S, S, ...]``, seen from inside: ``[S, ...]``."""
     return np.rot90(picture, SIDES.index(side))[0]

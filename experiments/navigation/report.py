@@ -13,9 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from experiments.common import save, table, write
+from experiments.common import bootstrap_interval, save, table, write
 from experiments.navigation.tasks import CONDITIONS, TASKS, Figures, Judged
-from experiments.paper.statistics import bootstrap_interval
 
 __all__ = ["Difference", "Runs", "difference", "success_by_niche", "write_report"]
 

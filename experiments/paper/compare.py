@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax import InputError, __version__
+from elitelanes_jax import __version__
 from elitelanes_jax.formats import RoadMap, map_to_json, table_to_csv
 from elitelanes_jax.network import Metrics, check_shape
 from elitelanes_jax.search import use_compile_cache
@@ -31,8 +31,7 @@ _PICTURED = (14, 14)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("compare", __doc__)
-    names = ", ".join(METHODS)
-    parser.add_argument("--methods", nargs="+", default=METHODS, metavar="NAME", help=f"some of {names}; default all")
+    parser.add_argument("--methods", nargs="+", default=METHODS, choices=METHODS, help="default all")
     parser.add_argument("--sizes", nargs="+", type=_size, default=[SHAPE], metavar="SIZE", help="such as 12 or 9x14")
     runs = parser.add_mutually_exclusive_group()
     seeds = "runs of each method; default 32"
@@ -41,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="random seed; default 0")
     generations = "generations of 40 grids; default 200"
     parser.add_argument("--generations", type=whole(1), default=200, metavar="N", help=generations)
-    parser.add_argument("--reading", default="ours", metavar="NAME", help=f"one of {', '.join(READINGS)}; default ours")
+    parser.add_argument("--reading", default="ours", choices=READINGS, help="of the paper's text; default ours")
     add_cores(parser)
     out = Path("results/compare")
     parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"folder of results; default {out}")
@@ -59,11 +58,6 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _compare(options: argparse.Namespace) -> None:
-    for method in options.methods:
-        if method not in METHODS:
-            raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
-    if options.reading not in READINGS:
-        raise InputError(f"reading: expected one of {', '.join(READINGS)}, got {options.reading!r}")
     options.methods = [method for method in METHODS if method in options.methods]
     options.sizes = list(dict.fromkeys(options.sizes))
     settings = Settings(options.seeds, options.seed, options.generations, READINGS[options.reading])

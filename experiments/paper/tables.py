@@ -1,13 +1,12 @@
-"""Tables in Markdown: our results next to the paper's, intervals, differences, times."""
+"""Tables in Markdown: our results next to the paper's, intervals, times."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from experiments.common import table
+from experiments.common import bootstrap_interval, table
 from experiments.paper.published import METHODS, METRICS, SHAPE, TABLE
 from experiments.paper.runs import Row
-from experiments.paper.statistics import bootstrap_interval, compare_all
 
 __all__ = ["group_rows", "make_tables", "timing_table"]
 
@@ -30,14 +29,6 @@ _ARCHIVES = """\
 Means over the seeds. The QD score is a sum over all elites: 480 per tile, the fitness of a grid of dead ends, minus the
 elite's fitness.
 """
-_DIFFERENCES = """\
-## Differences between methods
-
-Rank-biserial correlation: 1 if every run of the first method has a larger value than every run of the second, -1 if
-every run has a smaller one, 0 if neither is larger. Bold: Mann-Whitney's U, two-sided, is significant at 5 % after
-Holm's correction for all pairs of a metric. MAP-Elites is represented by a random elite of each run. It shares keys and
-loop with the EA, so these two are not independent, although the test assumes it.
-"""
 
 
 def group_rows(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -59,7 +50,6 @@ def make_tables(rows: Sequence[Row], title: str) -> str:
             *(_MEANS, _means(groups)),
             *(_INTERVALS, _intervals(groups)),
             *(_ARCHIVES, _archives(rows)),
-            *(_DIFFERENCES, _differences(groups)),
         ]
     )
 
@@ -98,25 +88,6 @@ def _archives(rows: Sequence[Row]) -> str:
     names = {"niches": "niches of 400", "qd_score": "QD score", "fitness": "mean fitness of the elites"} | METRICS
     means = [_rounded(float(np.mean([values[name] for values in archives]))) for name in names]
     return table(list(names.values()), [means])
-
-
-def _differences(groups: Mapping[str, Sequence[Row]]) -> str:
-    # The best elite of MAP-Elites is the EA's best grid: equal samples would count in Holm's correction.
-    groups = {name: rows for name, rows in groups.items() if len(rows) > 1 and not name.endswith("best elite")}
-    if len(groups) < 2:
-        return "Too few runs to compare.\n"
-    columns = [
-        compare_all({name: [row.values[metric] for row in rows] for name, rows in groups.items()})
-        for metric in _COLUMNS
-    ]
-    lines = []
-    for pair in columns[0]:
-        effects = [
-            f"**{column[pair].effect:.2f}**" if column[pair].p < 0.05 else f"{column[pair].effect:.2f}"
-            for column in columns
-        ]
-        lines.append([" over ".join(pair), *effects])
-    return table(["", *_COLUMNS.values()], lines)
 
 
 def timing_table(timings: Mapping[str, Mapping[str, float]], title: str, seeds: int) -> str:

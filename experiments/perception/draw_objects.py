@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.formats import OBJECT_KINDS, ObjectKind, draw_tag
+from elitelanes_jax.formats import OBJECT_KINDS, ObjectKind
+from elitelanes_jax.tiles import draw_tag
 from experiments.common import Parser, leave, run
 
 Field = NDArray[np.float64]

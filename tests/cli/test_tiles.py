@@ -30,14 +30,12 @@ def bare(folder):
 
 
 def test_a_good_set_is_described(folder, capsys):
-    (folder / "turn_1" / "image.jpg").write_bytes(b"")
-    (folder / "turn_1" / ".DS_Store").write_bytes(b"")
     assert main(["tiles", "check", str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "tiles: 4 tiles"
     assert lines[6] == "no end: maps with dead ends cannot be drawn"
     assert lines[5] == "rotated, 16 pictures of the codes 3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15"
-    assert lines[7:] == [f"{folder / 'turn_1' / 'image.jpg'}: not used"]
+    assert len(lines) == 7
 
 
 def test_all_faults_are_listed_at_once(folder, capsys):
@@ -58,7 +56,6 @@ def test_all_faults_are_listed_at_once(folder, capsys):
             ("straight_1", "expected a road that reaches two sides that face each other of the tile, got none"),
             ("crossing3_1", "expected image.png, road.png, red.png and yellow.png, got no red.png"),
             ("crossing4_1", "expected image.png, road.png, red.png and yellow.png, got no image.png"),
-            ("crossing4_1", "photo.JPG: not used"),
         ),
         strict=True,
     ):

@@ -113,7 +113,7 @@ def test_maps_from_a_list_are_drawn_as_given_ones_and_go_on_after_an_error(tmp_p
     known = [{name: value for name, value in one.items() if value is not None} for one in listed]
     (tmp_path / "list.json").write_text(json.dumps(known))
     spec = DatasetSpec(maps_from=tmp_path / "list.json", tile_px=16, split=(0.5, 0.25, 0.25))
-    assert (spec.maps, spec.size, spec.shapes, spec.maps_from.repeated) == (9, ((5, 6),), [(5, 5), (6, 6)], 14)
+    assert (spec.maps, spec.size, spec.shapes) == (9, ((5, 6),), [(5, 5), (6, 6)])
     make_dataset(small(maps_from=maps), tmp_path / "expected", workers=1)
 
     drawn = []
@@ -220,12 +220,6 @@ def test_each_niche_is_split_in_the_same_shares():
     for niche in range(5):
         part = np.bincount(splits[niche * 40 : niche * 40 + 40], minlength=3)
         assert np.abs(part - (32, 4, 4)).max() <= 1
-
-
-def test_the_number_of_workers_is_checked(tmp_path):
-    with pytest.raises(InputError, match="^workers: expected a whole number, 1 or more, got 0$"):
-        make_dataset(small(), tmp_path / "out", workers=0)
-    assert not (tmp_path / "out").exists()
 
 
 def test_fewer_maps_than_asked_for_end_the_command(tmp_path, capsys):

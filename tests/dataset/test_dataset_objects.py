@@ -189,8 +189,6 @@ def test_a_set_without_a_kind_is_refused_before_anything_is_drawn(maps, tmp_path
     with pytest.raises(InputError, match=r"objects: expected kinds that the set 'mine' has \(cone\), got duckie"):
         make_dataset(DatasetSpec(maps_from=maps, objects=tmp_path / "mine", **SPEC), tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    with pytest.raises(InputError, match="furnish: dragons: expected one of signs"):
-        DatasetSpec(furnish="dragons=2")
     views = DatasetSpec(maps_from=[replace(one, objects=None) for one in maps], **SPEC)
     assert "object_set" not in make_dataset(views, tmp_path / "bare")
     assert not list((tmp_path / "bare").rglob("*instances*"))

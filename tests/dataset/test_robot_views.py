@@ -13,8 +13,7 @@ from pages import blocks
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
-from elitelanes_jax.dataset._transforms import parse_transforms
-from elitelanes_jax.dataset._viewpoints import Viewpoints, parse_viewpoints
+from elitelanes_jax.dataset._transforms import Viewpoints
 from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.drive._camera import Camera, look, make_atlas
@@ -130,16 +129,6 @@ def test_the_card_loads_arrays(layout, camera, tmp_path, capsys, monkeypatch):
         assert len({tuple(row["pose"].values()) for row in found["rows"]}) == 4
 
 
-def test_what_is_wrong_with_a_camera_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"camera: expected some of rows=..., .*, got 'zoom=3'"):
-        parse_viewpoints(["zoom=3"])
-    with pytest.raises(InputError, match="rows: expected a whole number, 16 to 4096, got '0'"):
-        parse_viewpoints("rows=0")
-    with pytest.raises(InputError, match="transforms: expected changes of light .* with a camera, .* got rotation"):
-        DatasetSpec(camera=(), transforms=parse_transforms("rotation=20"))
-    with pytest.raises(InputError, match="size: expected maps of at most 32766 pixels a side"):
-        DatasetSpec(camera=(), size=128, maps=1, split=(1, 0, 0))
+def test_a_map_without_lanes_has_no_view():
     with pytest.raises(InputError, match="expected lanes for the camera"):
         draw_viewpoint(np.random.default_rng(0), SMALL, np.array([[4, 1], [0, 0]], np.int8), PX)
-    assert DatasetSpec().pixels == 64
-    assert DatasetSpec().replace(camera=[]).pixels == 256

@@ -5,9 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from elitelanes_jax import DatasetSpec, InputError, SearchSpec
-from elitelanes_jax.cli.arguments import read_options
-from elitelanes_jax.cli.main import make_parser
+from elitelanes_jax import DatasetSpec, SearchSpec
 from elitelanes_jax.dataset import STANDARD, Transforms
 from elitelanes_jax.dataset.spec import maps_by_shape, maps_by_split
 
@@ -34,44 +32,6 @@ def test_sizes_of_squares_and_of_rectangles(size, shapes):
     spec = DatasetSpec(size=size)
     assert spec.shapes == shapes
     assert replace(spec) == spec  # a checked field passes its check
-
-
-@pytest.mark.parametrize(
-    ("arguments", "size"),
-    [
-        ([], "8..14"),
-        (["--size", "9"], 9),
-        (["--size", "3..4"], "3..4"),
-        (["--size", "3..4", "5"], "3..4 5"),
-        (["--size", "3..4", "--size", "5..6"], "3..4 5..6"),
-    ],
-)
-def test_sizes_on_the_command_line(arguments, size):
-    options = make_parser().parse_args(["dataset", "--out", "somewhere", *arguments])
-    assert read_options(options, DatasetSpec()) == DatasetSpec(size=size)
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"size": "3..4..5"}, "size: expected the smallest and the largest side"),
-        ({"size": ((),)}, "size: expected the smallest and the largest side"),
-        ({"size": ()}, "size: expected a range of sides such as 8..14, or two, of rows and columns"),
-        ({"size": None}, "size: expected a range of sides"),
-        ({"size": 3.5}, "size: expected a range of sides"),
-        ({"maps": 5, "size": "3..4 5..7"}, "maps: expected one of each size at least, 6, got 5"),
-        ({"split": (1, 0)}, "split: expected three shares that sum to 1"),
-        ({"split": 1}, "split: expected three shares that sum to 1, got 1"),
-        ({"split": (float("nan"), 0.5, 0.5)}, "split: expected a number, 0 to 1, got nan"),
-        ({"transforms": Transforms(crop=600)}, "transforms: expected a crop .*, 8 tiles of 64 .*, 512 pixels, got 600"),
-        ({"search": SearchSpec(fix=[[6, 3], [12, 9]])}, "fix: expected maps of the given cells' size, 2 x 2, got 7"),
-        ({"search": None}, "search: expected SearchSpec, got None"),
-        ({"tiles": 3}, "tiles: expected a name, got 3"),
-    ],
-)
-def test_bad_fields_are_named(fields, message):
-    with pytest.raises(InputError, match=f"^{message}"):
-        DatasetSpec(**fields)
 
 
 def test_plain_values_are_json(tmp_path):

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see_labels
 from elitelanes_jax.dataset._samples import draw_sample
-from elitelanes_jax.dataset._transforms import VARIATION, Transforms, parse_transforms
+from elitelanes_jax.dataset._transforms import VARIATION, Transforms, Viewpoints, parse_transforms
 from elitelanes_jax.dataset._variation import compress, vary_background, vary_light, vary_motion
-from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.formats.road_map import RoadMap
 
 LOOP = np.pad(np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8), 1)

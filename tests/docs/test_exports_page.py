@@ -9,7 +9,7 @@ from pages import blocks, commands, run_program
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.export import FORMATS
 from elitelanes_jax.cli.main import main, make_parser
-from elitelanes_jax.formats.duckietown import GROUNDS, TILE_SIZE
+from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.streets import Streets
 
 ROOT = Path(__file__).parents[2]
@@ -40,8 +40,8 @@ def test_commands_print_what_is_shown(repository, capsys):
             shown += 1
     assert shown == 3
     written = {str(file) for file in Path().rglob("*.*") if file.is_file()}
-    assert {f"plain/town.{kind}.xml" for kind in ("nod", "edg", "con")} < written
-    assert {"exported.yaml", "tiles.graphml", "crossings.graphml", "metrics.csv", "metrics.json"} < written
+    assert {f"network/town.{kind}" for kind in ("nod.xml", "edg.xml", "con.xml", "netccfg")} < written
+    assert {"exported.yaml", "metrics.csv"} < written
 
 
 @pytest.mark.slow
@@ -64,7 +64,7 @@ def test_the_table_has_all_formats(capsys):
     assert sorted(name.strip(",") for name in formats) == sorted(re.findall(r"`([\w-]+)`", " ".join(listed)))
 
 
-@pytest.mark.parametrize("name", sorted({*FORMATS} - {"dt-maps", "sumo"}))
+@pytest.mark.parametrize("name", sorted({*FORMATS} - {"dt-maps"}))
 def test_files_end_as_the_table_says(name, repository, capsys):
     assert main(["export", "docs/examples/town.json", "--to", name, "--out", "out"]) == 0
     said = re.findall(r"`(\S+)`", TABLES[name].partition(" |")[0])
@@ -76,7 +76,6 @@ def test_values_of_options_are_those_of_the_formats():
     assert ways[0] == Streets().right_of_way
     with pytest.raises(InputError, match=re.escape(f"right_of_way: expected one of {', '.join(ways)}, got")):
         Streets(right_of_way="none")
-    assert set(re.findall(r"`(\w+)`", TABLES["--ground"])) - {"duckietown"} == set(GROUNDS)
     assert f"{TILE_SIZE} in `duckietown` and `dt-maps`, {Streets().tile:g} in `sumo`" in TABLES["--tile-size"]
     for name in ("lane", "speed"):
         assert TABLES[f"--{name}"].endswith(f"; {getattr(Streets(), name)}")

@@ -45,7 +45,7 @@ PROGRAMS = [
 ]
 
 # What a program imports that not every environment has.
-EXTRAS = {"import gymnasium": "gymnasium", "import show": "anywidget", "convert(": "sumo"}
+EXTRAS = {"import gymnasium": "gymnasium", "import show": "anywidget"}
 
 
 @pytest.mark.parametrize(("page", "program"), PROGRAMS)

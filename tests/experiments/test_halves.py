@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from elitelanes_jax.benchmark.tasks import find_task
-from experiments.search.check_archive import rescore
 from experiments.search.exact.duals import UNIT, choose_duals, edge_gains, first_duals
 from experiments.search.exact.graph import NEVER, carry_best, carry_counts, merge
 from experiments.search.exact.halves import cost_to_go, find_highest, make_half
 from experiments.search.exact.patterns import find_patterns
-from experiments.search.exact.proof import find_most_crossings, find_optimum
+from experiments.search.exact.proof import find_optimum
 from experiments.search.exact.sweep import sweep
 from experiments.search.exact.tiles import BESIDE_TURN, CROSSING, STRAIGHT, TURN, score_across
 
@@ -44,37 +43,9 @@ def two_halves(height, width, fill=True):
     return upper, upper if height % 2 == 0 else make_half(height - height // 2, width, fill=fill)
 
 
-def check_all(height, width, optima):
-    """Compares all cyclomatic numbers that a grid may have, and one more."""
-    upper, lower = two_halves(height, width)
-    most = 1 + find_most_crossings(upper, lower) // 2
-    assert most >= max(optima)
-    for cyclomatic in range(1, most + 2):
-        proof = find_optimum(upper, lower, cyclomatic)
-        if cyclomatic not in optima:
-            assert proof.score == -1 and proof.grid is None
-            continue
-        assert -2 * (cyclomatic + proof.score) == optima[cyclomatic]
-        assert proof.with_bridges >= proof.score
-        assert rescore(proof.grid.astype(int)) == (optima[cyclomatic], cyclomatic, True, True)
-
-
 def certified(name):
     task = find_task(f"{name}-10000")
     return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
-
-
-@pytest.mark.parametrize(("height", "width", "size"), [(5, 5, "5x5A"), (6, 6, "6x6A")])
-def test_halves_find_the_optima_of_the_sweep(height, width, size):
-    check_all(height, width, certified(size))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("height", "width", "size"), [(7, 7, "7x7A"), (8, 8, "8x8A"), (7, 9, "7x9A"), (9, 7, "7x9A"), (9, 9, "9x9A")]
-)
-def test_halves_find_the_optima_of_the_sweep_on_larger_grids(height, width, size):
-    check_all(height, width, certified(size))
 
 
 def test_bridges_are_allowed_if_asked_for():
@@ -82,15 +53,6 @@ def test_bridges_are_allowed_if_asked_for():
     swept = sweep((5, 6), 7, fill=True).values
     found = [find_optimum(upper, lower, cyclomatic, bridgeless=False).score for cyclomatic in range(1, 7)]
     np.testing.assert_array_equal(found, np.nan_to_num(swept[1:], nan=-1))
-
-
-def test_a_search_that_may_keep_little_ends_with_a_bound():
-    upper, lower = two_halves(7, 7)
-    optimum = certified("7x7A")[4]
-    proof = find_optimum(upper, lower, 4, most=300)
-    assert proof.grid is None
-    assert -2 * (4 + proof.score) <= optimum
-    assert proof.peak <= 300
 
 
 def enumerate_half(height, width, fill, worth, price):
@@ -159,19 +121,19 @@ def test_labels_that_fit_are_worth_enough(height, pattern):
 
 @pytest.mark.parametrize(
     "size",
-    [(6, 6, True), (5, 5, False)]
-    + [pytest.param(size, marks=pytest.mark.slow) for size in ((6, 6, False), (6, 7, False), (8, 8, False))],
+    [(5, 5, True), (6, 6, True), (5, 5, False)]
+    + [
+        pytest.param((*sides, fill), marks=pytest.mark.slow)
+        for fill, shapes in {True: ((7, 7), (8, 8), (7, 9), (9, 7), (9, 9)), False: ((6, 6), (8, 8))}.items()
+        for sides in shapes
+    ],
 )
 def test_certificates_by_halves_are_those_of_the_sweep(size):
+    height, width, fill = size
     with ThreadPoolExecutor(1) as workers:
-        record = certify.certify_by_halves(size, workers)
-    swept = certify.certify(size)
-    for niche, expected in zip(record["niches"], swept["niches"], strict=True):
-        assert niche["networks"] is None
-        assert (niche["cyclomatic"], niche["optimum"]) == (expected["cyclomatic"], expected["optimum"])
-        grid = np.array([[int(code, 16) for code in row] for row in niche["witness"]])
-        assert rescore(grid) == (niche["optimum"], niche["cyclomatic"], True, bool(grid.all()))
-    assert record["cost"].keys() == swept["cost"].keys()
+        niches = certify.certify_by_halves(size, workers)["niches"]  # measures each network that it finds
+    expected = certified(f"{min(height, width)}x{max(height, width)}{'A' if fill else 'B'}")
+    assert {niche["cyclomatic"]: niche["optimum"] for niche in niches} == expected
 
 
 @pytest.mark.parametrize("size", ["6x6A", "6x6B", pytest.param("9x9A", marks=pytest.mark.slow)])
@@ -185,4 +147,4 @@ def test_no_pattern_of_a_network_is_left_out(size):
         linked = grid[task.shape[0] // 2 - 1] & 2 > 0
         pattern = min(sum(1 << place for place in np.flatnonzero(side).tolist()) for side in (linked, linked[::-1]))
         for target in (score, score - 1, score - 5, score - 20):
-            assert pattern in find_patterns(halves, duals, crossings, target, 10**7)
+            assert pattern in find_patterns(halves, duals, crossings, target)

@@ -1,7 +1,6 @@
 """The study of navigation: its statistics against slow ones, its maps, and that it runs."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -84,6 +83,7 @@ def test_maps_made_by_hand_are_cut_to_their_roads(tmp_path):
     assert found.shape == (8, 8) and (found[:4, :5] == ring).all()
 
 
+@pytest.mark.slow
 def test_no_test_has_a_map_or_a_niche_to_train_on_and_distances_are_matched():
     made = navigation_maps.make_maps(0, navigation._QUICK_MAPS)
     maps, niches = made["grids"], {name: set(map(tuple, bins)) for name, bins in made["niches"].items()}
@@ -94,26 +94,6 @@ def test_no_test_has_a_map_or_a_niche_to_train_on_and_distances_are_matched():
     levels = navigation_maps.draw_levels(0, maps["map-elites"], 2 * 7 * len(maps["map-elites"]))
     wanted = np.arange(levels.shortest.size) // len(maps["map-elites"]) % 7 + 6
     assert (np.asarray(levels.shortest) == wanted).mean() > 0.95
-
-
-def test_without_flax_it_says_what_to_install(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "flax", None)
-    assert navigation.main(["--out", str(tmp_path / "out")]) == 2
-    assert "training needs flax and optax: pip install flax optax" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_it_runs_goes_on_and_comes_out_the_same(tmp_path):
-    arguments = ["--quick", "--seeds", "1", "--out", str(tmp_path / "out")]
-    assert navigation.main(arguments) == 0
-    files = [tmp_path / "out" / "navigation.md", *sorted((tmp_path / "out" / "runs").iterdir())]
-    assert len(files) == 1 + sum(len(task.conditions) for task in navigation_tasks.TASKS.values())
-    before = [file.read_bytes() for file in files]
-    for file in (files[3], files[-2]):
-        file.unlink()
-    assert navigation.main(arguments) == 0
-    assert [file.read_bytes() for file in files] == before
 
 
 @pytest.mark.slow

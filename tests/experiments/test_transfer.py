@@ -19,7 +19,6 @@ from experiments.perception.gym_duckietown.bridge import receive, send  # noqa: 
 from experiments.perception.gym_duckietown.classical import find_lane, find_lines  # noqa: E402
 from experiments.perception.gym_duckietown.evaluate import label_table  # noqa: E402
 from experiments.perception.gym_duckietown.pictures import Pictures, classes_of  # noqa: E402
-from experiments.perception.gym_duckietown.pictures import main as take_pictures  # noqa: E402
 from experiments.perception.gym_duckietown.world import PYTHON, DuckietownMap, World  # noqa: E402
 
 LOOP = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
@@ -68,35 +67,34 @@ def test_pure_pursuit_holds_the_lane_from_both_sides():
         assert abs(d) < 0.02 and abs(phi) < 0.1
 
 
-def test_colours_and_votes_find_the_lane_on_a_straight_road(drawn_tiles):
+@pytest.fixture
+def look_along(drawn_tiles):
+    """Our camera on a straight road, in the middle of the lane."""
     road = np.full((1, 8), 5, np.int8)
     scaled, chosen = scale_tiles(drawn_tiles, 64), choose_tiles(road, drawn_tiles)
     atlas = make_atlas(scaled["image"], scaled["labels"])
-    pose = Pose(np.float32(2.5), np.float32(0.7), np.float32(0.2))
-    view = look(jax.random.key(0), pose, chosen[..., 0] * 4 + chosen[..., 1], atlas, Camera(rows=240, columns=320))
-    d, phi = find_lane(np.asarray(view.image))
+
+    def look_at(phi):
+        pose = Pose(*map(np.float32, (2.5, 0.7, phi)))
+        return look(jax.random.key(0), pose, chosen[..., 0] * 4 + chosen[..., 1], atlas, Camera(rows=120, columns=160))
+
+    return look_at
+
+
+def test_colours_and_votes_find_the_lane_on_a_straight_road(look_along):
+    d, phi = find_lane(np.asarray(look_along(0.2).image))
     assert abs(d) < 0.08 and abs(phi - 0.2) < 0.11
     assert find_lane(np.zeros((120, 160, 3), np.uint8)).tolist() == [0, 0]
     lines = find_lines(np.uint8([[[255, 255, 255], [230, 200, 20], [220, 20, 30], [60, 60, 60]]]))
-    assert {name: found[0].tolist() for name, found in lines.items()} == {
-        "white": [True, False, False, False],
-        "yellow": [False, True, False, False],
-        "red": [False, False, True, False],
-    }
+    found = {name: line[0].tolist() for name, line in lines.items()}
+    assert found == {name: [place == at for at in range(4)] for place, name in enumerate(("white", "yellow", "red"))}
 
 
-def test_the_kept_weights_see_our_own_road(drawn_tiles):
-    road = np.full((1, 8), 5, np.int8)
-    scaled, chosen = scale_tiles(drawn_tiles, 64), choose_tiles(road, drawn_tiles)
-    atlas = make_atlas(scaled["image"], scaled["labels"])
-    cells, camera = chosen[..., 0] * 4 + chosen[..., 1], Camera(rows=120, columns=160)
+def test_the_kept_weights_see_our_own_road(look_along):
     folder = Path(nets.__file__).parent / "weights"
     assert sum(file.stat().st_size for file in folder.iterdir()) < 1_000_000
     weights, labels = (nets.read_weights(folder / f"{task}.npz", task) for task in ("pose", "labels"))
-    views = [
-        look(jax.random.key(0), Pose(np.float32(2.5), np.float32(0.7), np.float32(phi)), cells, atlas, camera)
-        for phi in (-0.3, 0.0, 0.3)
-    ]
+    views = [look_along(phi) for phi in (-0.3, 0.0, 0.3)]
     images = np.stack([view.image for view in views])
     found = nets.find_poses(weights, images)
     np.testing.assert_allclose(found[:, 1], [-0.3, 0, 0.3], atol=0.15)
@@ -183,9 +181,3 @@ def test_the_bridge_sees_poses_as_we_do_and_says_what_is_wrong():
         np.testing.assert_allclose(after[2] - before[2], 3.75 * 0.1 / 30, rtol=0.01)
         with pytest.raises(InputError, match="^luck: gym-duckietown: expected to load, got "):
             world.load(DuckietownMap("luck", "tiles: 3", LOOP))
-
-
-def test_a_missing_argument_is_one_line(capsys):
-    with pytest.raises(SystemExit):
-        take_pictures(["luck"])
-    assert capsys.readouterr().err.startswith("pictures: argument part: invalid choice")

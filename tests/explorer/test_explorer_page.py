@@ -15,7 +15,7 @@ from explored import big_result, own_result, write_run
 
 from elitelanes_jax import InputError, Result, RoadMap, evolve, load_tiles, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.explorer import collect, collect_results, explore, page, page_of
+from elitelanes_jax.explorer import collect, explore, page, page_of
 from elitelanes_jax.formats import map_to_json
 from elitelanes_jax.problem import vacant_fitness
 from elitelanes_jax.tiles import choose_tiles, default_tiles
@@ -237,12 +237,12 @@ def test_the_fractions_of_a_map_file_are_kept():
     assert not shown["usual_fitness"]
 
 
-def test_results_stand_side_by_side_with_as_many_seeds_as_are_asked_for():
-    (own, big) = collect_results({"own": own_result(), "big": big_result()}, seeds=1).values["runs"]
+def test_results_stand_side_by_side():
+    (own, big) = collect({"own": own_result(), "big": big_result()}).values["runs"]
     shown = [(one["name"], one["seeds"], one["seed"]["array"][2]) for one in (own, big)]
-    assert shown == [("own", 1, 20), ("big", 1, 400)]
-    assert own["features"]["corners"]["array"][2] == 20 and own["weights"]["symmetry"] == -3
-    assert big["history"]["best_fitness"]["array"][2] == big["history"]["steps"]
+    assert shown == [("own", 2, 40), ("big", 32, 12800)]
+    assert own["features"]["corners"]["array"][2] == 40 and own["weights"]["symmetry"] == -3
+    assert big["history"]["best_fitness"]["array"][2] == 32 * big["history"]["steps"]
 
 
 def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
@@ -251,12 +251,11 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
     shown = [(one["name"], one["shape"], len(one["maps"])) for one in runs]
     assert shown == [("maps of 2 x 2", [2, 2], 2), ("maps of 2 x 3", [2, 3], 1)]
     assert [one["maps"] for one in collect([one.codes for one in maps]).values["runs"]] == [one["maps"] for one in runs]
-    groups = collect_results({"one": maps[:1], "both": maps}).values["runs"]
+    groups = collect({"one": maps[:1], "both": maps}).values["runs"]
     assert [one["name"] for one in groups] == ["one", "both, maps of 2 x 2", "both, maps of 2 x 3"]
-    with pytest.raises(InputError, match="results: expected at least one"):
-        collect_results({})
-    with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got nothing"):
-        collect([])
+    for nothing in ([], {}):
+        with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got nothing"):
+            collect(nothing)
 
 
 def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, capsys):

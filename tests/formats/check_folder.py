@@ -15,20 +15,19 @@ from pathlib import Path
 
 import numpy as np
 from duckietown_lanes import check_lanes, read_by_duckietown_world
-from sumo_drive import drive, read
+from sumo_drive import convert, drive, read
 
 from elitelanes_jax import read_map
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax.formats import convert, to_duckietown
-from elitelanes_jax.formats.sumo import plain_xml
+from elitelanes_jax.formats import to_duckietown, to_sumo
 from elitelanes_jax.network import canonical_form
 
 
 def check_drive(grid, folder):
     """Whether all cars arrive, without a word from SUMO."""
     net = folder / "town.net.xml"
-    _, edges, connections = read(plain_xml(grid))
-    assert convert(net, grid) == ()
+    _, edges, connections = read(to_sumo(grid, "town"))
+    assert convert(net, grid) == []
     vehicles = max(20, len(edges))
     assert drive(net, connections, folder, 0, vehicles) == (vehicles, "")
 

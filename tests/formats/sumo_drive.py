@@ -9,6 +9,9 @@ from pathlib import Path
 import networkx as nx
 import pytest
 
+from elitelanes_jax.formats import to_sumo
+from elitelanes_jax.maps.exporting import FORMATS
+
 
 def points(text):
     return [complex(*map(float, point.split(","))) for point in text.split()]
@@ -32,6 +35,15 @@ def run(program, *arguments):
     done = subprocess.run(command, env={**os.environ, "SUMO_HOME": home}, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stderr
+
+
+def convert(net, codes, **streets):
+    """Makes a network by netconvert; returns its warnings."""
+    name = net.name.removesuffix(".net.xml")
+    for suffix, text in zip(FORMATS["sumo"].suffixes, to_sumo(codes, name, **streets), strict=True):
+        net.with_name(name + suffix).write_text(text, encoding="utf-8")
+    said = run("netconvert", "-c", net.with_name(f"{name}.netccfg"))
+    return [line for line in said.splitlines() if line.startswith("Warning")]
 
 
 def drive(net, connections, folder, seed, vehicles=20, kind="", crossings=True):

@@ -199,10 +199,3 @@ def test_pogema_leads_a_robot_through_the_maps(tmp_path):
 def test_names_that_no_list_of_tasks_can_hold_are_refused(name):
     with pytest.raises(InputError, match="name: expected"):
         to_movingai(TOWN, name)
-
-
-@pytest.mark.parametrize("cells", [4, 0, -1, 257, 5.5, "x"])
-def test_numbers_of_cells_that_do_not_fit_are_refused(cells):
-    for write in (lambda: to_movingai(TOWN, "town.map", cells), lambda: to_nav2(TOWN, "town.pgm", cells=cells)):
-        with pytest.raises(InputError, match="cells: expected a whole number, 5 to 256"):
-            write()

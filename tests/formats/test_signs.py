@@ -10,7 +10,7 @@ from simulator_maps import KNOT, lane_graph
 from test_opendrive import ends_of
 
 from elitelanes_jax.formats import MapObject, RoadMap, Streets, read_map, to_commonroad, to_lanelet2, to_opendrive
-from elitelanes_jax.formats.sumo import plain_xml
+from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.maps import furnish
 
 BARE = read_map(Path(__file__).parents[2] / "docs" / "examples" / "town.json").codes
@@ -78,7 +78,7 @@ def test_each_approach_has_its_signs_and_lights():
 
 def test_crossings_follow_their_signs_and_lights_in_all_networks():
     lights, arms = lit(TOWN), Counter(approach[:2] for approach in approaches(BARE))
-    nodes = {one.get("id"): one.get("type") for one in ET.fromstring(plain_xml(TOWN).nodes)}
+    nodes = {one.get("id"): one.get("type") for one in ET.fromstring(to_sumo(TOWN, "town").nodes)}
     kinds = {tile: nodes[f"{tile[0]}_{tile[1]}"] for tile in arms}
     assert kinds == {tile: "traffic_light" if tile in lights else "allway_stop" for tile in arms}
     count = sum(arms[tile] for tile in lights)

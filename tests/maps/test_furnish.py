@@ -148,27 +148,6 @@ def test_objects_of_ones_own_are_kept_as_they_are(tmp_path):
         furnish(TOWN, {"objects": [{"kind": "cone", "x": 1.8, "y": 1.9}], "signs": "all"})
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("objects = 3", "objects: expected a list of objects, got 3"),
-        ("x = 3", 'expected a list of "objects", got none'),
-        (
-            "[[objects]]\nkind = 'bus'\nx = 1\ny = 1\nsize = 3",
-            "objects: object 0: expected the fields kind, .* got 'size'",
-        ),
-        ("[[objects]]\nkind = 'sign_stop'\nx = 1\ny = 1\ntag = 600", "objects: object 0: tag: expected .* got 600"),
-        ("[[objects", "expected TOML, got"),
-    ],
-)
-def test_faults_of_own_objects_are_named(tmp_path, text, words):
-    """One message names the file, the object and the field."""
-    file = tmp_path / "own.toml"
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=f"own.toml: {words}"):
-        furnish(TOWN, str(file))
-
-
 def test_the_same_seed_gives_the_same_objects():
     """Whatever else the map has; another seed gives others."""
     town = furnish(TOWN, "all", seed=4)
@@ -218,18 +197,3 @@ def test_crossings_without_room_are_refused_or_left_out():
     with pytest.raises(InputError, match="no roads at the four corners of each crossing, got one at row 0, column 1"):
         furnish(full, "signs")
     assert furnish(full, "signs=possible").objects == ()
-
-
-@pytest.mark.parametrize(
-    ("spec", "words"),
-    [
-        (3, "expected a FurnishSpec, or words"),
-        ("lights=2", "lights: expected a number, 0 to 1"),
-        ("houses=500", "houses: expected a number that fits, got 500, of which"),
-        ("lane_duckies=500", "lane_duckies: expected a number that fits"),
-    ],
-)
-def test_wrong_specifications_are_refused(spec, words):
-    """One message names the setting."""
-    with pytest.raises(InputError, match=re.escape(words)):
-        furnish(TOWN, spec)

@@ -10,7 +10,7 @@ from folders import read_picture
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
-from elitelanes_jax.tiles import default_objects, load_objects, render
+from elitelanes_jax.tiles import default_objects, draw_tag, load_objects, render
 from experiments.perception.draw_objects import draw_all
 
 TOWN = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
@@ -173,3 +173,13 @@ def test_render_draws_with_ones_own_set_or_says_what_it_lacks(own, tmp_path, cap
     assert main([*command, "--force"]) == 2
     said = capsys.readouterr().err
     assert "objects: expected kinds that the set 'mine' has (duckie), got tree" in said and said.count("\n") == 1
+
+
+def test_a_tag_is_the_one_of_the_family():
+    code = "".join(str(int(bit > 0)) for bit in draw_tag(0)[1:7, 1:7].flat)
+    assert int(code, 2) == 0xD5D628584  # as in AprilTag's table of the family
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    page = np.pad(draw_tag(25).repeat(16, axis=0).repeat(16, axis=1), 40, constant_values=255)
+    corners, numbers, _ = cv2.aruco.ArucoDetector(family).detectMarkers(page)
+    assert numbers.ravel().tolist() == [25]
+    assert (corners[0][0][0] > corners[0][0][2]).all(), "OpenCV has the family upside down"

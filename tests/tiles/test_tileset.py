@@ -205,10 +205,3 @@ def test_all_that_is_wrong_is_found_at_once(folder):
     assert len(problems) == 2
     with pytest.raises(ValueError, match="turn_2: .* \\(and 1 more; see: elitelanes tiles check\\)"):
         load_tiles(folder)
-
-
-@pytest.mark.parametrize(("name", "got"), [("nowhere", "none"), ("file", "a file")])
-def test_no_folder(name, got, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ValueError, match=f"{name}: expected a folder of tile pictures, got {got}"):
-        load_tiles(tmp_path / name)

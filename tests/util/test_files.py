@@ -66,13 +66,3 @@ def test_a_file_of_another_process_is_not_replaced(tmp_path):
     assert file.read_text() == "of the other"
     write_atomic(file, b"replaced as always")
     assert file.read_text() == "replaced as always"
-
-
-def test_a_file_system_without_links(tmp_path, monkeypatch):
-    def refuse(*_):
-        raise PermissionError(1, "Operation not permitted")
-
-    monkeypatch.setattr("os.link", refuse)
-    with never_replacing(tmp_path / "file"):
-        write_atomic(tmp_path / "file", b"mine")
-    assert names(tmp_path) == ["file"]

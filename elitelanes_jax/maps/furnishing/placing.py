@@ -14,8 +14,7 @@ from elitelanes_jax.maps.furnishing.scenery import place_scenery
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners, place_light, place_signs
 from elitelanes_jax.maps.furnishing.space import Space
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
-from elitelanes_jax.maps.furnishing.street_names import place_street_names
-from elitelanes_jax.maps.furnishing.tagging import Tags
+from elitelanes_jax.maps.furnishing.street_names import Tags, place_street_names
 
 
 def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> RoadMap:

@@ -5,7 +5,6 @@ columns hang together, and which links inside still could be bridges. A way is d
 value that any partner needs.
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numba
@@ -38,27 +37,13 @@ class Assignments(NamedTuple):
     places: int
 
 
-def find_assignments(bounds: Iterable[HalfBounds], most: int, bridgeless: bool) -> list[Assignments] | None:
-    """Finds the ways to fill each half that reach its value, of equal states the one of the highest score.
+def find_assignments(bounds: HalfBounds, bridgeless: bool) -> Assignments:
+    """Finds the ways to fill a half that reach its value, of equal states the one of the highest score.
 
     Args:
-      bounds: of each half.
-      most: states to keep after a cell.
+      bounds: of the half.
       bridgeless: whether no link may be a bridge.
-
-    Returns:
-      The ways of each half; None if there are too many.
     """
-    found = []
-    for one in bounds:
-        assignments = _fill_half(one, most, bridgeless)
-        if assignments is None:
-            return None
-        found.append(assignments)
-    return found
-
-
-def _fill_half(bounds: HalfBounds, most: int, bridgeless: bool) -> Assignments | None:
     half, gains, rest, least = bounds
     places = half.height + 1 + half.width
     states, values = np.zeros((1, (places + 3) // 4 + 1), np.uint64), np.zeros((1, 2), np.int64)
@@ -73,8 +58,6 @@ def _fill_half(bounds: HalfBounds, most: int, bridgeless: bool) -> Assignments |
         rows[:, -1] = layer.target[edges].astype(np.uint64) | crossings << np.uint64(32)
         ways, edges = ways[possible], edges[possible]
         target, states = merge(rows[possible])
-        if len(states) > most:
-            return None
         scores, best = carry_best(len(states), ways, target, layer.gain[edges], None, values[:, :1])
         ways, edges = ways[best[:, 0]], edges[best[:, 0]]
         values = np.stack([scores[:, 0], values[ways, 1] + gains[index][edges]], axis=1)

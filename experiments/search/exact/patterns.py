@@ -13,7 +13,7 @@ __all__ = ["find_patterns"]
 _PATTERN, _CROSSINGS = 32, 48
 
 
-def find_patterns(halves: tuple[Half, ...], duals: Duals, crossings: int, target: int, most: int) -> list[int] | None:
+def find_patterns(halves: tuple[Half, ...], duals: Duals, crossings: int, target: int) -> list[int]:
     """Finds the patterns of linked columns that a network of a score may have, whatever hangs together.
 
     Args:
@@ -21,10 +21,9 @@ def find_patterns(halves: tuple[Half, ...], duals: Duals, crossings: int, target
       duals: for any pattern.
       crossings: of the network; a four-way crossing is two.
       target: the lowest score.
-      most: states to keep after a cell.
 
     Returns:
-      The columns as bits, of two mirrored patterns the lower number; None if there are too many states.
+      The columns as bits, of two mirrored patterns the lower number.
     """
     highest = []
     for half, gains, rest, least in duals.half_bounds(halves, crossings, target):
@@ -35,8 +34,6 @@ def find_patterns(halves: tuple[Half, ...], duals: Duals, crossings: int, target
             known = (states - nodes)[ways] + (layer.crossings[edges] << _CROSSINGS)
             known |= (layer.label[edges] >= TURN).astype(np.int64) << _PATTERN + index // half.height
             targets, merged = merge((known | layer.target[edges]).astype(np.uint64)[:, None])
-            if len(merged) > most:
-                return None
             states = merged[:, 0].astype(np.int64)
             values, _ = carry_best(len(states), ways, targets, gains[index][edges], None, values)
         best: dict[int, int] = {}

@@ -56,9 +56,7 @@ def find_most_crossings(upper: Half, lower: Half) -> int:
     return most
 
 
-def find_optimum(
-    upper: Half, lower: Half, cyclomatic: int, *, bridgeless: bool = True, most: int = 20_000_000
-) -> Proof:
+def find_optimum(upper: Half, lower: Half, cyclomatic: int, *, bridgeless: bool = True) -> Proof:
     """Finds the highest straight score of the flawless networks of a cyclomatic number that cross the cut.
 
     Args:
@@ -66,7 +64,6 @@ def find_optimum(
       lower: those below it, upside down; the same object if both are alike, which takes half the time.
       cyclomatic: 1 + x / 2 + y of x three-way and y four-way crossings.
       bridgeless: whether no link may be a bridge.
-      most: ways to fill a half to keep after a cell. With more, the search ends with what is proven so far.
     """
     crossings = 2 * (cyclomatic - 1)
     halves = (upper,) if upper is lower else (upper, lower)
@@ -78,19 +75,14 @@ def find_optimum(
     while proven >= 0:
         target = max(0, proven + 1 - _STEP)
         best: tuple[int, NDArray[np.int8]] | None = None
-        patterns = find_patterns(halves, overall, crossings, target, most)
-        if patterns is None:
-            return Proof(proven, None, with_bridges, kept, peak)
-        for pattern in patterns:
+        for pattern in find_patterns(halves, overall, crossings, target):
             duals = of_pattern.get(pattern, overall)
             if duals is overall or duals.bound >= target:
                 of_pattern[pattern] = duals = choose_duals(halves, crossings, duals, pattern, target)
             if duals.bound < target:
                 continue
             tight = False
-            found = find_assignments(duals.half_bounds(halves, crossings, target), most, bridgeless)
-            if found is None:
-                return Proof(proven, None, with_bridges, kept, peak)
+            found = [find_assignments(one, bridgeless) for one in duals.half_bounds(halves, crossings, target)]
             sizes = [len(origin) for part in found for origin in part.origins]
             kept, peak = kept + sum(sizes), max(peak, *sizes)
             needed = duals.needed(crossings, target)
