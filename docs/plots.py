@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from elitelanes_jax import Result, evolve, random_grids, repair
 from elitelanes_jax.network import random_bits
 from elitelanes_jax.optimizers import toggle_outline
-from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map
+from elitelanes_jax.plots import archive_map, history, road_map
 
 HERE = Path(__file__).parent
 
@@ -50,9 +50,10 @@ def runs(results: dict[str, Result]) -> None:
         history(result.history, label=name, ax=best)
     best.set_ylim(top=4000)
     best.legend()
-    groups = {name: result.elites for name, result in results.items()}
-    metric_boxes(groups, "cyclomatic", ax=cyclomatic)
-    metric_boxes(groups, "straight_score", ax=straight)
+    for ax, metric in ((cyclomatic, "cyclomatic"), (straight, "straight_score")):
+        values = [getattr(result.elites.metrics, metric)[result.elites.valid] for result in results.values()]
+        ax.boxplot(values, widths=0.55, tick_labels=list(results))
+        ax.set_title(metric.replace("_", " "))
     save(figure, "runs")
 
 

@@ -1,9 +1,9 @@
-"""Plots: a map as lines, an archive as a heat map, runs over seeds, metrics side by side.
+"""Plots: a map as lines, an archive as a heat map, runs over seeds.
 
 Each draws on `ax`, by default on a new figure, and returns the Axes. All need matplotlib, the extra `plots`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import prod
 from textwrap import fill
 from typing import TYPE_CHECKING
@@ -30,9 +30,6 @@ _HARD_SPACE = "\N{NO-BREAK SPACE}"
 
 # Widths as parts of the road's.
 _KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
-
-# The number of letters that fit in a line below a plot of the usual width.
-_ROOM = 50
 
 
 @name_wrong_arguments
@@ -244,46 +241,6 @@ def seed_band(
     (drawn,) = ax.plot(steps, middle, label=label, **line)
     ax.fill_between(steps, bottom, top, color=drawn.get_color(), alpha=0.2, linewidth=0)
     ax.grid(alpha=0.3)
-    return ax
-
-
-@name_wrong_arguments
-def metric_boxes(groups: Mapping[str, AnyArray], metric: str, *, ax: "Axes | None" = None) -> "Axes":
-    """Draws one metric of several groups of maps as box plots: quartiles, whiskers to 1.5 times the box, outliers.
-
-    Args:
-      groups: by name, each a result's ``elites`` (vacant slots are ignored), a `Metrics` record, or a mapping from
-        names of metrics to numbers ``[N]``.
-      metric: its name.
-      ax: to draw on, for one metric.
-
-    Raises:
-      InputError: for no group, a group without that metric or without any map, or without matplotlib.
-    """
-    if not groups:
-        raise InputError("groups: expected at least one, got none")
-    samples = []
-    for name, group in groups.items():
-        valid = getattr(group, "valid", True)
-        record: AnyArray = getattr(group, "metrics", group)
-        values = record._asdict() if hasattr(record, "_asdict") else record
-        if not isinstance(values, Mapping):
-            raise InputError(f"groups: expected elites, metrics or a mapping in each, got {name!r} with {group!r}")
-        if metric not in values:
-            raise InputError(f"groups: expected {metric!r} in each, got {name!r} with {', '.join(values)}")
-        samples.append(np.asarray(values[metric])[valid].ravel().astype(float))
-        if not samples[-1].size:
-            raise InputError(f"groups: expected at least one map in each, got none in {name!r}")
-    ax = _axes(ax)
-    boxes = ax.boxplot(samples, widths=0.55, patch_artist=True, medianprops={"color": "black"})
-    for index, box in enumerate(boxes["boxes"]):
-        box.set(facecolor=f"C{index % 10}", alpha=0.55)
-    ax.set_xticks(range(1, len(samples) + 1), list(groups))
-    if sum(map(len, groups)) > _ROOM:
-        for written in ax.get_xticklabels():
-            written.set(rotation=30, ha="right")
-    ax.set_title(_in_words(metric))
-    ax.grid(axis="y", alpha=0.3)
     return ax
 
 

@@ -60,7 +60,7 @@ def run_environments():
 
 
 def run_methods():
-    _programs._FEW_CELLS = -1  # else so short a search is not optimised
+    _programs._MOST_CELLS = (-1, -1)  # else so short a search is not optimised
     found = {}
     for method, preset in (one for one in PRESETS if one[1] in ("tuned", "paper")):
         result = evolve(3, SHAPE, seeds=2, method=method, preset=preset, generations=12, progress=False)

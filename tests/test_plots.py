@@ -6,7 +6,6 @@ from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 
-import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -14,8 +13,8 @@ from conftest import grids
 from hypothesis import given, settings
 from oracle import measure as oracle
 
-from elitelanes_jax import Axis, InputError, Metrics, evolve, repair
-from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map, seed_band
+from elitelanes_jax import Axis, InputError, repair
+from elitelanes_jax.plots import archive_map, history, road_map, seed_band
 from elitelanes_jax.problem import niche_index, paper_axes
 from elitelanes_jax.search import History
 
@@ -199,33 +198,6 @@ def test_a_history_is_the_median_in_a_band():
     for quantiles in ((0.9, 0.1), (0, 0.5, 1), None, ("a", "b"), (0, 2), (float("nan"), 1)):
         with pytest.raises(InputError, match="quantiles: expected two"):
             seed_band(record.evaluations, best, quantiles=quantiles)
-
-
-def test_boxes_are_the_quartiles_of_each_group():
-    rng = np.random.default_rng(2)
-    groups = {"one": {"bridges": rng.integers(0, 9, 21)}, "other": {"bridges": rng.integers(5, 30, 13)}}
-    ax = metric_boxes(groups, "bridges")
-    assert [label.get_text() for label in ax.get_xticklabels()] == ["one", "other"]
-    for box, group in zip(ax.patches, groups.values(), strict=True):
-        heights = box.get_path().vertices[:, 1]
-        assert [heights.min(), heights.max()] == np.quantile(group["bridges"], [0.25, 0.75]).tolist()
-    record = Metrics(*[np.arange(5)] * len(Metrics._fields))
-    assert len(metric_boxes({"a": record}, "coverage", ax=ax).patches) == 3
-    result = evolve(jax.random.key(0), (5, 5), preset="paper", generations=9, progress=False)
-    counted = np.asarray(result.elites.metrics.cyclomatic)[np.asarray(result.elites.valid)]
-    assert 0 < len(counted) < result.elites.valid.size
-    (line,) = metric_boxes({"elites": result.elites}, "cyclomatic").lines[4:5]
-    assert line.get_ydata()[0] == np.median(counted)
-    long = metric_boxes({f"a long name {number}": {"turns": [1]} for number in range(8)}, "turns")
-    assert {label.get_rotation() for label in long.get_xticklabels()} == {30}
-    for wrong, message in (
-        ({"a": [1, 2]}, r"groups: expected elites, metrics or a mapping in each, got 'a' with \[1, 2\]"),
-        (groups, "groups: expected 'turns' in each, got 'one' with bridges"),
-        ({"none": {"turns": []}}, "at least one map in each, got none in 'none'"),
-        ({}, "groups: expected at least one, got none"),
-    ):
-        with pytest.raises(InputError, match=message):
-            metric_boxes(wrong, "turns")
 
 
 def test_without_matplotlib_the_message_says_what_to_install(monkeypatch):

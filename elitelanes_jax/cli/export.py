@@ -55,11 +55,6 @@ def _export(options: argparse.Namespace) -> int:
     settings = read_options(options, FormatOptions())
     with naming_options(FormatOptions()):
         settings.check_taken_by(options.to)
-    seen: set[str] = set()
-    for file in options.maps:
-        if os.path.realpath(file) in seen:
-            raise InputError(f"{file}: expected each map once, got it twice")
-        seen.add(os.path.realpath(file))
     target = FORMATS.get(options.to)
     if target:
         with naming_options(FormatOptions(), tile="--tile-size"):

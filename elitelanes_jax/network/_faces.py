@@ -28,10 +28,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Int, UInt
+from jaxtyping import Array, Bool, Int, Int8, UInt
 
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
-from elitelanes_jax.network.xla import PaddedLayout, batch_all
+from elitelanes_jax.network.xla import PaddedLayout
 
 # Sweeps before the costlier method for long corridors. Random grids need fewer: about 50 at 64 x 64.
 _PATIENCE = 60
@@ -63,9 +63,9 @@ class Faces(NamedTuple):
     south_bridge: Bool[Array, " size"]  # whether the link to the south is a bridge
 
 
-def find_faces(layout: PaddedLayout, links: Links) -> Faces:
+def find_faces(layout: PaddedLayout, padded: Int8[Array, " padded"], links: Links) -> Faces:
     """Finds the faces between the roads of one grid. The time hardly depends on their shape."""
-    labels = label_faces(layout, links)
+    labels = label_faces(layout, padded)
     corner = layout.here(labels)
     initial = layout.here(jnp.asarray(_initial_labels(layout)))
     return Faces(
@@ -75,12 +75,12 @@ def find_faces(layout: PaddedLayout, links: Links) -> Faces:
     )
 
 
-def label_faces(layout: PaddedLayout, links: Links) -> UInt[Array, " padded"]:
+def label_faces(layout: PaddedLayout, padded: Int8[Array, " padded"]) -> UInt[Array, " padded"]:
     """Labels the corners of one grid by their face: 0 for the outer face, another label for each inner face.
 
     Labels are less than the length of the padded vector.
     """
-    return _labeller(layout)(links.east, links.south)
+    return _labeller(layout)(padded)
 
 
 @cache
@@ -101,8 +101,8 @@ def _initial_labels(layout: PaddedLayout) -> np.ndarray:
 
 
 @cache
-def _labeller(layout: PaddedLayout) -> Callable[[Array, Array], UInt[Array, "... padded"]]:
-    """Makes the function from links, bool ``[..., size]``, to labels on the padded layout ``[..., padded]``.
+def _labeller(layout: PaddedLayout) -> Callable[[Array], UInt[Array, "... padded"]]:
+    """Makes the function from codes, int8 ``[..., padded]``, to labels on the same layout.
 
     A corner's label is the least initial label of its face. The function takes leading axes and is its own batching
     rule: the grids of a batch are laid end to end, as one long vector, and labelled together.
@@ -168,15 +168,18 @@ def _labeller(layout: PaddedLayout) -> Callable[[Array, Array], UInt[Array, "...
 
         return lax.while_loop(lambda carry: carry[1], once_more, (labels, changing))[0]
 
+    def wall(codes: Array, side: int, opposite: int, ahead: int) -> Array:
+        """Returns `closed` for each tile that is linked to the tile so many cells ahead, and 0 for others."""
+        here, there = codes[:-ahead] & side > 0, codes[ahead:] & opposite > 0
+        return jnp.pad(jnp.where(here & there, closed, initial.dtype.type(0)), (0, ahead))
+
     @jax.custom_batching.custom_vmap
-    def label(east: Array, south: Array) -> Array:
-        batch = east.shape[:-1]
+    def label(padded: Array) -> Array:
+        batch = padded.shape[:-1]
         if 0 in batch:
             return jnp.zeros((*batch, initial.size), initial.dtype)
-        ends = [(0, 0)] * len(batch) + [(stride, stride)]
-        walls = Links(
-            *(jnp.pad(jnp.where(link, closed, initial.dtype.type(0)), ends).reshape(-1) for link in (east, south))
-        )
+        codes = padded.reshape(-1)
+        walls = Links(wall(codes, EAST, WEST, 1), wall(codes, SOUTH, NORTH, stride))
         # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
         labels = jnp.broadcast_to(initial, (*batch, initial.size)).reshape(-1) | (walls.east & 0)
         labels, changing = propagate(labels, walls)
@@ -185,7 +188,7 @@ def _labeller(layout: PaddedLayout) -> Callable[[Array, Array], UInt[Array, "...
         return labels.reshape(*batch, initial.size)
 
     @label.def_vmap
-    def _(axis_size: int, batched: list[bool], east: Array, south: Array) -> tuple[Array, bool]:
-        return label(*batch_all(axis_size, batched, (east, south))), True
+    def _(axis_size: int, batched: list[bool], padded: Array) -> tuple[Array, bool]:
+        return label(padded), True
 
     return label

@@ -56,8 +56,12 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
     """
     if is_whole(count):
         check_named("count", whole(0), count)
-    bits, count = jnp.asarray(bits), jnp.asarray(count, jnp.uint32)
+    bits = jnp.asarray(bits)
     high, low = bits >> 16, bits & 0xFFFF
+    if isinstance(count, int | np.integer | np.ndarray) and np.max(count) < 2**16:
+        few = np.asarray(count).astype(np.uint32)  # the terms below without those that are 0
+        return (high * few + (low * few >> 16) >> 16).astype(jnp.int32)
+    count = jnp.asarray(count, jnp.uint32)
     count_high, count_low = count >> 16, count & 0xFFFF
     middle = high * count_low + (low * count_low >> 16)
     carry = (middle & 0xFFFF) + low * count_high

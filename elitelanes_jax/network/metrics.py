@@ -59,7 +59,7 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
     layout = PaddedLayout(*grid.shape)
     padded = layout.pad(grid)
     links = find_links(layout, padded)
-    faces = find_faces(layout, links)
+    faces = find_faces(layout, padded, links)
 
     # A guard cell has the column `width`.
     rows, columns = np.divmod(np.arange(layout.size), layout.stride)

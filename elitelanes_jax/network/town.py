@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Int, Int8, Int32
+from jaxtyping import Array, Bool, Int, Int8, Int32, UInt
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.network._faces import Links, label_faces
+from elitelanes_jax.network._faces import label_faces
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
 from elitelanes_jax.network.records import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
@@ -93,15 +93,17 @@ def _thousandths(part: Int[Array, ""], whole: Int[Array, ""]) -> Int32[Array, ""
     return result.astype(jnp.int32)
 
 
-def _lay_out(layout: PaddedLayout, cells: Bool[Array, "h w"]) -> Bool[Array, " size"]:
-    missing = [(0, side - length) for side, length in zip((layout.height, layout.stride), cells.shape, strict=True)]
-    return jnp.pad(cells, missing).reshape(-1)
+def _label_faces(layout: PaddedLayout, east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> UInt[Array, " padded"]:
+    """Labels the faces of a grid that has these links."""
+    west, north = jnp.pad(east, ((0, 0), (1, 0))) * WEST, jnp.pad(south, ((1, 0), (0, 0))) * NORTH
+    codes = jnp.pad(east, ((0, 0), (0, 1))) * EAST | jnp.pad(south, ((0, 1), (0, 0))) * SOUTH | west | north
+    return label_faces(layout, layout.pad(codes.astype(jnp.int8)))
 
 
 def _block_areas(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
     """Returns the area of each inner face, 0 for labels without a face, and the number of inner faces."""
     layout = PaddedLayout(east.shape[0], south.shape[1])
-    labels = label_faces(layout, Links(_lay_out(layout, east), _lay_out(layout, south)))
+    labels = _label_faces(layout, east, south)
     areas = jnp.zeros(labels.size, jnp.int32).at[labels].add(1)[1:]  # without the outer face
     return areas, _count(areas > 0)
 
@@ -115,9 +117,9 @@ def _street_lengths(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tupl
     # Tiles that a road passes through are the corners of a larger grid, with walls where no road continues. A street is
     # a face of this grid.
     layout = PaddedLayout(height + 1, width + 1)
-    across = jnp.pad(~(south & passed[:-1] & passed[1:]), ((1, 1), (0, 1)), constant_values=True)
-    upright = jnp.pad(~(east & passed[:, :-1] & passed[:, 1:]), ((0, 1), (1, 1)), constant_values=True)
-    labels = label_faces(layout, Links(_lay_out(layout, across), _lay_out(layout, upright)))
+    across = jnp.pad(~(south & passed[:-1] & passed[1:]), ((1, 1), (0, 0)), constant_values=True)
+    upright = jnp.pad(~(east & passed[:, :-1] & passed[:, 1:]), ((0, 0), (1, 1)), constant_values=True)
+    labels = _label_faces(layout, across, upright)
     street = layout.unpad(layout.here(labels))[:height, :width]
     # Half of each link is counted at either end, in the street of the tile there. A link between two tiles that no road
     # passes through is a street of its own.

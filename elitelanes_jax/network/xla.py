@@ -34,15 +34,24 @@ def materialize(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     """Returns an array of numbers unchanged, and makes XLA compute it once and store it.
 
     Otherwise XLA on a CPU computes a value again for each of its uses, and in a shift for each tile. The input of a
-    loop is stored. This loop has no round (or one that changes nothing), which XLA cannot know.
+    loop is stored. This loop has no round (or one that changes nothing), which XLA cannot know. The loop reads and
+    writes one number, so that it hardly adds to the program.
     """
+    info = jnp.finfo if jnp.issubdtype(array.dtype, jnp.floating) else jnp.iinfo
+    most = np.array(info(array.dtype).max, array.dtype)
+
+    def first(array: Array) -> Array:
+        return lax.slice(array, (0,) * array.ndim, (1,) * array.ndim)
 
     def body(carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        return jnp.array(False), jnp.where(carry[0], carry[1], 0)
+        done, array = carry
+        new = lax.select(lax.broadcast(done, (1,) * array.ndim), np.full((1,) * array.ndim, most), first(array))
+        return jnp.array(True), lax.dynamic_update_slice(array, new, (0,) * array.ndim)
 
-    info = jnp.finfo if jnp.issubdtype(array.dtype, jnp.floating) else jnp.iinfo
-    never = array.reshape(-1)[0] == np.array(info(array.dtype).max, array.dtype)
-    return lax.while_loop(lambda carry: carry[0], body, (never, array))[1]
+    def again(carry: tuple[Array, Array]) -> Array:
+        return ~carry[0] & (first(carry[1]).reshape(()) == most)
+
+    return lax.while_loop(again, body, (jnp.array(False), array))[1]
 
 
 @materialize.def_vmap

@@ -5,16 +5,15 @@ outlines and their sums are the cycle space of the lattice. Other moves copy a b
 or to another one, rotated or mirrored, from the grid itself or from a mate.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.checks import check_named, function_of, none_or, real, whole
@@ -243,29 +242,58 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     return Move(move.bits + 1, apply)
 
 
-_Sides = tuple[Int32[Array, ""], Int32[Array, ""], Int32[Array, ""], Int32[Array, ""]]
-
-
 class _Change(NamedTuple):
-    """The change that a move makes, as numbers, so that a move is drawn before any tile is computed."""
+    """The change that a move makes, as whole numbers, so that a move is drawn before any tile is computed."""
 
-    sides: _Sides  # north, south, west and east of a rectangle of tiles, all included
-    # Whether the links along its outline are toggled (along a rectangle one tile wide, the links in it). Otherwise
-    # its tiles are written.
-    toggles: Bool[Array, ""]
-    code: Int32[Array, ""]  # the code that is written; _COPIED for tiles that are copied, _REFITTED for a window
-    rows: Int32[Array, " H"]  # rows + columns is the index of the tile that each tile is copied from
-    columns: Int32[Array, " W"]
-    flipped: Bool[Array, ""]  # whether copied tiles are mirrored north to south
-    mirrored: Bool[Array, ""]  # whether they are mirrored east to west
-    transposed: Bool[Array, ""]  # whether rows and columns of the source are exchanged first
-    from_mate: Bool[Array, ""]  # whether they come from the mate
+    first: Int32[Array, " 2"]  # the northernmost row and the westernmost column of a rectangle of tiles
+    last: Int32[Array, " 2"]  # the southernmost row and the easternmost column, both included
+    # The code that is written into the rectangle. _TOGGLED: the links along its outline are toggled (along a rectangle
+    # one tile wide, the links in it). _COPIED: tiles are copied. _REFITTED: the tiles of a window.
+    code: Int[ArrayLike, ""]
+    how: Int[ArrayLike, ""] = 0  # how tiles are copied: a sum of the constants below
+    # The row and the column that a tile is copied from are these numbers plus its own row and column, or minus them in
+    # a mirrored copy.
+    offset: Int32[Array | np.ndarray, " 2"] = np.zeros(2, np.int32)
 
 
-# From random bits, uint32 [7], and the grid's shape.
-_Plan = Callable[[Array, tuple[int, ...]], _Change]
+_COPIED, _REFITTED, _TOGGLED = -1, -2, -3
+# Copies are mirrored north to south, or east to west; rows and columns of the source are exchanged first; the source is
+# the mate; what leaves the rectangle on one side enters it on the other.
+_FLIPPED, _MIRRORED, _TRANSPOSED, _FROM_MATE, _ROTATED = 1, 2, 4, 8, 16
 
-_COPIED, _REFITTED = -1, -2
+
+class _Draws:
+    """What the plans draw from random bits, uint32 [7], on a grid of a shape. Plans share what is drawn once."""
+
+    def __init__(self, bits: UInt32[Array, " 7"], shape: tuple[int, ...]):
+        self.bits, self.shape = bits, np.array(shape, np.int32)
+
+    @cached_property
+    def block(self) -> tuple[Int32[Array, " 2"], Int32[Array, " 2"]]:
+        """The first and the last row and column of a block: two rows and two columns, independent, in order.
+
+        With probability 1/8 a side is at the grid's edge instead, so that half a network, rotated or mirrored,
+        completes another half.
+        """
+        ends = randint(self.bits[:4].reshape(2, 2), self.shape[:, None])
+        edge = self.bits[:4].reshape(2, 2) & 7 == 0
+        return (
+            jnp.where(edge[:, 0], 0, jnp.minimum(ends[:, 0], ends[:, 1])),
+            jnp.where(edge[:, 1], self.shape - 1, jnp.maximum(ends[:, 0], ends[:, 1])),
+        )
+
+    @cached_property
+    def stretch(self) -> tuple[Bool[Array, ""], Int32[Array, " 2"], Int32[Array, " 2"]]:
+        """Whether a stretch runs east, and its first and last row and column."""
+        height, width = self.shape
+        east = self.bits[0] & 1 == 0
+        line = randint(self.bits[1], jnp.where(east, height, width))
+        ends = randint(self.bits[2:4], jnp.where(east, width, height))
+        across = _either(east)
+        return east, *(jnp.where(across, line, end(*ends)) for end in (jnp.minimum, jnp.maximum))
+
+
+_Plan = Callable[[_Draws], _Change]
 
 # The longest side of a refitted window.
 _WINDOW = 3
@@ -300,21 +328,34 @@ def _move(
         return varied
 
     def apply_plan(bits: Array, grid: Array, mate: Array, drawn: Array) -> Variation:
-        plans, changes = zip(*(ravel_pytree(plan(bits[1:_BITS], grid.shape)) for plan in weights), strict=True)
-        # A sum, because XLA computes it once per grid. It computes a choice again for every tile, three times as slow.
-        plan = jnp.where((np.arange(len(weights)) == drawn)[:, None], jnp.stack(plans), 0).sum(axis=0, dtype=jnp.int32)
-        change = changes[0](plan)
-        window = _refit(bits[3], change.sides, grid, empty=empty) if _plan_refit in weights else None
+        draws = _Draws(bits[1:_BITS], grid.shape)
+        change = _one_of(drawn, [plan(draws) for plan in weights])
+        window = _refit(bits[3], change, grid, empty=empty) if _plan_refit in weights else None
         return _apply(change, grid, mate, window)
 
     return Move(_BITS + max((move.bits for _, move in others.values()), default=0), apply)
+
+
+def _one_of(drawn: Int32[Array, ""], changes: Sequence[_Change]) -> _Change:
+    """Returns the change with an index."""
+    drawn = jnp.minimum(drawn, len(changes) - 1)
+    first, last, code, how, offset = (
+        jax.lax.select_n(drawn, *(jnp.asarray(value, jnp.int32) for value in values))
+        for values in zip(*changes, strict=True)
+    )
+    # One array that is stored, because XLA would compute the numbers again for every tile. Joining them instead would
+    # make XLA compile the plans once for each.
+    part = np.arange(4)[:, None]
+    both = jnp.where(np.array([True, False]), code, how)
+    numbers = materialize(jnp.where(part == 0, first, jnp.where(part == 1, last, jnp.where(part == 2, offset, both))))
+    return _Change(numbers[0], numbers[1], numbers[3, 0], numbers[3, 1], numbers[2])
 
 
 def _apply(
     change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"], window: Int8[Array, "H W"] | None
 ) -> Variation:
     rows, columns = _row_and_column_indices(grid.shape)
-    north, south, west, east = change.sides
+    (north, west), (south, east) = change.first, change.last
     inside = (rows >= north) & (rows <= south) & (columns >= west) & (columns <= east)
     along = inside & ((rows == north) | (rows == south))
     upright = inside & ((columns == west) | (columns == east))
@@ -323,24 +364,39 @@ def _apply(
     written = jnp.where(change.code < 0, _copy(change, grid, mate), change.code)
     if window is not None:
         written = jnp.where(change.code == _REFITTED, window, written)
-    varied = jnp.where(change.toggles, grid ^ links, jnp.where(inside, written, grid))
-    return materialize_variation(Variation(varied, jnp.where(change.toggles, links != 0, inside)))
+    toggled = change.code == _TOGGLED
+    varied = jnp.where(toggled, grid ^ links, jnp.where(inside, written, grid))
+    return materialize_variation(Variation(varied, jnp.where(toggled, links != 0, inside)))
 
 
 def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
-    source = materialize(jnp.where(change.from_mate, mate, grid).reshape(-1))
-    tiles = materialize(lookup(source, change.rows[:, None] + change.columns))
-    tiles = jnp.where(change.transposed, transpose_codes(tiles), tiles)
-    tiles = jnp.where(change.mirrored, exchange_sides(tiles, EAST, WEST), tiles)
-    return jnp.where(change.flipped, exchange_sides(tiles, NORTH, SOUTH), tiles)
+    flipped, mirrored, transposed, from_mate, rotated = (
+        change.how & flag > 0 for flag in (_FLIPPED, _MIRRORED, _TRANSPOSED, _FROM_MATE, _ROTATED)
+    )
+
+    def sources(axis: int, back: Array) -> Array:
+        """Returns the row that each row is copied from, or the column that each column is copied from."""
+        own = np.arange(grid.shape[axis], dtype=np.int32)
+        first, last = change.first[axis], change.last[axis]
+        step = change.offset[axis] + jnp.where(back, -own, own)
+        step = jnp.where(rotated & (step < first), last, jnp.where(rotated & (step > last), first, step))
+        return jnp.clip(step, 0, len(own) - 1)  # those beyond the grid are not in the rectangle
+
+    rows, columns, width = sources(0, flipped), sources(1, mirrored), grid.shape[1]
+    indices = rows[:, None] * jnp.where(transposed, 1, width) + columns * jnp.where(transposed, width, 1)
+    source = materialize(jnp.where(from_mate, mate, grid).reshape(-1))
+    tiles = materialize(lookup(source, indices))
+    tiles = jnp.where(transposed, transpose_codes(tiles), tiles)
+    tiles = jnp.where(mirrored, exchange_sides(tiles, EAST, WEST), tiles)
+    return jnp.where(flipped, exchange_sides(tiles, NORTH, SOUTH), tiles)
 
 
-def _refit(bits: UInt32[Array, ""], sides: _Sides, grid: Int8[Array, "H W"], *, empty: bool) -> Int8[Array, "H W"]:
+def _refit(bits: UInt32[Array, ""], change: _Change, grid: Int8[Array, "H W"], *, empty: bool) -> Int8[Array, "H W"]:
     """Draws another valid window for the rectangle between four sides. Tiles outside it have no meaning."""
     height, width = (min(side, _WINDOW) for side in grid.shape)
     windows = valid_windows(height, width, empty=empty)
     all_first, all_rows = jnp.asarray(windows.first), jnp.asarray(windows.rows)
-    north, _, west, _ = sides
+    north, west = change.first
     tiles = jax.lax.dynamic_slice(grid, (north, west), (height, width)).astype(jnp.int32)
     borders = tiles[0] & NORTH, tiles[-1] & SOUTH, tiles[:, 0] & WEST, tiles[:, -1] & EAST
     border = ((jnp.concatenate(borders) > 0) << np.arange(2 * (height + width))).sum()
@@ -354,154 +410,92 @@ def _refit(bits: UInt32[Array, ""], sides: _Sides, grid: Int8[Array, "H W"], *, 
     return (row >> 4 * jnp.clip(columns - west, 0, width - 1) & 15).astype(jnp.int8)
 
 
-def _toggle(sides: _Sides, shape: tuple[int, ...]) -> _Change:
-    return _write(sides, jnp.int32(0), shape)._replace(toggles=jnp.asarray(True))
-
-
-def _write(sides: _Sides, code: Int32[Array, ""], shape: tuple[int, ...]) -> _Change:
-    rows, columns = (jnp.arange(side, dtype=jnp.int32) for side in shape)
-    no = jnp.asarray(False)
-    return _Change(sides, no, code, rows, columns, no, no, no, no)
-
-
-def _copy_from(
-    sides: _Sides, rows: Array, columns: Array, shape: tuple[int, ...], transposed: Bool[ArrayLike, ""] = False
-) -> _Change:
-    down, right = jnp.where(transposed, 1, shape[1]), jnp.where(transposed, shape[1], 1)
-    change = _write(sides, jnp.int32(_COPIED), shape)
-    return change._replace(rows=rows * down, columns=columns * right, transposed=jnp.asarray(transposed))
-
-
-def _plan_link(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    height, width = shape
+def _plan_link(draws: _Draws) -> _Change:
+    height, width = draws.shape
     across = height * (width - 1)
-    drawn = randint(bits[0], across + (height - 1) * width)
+    drawn = randint(draws.bits[0], across + (height - 1) * width)
     east = drawn < across
     index = jnp.where(east, drawn, drawn - across)
     length = jnp.where(east, width - 1, width)
-    row, column = index // length, index % length
-    return _toggle((row, row + ~east, column, column + east), shape)
+    row = jax.lax.div(index, length)
+    first = jnp.stack([row, index - row * length])
+    return _Change(first, first + ~_either(east), _TOGGLED)
 
 
-def _plan_corner(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    north, west = randint(bits[0], shape[0] - 1), randint(bits[1], shape[1] - 1)
-    return _toggle((north, north + 1, west, west + 1), shape)
+def _plan_corner(draws: _Draws) -> _Change:
+    first = randint(draws.bits[:2], draws.shape - 1)
+    return _Change(first, first + 1, _TOGGLED)
 
 
-def _plan_outline(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    height, width = shape
-    down, across = 1 + randint(bits[0], height - 1), 1 + randint(bits[1], width - 1)
-    north, west = randint(bits[2], height - down), randint(bits[3], width - across)
-    return _toggle((north, north + down, west, west + across), shape)
+def _plan_outline(draws: _Draws) -> _Change:
+    span = 1 + randint(draws.bits[:2], draws.shape - 1)
+    first = randint(draws.bits[2:4], draws.shape - span)
+    return _Change(first, first + span, _TOGGLED)
 
 
-def _plan_street(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    return _toggle(_stretch(bits, shape)[1], shape)
+def _plan_street(draws: _Draws) -> _Change:
+    return _Change(*draws.stretch[1:], _TOGGLED)
 
 
-def _plan_straight(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    east, sides = _stretch(bits, shape)
-    return _write(sides, jnp.where(east, EAST | WEST, NORTH | SOUTH), shape)
+def _plan_straight(draws: _Draws) -> _Change:
+    east, first, last = draws.stretch
+    return _Change(first, last, jnp.where(east, EAST | WEST, NORTH | SOUTH))
 
 
-def _plan_clearing(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    return _write(_block(bits, shape), jnp.int32(0), shape)
+def _plan_clearing(draws: _Draws) -> _Change:
+    return _Change(*draws.block, 0)
 
 
-def _plan_mirroring(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    sides = _block(bits, shape)
-    across = bits[4] & 1 == 0
-    rows, columns = (np.arange(side, dtype=np.int32) for side in shape)
-    north, south, west, east = sides
-    change = _copy_from(
-        sides,
-        jnp.where(across, rows, jnp.clip(north + south - rows, 0, shape[0] - 1)),
-        jnp.where(across, jnp.clip(west + east - columns, 0, shape[1] - 1), columns),
-        shape,
-    )
-    return change._replace(flipped=~across, mirrored=across)
-
-
-def _plan_slide(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    by_rows, back = bits[4] & 1 == 0, bits[4] & 2 == 0
-    north, south, west, east = _block(bits, shape)
-
-    def sources(length: int, first: Array, last: Array) -> Array:
-        step = np.arange(length, dtype=np.int32) + jnp.where(back, -1, 1)
-        return jnp.clip(jnp.where(step < first, last, jnp.where(step > last, first, step)), 0, length - 1)
-
-    rows, columns = (np.arange(side, dtype=np.int32) for side in shape)
-    ends = (north, south, jnp.int32(0), jnp.int32(shape[1] - 1)), (jnp.int32(0), jnp.int32(shape[0] - 1), west, east)
-    north, south, west, east = (jnp.where(by_rows, one, other) for one, other in zip(*ends, strict=True))
-    return _copy_from(
-        (north, south, west, east),
-        jnp.where(by_rows, sources(shape[0], north, south), rows),
-        jnp.where(by_rows, columns, sources(shape[1], west, east)),
-        shape,
+def _plan_mirroring(draws: _Draws) -> _Change:
+    first, last = draws.block
+    across = draws.bits[4] & 1 == 0
+    return _Change(
+        first, last, _COPIED, jnp.where(across, _MIRRORED, _FLIPPED), jnp.where(_either(across), 0, first + last)
     )
 
 
-def _plan_transplant(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    return _plan_mate_block(bits, shape, jnp.int32(0), jnp.int32(0))
-
-
-def _plan_displaced_transplant(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    north, south, west, east = _block(bits, shape)
-    same_columns = bits[4] & 8 == 0
-    down = randint(bits[5], shape[0] - (south - north)) - north
-    right = randint(bits[6], shape[1] - (east - west)) - west
-    return _plan_mate_block(bits, shape, jnp.where(same_columns, down, 0), jnp.where(same_columns, 0, right))
-
-
-def _plan_refit(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
-    height, width = (min(side, _WINDOW) for side in shape)
-    north, west = randint(bits[0], shape[0] - height + 1), randint(bits[1], shape[1] - width + 1)
-    return _write((north, north + height - 1, west, west + width - 1), jnp.int32(_REFITTED), shape)
-
-
-def _plan_mate_block(bits: UInt32[Array, " 7"], shape: tuple[int, ...], down: Array, right: Array) -> _Change:
-    """Plans to copy a block from the mate, transformed, from `down` rows below and `right` columns to the right."""
-    height, width = shape
-    mirrored, flipped = bits[4] & 1 != 0, bits[4] & 2 != 0
-    transposed = (bits[4] & 4 != 0) & (height == width)
-    rows = jnp.clip(np.arange(height, dtype=np.int32) + down, 0, height - 1)
-    columns = jnp.clip(np.arange(width, dtype=np.int32) + right, 0, width - 1)
-    change = _copy_from(
-        _block(bits, shape),
-        jnp.where(flipped, height - 1 - rows, rows),
-        jnp.where(mirrored, width - 1 - columns, columns),
-        shape,
-        transposed,
+def _plan_slide(draws: _Draws) -> _Change:
+    first, last = draws.block
+    slides, step = _either(draws.bits[4] & 1 == 0), jnp.where(draws.bits[4] & 2 == 0, -1, 1)
+    return _Change(
+        jnp.where(slides, first, 0),
+        jnp.where(slides, last, draws.shape - 1),
+        _COPIED,
+        _ROTATED,
+        jnp.where(slides, step, 0),
     )
-    return change._replace(flipped=flipped, mirrored=mirrored, from_mate=jnp.asarray(True))
+
+
+def _plan_transplant(draws: _Draws) -> _Change:
+    return _plan_mate_block(draws, np.zeros(2, np.int32))
+
+
+def _plan_displaced_transplant(draws: _Draws) -> _Change:
+    first, last = draws.block
+    offset = randint(draws.bits[5:7], draws.shape - (last - first)) - first
+    return _plan_mate_block(draws, jnp.where(_either(draws.bits[4] & 8 == 0), offset, 0))
+
+
+def _plan_refit(draws: _Draws) -> _Change:
+    size = np.minimum(draws.shape, _WINDOW)
+    first = randint(draws.bits[:2], draws.shape - size + 1)
+    return _Change(first, first + size - 1, _REFITTED)
+
+
+def _plan_mate_block(draws: _Draws, offset: Int[ArrayLike, " 2"]) -> _Change:
+    """Plans to copy a block from the mate, transformed, from `offset` rows below and columns to the right."""
+    height, width = draws.shape
+    drawn = (draws.bits[4] & (7 if height == width else 3)).astype(jnp.int32)
+    mirrored, flipped, transposed = (drawn & bit > 0 for bit in (1, 2, 4))
+    how = _FROM_MATE + mirrored * _MIRRORED + flipped * _FLIPPED + transposed * _TRANSPOSED
+    backwards = jnp.stack([flipped, mirrored])
+    return _Change(*draws.block, _COPIED, how, jnp.where(backwards, draws.shape - 1 - offset, offset))
+
+
+def _either(rows: Bool[Array, ""]) -> Bool[Array, " 2"]:
+    """Returns a flag for rows and its opposite for columns."""
+    return np.array([True, False]) == rows
 
 
 def _row_and_column_indices(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(shape[0])[:, None], np.arange(shape[1])[None]
-
-
-def _block(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Sides:
-    """Draws the north, south, west and east side of a block: two rows and two columns, independent, in order.
-
-    With probability 1/8 a side is at the grid's edge instead, so that half a network, rotated or mirrored, completes
-    another half.
-    """
-    one, other = randint(bits[:2], shape[0]), randint(bits[2:4], shape[1])
-    north, south, west, east = bits[:4] & 7 == 0
-    return (
-        jnp.where(north, 0, one.min()),
-        jnp.where(south, shape[0] - 1, one.max()),
-        jnp.where(west, 0, other.min()),
-        jnp.where(east, shape[1] - 1, other.max()),
-    )
-
-
-def _stretch(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> tuple[Bool[Array, ""], _Sides]:
-    """Draws whether a stretch runs east, and its sides."""
-    height, width = shape
-    east = bits[0] & 1 == 0
-    line = randint(bits[1], jnp.where(east, height, width))
-    ends = randint(bits[2:4], jnp.where(east, width, height))
-    low, high = ends.min(), ends.max()
-    sides = (jnp.where(east, line, low), jnp.where(east, line, high))
-    return east, (*sides, jnp.where(east, low, line), jnp.where(east, high, line))

@@ -51,9 +51,10 @@ class StripTables(NamedTuple):
     # [25 * 64 * 64 + 1], the index of the first column with a state east and a state west of it.
     first: Int32[np.ndarray, " F"]
     columns: Int32[np.ndarray, " N"]  # the columns: four bits a tile, the northernmost tile lowest
-    forth: UInt32[np.ndarray, "125 2"]  # the states that fit what a column shows to the east; 5^line a tile
-    back: UInt32[np.ndarray, "125 2"]  # the states that fit what a column shows to the west
-    alike: UInt32[np.ndarray, "125 2"]  # the states with the same links as a column shows
+    shown: Int32[np.ndarray, " 4096"]  # what any column shows to the east, 5^line a tile
+    forth: UInt32[np.ndarray, "125 2"]  # the states that fit what a column shows to the east
+    alike: UInt32[np.ndarray, "125 2"]  # the states with the same links as a column shows to the east
+    back: UInt32[np.ndarray, "4096 2"]  # the states west of any column that fit it
 
 
 @cache
@@ -81,7 +82,19 @@ def strip_tables(*, empty: bool) -> StripTables:
     east, west, both = (_packed(states.reshape(-1, _STATES)) for states in (before, after, leads))
     listed = packed[np.nonzero(fits)[-1]].astype(np.int32)
     alike = _packed(np.array([_states(_FORTH | _BACK, show) for show in shows]))
-    return StripTables(east, west, both, first.astype(np.int32), listed, _packed(forth), _packed(back), alike)
+    tiles = np.arange(16**LINES)[:, None] >> 4 * np.arange(LINES) & 15
+    shown, border = ((side[tiles] * _SHOWN ** np.arange(LINES)).sum(axis=1) for side in (_EAST, _WEST))
+    return StripTables(
+        east,
+        west,
+        both,
+        first.astype(np.int32),
+        listed,
+        shown.astype(np.int32),
+        _packed(forth),
+        alike,
+        _packed(back)[border],
+    )
 
 
 def _states(labels: Int[np.ndarray, " 5"], shown: Int[np.ndarray, " 3"]) -> Bool[np.ndarray, " 64"]:
@@ -117,7 +130,10 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
         upright = bits[0] & 1 > 0  # three columns
         first = randint(bits[1], jnp.where(upright, width, height) - LINES + 1)
         length = jnp.where(upright, height, width)
-        ends = jnp.where(bernoulli(bits[0], whole), jnp.stack([length * 0, length - 1]), randint(bits[2:4], length))
+        one, other = randint(bits[2:4], length)
+        all_of_it = bernoulli(bits[0], whole)
+        start = jnp.where(all_of_it, 0, jnp.minimum(one, other))
+        end = jnp.where(all_of_it, length - 1, jnp.maximum(one, other))
         rows, columns = np.arange(height)[:, None], np.arange(width)[None]
         line, along = jnp.where(upright, columns, rows) - first, jnp.where(upright, rows, columns)
 
@@ -129,10 +145,10 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
         stride = side + 2
         tiles = lookup(padded, jnp.where(upright, steps * stride + lines, lines * stride + steps))
         tiles = materialize(jnp.where(upright, transpose_codes(tiles), tiles))
-        other = bits[0] >> 1 & 7 > 0
-        begin, strip = _refitted(bits[4], tiles, ends.min(), ends.max(), other, straight, empty=empty)
+        differs = bits[0] >> 1 & 7 > 0
+        begin, strip = _refitted(bits[4], tiles, start, end, differs, straight, empty=empty)
         strip = materialize(strip)
-        inside = (line >= 0) & (line < LINES) & (along >= begin) & (along <= ends.max())
+        inside = (line >= 0) & (line < LINES) & (along >= begin) & (along <= end)
         new = lookup(strip, jnp.broadcast_to(along, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1) & 15
         new = jnp.where(upright, transpose_codes(new), new)
         return Variation(jnp.where(inside, new, grid).astype(jnp.int8), inside)
@@ -145,51 +161,50 @@ def _refitted(
     tiles: Int32[Array, "5 N"],
     west: Int32[Array, ""],
     east: Int32[Array, ""],
-    other: Bool[Array, ""],
+    differs: Bool[Array, ""],
     straight: Real[ArrayLike, ""],
     *,
     empty: bool,
 ) -> tuple[Int32[Array, ""], Int32[Array, " N"]]:
     """Draws a valid filling of the columns `west` to `east` of a strip, whose tiles include the lines above and below.
 
-    If `other`, `west` moves to the west until a column can show something else to the east, and the filling differs
+    If `differs`, `west` moves to the west until a column can show something else to the east, and the filling differs
     from the present one.
 
     Returns `west`, and columns as in `StripTables`; the same as before if there is no filling.
     """
     tables = jax.tree.map(jnp.asarray, strip_tables(empty=empty))
     length = tiles.shape[1]
-    fives, fours = _SHOWN ** np.arange(LINES), 16 ** np.arange(LINES)
     around = jnp.asarray(_SOUTH)[tiles[0]] * _SHOWN + jnp.asarray(_NORTH)[tiles[-1]]
-    strip = tiles[1:-1]
-    border, shown = ((jnp.asarray(side)[strip] * fives[:, None]).sum(axis=0) for side in (_WEST, _EAST))
-    old = (strip * fours[:, None]).sum(axis=0)
-    beside = tables.back[jnp.append(border[1:], 0)]
+    old = tiles[1] | tiles[2] << 4 | tiles[3] << 8
+    # One number for each column, so that the loops take few arrays.
+    columns = jnp.stack([np.arange(length, dtype=np.int32), around, old], axis=1)
 
-    def back(states: Array, column: tuple[Array, ...]) -> tuple[Array, Array]:
-        index, around, beside = column
-        states = jnp.where(index == east, beside, states)
+    def back(carry: tuple[Array, Array], column: Array) -> tuple[tuple[Array, Array], Array]:
+        states, eastern = carry
+        index, around, old = column
+        states = jnp.where(index == east, tables.back[eastern], states)
         eights = (states[:, None] >> np.arange(0, 32, 8, dtype=np.uint32) & 255).reshape(-1).astype(jnp.int32)
         sets = tables.before[(around * 8 + np.arange(8)) * 256 + eights]
-        return jax.lax.reduce(sets, np.uint32(0), jax.lax.bitwise_or, (0,)), states
+        return (jax.lax.reduce(sets, np.uint32(0), jax.lax.bitwise_or, (0,)), old), states
 
-    columns = jnp.arange(length)
-    _, ahead = jax.lax.scan(back, jnp.zeros(2, jnp.uint32), (columns, around, beside), reverse=True)
+    _, ahead = jax.lax.scan(back, (jnp.zeros(2, jnp.uint32), jnp.int32(0)), columns, reverse=True)
 
+    shown = tables.shown[old]
     present = tables.forth[shown]
     others = tables.after[around * 125 + jnp.append(0, shown[:-1])] & ahead & ~present
-    free = other & (others != 0).any(axis=1) & (columns <= east)
-    last = jnp.where(free, columns, -1).max()  # of the columns with which the filling can begin to differ
+    free = differs & _any(others) & (columns[:, 0] <= east)
+    last = jnp.where(free, columns[:, 0], -1).max()  # of the columns with which the filling can begin to differ
     west = jnp.where(last < 0, west, jnp.minimum(west, last))
 
-    def forth(carry: tuple[Array, Array, Array], column: tuple[Array, ...]) -> tuple[tuple[Array, Array, Array], Array]:
+    def forth(carry: tuple[Array, Array, Array], column: tuple[Array, Array]) -> tuple[tuple[Array, ...], Array]:
         shown, fits, same = carry
-        index, around, ahead, old, present = column
+        (index, around, old), ahead = column
         draws = _hash(bits + (index * 8 + np.arange(8)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
         possible = tables.after[around * 125 + shown] & ahead
-        possible &= ~jnp.where(same & (index == last), present, 0)
+        possible &= ~jnp.where(same & (index == last), tables.forth[tables.shown[old]], 0)
         again = possible & tables.alike[shown]
-        again = jnp.where((again != 0).any() & bernoulli(draws[7], straight), again, possible)
+        again = jnp.where(_any(again) & bernoulli(draws[7], straight), again, possible)
         behind = _draw_state(draws[:3], again)
         pair = around * _STATES + behind
         ahead_of = _draw_state(draws[3:6], tables.between[pair] & tables.forth[shown])
@@ -197,21 +212,25 @@ def _refitted(
         first, count = tables.first[slot], tables.first[slot + 1] - tables.first[slot]
         drawn = tables.columns[first + randint(draws[6], jnp.maximum(count, 1))]
         inside = (index >= west) & (index <= east)
-        fits &= ~inside | ((possible != 0).any() & (count > 0))
+        fits &= ~inside | (_any(possible) & (count > 0))
         new = jnp.where(inside, drawn, old)
-        tiles = new >> 4 * np.arange(LINES) & 15
-        return ((jnp.asarray(_EAST)[tiles] * fives).sum(), fits, same & (new == old)), new
+        return (tables.shown[new], fits, same & (new == old)), new
 
     yes = jnp.asarray(True)
-    (_, fits, _), new = jax.lax.scan(forth, (jnp.int32(0), yes, yes), (columns, around, ahead, old, present))
+    (_, fits, _), new = jax.lax.scan(forth, (jnp.int32(0), yes, yes), (columns, ahead))
     return west, jnp.where(fits, new, old)
+
+
+def _any(states: UInt32[Array, "*N 2"]) -> Bool[Array, "*N"]:
+    """Returns whether a set has a state."""
+    return (states[..., 0] | states[..., 1]) != 0
 
 
 def _draw_state(bits: UInt32[Array, " 3"], states: UInt32[Array, " 2"]) -> Int32[Array, ""]:
     """Draws a state of a set, about evenly."""
     for mask in (bits[:2], bits[1] ^ bits[:2] << 7):
         fewer = states & mask
-        states = jnp.where((fewer != 0).any(), fewer, states)
+        states = jnp.where(_any(fewer), fewer, states)
     second = (states[1] != 0) & ((states[0] == 0) | (bits[2] & 32 > 0))
     word, turn = jnp.where(second, states[1], states[0]), bits[2] & 31
     turned = word >> turn | word << (32 - turn & 31)

@@ -1,6 +1,9 @@
 """The programs of a search: compiled once in a process, and kept on disk for later ones."""
 
-from collections.abc import Callable, Sequence
+import gc
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property, lru_cache, partial
 from typing import NamedTuple, TypeAlias
 
@@ -24,6 +27,7 @@ from elitelanes_jax.problem.kernels import Fitness, Kernel
 from elitelanes_jax.problem.problem import Problem, road_problem
 from elitelanes_jax.search._devices import part_rows
 from elitelanes_jax.search._executables import (
+    LEVELS,
     Executable,
     Kept,
     compile_and_serialise,
@@ -45,12 +49,25 @@ States: TypeAlias = tuple[Array | np.ndarray, ...]
 MOST = 256
 """The largest number of generations of one call."""
 
-# Parts of programs' names. A program that advances the seeds of a device also has the device in its name.
-_ADVANCE, _UNOPTIMISED = "advance", "unoptimised"
+# The start of the names of the programs that advance the seeds of a device.
+_ADVANCE = "advance"
 
-# Optimising takes 8 more seconds of processor time, on several cores at once. An unoptimised program loses 0.6 s per
-# million evaluated cells. So optimising pays beyond 13 million on one core, and beyond 6 million on two.
-_FEW_CELLS = 8_000_000
+# The most cells that searches evaluate with a program of level 0 and of level 1, see `compile_program`. For 12 x 12
+# tiles, compiling for level 1 and 2 takes 1.6 s and 4.1 s more of processor time than for level 0. In exchange, each
+# million cells take 0.6 s to 1 s less, and at level 2 another 0.02 s to 0.04 s less.
+_MOST_CELLS = (1_500_000, 64_000_000)
+
+
+@contextmanager
+def _without_collecting() -> Iterator[None]:
+    """Pauses Python's garbage collector. Tracing makes many lasting objects; looking through them takes a tenth."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 class Traced(NamedTuple):
@@ -158,9 +175,9 @@ class Programs:
     def prepare(self, *, starts: bool, generations: int, runs: bool = True, compiles: bool = True) -> None:
         """Loads the programs for a run of some generations, and compiles the missing ones, side by side.
 
-        The programs that start and collect run once and are not optimised. The program that advances is optimised when
-        the searches in this process have evaluated more than a few cells. The bits are the same. `runs` says whether
-        this run counts among them. Without `compiles`, the missing programs stay missing.
+        The programs that start and collect run once and are not optimised. How far the program that advances is
+        optimised depends on the cells that the searches in this process have evaluated. The bits are the same. `runs`
+        says whether this run counts among them. Without `compiles`, the missing programs stay missing.
         """
         height, width = self._static.shape
         cells = self._cells + generations * self.evaluations_per_step * len(self._keys) * height * width
@@ -195,10 +212,13 @@ class Programs:
         return jax.device_put(jax.tree.map(np.asarray, found)) if isinstance(program, Executable) else found
 
     def _to_advance(self, device: jax.Device, cells: int) -> str:
-        """Returns the name of the program that advances the seeds of a device, for some evaluated cells."""
-        name = f"{_ADVANCE} {device}"
-        known = name in self._programs or name in self._contents
-        return name if known or cells > _FEW_CELLS else f"{name}, {_UNOPTIMISED}"
+        """Returns the name of the program that advances the seeds of a device, for some evaluated cells.
+
+        That is the most optimised one there is, if it is optimised enough for so many cells.
+        """
+        names = [f"{_ADVANCE} {device}, level {level}" for level in range(bisect_left(_MOST_CELLS, cells), LEVELS)]
+        known = [name for name in names if name in self._programs or name in self._contents]
+        return known[-1] if known else names[0]
 
     def _load(self, names: Sequence[str]) -> None:
         """Loads programs of the file. If one of them cannot be loaded, none is."""
@@ -222,15 +242,15 @@ class Programs:
 
     def _compile(self, names: Sequence[str]) -> None:
         """Compiles programs, and adds them to the file. An interruption does not wait for the threads that compile."""
-        optimised = [name.startswith(_ADVANCE) and not name.endswith(_UNOPTIMISED) for name in names]
+        levels = [int(name[-1]) if name.startswith(_ADVANCE) else 0 for name in names]
         # Each is lowered in this thread, whose settings of JAX may be its own, while those before it compile.
-        lowered = ((self._lower(name), fast) for name, fast in zip(names, optimised, strict=True))
+        lowered = ((self._lower(name), level) for name, level in zip(names, levels, strict=True))
         if self._file is None:
-            plain = (partial(compile_program, program, optimised=fast) for program, fast in lowered)
+            plain = (partial(compile_program, program, level) for program, level in lowered)
             self._programs |= zip(names, side_by_side(plain, wait=False), strict=True)
             return
         with without_the_cache_of_jax():
-            calls = (partial(compile_and_serialise, program, optimised=fast) for program, fast in lowered)
+            calls = (partial(compile_and_serialise, program, level) for program, level in lowered)
             for name, (program, content) in zip(names, side_by_side(calls, wait=False), strict=True):
                 self._programs[name] = program
                 if content is not None:
@@ -242,13 +262,15 @@ class Programs:
     @cached_property
     def _tree(self) -> Pytree:
         """The shapes and dtypes of the states of all seeds, in the optimiser's structure."""
-        return _start.eval_shape(self._static, self._traced, self._keys)
+        with _without_collecting():
+            return _start.eval_shape(self._static, self._traced, self._keys)
 
     def _device(self, name: str) -> jax.Device:
         """Returns the device of a program. The programs that start and collect run on the default device."""
-        said = name.removeprefix(f"{_ADVANCE} ").removesuffix(f", {_UNOPTIMISED}")
+        said = name.removeprefix(f"{_ADVANCE} ").split(", level ")[0]
         return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
+    @_without_collecting()
     def _lower(self, name: str) -> jax.stages.Lowered:
         static, traced, keys = self._static, self._traced, self._keys
         if name == "start":

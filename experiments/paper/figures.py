@@ -8,7 +8,6 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from elitelanes_jax.plots import metric_boxes
 from experiments.paper.published import METRICS, SHAPE, TABLE
 from experiments.paper.runs import Row
 from experiments.paper.tables import group_rows
@@ -21,10 +20,10 @@ def plot_comparison(rows: Sequence[Row], title: str) -> Figure:
     groups = group_rows(rows)
     figure, axes = plt.subplots(3, 3, figsize=(13, 10.5), layout="constrained")
     for (metric, letters), ax in zip(METRICS.items(), axes.flat, strict=True):
-        samples = {
-            name.replace(", ", ",\n"): {metric: [row.values[metric] for row in held]} for name, held in groups.items()
-        }
-        metric_boxes(samples, metric, ax=ax)
+        samples = [[row.values[metric] for row in held] for held in groups.values()]
+        names = [name.replace(", ", ",\n") for name in groups]
+        ax.boxplot(samples, widths=0.55, medianprops={"color": "black"}, tick_labels=names)
+        ax.grid(axis="y", alpha=0.3)
         if (rows[0].height, rows[0].width) == SHAPE:
             means = [TABLE[held[0].method][metric].mean for held in groups.values()]
             label, positions = "the paper's mean", range(1, len(means) + 1)

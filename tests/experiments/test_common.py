@@ -8,7 +8,7 @@ import pytest
 from folders import files
 
 from elitelanes_jax import InputError
-from experiments.common import bootstrap_interval, open_results
+from experiments.common import bootstrap_interval, kept, open_results
 
 
 def test_a_folder_that_an_early_end_left_is_used(tmp_path):
@@ -16,8 +16,35 @@ def test_a_folder_that_an_early_end_left_is_used(tmp_path):
     (tmp_path / "out" / ".settings.json.part").write_text("{")
     open_results(tmp_path / "out", {"seeds": 1})
     open_results(tmp_path / "out", {"seeds": 1})
-    with pytest.raises(InputError, match="expected results of seeds 2, got some of 1"):
-        open_results(tmp_path / "out", {"seeds": 2})
+    assert kept(tmp_path / "out" / "one.json", lambda: 1) == kept(tmp_path / "out" / "one.json", lambda: 2) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        (
+            "settings.json",
+            '{"seeds": 1}',
+            "expected results of seeds 2, got some of 1; choose another folder",
+        ),
+        ("settings.json", "[]", "settings.json: expected a table of settings, got list"),
+        ("mine.txt", "mine", "expected a folder that is new, or of the same settings, got another"),
+    ],
+)
+def test_folders_of_other_results_are_left_alone(name, text, message, tmp_path):
+    (tmp_path / name).write_text(text)
+    before = files(tmp_path)
+    with pytest.raises(InputError, match=message):
+        open_results(tmp_path, {"seeds": 2})
+    with pytest.raises(InputError, match="expected a folder, got a file"):
+        open_results(tmp_path / name, {"seeds": 2})
+    assert files(tmp_path) == before
+
+
+def test_damaged_results_are_named(tmp_path):
+    (tmp_path / "run.json").write_text('{"a": ')
+    with pytest.raises(InputError, match=r"run.json: expected results as JSON, got: .*; delete the file to repeat"):
+        kept(tmp_path / "run.json", dict)
 
 
 def test_intervals_hold_the_mean_and_shrink():

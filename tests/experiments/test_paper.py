@@ -151,32 +151,3 @@ def test_a_users_mistake_is_one_line_and_exit_code_2(arguments, message, tmp_pat
     assert message in captured.err
     assert len(captured.err.splitlines()) == 1
     assert not list(tmp_path.iterdir())
-
-
-def test_results_of_other_settings_are_left_alone(compared, tmp_path, capsys):
-    before = files(compared)
-    with_maps = [argument for argument in SMALL if argument != "--no-maps"]
-    for arguments, message in (
-        ([*SMALL, "--seeds", "4"], "expected results of seeds 4, got some of 3; choose another folder for these"),
-        ([*SMALL, "--reading", "fill"], "expected results of reading 'fill', got some of 'ours'"),
-        (with_maps, "expected results of maps True, got some of False"),
-    ):
-        assert compare([*arguments, "--out", str(compared)]) == 2
-        assert message in capsys.readouterr().err
-    assert files(compared) == before
-    (tmp_path / "mine.txt").write_text("mine")
-    assert compare([*SMALL, "--out", str(tmp_path)]) == 2
-    assert "expected a folder that is new, or of the same settings, got another" in capsys.readouterr().err
-    assert compare([*SMALL, "--out", str(tmp_path / "mine.txt")]) == 2
-    assert "mine.txt: expected a folder, got a file" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
-
-
-def test_damaged_results_are_named(unfinished, capsys):
-    file = unfinished / SEARCHED
-    file.write_text(file.read_text()[:20])
-    assert compare([*SMALL, "--out", str(unfinished)]) == 2
-    assert "map-elites-5x5.json: expected results as JSON" in capsys.readouterr().err
-    (unfinished / "settings.json").write_text("[]")
-    assert compare([*SMALL, "--out", str(unfinished)]) == 2
-    assert "settings.json: expected a table of settings, got list" in capsys.readouterr().err

@@ -120,13 +120,12 @@ def test_lines_shift_with_their_masks(drawn_tiles):
 
 
 def test_lines_are_thinner_when_weights_are_taken_back():
-    weights = unet.UNet(4).init(jax.random.key(0), np.zeros((1, 16, 16, 3), np.uint8))
-    images = np.random.default_rng(0).integers(0, 256, (3, 16, 16, 3), np.uint8)
-    logits = [
-        np.rot90(unet.UNet(4).apply(weights, np.rot90(images, turns, (1, 2))), -turns, (1, 2)) for turns in range(4)
-    ]
+    network = unet.UNet(4)
+    weights = jax.jit(network.init)(jax.random.key(0), np.zeros((1, 16, 16, 3), np.uint8))
+    images, apply = np.random.default_rng(0).integers(0, 256, (4, 16, 16, 3), np.uint8), jax.jit(network.apply)
+    logits = [np.rot90(apply(weights, np.rot90(images, turns, (1, 2))), -turns, (1, 2)) for turns in range(4)]
     shares, chances = np.array([0.2, 0.7, 0.06, 0.04]), sum(np.asarray(jax.nn.softmax(one)) for one in logits)
-    assert (unet.predict(weights, images, 4) == logits[0].argmax(-1)).all()
+    assert (unet.predict(weights, images, 4, batch=2) == logits[0].argmax(-1)).all()
     for unweighted in (0, 1.0):
         found = unet.predict(weights, images, 4, batch=2, shares=shares, unweighted=unweighted)
         assert (found == (chances * np.sqrt(shares) ** unweighted).argmax(-1)).mean() > 0.99

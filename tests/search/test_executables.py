@@ -26,7 +26,7 @@ from elitelanes_jax.tiles.tileset import load_tiles
 
 SHAPE = (4, 5)
 run = partial(evolve, 3, SHAPE, seeds=2, method="ea", preset="paper", generations=3, progress=False)
-NAMES = {"start", "collect", f"advance {jax.devices()[0]}, unoptimised"}
+NAMES = {"start", "collect", f"advance {jax.devices()[0]}, level 0"}
 
 
 def arrays(result):
@@ -78,13 +78,6 @@ def test_loaded_programs_find_what_compiled_ones_find(settings, folder, monkeypa
     assert [*folder.iterdir()] == [file]
 
 
-def test_one_key_alone_and_other_numbers_take_the_loaded_programs(folder, monkeypatch):
-    alone = partial(evolve, shape=SHAPE, method="ea", preset="paper", generations=3, progress=False)
-    expected = [arrays(alone(jax.random.key(1), weights=f"bridges={weight}")) for weight in (1, 2)]
-    in_a_new_process(monkeypatch)
-    assert [arrays(alone(jax.random.key(1), weights=f"bridges={weight}")) for weight in (1, 2)] == expected
-
-
 def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch):
     start = run(generations=0)
     (file,) = folder.iterdir()
@@ -98,16 +91,16 @@ def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch
 
 
 def test_programs_are_optimised_from_so_many_cells_on(folder, monkeypatch):
-    optimised = f"advance {jax.devices()[0]}"
     results = [run()]
-    two_searches = 2 * 2 * 4 * 5 * int(results[0].history.evaluations[-1])  # of two seeds on 4 x 5 cells
-    monkeypatch.setattr(_programs, "_FEW_CELLS", two_searches)
-    results.append(run())
+    cells = 2 * 4 * 5 * int(results[0].history.evaluations[-1])  # of two seeds
+    monkeypatch.setattr(_programs, "_MOST_CELLS", (2 * cells, 3 * cells))
     (file,) = folder.iterdir()
-    assert set(load(file).programs) == NAMES
-    results.append(run())
-    assert set(load(file).programs) == NAMES | {optimised}
-    assert arrays(results[0]) == arrays(results[1]) == arrays(results[2])
+    names = set(NAMES)
+    for levels in (set(), {1}, {2}):
+        results.append(run())
+        names |= {f"advance {jax.devices()[0]}, level {level}" for level in levels}
+        assert set(load(file).programs) == names
+    assert len({tuple(arrays(result)) for result in results}) == 1
 
 
 def test_a_search_finds_what_other_threads_compiled(folder, monkeypatch):
