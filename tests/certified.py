@@ -1,11 +1,13 @@
-"""Elites compared with the certificates."""
+"""Elites compared with the certificates, `evolve` with that check, and results compared with each other."""
 
 import json
-from functools import cache
+from functools import cache, wraps
 
+import jax
 import numpy as np
 from oracle import CERTIFICATES
 
+import elitelanes_jax
 from elitelanes_jax import Weights
 
 _FLAWS = ("dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns")
@@ -35,3 +37,21 @@ def better_than_certified(elites):
             pairs = zip(metrics["cyclomatic"][there].tolist(), fitness[there].tolist(), strict=True)
             found |= {pair for pair in pairs if pair[1] < certified.get(pair[0], np.inf)}
     return sorted(found)
+
+
+@wraps(elitelanes_jax.evolve)
+def evolve(*arguments, **options):
+    """Whatever a test searches for, no elite is better than its certificate."""
+    result = elitelanes_jax.evolve(*arguments, **options)
+    assert not better_than_certified(result.elites)
+    return result
+
+
+def same(one, other):
+    """All of two results but the measured speeds is the same."""
+    for part in ("elites", "state"):
+        for array, expected in zip(*(jax.tree.leaves(getattr(result, part)) for result in (one, other)), strict=True):
+            np.testing.assert_array_equal(array, expected)
+    for array, expected in zip(one.history[:4], other.history[:4], strict=True):
+        np.testing.assert_array_equal(array, expected)
+    assert one.history.evaluations_per_second.shape == other.history.evaluations_per_second.shape

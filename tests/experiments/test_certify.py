@@ -133,7 +133,7 @@ def test_integer_programming_proves_the_same(side, fill):
 
 
 def test_a_search_that_beats_a_certificate_is_noticed():
-    """`better_than_certified` watches all searches of the tests, see conftest.py."""
+    """`better_than_certified` watches the searches of the tests, see certified.py."""
     grids = witnesses(5, 5, False)
     metrics = jax.vmap(elitelanes_jax.measure)(grids)
     elites = SimpleNamespace(grids=grids, valid=np.ones(len(grids), bool), metrics=metrics)

@@ -33,15 +33,6 @@ def test_the_empty_grid_gets_no_bonus_for_having_no_component():
     assert fitness(measure(np.zeros((4, 4), np.int8))) == 0
 
 
-def test_weights_can_be_swept():
-    metrics = some_metrics()
-    sweep = jnp.array([-5, 0, 100, 480])
-    many = jax.jit(jax.vmap(lambda weight: fitness(metrics, Weights(bridges=weight))))(sweep)
-    assert many.dtype == jnp.int32
-    for row, weight in zip(many, sweep.tolist(), strict=True):
-        np.testing.assert_array_equal(row, fitness(metrics, Weights(bridges=weight)))
-
-
 def test_checked_weights():
     assert check_weights(Weights(bridges=np.int64(5)), (12, 12)) == Weights(bridges=5)
     for wrong, message in (

@@ -68,7 +68,7 @@ def test_a_filled_grid_has_a_picture_for_every_tile(grid, raster):
     np.testing.assert_array_equal(repair(filled, fill=True), filled)
 
 
-@pytest.mark.parametrize("shape", [(2, 2), (2, 11), (11, 2), (12, 12), (33, 17), (64, 64)], ids=str)
+@pytest.mark.parametrize("shape", [(2, 11), (12, 12), (33, 17)], ids=str)
 def test_what_holds_after_repair_holds_at_every_size(shape):
     rng = np.random.default_rng(shape)
     codes = rng.integers(0, 16, (200, *shape)).astype(np.int8)
@@ -84,20 +84,6 @@ def test_what_holds_after_repair_holds_at_every_size(shape):
             assert (metrics.coverage == 1).all()
             assert not metrics.dead_ends.any()
             assert not metrics.off_alphabet.any()
-
-
-def test_a_dirty_tile_dictates():
-    grid = np.array([[0, 0, 0], [0, 15, 0], [0, 0, 0]])
-    only = np.zeros((3, 3), bool)
-    only[1, 1] = True
-    np.testing.assert_array_equal(repair(grid, only), [[0, 2, 0], [4, 15, 1], [0, 8, 0]])
-    np.testing.assert_array_equal(repair(grid, ~only), np.zeros((3, 3)))
-    np.testing.assert_array_equal(repair(grid), [[0, 2, 0], [4, 15, 1], [0, 8, 0]])
-
-
-def test_a_stub_leads_straight_on():
-    grid = np.array([[0, 0, 0, 0], [4, 1, 0, 0], [0, 0, 0, 0]])
-    assert repair(grid, fill=True)[1, 1] & 4
 
 
 def test_bad_masks_and_thin_grids_to_fill_are_refused():

@@ -61,23 +61,12 @@ def test_what_succeeds_keeps_the_constraints(shape, alphabet, border, ban):
         assert result.success.all()
 
 
-def test_the_same_generator_gives_the_same_grids():
-    one, other = (generate_batch(np.random.default_rng(3), 9, (6, 6)).grid for _ in range(2))
-    np.testing.assert_array_equal(one, other)
-    assert (one != generate_batch(np.random.default_rng(4), 9, (6, 6)).grid).any()
-
-
-def test_a_closed_border_with_the_ban_nearly_always_succeeds():
-    result = generate_batch(np.random.default_rng(5), 1000, border="closed")
+def test_a_closed_border_with_the_ban_nearly_always_succeeds_and_the_same_every_time():
+    result, again = (generate_batch(np.random.default_rng(5), 1000, border="closed") for _ in range(2))
+    np.testing.assert_array_equal(result.grid, again.grid)
     assert result.success.mean() >= 0.99
     assert 1 < result.attempts.mean() < 1.5
     assert result.attempts.max() <= 10
-
-
-def test_large_grids():
-    result = generate_batch(np.random.default_rng(6), 1, (64, 64), border="closed", attempts=50)
-    assert result.success.all()
-    assert keeps_the_constraints(result.grid[0], ROAD_ALPHABET, "closed", True)
 
 
 def test_bad_luck_is_a_result():
@@ -89,15 +78,6 @@ def test_bad_luck_is_a_result():
     assert (result.attempts == 4).all()
     assert not result.grid.any()
     assert generate_batch(np.random.default_rng(7), 6, (4, 5), alphabet=rings, border="closed").success.any()
-
-
-def test_a_contradiction_stays_in_its_grid():
-    """Some grids of a batch fail at their only attempt, their neighbours in memory do not."""
-    result = generate_batch(np.random.default_rng(9), 400, (8, 8), border="closed", attempts=1)
-    assert 0.5 < result.success.mean() < 1
-    assert (result.attempts == 1).all()
-    for grid in result.grid[result.success]:
-        assert keeps_the_constraints(grid, ROAD_ALPHABET, "closed", True)
 
 
 def struck_out(domains, alphabet, border, ban):

@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax.network.bits import exponential, random_bits, random_grids
-from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.bits import exponential, random_bits
 from elitelanes_jax.network.xla import UNIT
 from elitelanes_jax.optimizers._annealing import AnnealingConfig, Cooling, metropolis_accepts, random_grid
 from elitelanes_jax.problem.descriptor import tuned_axes
@@ -52,11 +51,3 @@ def test_a_cycle_begins_with_random_grids_of_the_alphabet():
     assert abs(share - 0.25).max() < 0.05
     pairs = (codes[:, 0, 0] == codes[:, 0, 1]).mean(), (codes[:-1, 0, 0] == codes[1:, 0, 0]).mean()
     assert pairs == pytest.approx((0.25, 0.25), abs=0.05)
-
-
-def test_the_first_population_is_random_grids_of_the_alphabet():
-    problem = road_problem((5, 5), tuned_axes((5, 5)))
-    key = jax.random.key(4)
-    expected = jax.vmap(problem.repair_raster)(random_grids(key, 6, (5, 5)))
-    np.testing.assert_array_equal(problem.random(key, 6), expected)
-    assert (np.asarray(jax.vmap(repair)(expected)) == np.asarray(expected)).all()

@@ -5,6 +5,7 @@ Each optimiser is compiled once: a step for one seed, and a run for several.
 
 from dataclasses import replace
 from functools import lru_cache, partial
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import chex
@@ -12,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified import certificates
+from certified import better_than_certified
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
@@ -36,7 +37,6 @@ from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.loop import advance, run, start
 from elitelanes_jax.problem.descriptor import compute_descriptor, niche_index, paper_axes
 from elitelanes_jax.problem.problem import road_problem
-from experiments.search.check_archive import check
 
 SHAPE = (5, 6)
 AXES = paper_axes(SHAPE)
@@ -149,6 +149,7 @@ def check_steps(name, *, fill):
         assert (lowest <= best).all()
         np.testing.assert_array_equal(infos.elite_count[0], elites.valid.sum(axis=1))
         best = lowest
+    assert not better_than_certified(SimpleNamespace(grids=elites.grids, valid=elites.valid, metrics=metrics))
 
 
 @every_optimizer
@@ -160,13 +161,6 @@ def test_elites_have_the_fitness_and_the_metrics_of_their_grids(name):
         found = oracle(grids[place])
         assert fitness[place] == oracle_fitness(found)
         assert counts[place].tolist() == [found[name] for name in METRIC_NAMES]
-
-
-@every_optimizer
-def test_no_elite_is_better_than_its_certificate(name):
-    elites = jax.vmap(compiled(name).optimizer.elites)(whole_run(name)[0])
-    grids = np.asarray(elites.grids)[np.asarray(elites.valid)]
-    assert not check(certificates()[*SHAPE, False], grids, fill=False)[1]
 
 
 @every_optimizer
@@ -228,13 +222,9 @@ def test_a_run_is_a_start_and_all_its_generations():
     """The first population has number 0, generation i number i: this keeps results the same for ever."""
     one = compiled("ea")
     chex.assert_trees_all_equal(jax.jit(partial(start, one.optimizer))(KEYS), one.first)
-    states, infos = jax.jit(partial(run, one.optimizer, generations=3))(KEYS)
-    for number, key in enumerate(KEYS):
-        state = one.optimizer.init(jax.random.fold_in(key, 0))
-        for generation in (1, 2, 3):
-            state, info = one.step(jax.random.fold_in(key, generation), state)
-        chex.assert_trees_all_equal(state, jax.tree.map(lambda array, number=number: array[number], states))
-        assert info.best_fitness == infos.best_fitness[-1, number]
+    whole = jax.jit(partial(run, one.optimizer, generations=3))(KEYS)
+    states, infos = one.run(one.first, 1, 3)
+    chex.assert_trees_all_equal(whole, (states, jax.tree.map(lambda rows: rows[:3], infos)))
 
 
 def test_an_archive_holds_each_elite_in_its_niche():
@@ -249,12 +239,6 @@ def test_an_archive_holds_each_elite_in_its_niche():
 def test_an_archive_changes_nothing_about_the_population():
     """The paper's MAP-Elites is its evolutionary algorithm with an archive beside it."""
     chex.assert_trees_all_equal(whole_run("ea")[0], whole_run("map-elites")[0].population)
-
-
-def test_comma_selection_may_lose_the_best_and_goes_on():
-    optimizer = ea(PROBLEMS[False], EvolutionConfig(survivors="comma"))
-    _, infos = jax.jit(partial(run, optimizer), static_argnums=1)(KEYS, 100)
-    assert (jnp.diff(infos.best_fitness, axis=0) > 0).any()
 
 
 @pytest.mark.parametrize(
@@ -307,9 +291,3 @@ def test_parents_from_the_archive_come_from_every_filled_niche_alike():
     assert sum(counts) == 20_000
     expected = 20_000 / len(grids)
     assert (abs(np.array(counts) - expected) < 5 * np.sqrt(expected)).all()
-
-
-@pytest.mark.slow
-def test_parents_from_the_archive_leave_the_first_population_as_it_is():
-    name = "map-elites, parents from the archive"
-    chex.assert_trees_all_equal(whole_run(name)[0].population, compiled(name).first.population)

@@ -2,7 +2,6 @@
 
 import re
 import runpy
-from functools import partial
 from pathlib import Path
 
 import jax
@@ -25,7 +24,7 @@ from elitelanes_jax.optimizers.interop import (
     ribs_evaluate,
     ribs_grids,
 )
-from elitelanes_jax.problem import niche_index, paper_axes, tuned_axes
+from elitelanes_jax.problem import niche_index
 from elitelanes_jax.problem.descriptor import compute_descriptor
 
 # Other libraries' warnings are theirs.
@@ -83,6 +82,7 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
     assert not children[:, *PARK].any()
     np.testing.assert_array_equal(mutate(grids, key), vary(grids, grids, key))
     assert (children != grids).any(axis=(1, 2)).sum() > COUNT / 2
+    assert (children != mutate(grids, key)).any(), "it takes parts of the mates"
     with pytest.raises(InputError, match=r"corner: expected a whole number, 0 or more, got -1"):
         qdax_moves(problem, MoveWeights(corner=-1))
     for wrong in (grids[:, :4], grids.astype(jnp.int32)):
@@ -90,16 +90,6 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
             mutate(wrong, key)
         with pytest.raises(InputError, match=r"genotypes: expected int8 grids \[B, 5, 6\]"):
             vary(grids, wrong, key)
-
-
-def test_only_the_variation_takes_parts_of_the_mate():
-    """With blocks alone, in a grid without any road: what comes is the mate's."""
-    problem = road_problem((4, 4), AXES, alphabet=range(16))
-    only_blocks = MoveWeights(*[0] * 8, transplant=1, displaced=0, fill_probability=0)
-    mutate, vary = map(jax.jit, qdax_moves(problem, only_blocks))
-    nothing, all_roads = jnp.zeros((16, 4, 4), jnp.int8), jax.vmap(repair)(jnp.full((16, 4, 4), 15))
-    assert not mutate(nothing, jax.random.key(0)).any()
-    assert vary(nothing, all_roads, jax.random.key(0)).any(axis=(1, 2)).sum() > 8
 
 
 def test_evosax_decodes_the_largest_logit_and_minimises_ours(problem, evaluate):
@@ -183,50 +173,6 @@ def test_ribs_niches_are_ours_everywhere(drawn):
     np.testing.assert_array_equal(archive.index_of(points), niche_index(points, axes))
 
 
-def test_qdax_map_elites_improves_and_keeps_our_niches():
-    pytest.importorskip("qdax")
-    from qdax.core.emitters.standard_emitters import MixingEmitter
-    from qdax.core.map_elites import MAPElites
-    from qdax.utils.metrics import default_qd_metrics
-
-    axes = tuned_axes((6, 6))
-    problem = road_problem((6, 6), axes, fill=True)
-    emitter = MixingEmitter(*qdax_moves(problem), variation_percentage=0.5, batch_size=32)
-    search = MAPElites(qdax_scoring_fn(problem), emitter, partial(default_qd_metrics, qd_offset=0.0))
-    first, start, run = jax.random.split(jax.random.key(0), 3)
-    centroids = qdax_centroids(axes)
-    repertoire, state, _ = search.init(problem.random(first, 32), centroids, start)
-    filled, best = jnp.isfinite(repertoire.fitnesses).sum(), repertoire.fitnesses.max()
-    (repertoire, *_), _ = jax.lax.scan(search.scan_update, (repertoire, state, run), length=60)
-    occupied = np.isfinite(np.asarray(repertoire.fitnesses[:, 0]))
-    assert occupied.sum() > filled and repertoire.fitnesses.max() > best + 100
-    scored, features = problem.evaluate(repertoire.genotypes)
-    np.testing.assert_array_equal(-scored[occupied], repertoire.fitnesses[occupied, 0])
-    np.testing.assert_array_equal(
-        niche_index(compute_descriptor(features, METRIC_NAMES, axes), axes)[occupied], np.flatnonzero(occupied)
-    )
-
-
-def test_evosax_strategy_improves():
-    pytest.importorskip("evosax")
-    from evosax.algorithms import SNES
-
-    task = evosax_task(road_problem((6, 6), paper_axes((6, 6)), fill=True))
-    key = jax.random.key(0)
-    strategy = SNES(population_size=32, solution=task.sample(key))
-    params = strategy.default_params
-    state, task_state = strategy.init(key, task.sample(key), params), task.init(key)
-    best = []
-    for generation in jax.random.split(key, 30):
-        population, state = strategy.ask(generation, state, params)
-        fitness, task_state, _ = task.eval(generation, population, task_state)
-        state, metrics = strategy.tell(generation, population, fitness, state, params)
-        best.append(float(metrics["best_fitness"]))
-    assert best[-1] < best[0] - 100 and task_state.counter == 30
-    grid = task.decode(state.best_solution)
-    assert road_problem((6, 6), paper_axes((6, 6))).evaluate(grid[None]).fitness[0] == best[-1]
-
-
 def test_evosax_task_has_all_that_evosax_asks_of_a_problem():
     problems = pytest.importorskip("evosax.problems.problem")
     names = {name for name in vars(problems.Problem) if not name.startswith("_")}
@@ -235,37 +181,45 @@ def test_evosax_task_has_all_that_evosax_asks_of_a_problem():
     assert all(hasattr(task, name) for name in names)
 
 
-def test_ribs_archive_improves_and_holds_our_niches():
-    archives = pytest.importorskip("ribs.archives")
-    from ribs.emitters import IsoLineEmitter
-    from ribs.schedulers import Scheduler
+def check_qdax(repertoire, history, problem, **_):
+    """Its archive has our niches and fitness, and the search improved."""
+    found = np.asarray(repertoire.fitnesses[:, 0])
+    occupied = np.isfinite(found)
+    check_archive(problem, repertoire.genotypes[occupied], found[occupied], np.flatnonzero(occupied))
+    assert history["max_fitness"][-1] > history["max_fitness"][0] + 100
+    assert Path("qdax-map.png").exists()
 
-    problem = road_problem(SHAPE, AXES, fill=True)
-    evaluate = ribs_evaluate(problem)
-    archive = archives.GridArchive(**ribs_archive_space(problem), seed=0)
-    emitters = [IsoLineEmitter(archive, iso_sigma=0.5, line_sigma=0.5, x0=np.full(30, 5.5), batch_size=32, seed=1)]
-    scheduler = Scheduler(archive, emitters)
-    best = []
-    for _ in range(40):
-        scheduler.tell(*evaluate(scheduler.ask()))
-        best.append(archive.stats.obj_max)
-    assert best[-1] > best[0] + 100 and archive.stats.num_elites > 5
+
+def check_evosax(task, best, state, **_):
+    assert best[-1] < best[0] - 100
+    assert road_problem((6, 6)).evaluate(task.decode(state.best_solution)[None]).fitness[0] == best[-1]
+
+
+def check_ribs(problem, archive, **_):
     found = archive.data(return_type="dict")
-    scored, features = problem.evaluate(jnp.asarray(ribs_grids(problem)(found["solution"])))
-    np.testing.assert_array_equal(-scored, found["objective"])
-    np.testing.assert_array_equal(niche_index(compute_descriptor(features, METRIC_NAMES, AXES), AXES), found["index"])
+    check_archive(problem, ribs_grids(problem)(found["solution"]), found["objective"], found["index"])
+
+
+def check_archive(problem, grids, objective, niches):
+    assert len(niches) > 5
+    scored, features = problem.evaluate(jnp.asarray(grids))
+    np.testing.assert_array_equal(-scored, objective)
+    np.testing.assert_array_equal(problem.niche(features), niches)
 
 
 @pytest.mark.parametrize(
-    ("name", "library"), [("qdax_map_elites", "qdax"), ("evosax_task", "evosax"), ("ribs_archive", "ribs")]
+    ("name", "library", "check"),
+    [
+        ("qdax_map_elites", "qdax", check_qdax),
+        ("evosax_task", "evosax", check_evosax),
+        ("ribs_archive", "ribs", check_ribs),
+    ],
 )
-def test_examples_run(name, library, tmp_path, monkeypatch, capsys):
-    file = DOCS / "examples" / f"{name}.py"
+def test_examples_find_what_our_problem_says(name, library, check, tmp_path, monkeypatch, capsys):
     pytest.importorskip(library)
     monkeypatch.chdir(tmp_path)
-    runpy.run_path(str(file))
+    check(**runpy.run_path(str(DOCS / "examples" / f"{name}.py")))
     assert capsys.readouterr().out
-    assert (tmp_path / "qdax-map.png").exists() == (name == "qdax_map_elites")
 
 
 PAGE = (DOCS / "interop.md").read_text()

@@ -119,20 +119,6 @@ def at_the_opposite_place_too(plain, dirty):
     return np.where(copied & ~first, image, plain), dirty | copied
 
 
-def test_batches_and_compilation_change_nothing():
-    move, grid, mate = (
-        random_move(MoveWeights(), fill=False),
-        jnp.asarray(network((4, 7))),
-        jnp.asarray(network((4, 7), 1)),
-    )
-    bits = random_bits(jax.random.key(5), (6, move.bits))
-    together = jax.jit(jax.vmap(move.apply, (0, None, None)))(bits, grid, mate)
-    for number in range(6):
-        alone = move.apply(bits[number], grid, mate)
-        np.testing.assert_array_equal(together.grid[number], alone.grid)
-        np.testing.assert_array_equal(together.dirty[number], alone.dirty)
-
-
 @pytest.mark.parametrize("name", CYCLES)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_loops_keep_the_parity_of_every_tile_and_undo_themselves(name, shape):
@@ -282,31 +268,6 @@ def test_a_block_of_the_mate_is_set_in(shape, displaced):
         if height * width > 8:
             used |= {number for number, *_ in fits}
     assert used == set(range(len(images)))
-
-
-def test_without_a_mate_the_block_is_the_grids_own():
-    grid = network((5, 5))
-    alone, own = many(transplant(), grid), many(transplant(), grid, grid)
-    np.testing.assert_array_equal(alone.grid, own.grid)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_opposite_moves_keep_the_symmetry_of_half_a_turn(shape):
-    half = network(shape)
-    top = np.arange(half.size).reshape(shape) < half.size // 2
-    grid = np.where(top, half, rotate(half, 2))
-    varied = many(with_symmetric_copy(1.0, random_move(MoveWeights(), fill=True)), grid, count=300)
-    for result, dirty in different(varied):
-        np.testing.assert_array_equal(result, rotate(result, 2))
-        np.testing.assert_array_equal(dirty, dirty[::-1, ::-1])
-    assert (varied.grid != grid).any()
-
-
-def test_moves_come_in_proportion_to_their_weights():
-    grid = np.full((5, 5), 15, np.int8)
-    varied = many(random_move(MoveWeights(**NONE | {"clear": 3, "straight": 1}), fill=True), grid, count=20_000)
-    cleared = ((varied.grid == 0) == varied.dirty).all(axis=(1, 2))
-    assert cleared.mean() == pytest.approx(0.75, abs=0.02)
 
 
 def test_a_mix_of_one_move_is_that_move():

@@ -104,15 +104,3 @@ def test_grids_of_two_lines_do_not_change():
     ((same, dirty),) = drawn(grid, empty=True, whole=0.5, count=50).values()
     np.testing.assert_array_equal(same, grid)
     assert not dirty.any()
-
-
-def test_the_same_bits_give_the_same_strip_alone_and_in_a_batch():
-    move = refit_strip()
-    apart = jax.jit(move.apply)
-    bits = random_bits(jax.random.key(1), (20, move.bits))
-    grids = np.array([repair(codes) for codes in np.random.default_rng(0).integers(0, 16, (20, 5, 7)).astype(np.int8)])
-    many = jax.jit(jax.vmap(move.apply))(bits, grids)
-    for index in range(20):
-        for apply in (apart, move.apply) if index == 0 else (apart,):
-            for array, one in zip(many, apply(bits[index], jnp.asarray(grids[index])), strict=True):
-                np.testing.assert_array_equal(array[index], one)

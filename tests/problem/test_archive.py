@@ -95,6 +95,8 @@ def test_the_papers_niches():
     names = ["cyclomatic", "components", "dead_ends", "adjacent_crossings", "adjacent_turns"]
     assert [axis.metric for axis in axes] == names
     assert prod(axis.bins for axis in axes) == 400
+    for side, width in ((12, 2), (2, 1), (24, 8), (8, 1), (14, 3)):
+        assert paper_axes((side, side))[0].width == width
     cases = {
         (0, 0, 0, 0, 0): (0, 0, 0, 0, 0),
         (1, 1, 0, 0, 0): (0, 0, 0, 0, 0),
@@ -108,11 +110,6 @@ def test_the_papers_niches():
     for array in (np.asarray, jnp.asarray):
         np.testing.assert_array_equal(niche_bins(array(descriptors), axes), bins)
         np.testing.assert_array_equal(niche_index(array(descriptors), axes), niches)
-
-
-@pytest.mark.parametrize(("shape", "width"), [((12, 12), 2), ((2, 2), 1), ((24, 24), 8), ((8, 8), 1), ((14, 14), 3)])
-def test_bins_grow_with_the_area(shape, width):
-    assert paper_axes(shape)[0].width == width
 
 
 @pytest.mark.usefixtures("any_types")
@@ -135,6 +132,7 @@ def test_axes_are_read_and_checked():
         ([Axis("speed", 3)], "axes 'speed': expected a metric, or a share such as straight_share, got 'speed'"),
         ([Axis("bridges", 0)], "'bridges': expected whole numbers, at least one bin and no negative width, got"),
         ([Axis("bridges", 3, width=2**31)], "'bridges': expected numbers of at most 1,073,741,824, got 2,147,483,648"),
+        ([Axis("bridges", 3, target=3)], "axes 'bridges': expected target to be a bin, 0 to 2"),
         ([Axis("bridges", 3, width=0.5)], "'bridges': expected whole numbers, at least one bin and no negative width"),
     ):
         with pytest.raises(InputError, match=message):

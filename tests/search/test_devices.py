@@ -12,10 +12,11 @@ import chex
 import jax
 import numpy as np
 import pytest
+from certified import evolve
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elitelanes_jax import InputError, evolve, use_cores
+from elitelanes_jax import InputError, use_cores
 from elitelanes_jax._util import threads
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax.cli.main import make_parser

@@ -78,13 +78,6 @@ def test_loaded_programs_find_what_compiled_ones_find(settings, folder, monkeypa
     assert [*folder.iterdir()] == [file]
 
 
-def test_one_key_alone_and_other_numbers_take_the_loaded_programs(folder, monkeypatch):
-    alone = partial(evolve, shape=SHAPE, method="ea", preset="paper", generations=3, progress=False)
-    expected = [arrays(alone(jax.random.key(1), weights=f"bridges={weight}")) for weight in (1, 2)]
-    in_a_new_process(monkeypatch)
-    assert [arrays(alone(jax.random.key(1), weights=f"bridges={weight}")) for weight in (1, 2)] == expected
-
-
 def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch):
     start = run(generations=0)
     (file,) = folder.iterdir()
