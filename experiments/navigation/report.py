@@ -33,7 +33,7 @@ ALIKE = ("seen", "held out")
 """The tests on unseen maps of MAP-Elites."""
 
 Runs: TypeAlias = dict[tuple[str, str, int], dict[str, Judged]]
-"""What `judge` says of each test, by task, condition and seed."""
+"""The figures of each test, by task, condition and seed."""
 
 
 class Difference(NamedTuple):
@@ -49,7 +49,7 @@ class Difference(NamedTuple):
 
 
 def read_runs(out: Path) -> Runs:
-    """Reads the finished runs of a folder: what `judge` says of each test, by task, condition and seed."""
+    """Reads the finished runs of a folder."""
     runs: Runs = {}
     for name in TASKS:
         for condition in CONDITIONS:
@@ -98,7 +98,7 @@ def _figures(runs: Runs) -> list[dict[str, object]]:
     """Lists all runs with their figures by test."""
     return [
         {"task": task, "condition": condition, "seed": seed}
-        | {test: {key: round(judged[key], 5) for key in ("success", "worst", "spl")} for test, judged in found.items()}
+        | {test: {key: round(judged[key], 5) for key in ("success", "spl")} for test, judged in found.items()}
         for (task, condition, seed), found in sorted(runs.items())
     ]
 
@@ -109,15 +109,11 @@ def _of(runs: Runs, task: str, condition: str, test: str, figure: Figures) -> ND
 
 
 def _task_tables(runs: Runs, name: str) -> list[str]:
-    """Makes the tables of a task: success by test, the worst tenth, SPL, and the differences from the reference."""
+    """Makes the tables of a task: success by test, SPL, and the differences from the reference."""
     conditions = [condition for condition in CONDITIONS if any(key[:2] == (name, condition) for key in runs)]
     tests = [test for test in TESTS if any(test in found for key, found in runs.items() if key[0] == name)]
     parts = [f"## {name}: {TASKS[name].words}"]
-    figures: dict[Figures, str] = {
-        "success": "Success",
-        "worst": "Success on the worst tenth of maps",
-        "spl": "SPL",
-    }
+    figures: dict[Figures, str] = {"success": "Success", "spl": "SPL"}
     for figure, words in figures.items():
         head = ["trained on", "seeds", *(TESTS[test] for test in tests)]
         rows = [

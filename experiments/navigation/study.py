@@ -118,7 +118,7 @@ def _train(
     out: Path,
     budget: "TrainBudget",
 ) -> "dict[str, Judged]":
-    """Trains a driver on a condition's maps; returns what `judge` says of each test."""
+    """Trains a driver on a condition's maps; returns the figures of each test."""
     from flax.serialization import to_bytes
 
     from experiments.navigation.tasks import CONDITIONS, TASKS, test_driver, train_driver

@@ -23,10 +23,8 @@ __all__ = [
     "Judged",
     "Task",
     "TrainBudget",
-    "judge",
     "test_driver",
     "train_driver",
-    "worst_tenth",
 ]
 
 
@@ -73,7 +71,7 @@ class TrainBudget(NamedTuple):
     each: int = 14
 
 
-Figures: TypeAlias = Literal["success", "worst", "spl"]
+Figures: TypeAlias = Literal["success", "spl"]
 """The figures of a test."""
 
 
@@ -83,13 +81,11 @@ class Judged(TypedDict):
     Attributes:
       success: the share of levels that are a success.
       spl: the mean success weighted by path length.
-      worst: the success on the worst tenth of maps.
       by_map: the success on each map.
     """
 
     success: float
     spl: float
-    worst: float
     by_map: list[float]
 
 
@@ -155,7 +151,7 @@ def train_driver(task: Task, condition: Condition, seed: int, grids: NDArray[np.
 def test_driver(
     task: Task, weights: Pytree, tests: dict[str, NDArray[np.int8]], budget: TrainBudget
 ) -> dict[str, Judged]:
-    """Drives on all maps of all tests, with the same levels for all drivers; returns what `judge` says of each test."""
+    """Drives on all maps of all tests, with the same levels for all drivers; returns the figures of each test."""
     parts = [draw_levels(1000 + number, grids, len(grids) * budget.each) for number, grids in enumerate(tests.values())]
     levels = jax.tree.map(lambda *of: np.concatenate(of), *parts)
     count, outcomes = len(levels.grid), []
@@ -169,31 +165,10 @@ def test_driver(
     ends = np.cumsum([len(grids) * budget.each for grids in tests.values()])[:-1]
     split = zip(*(np.split(part, ends) for part in (success, spl)), strict=True)
     return {
-        name: judge(*(part.reshape(budget.each, -1) for part in outcome))
-        for name, outcome in zip(tests, split, strict=True)
+        name: {
+            "success": float(success.mean()),
+            "spl": float(spl.mean()),
+            "by_map": success.reshape(budget.each, -1).mean(axis=0).round(3).tolist(),
+        }
+        for name, (success, spl) in zip(tests, split, strict=True)
     }
-
-
-def judge(success: NDArray[np.float64], spl: NDArray[np.float64]) -> Judged:
-    """Computes the figures of a test from its episodes, each ``[levels of a map, maps]``."""
-    return {
-        "success": float(np.mean(success)),
-        "spl": float(np.mean(spl)),
-        "worst": worst_tenth(success),
-        "by_map": success.mean(axis=0).round(3).tolist(),
-    }
-
-
-def worst_tenth(success: NDArray[np.float64]) -> float:
-    """Returns the mean success on the worst tenth of maps, of success ``[levels of a map, maps]``.
-
-    Half of each map's levels choose the maps, of equals the first, and the other half measures, both ways round: else
-    chance alone would make some maps bad.
-    """
-    count = max(1, success.shape[1] // 10)
-    halves = success[::2], success[1::2]
-    means = []
-    for choosing, measuring in (halves, halves[::-1]):
-        worst = np.argsort(choosing.mean(axis=0), kind="stable")[:count]
-        means.append(measuring[:, worst].mean())
-    return float(np.mean(means))

@@ -19,7 +19,7 @@ def made_up_runs():
     runs = {}
     for condition, seeds in (("maps-1", range(8)), ("maps-1000", range(2, 12)), ("ea", range(2))):
         for seed in seeds:
-            judged = navigation_tasks.judge(*(rng.random((4, 20)) < 0.5 for _ in range(2)))
+            judged = {"success": rng.random(), "by_map": rng.random(20).tolist()}
             runs["map", condition, seed] = {"seen": judged, "held out": judged} if seed != 5 else {"seen": judged}
     return runs
 
@@ -38,20 +38,6 @@ def test_differences_pair_the_seeds_that_both_have():
     assert found.low == pytest.approx(low, abs=spread / 8) and found.high == pytest.approx(high, abs=spread / 8)
     nobody = navigation_results.difference(runs, "map", ("ea", "seen"), ("maps-1000", "seen"))
     assert nobody.seeds == 0 and np.isnan(nobody.mean)
-
-
-def test_the_worst_tenth_is_chosen_by_one_half_and_measured_by_the_other():
-    success = np.random.default_rng(1).random((6, 30)) < np.linspace(0, 1, 30)
-    means = []
-    for choosing, measuring in (((0, 2, 4), (1, 3, 5)), ((1, 3, 5), (0, 2, 4))):
-        of_map = [sum(success[level, number] for level in choosing) for number in range(30)]
-        worst = sorted(range(30), key=lambda number: (of_map[number], number))[:3]
-        means += [success[level, number] for level in measuring for number in worst]
-    assert navigation_tasks.worst_tenth(success) == pytest.approx(np.mean(means))
-    # Without differences between maps chance alone does not make some of them worse.
-    even = np.random.default_rng(2).random((14, 100, 200)) < 0.8
-    chance = [navigation_tasks.worst_tenth(even[..., number]) for number in range(200)]
-    assert np.mean(chance) == pytest.approx(0.8, abs=0.01)
 
 
 def test_success_by_niche_is_that_of_a_slow_count(tmp_path):
