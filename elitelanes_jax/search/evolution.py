@@ -90,8 +90,8 @@ def evolve(
         extends the search. Only one process at a time can use the folder.
       every: seconds between two checkpoints; 0 writes one after every compiled call. Writing takes at most a twentieth
         of the time.
-      progress: whether to show a progress bar, or outside a terminal a line every 30 seconds. By default it is shown in
-        a terminal or notebook, if a run takes over a second.
+      progress: whether to show progress, in a terminal a line that changes, elsewhere a line every 30 seconds. By
+        default it is shown in a terminal or notebook, if a run takes over a second.
       devices: the devices that share the seeds (processor cores, GPUs or TPU cores; a device may be repeated), or their
         number; defaults to all local ones. The result is the same, bit for bit.
       features: your own features by name: functions of one grid, int8 ``[H, W]``, that return an integer scalar, less

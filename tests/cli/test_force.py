@@ -15,7 +15,6 @@ from elitelanes_jax import (
     PickSpec,
     SearchSpec,
     generate,
-    merge,
     pick,
 )
 from elitelanes_jax.cli.main import main
@@ -169,16 +168,3 @@ def test_pick_replaces_an_archive_only_if_that_is_said(folder, capsys):
     assert "archive.npz" not in files(more)
     assert main([*command, "--seed", "1", "--force"]) == 0
     assert json.loads((more / "run.json").read_text())["settings"]["seed"] == 1
-
-
-def test_no_part_is_replaced_by_what_it_is_merged_into(tmp_path, capsys):
-    parts = [tmp_path / f"p{number}" for number in (1, 2)]
-    for number, part in enumerate(parts, start=1):
-        assert main([*SMALL, "--part", f"{number}/2", "--out", str(part)]) == 0
-    before = files(tmp_path)
-    words = f"{parts[0]}: expected a folder to replace that contains no input, got one with {parts[0]}"
-    assert main(["merge", *map(str, parts), "--out", str(parts[0]), "--force"]) == 2
-    assert capsys.readouterr().err == f"elitelanes: {words}\n"
-    with pytest.raises(InputError, match=re.escape(words)):
-        merge(parts, parts[0], force=True)
-    assert files(tmp_path) == before

@@ -1,6 +1,7 @@
 """Runs in parts: `generate --part`, and `merge`."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from folders import files
 from killed_runs import digest
 
-from elitelanes_jax import GenerateSpec, Result
+from elitelanes_jax import GenerateSpec, InputError, Result, merge
 from elitelanes_jax.cli.main import main
 
 SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "5", "--tile-px", "16"]
@@ -124,6 +125,17 @@ def test_what_is_not_all_parts_of_one_run_is_one_line_and_exit_code_2(wrong, run
     assert captured.out == ""
     assert len(captured.err.splitlines()) == 1
     assert message in captured.err
+    assert files(place) == before
+
+
+def test_no_part_is_replaced_by_what_it_is_merged_into(runs, tmp_path, capsys):
+    place = shutil.copytree(runs, tmp_path / "runs")
+    before, (first, _) = files(place), parts(place)
+    words = f"{first}: expected a folder to replace that contains no input, got one with {first}"
+    assert main(["merge", *parts(place), "--out", first, "--force"]) == 2
+    assert capsys.readouterr().err == f"elitelanes: {words}\n"
+    with pytest.raises(InputError, match=re.escape(words)):
+        merge(parts(place), first, force=True)
     assert files(place) == before
 
 

@@ -17,7 +17,6 @@ RECTANGLES = [(3, 5), (4, 5)]
     ("size", "shapes"),
     [
         (9, [(9, 9)]),
-        ("9", [(9, 9)]),
         ("3..4", SQUARES),
         (["3..4"], SQUARES),
         (((3, 4),), SQUARES),
@@ -61,10 +60,6 @@ def test_splits_have_their_shares(count, split):
     counts = maps_by_split(DatasetSpec(maps=count, split=split, size=5))
     assert sum(counts) == count
     assert all(abs(got - count * share) <= 1 for got, share in zip(counts, split, strict=True))
-
-
-def test_a_single_map_is_one_split():
-    assert maps_by_split(DatasetSpec(maps=1, split=(0, 0, 1), size=5)) == (0, 0, 1)
 
 
 def test_sizes_share_the_maps():

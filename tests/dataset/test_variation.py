@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see_labels
 from elitelanes_jax.dataset._samples import draw_sample
-from elitelanes_jax.dataset._transforms import VARIATION, Transforms, Viewpoints, parse_transforms
+from elitelanes_jax.dataset._transforms import VARIATION, Transforms, Viewpoints
 from elitelanes_jax.dataset._variation import compress, vary_background, vary_light, vary_motion
 from elitelanes_jax.formats.road_map import RoadMap
 
@@ -105,10 +105,3 @@ def test_lines_move_outwards():
         ((across, down),) = cv2.perspectiveTransform(moved[None, None], viewpoint.matrix)[0]
         assert not len(found) or np.abs(found.mean(axis=0) + 0.5 - (down, across)).max() < 2
     assert draw_viewpoint(rng(), SMALL, LOOP, PX).lines == 0
-
-
-def test_words():
-    varied = parse_transforms("varied")
-    assert all(getattr(varied, name) for name in VARIATION)
-    assert parse_transforms(["varied", "shadow=0"]) == varied.replace(shadow=0.0)
-    assert not any(getattr(parse_transforms("standard"), name) for name in VARIATION)

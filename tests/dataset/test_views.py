@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.dataset._transforms import STANDARD, Transforms, parse_transforms
+from elitelanes_jax.dataset._transforms import STANDARD, VARIED, Transforms, parse_transforms
 from elitelanes_jax.dataset._views import draw_view, photograph, warp
 
 SIZES = st.tuples(st.integers(16, 90), st.integers(16, 90))
@@ -141,6 +141,7 @@ def test_reading():
         quarter_turns=True, scale=(0.5, 2.0), crop=64, rotation=10.0
     )
     assert parse_transforms(["scale=1.5"]).scale == (1.5, 1.5)
+    assert parse_transforms(["varied", "shadow=0"]) == VARIED.replace(shadow=0.0)
 
 
 def test_a_crop_larger_than_the_map_is_refused():

@@ -183,10 +183,6 @@ def test_a_page_of_another_process_is_not_replaced(tmp_path, monkeypatch):
     assert (tmp_path / "page.html").read_text() == "of the other"
 
 
-def usual(usual):
-    return usual
-
-
 def fractional(metrics, usual):
     return usual / 7 + metrics.tiles
 
@@ -195,7 +191,6 @@ def fractional(metrics, usual):
     ("options", "dtype", "is_usual", "floors"),
     [
         ({}, "int32", True, True),
-        ({"fitness": usual}, "int32", True, True),
         ({"where": ["crossings=6", "bridges=2"]}, "int32", True, True),
         ({"weights": {"symmetry": -1}}, "int32", True, False),
         ({"fitness": fractional}, "float32", False, False),

@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import DatasetSpec, InputError, PickSpec, RoadMap, SearchSpec, read_map
-from elitelanes_jax.drive import make_levels, make_rides
+from elitelanes_jax import DatasetSpec, InputError, PickSpec, RoadMap, SearchSpec
+from elitelanes_jax.drive import make_levels
 from elitelanes_jax.formats import as_maps
 
 CODES = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
@@ -67,13 +67,3 @@ def test_several_maps_are_several(file):
         assert [one.codes.tolist() for one in as_maps(maps)] == [CODES, CODES, OTHER]
     with pytest.raises(InputError, match="grids: expected one or more of one size, got several sizes"):
         make_levels(jax.random.key(0), [CODES, [[6, 3], [12, 9]]])
-
-
-def test_a_path_that_is_none_is_named():
-    with pytest.raises(InputError, match=r"file: expected a name, got \[1\]"):
-        read_map([1])
-
-
-def test_rides_take_maps_and_lists():
-    one, other = (make_rides(grid, 2, seconds=0.1) for grid in (CODES, RoadMap(np.array(CODES))))
-    assert np.array_equal(one.x, other.x)

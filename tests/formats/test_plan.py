@@ -12,7 +12,7 @@ from hypothesis import given
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.formats import make_plan, without_dead_ends, write_plan
 from elitelanes_jax.formats.plan import REFERENCE, tapes_of
-from elitelanes_jax.network.codes import KIND_OF, KINDS, ROAD_ALPHABET, SIDES, rotate_codes
+from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, SIDES, rotate_codes
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
@@ -136,7 +136,3 @@ def test_a_full_disk_is_an_error_of_the_system(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert [file.name for file in tmp_path.iterdir()] == ["whole.pdf"]
-
-
-def test_kinds_of_tiles_are_those_of_maps():
-    assert set(REFERENCE) == {KIND_OF[code] for code in ROAD_ALPHABET}

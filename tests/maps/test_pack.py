@@ -7,6 +7,7 @@ from hashlib import sha256
 import networkx as nx
 import numpy as np
 import pytest
+from folders import files
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirror, read_map, rotate
 from elitelanes_jax.drive import movements
@@ -20,10 +21,6 @@ MAPS = [
     RoadMap(grid, metrics=plain_measure(grid), niche=[number % 8, number // 12]) for number, grid in enumerate(GRIDS)
 ]
 SPEC = PackSpec(to=("movingai", "duckietown"), trips=5)
-
-
-def contents(folder):
-    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +37,7 @@ def rows(file):
 
 def test_checksums_are_those_of_all_files(packed):
     listed = dict(line.split("  ")[::-1] for line in (packed / "SHA256SUMS").read_text().splitlines())
-    found = {name: sha256(content).hexdigest() for name, content in contents(packed).items()}
+    found = {name: sha256(content).hexdigest() for name, content in files(packed).items()}
     found.pop("SHA256SUMS")
     assert listed == found
 
@@ -92,7 +89,7 @@ def test_trips_are_as_long_as_shortest_ways(packed):
 
 
 def test_the_same_maps_give_the_same_bytes_after_an_interruption_too(packed, tmp_path, monkeypatch):
-    expected, drawn = contents(packed), []
+    expected, drawn = files(packed), []
     usual = exporting.FORMATS["duckietown"]
 
     def interrupt(road_map, name, **settings):
@@ -106,7 +103,7 @@ def test_the_same_maps_give_the_same_bytes_after_an_interruption_too(packed, tmp
         pack(SPEC, MAPS, tmp_path / "pack")
     assert not (tmp_path / "pack").exists()
     pack(SPEC, MAPS, tmp_path / "pack")
-    assert contents(tmp_path / "pack") == expected
+    assert files(tmp_path / "pack") == expected
     assert len(drawn) == len(MAPS) + 3  # a map for the check of the settings, twice, and the interrupted one again
 
 
@@ -152,11 +149,11 @@ def test_what_cannot_be_packed_is_refused_before_anything_is_written(tmp_path):
 
 
 def test_a_pack_is_not_replaced_by_one_of_its_own_maps(packed):
-    before = contents(packed)
+    before = files(packed)
     file = next(packed.glob("maps/*/*.json"))
     with pytest.raises(InputError, match=r"expected a folder to replace that contains no input, got one with .*\.json"):
         pack(PackSpec(split=(1, 0, 0)), [file], packed, force=True)
-    assert contents(packed) == before
+    assert files(packed) == before
 
 
 def test_the_maps_of_a_pack_are_read(packed):

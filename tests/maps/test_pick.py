@@ -76,29 +76,6 @@ def test_other_axes_spread_the_maps_otherwise(searched, tmp_path):
     assert len({tuple(road_map.niche) for road_map in chosen}) == 4
 
 
-def test_too_few_maps_are_written_only_if_that_is_asked_for(searched, tmp_path, capsys):
-    archive, out = searched / "one" / "archive.npz", tmp_path / "out"
-    assert pick(archive, "--maps", 999, "--quiet", out=out) == 1
-    said = capsys.readouterr().err
-    assert "; --at-most writes those found; more archives find more" in said
-    assert not out.exists()
-    assert pick(archive, "--maps", 999, "--at-most", out=out) == 0
-    found = len(maps(out))
-    assert f"found {found} of 999 maps" in said
-    assert f"{found} maps of 999 in {out / 'maps'}" in capsys.readouterr().out
-    assert pick(archive, "--at-most", "--where", "crossings=24", "--quiet", out=tmp_path / "none") == 1
-    assert "found 0 of 16 maps" in capsys.readouterr().err
-
-
-def test_a_search_writes_what_it_found_if_that_is_asked_for(tmp_path, capsys):
-    out = tmp_path / "out"
-    assert main(["generate", *SMALL, "--seeds", "3", "--maps", "999", "--out", str(out)]) == 1
-    assert "; --at-most writes those found; more seeds find more" in capsys.readouterr().err
-    assert main(["generate", *SMALL, "--seeds", "3", "--maps", "999", "--at-most", "--out", str(out)]) == 0
-    assert 6 < len(maps(out)) < 60
-    assert json.loads((out / "run.json").read_text())["settings"]["at_most"] is True
-
-
 def test_archives_of_maps_of_other_sizes_are_refused(searched, tmp_path, capsys):
     with np.load(searched / "one" / "archive.npz") as stored:
         arrays = dict(stored)

@@ -99,13 +99,9 @@ def test_what_cannot_be_masked_is_named(tmp_path):
     place.mkdir()
     with pytest.raises(InputError, match="turn_1: expected a photograph of the tile, image.png, got none"):
         mask_folder(tmp_path)
-    for picture, message in (
-        (np.zeros((40, 40), np.uint8), "turn_1/image.png: expected a picture in colours, got a grey one"),
-        (np.zeros((40, 30, 3), np.uint8), "turn_1/image.png: expected a square picture, got 30 x 40 pixels"),
-    ):
-        cv2.imwrite(str(place / "image.png"), picture)
-        with pytest.raises(InputError, match=message):
-            mask_folder(tmp_path)
+    cv2.imwrite(str(place / "image.png"), np.zeros((40, 40), np.uint8))
+    with pytest.raises(InputError, match=r"turn_1/image.png: expected a picture in colours, got a grey one"):
+        mask_folder(tmp_path)
     (tmp_path / "turn_2").mkdir()
     (place / "image.png").write_bytes(b"")
     with pytest.raises(InputError, match=r"turn_1/image.png: expected a PNG picture .* \(and 1 more\)"):

@@ -8,7 +8,6 @@ import pytest
 from folders import read_picture
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
 from elitelanes_jax.tiles import default_objects, draw_tag, load_objects, render
 from experiments.perception.draw_objects import draw_all
@@ -161,25 +160,6 @@ def test_faults_are_named(words, own):
         load_objects(own.parent)
 
 
-def test_render_draws_with_ones_own_set_or_says_what_it_lacks(own, tmp_path, capsys):
-    road_map = RoadMap(TOWN, objects=[MapObject("duckie", 1.5, 0.5, 0.0, 0.08)])
-    road_map.save(tmp_path / "map.json")
-    command = ["render", str(tmp_path / "map.json"), "--objects", str(own.parent), "--out", str(tmp_path / "out")]
-    assert main(command) == 0
-    instances = read_picture(tmp_path / "out" / "instances.png")
-    assert instances.dtype == np.uint16 and instances.max() == 1
-    RoadMap(TOWN, objects=[MapObject("tree", 1.5, 0.5, 0.0, 0.25)]).save(tmp_path / "map.json")
-    capsys.readouterr()
-    assert main([*command, "--force"]) == 2
-    said = capsys.readouterr().err
-    assert "objects: expected kinds that the set 'mine' has (duckie), got tree" in said and said.count("\n") == 1
-
-
 def test_a_tag_is_the_one_of_the_family():
     code = "".join(str(int(bit > 0)) for bit in draw_tag(0)[1:7, 1:7].flat)
     assert int(code, 2) == 0xD5D628584  # as in AprilTag's table of the family
-    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    page = np.pad(draw_tag(25).repeat(16, axis=0).repeat(16, axis=1), 40, constant_values=255)
-    corners, numbers, _ = cv2.aruco.ArucoDetector(family).detectMarkers(page)
-    assert numbers.ravel().tolist() == [25]
-    assert (corners[0][0][0] > corners[0][0][2]).all(), "OpenCV has the family upside down"

@@ -10,7 +10,7 @@ from elitelanes_jax import InputError, RoadMap, render, repair, rotate
 from elitelanes_jax.formats import map_to_json
 from elitelanes_jax.formats.road_map import Drawn
 from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles, overlay, write_picture
-from elitelanes_jax.tiles.rendering import png_of, recall_choice, write_png
+from elitelanes_jax.tiles.rendering import recall_choice
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
 RNG = np.random.default_rng(12)
@@ -22,7 +22,7 @@ def tiles(request):
     return request.getfixturevalue(request.param)
 
 
-@pytest.mark.parametrize("size", [16, 31, 64, 384, 400, 512])
+@pytest.mark.parametrize("size", [16, 31, 400])
 def test_shapes_types_and_values(tiles, size):
     picture = render(GRID[:2, :3], tiles, tile_px=size)
     assert picture.image.shape == (2 * size, 3 * size, 3)
@@ -162,12 +162,6 @@ def test_what_the_command_takes_is_taken(drawn_tiles, drawn_map, tmp_path):
             render(GRID, wrong)
 
 
-def test_a_picture_is_written_to_a_new_folder(tmp_path):
-    picture = np.arange(12, dtype=np.uint8).reshape(3, 4)
-    write_png(tmp_path / "new" / "folder" / "a.png", picture)
-    assert (tmp_path / "new" / "folder" / "a.png").read_bytes() == png_of(picture)
-
-
 def test_wrong_arguments_are_refused(drawn_tiles):
     chosen = choose_tiles(GRID, drawn_tiles)
     wrong, outside = chosen.copy(), chosen.copy()
@@ -187,7 +181,8 @@ def test_wrong_arguments_are_refused(drawn_tiles):
 
 def test_a_picture_is_written_with_its_masks(drawn_tiles, tmp_path):
     picture = render([[6, 3], [12, 9]], drawn_tiles, tile_px=32)
-    write_picture(tmp_path, picture)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(f"{name}.png" for name in PIXELS)
+    folder = tmp_path / "new" / "folder"
+    write_picture(folder, picture)
+    assert sorted(path.name for path in folder.iterdir()) == sorted(f"{name}.png" for name in PIXELS)
     for name in PIXELS[1:]:
-        np.testing.assert_array_equal(read_picture(tmp_path / f"{name}.png"), getattr(picture, name))
+        np.testing.assert_array_equal(read_picture(folder / f"{name}.png"), getattr(picture, name))
