@@ -249,8 +249,8 @@ class _Change(NamedTuple):
     last: Int32[Array, " 2"]  # the southernmost row and the easternmost column, both included
     # The code that is written into the rectangle. _TOGGLED: the links along its outline are toggled (along a rectangle
     # one tile wide, the links in it). _COPIED: tiles are copied. _REFITTED: the tiles of a window.
-    code: Int[ArrayLike, ""]
-    how: Int[ArrayLike, ""] = 0  # how tiles are copied: a sum of the constants below
+    code: Int32[Array, ""] | int
+    how: Int32[Array, ""] | int = 0  # how tiles are copied: a sum of the constants below
     # The row and the column that a tile is copied from are these numbers plus its own row and column, or minus them in
     # a mirrored copy.
     offset: Int32[Array | np.ndarray, " 2"] = np.zeros(2, np.int32)
@@ -290,7 +290,7 @@ class _Draws:
         line = randint(self.bits[1], jnp.where(east, height, width))
         ends = randint(self.bits[2:4], jnp.where(east, width, height))
         across = _either(east)
-        return east, *(jnp.where(across, line, end(*ends)) for end in (jnp.minimum, jnp.maximum))
+        return east, jnp.where(across, line, jnp.minimum(*ends)), jnp.where(across, line, jnp.maximum(*ends))
 
 
 _Plan = Callable[[_Draws], _Change]
@@ -374,7 +374,7 @@ def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -
         change.how & flag > 0 for flag in (_FLIPPED, _MIRRORED, _TRANSPOSED, _FROM_MATE, _ROTATED)
     )
 
-    def sources(axis: int, back: Array) -> Array:
+    def sources(axis: int, back: Bool[ArrayLike, ""]) -> Array:
         """Returns the row that each row is copied from, or the column that each column is copied from."""
         own = np.arange(grid.shape[axis], dtype=np.int32)
         first, last = change.first[axis], change.last[axis]

@@ -156,6 +156,10 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
     return Move(5, apply)
 
 
+_Forth = tuple[Array, Array, Array]
+"""What the western column shows, whether the filling fits so far, and whether it is the present one so far."""
+
+
 def _refitted(
     bits: UInt32[Array, ""],
     tiles: Int32[Array, "5 N"],
@@ -197,7 +201,7 @@ def _refitted(
     last = jnp.where(free, columns[:, 0], -1).max()  # of the columns with which the filling can begin to differ
     west = jnp.where(last < 0, west, jnp.minimum(west, last))
 
-    def forth(carry: tuple[Array, Array, Array], column: tuple[Array, Array]) -> tuple[tuple[Array, ...], Array]:
+    def forth(carry: _Forth, column: tuple[Array, Array]) -> tuple[_Forth, Array]:
         shown, fits, same = carry
         (index, around, old), ahead = column
         draws = _hash(bits + (index * 8 + np.arange(8)).astype(jnp.uint32) * np.uint32(0x9E3779B9))

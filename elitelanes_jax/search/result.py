@@ -170,6 +170,28 @@ class Result:
         result = replace(self, elites=elites, spec=self.spec.replace(where=ranges.values()))
         return result.choose(check_named("count", whole(1), count)).maps
 
+    def write(self, folder: str | Path, maps: int = 16, *, force: bool = False, **options: UserValue) -> list[RoadMap]:
+        """Writes the folder that `generate` writes: chosen maps with pictures and masks, a sheet, and the archive.
+
+        Args:
+          folder: new or empty.
+          maps: the number of maps.
+          force: whether the folder is replaced, if an earlier run wrote all files in it.
+          **options: more fields of `PickSpec`, such as `where`, `at_most`, `tiles`, `tile_px` and `seed`.
+
+        Returns:
+          The maps, as they were written.
+
+        Raises:
+          InputError: for a bad option, or a folder with other files.
+          NotEnoughMapsError: if there are fewer valid and different maps than requested.
+          OSError: if the folder cannot be written.
+        """
+        from elitelanes_jax.maps.picking import pick
+        from elitelanes_jax.maps.spec import PickSpec
+
+        return pick(PickSpec().replace(maps=maps, **options), self, folder, force=force)
+
     def choose(
         self,
         count: int,
@@ -203,7 +225,7 @@ class Result:
                 *([f"  where    {where}"] if where else []),
                 *([f"  config   {self.config}"] if self.config is not None and self.spec.preset == CUSTOM else []),
                 "  fields   elites, history, state, spec, axes, config",
-                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; save(path)",
+                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; write(folder); save(path)",
             ]
         )
 
