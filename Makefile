@@ -229,7 +229,7 @@ SEEN := results/perception
 
 perception: $(READY) .venv-gym-duckietown/.ready
 	test -d $(SEEN)/views || $(BIN)/elitelanes dataset --out $(SEEN)/views --style town --maps 60 --views 500 --size 7 \
-	  --evaluations 2000 --split 1 0 0 --format plain --tile-px 96 --camera rows=120 columns=160 lines=0.07 \
+	  --evaluations 2000 --split 1 0 0 --tile-px 96 --camera rows=120 columns=160 lines=0.07 \
 	  --transform varied blur=0.5
 	test -f $(SEEN)/pose.npz || $(SEE).train pose $(SEEN)/views --out $(SEEN)/pose.npz
 	test -f $(SEEN)/labels.npz || $(SEE).train labels $(SEEN)/views --out $(SEEN)/labels.npz

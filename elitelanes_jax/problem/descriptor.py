@@ -76,8 +76,6 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
     """
     if isinstance(axes, str):
         axes = split_settings(axes)
-    elif isinstance(axes, Axis) or (isinstance(axes, Mapping) and "metric" in axes):
-        axes = [axes]
     try:
         if isinstance(axes, Mapping):
             axes = [Axis(name, *(bins if isinstance(bins, tuple | list) else (bins,))) for name, bins in axes.items()]

@@ -45,7 +45,7 @@ def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tup
 
     Args:
       where: texts, or one text with spaces between ranges; or a mapping of names to numbers, texts such as ``6..10``,
-        or pairs of numbers with None for no limit; or `Range` records.
+        or pairs of numbers with None for no limit; or several `Range` records.
       features: the names of the user's features; None accepts any name.
 
     Raises:
@@ -53,8 +53,6 @@ def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tup
     """
     if isinstance(where, str):
         where = split_settings(where)
-    elif isinstance(where, Range):
-        where = [where]
     if isinstance(where, Mapping):
         ranges = [_range(f"where: {name}", name, limits, features) for name, limits in where.items()]
     elif isinstance(where, Iterable):

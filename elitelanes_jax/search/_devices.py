@@ -57,13 +57,14 @@ def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
 
 
 def join(parts: Sequence[Pytree], rows: int) -> Pytree:
-    """Joins the parts that `cut` made to arrays ``[rows, ...]``."""
-    if len(parts) == 1:
+    """Joins the parts that `cut` made to arrays ``[rows, ...]``, for the default device."""
+    home = jax.local_devices()[0]
+    if len(parts) == 1 and all(getattr(array, "device", home) == home for array in jax.tree.leaves(parts[0])):
         return parts[0]
 
     def joined(*arrays: Pytree) -> Pytree:
         if _is_key(arrays[0]):
-            return jnp.concatenate([_put(array, jax.local_devices()[0]) for array in arrays])[:rows]
+            return jnp.concatenate([jax.device_put(array, home) for array in arrays])[:rows]
         return np.concatenate(arrays)[:rows]
 
     return jax.tree.map(joined, *parts)

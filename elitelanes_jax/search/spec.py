@@ -69,8 +69,8 @@ class SearchOptions(TypedDict, total=False):
     preset: str
     evaluations: int | str
     generations: int | str | None
-    axes: str | Axis | Iterable[str | Axis | Mapping[str, Any]] | Mapping[str, int | tuple[int, int]] | None
-    where: str | Range | Iterable[str | Range] | Mapping[str, _Limits]
+    axes: str | Iterable[str | Axis | Mapping[str, Any]] | Mapping[str, int | tuple[int, int]] | None
+    where: str | Iterable[str | Range] | Mapping[str, _Limits]
     weights: str | Weights | Mapping[str, int] | Iterable[str | tuple[str, int]]
     targets: Mapping[str, Sequence[float]] | Iterable[ExampleValues]
     fix: "str | Path | FixedCells | ArrayLike | Sequence[Sequence[int | None]] | None"

@@ -35,19 +35,17 @@ def read_style(style: UserValue) -> Style:
     if isinstance(style, Style):
         return style
     text = str(style) if isinstance(style, str | Path) else ""
-    if not text.endswith(".toml") and text not in STYLES:
+    if text in STYLES:
+        return _read_own(text)
+    if not text.endswith(".toml"):
         names = f"one of {', '.join(STYLES)}, or a file that ends in .toml"
         raise InputError(f"style: expected {names}, got {shorten(repr(style), 40)}{suggest(text, STYLES)}")
-    return _read(Path(text)) if text.endswith(".toml") else _read_own(text)
+    return Style(text, read_toml(text, f"style {text!r}"))
 
 
 @cache
 def _read_own(name: str) -> Style:
-    return _read(FOLDER / f"{name}.toml")._replace(name=name)
-
-
-def _read(file: Path) -> Style:
-    return Style(str(file), read_toml(file, f"style {str(file)!r}"))
+    return Style(name, read_toml(FOLDER / f"{name}.toml", f"style {name!r}"))
 
 
 def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserValue]:

@@ -37,7 +37,7 @@ def test_messages_are_read_as_they_were_written(tmp_path):
 
 
 def test_weights_are_read_as_they_were_written_and_no_others(tmp_path):
-    weights = nets.NETS["pose"].init(jax.random.key(0), np.zeros((1, 120, 160, 3), np.uint8))
+    weights = jax.jit(nets.NETS["pose"].init)(jax.random.key(0), np.zeros((1, 120, 160, 3), np.uint8))
     nets.write_weights(tmp_path / "pose.npz", weights)
     assert (tmp_path / "pose.npz").stat().st_size < 500_000
     images = np.random.default_rng(0).integers(0, 256, (2, 120, 160, 3), np.uint8)
