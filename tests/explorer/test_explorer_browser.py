@@ -137,7 +137,7 @@ def test_saved_files_are_those_of_python(seen, drawn, folder):
 def test_photographed_tiles_are_brought_together_as_render_does_it(seen, folder, px):
     tiles = photographs()
     plain, expected = (
-        render(read_map(TOWN), tiles, tile_px=px, blend=blend).image.astype(int) for blend in (False, True)
+        render(read_map(TOWN), replace(tiles, blend=blend), tile_px=px).image.astype(int) for blend in (False, True)
     )
     picture = cv2.imread(str(folder / f"photo{px}.png"))[..., ::-1].astype(int)
     assert np.abs(plain - expected).max() > 30
