@@ -195,14 +195,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         info = Info(found.fitness.min(), found.valid.sum(dtype=jnp.int32), count_refused(children))
         return AnnealedMapElitesState(chains, cycles, archives, cooling.after(grows=False)), info
 
-    def migrate(state: AnnealedMapElitesState, elites: Population) -> AnnealedMapElitesState:
-        # Chains that are not isolated know the archive of all chains; the archives of the groups do not change.
-        mine = elites_of(state.archives)
-        new = select(elites.fitness < mine.fitness, elites, mine)
-        archives = jax.tree.map(lambda array, part: array.at[groups.last :].set(part), state.archives, new)
-        return state._replace(archives=archives)
-
-    return Optimizer(init, step, lambda state: elites_of(state.archives), count, migrate)
+    return Optimizer(init, step, lambda state: elites_of(state.archives), count)
 
 
 def _initial_towns(problem: Problem, key: Key[Array, ""], count: int) -> Int8[Array, "C H W"]:

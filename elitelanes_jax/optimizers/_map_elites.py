@@ -77,7 +77,4 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
         info = Info(archive.fitness.min(), archive.valid.sum(dtype=jnp.int32), count_refused(offspring))
         return MapElitesState(population, archive), info
 
-    def migrate(state: MapElitesState, elites: Population) -> MapElitesState:
-        return state._replace(archive=select(elites.fitness < state.archive.fitness, elites, state.archive))
-
-    return Optimizer(init, step, lambda state: state.archive, loop.offspring, migrate)
+    return Optimizer(init, step, lambda state: state.archive, loop.offspring)

@@ -49,12 +49,9 @@ class Optimizer(NamedTuple):
       step: (key, state) -> (state, `Info`).
       elites: state -> `Population`, the grids that the optimiser has found; slots may be vacant.
       evaluations_per_step: int, the number of grids that a step evaluates.
-      migrate: (state, elites) -> state in which each better elite replaces the elite of its slot; None without an
-        archive.
     """
 
     init: Callable[[Key[Array, ""]], Pytree]
     step: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Info]]
     elites: Callable[[Pytree], Population]
     evaluations_per_step: int
-    migrate: Callable[[Pytree, Population], Pytree] | None = None
