@@ -16,7 +16,6 @@ from elitelanes_jax.optimizers._population import (
     EvolutionConfig,
     breed,
     random_population,
-    select,
     survivors,
     tournament,
 )
