@@ -69,7 +69,7 @@ marimo: .venv-marimo/.ready explorer/node_modules/.ready
 interop: .venv-interop/.ready
 	.venv-interop/bin/python -m pytest tests/optimizers/test_interop.py
 
-# Gymnasium's check of environments, and the loops of Gymnax, Rejax and JaxUED.
+# Gymnasium's check of environments, and the loops of Gymnax and Rejax.
 rl: .venv-rl/.ready
 	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py
 

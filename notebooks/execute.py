@@ -70,7 +70,7 @@ def execute(file: Path, folder: Path, *, quick: bool = False) -> NotebookNode:
 
 
 def normalised(notebook: NotebookNode) -> NotebookNode:
-    """Returns the notebook as it is kept: without progress bars and metadata of a machine.
+    """Returns the notebook as it is kept: without lines of progress and metadata of a machine.
 
     The id of a cell is a digest of its source and of all sources before it. So tests see a changed source that was not
     executed. They see changed searches by the digest of what these find.
@@ -80,7 +80,7 @@ def normalised(notebook: NotebookNode) -> NotebookNode:
         digest.update(f"{cell.cell_type}\n{cell.source}\n".encode())
         cell.id, cell.metadata = digest.hexdigest()[:8], NotebookNode()
         if cell.cell_type == "code":
-            cell.outputs = [output for output in cell.outputs if not _is_bar(output)]
+            cell.outputs = [output for output in cell.outputs if not _is_progress(output)]
     notebook.metadata = nbformat.from_dict(_METADATA | {"searches": _searches()})
     notebook.nbformat, notebook.nbformat_minor = 4, 5
     return notebook
@@ -102,8 +102,8 @@ def _searches() -> str:
     return digest.hexdigest()[:8]
 
 
-def _is_bar(output: NotebookNode) -> bool:
-    """Whether an output is a progress bar, or the end of its line."""
+def _is_progress(output: NotebookNode) -> bool:
+    """Whether an output is a line of progress, or its end."""
     return output.get("name") == "stderr" and ("\r" in output.text or not output.text.strip())
 
 

@@ -1,4 +1,4 @@
-"""Tile pictures: sets, masks, seams, and maps drawn with them. This room uses OpenCV."""
+"""Tile pictures: sets, masks, and maps drawn with them. This room uses OpenCV."""
 
 from elitelanes_jax._util.faces import attach
 

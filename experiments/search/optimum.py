@@ -86,6 +86,7 @@ def _run(options: argparse.Namespace) -> None:
         niches.append(_part(parts, f"niches-{size}", partial(_count_niches, quick, size, budget)))
         print(" | ".join(niches[-1]), flush=True)
     head = ["grid", "evaluations of a run", "(niche, run) pairs at the certified optimum", "filled"]
+    head += ["by cyclomatic number, runs at the optimum"]
     write(options.out / "optimum.md", f"{table(_HEAD, rows, left=3)}\n{table(head, niches)}")
     _draw(curves, options.out / "optimum.png")
     print(f"written to {options.out}")
@@ -136,7 +137,8 @@ def _count_niches(quick: bool, size: str, budget: int, checkpoint: Path) -> list
     in_niche = (np.asarray(elites.valid) & (flaws == 0))[..., None] & (metrics.cyclomatic[..., None] == task.cyclomatic)
     optimal = (in_niche & (np.asarray(elites.fitness)[..., None] == task.optimum)).any(axis=1)
     filled = in_niche.any(axis=1).mean()
-    return [size, f"{evaluations:,}", f"{optimal.sum()} of {optimal.size}", f"{filled:.0%}"]
+    runs = " ".join(f"{number}:{hits}" for number, hits in zip(task.cyclomatic, optimal.sum(axis=0), strict=True))
+    return [size, f"{evaluations:,}", f"{optimal.sum()} of {optimal.size}", f"{filled:.0%}", runs]
 
 
 def _draw(curves: Mapping[tuple[str, str], tuple[list[int], list[float]]], file: Path) -> None:
