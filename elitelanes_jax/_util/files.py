@@ -44,6 +44,8 @@ def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
     """Reads a file of TOML, at most 1 MiB; other files are an `InputError` that starts with the source."""
     try:
         return tomllib.loads(read_text(file, MIB))
+    except InputError:  # a large file
+        raise
     except OSError as error:
         raise InputError(f"{source}: {reason(error)}") from None
     except (ValueError, RecursionError) as error:  # of TOML, or of UTF-8

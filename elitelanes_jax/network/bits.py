@@ -58,7 +58,7 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
         check_named("count", whole(0), count)
     bits = jnp.asarray(bits)
     high, low = bits >> 16, bits & 0xFFFF
-    if isinstance(count, int | np.integer | np.ndarray) and np.max(count) < 2**16:
+    if isinstance(count, int | np.integer | np.ndarray) and np.max(count, initial=0) < 2**16:
         few = np.asarray(count).astype(np.uint32)  # the terms below without those that are 0
         return (high * few + (low * few >> 16) >> 16).astype(jnp.int32)
     count = jnp.asarray(count, jnp.uint32)
