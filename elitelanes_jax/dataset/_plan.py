@@ -26,10 +26,6 @@ from elitelanes_jax.search.spec import SearchSpec
 # fewer than 8 maps, the maps of the next rounds may be more alike.
 _SEEDS, _FROM_ROUND, _FEW = 16, 512, 8
 
-# The number of sizes whose programs are made beside the search of one size: one is traced, under Python's lock, while
-# another compiles.
-_AHEAD = 2
-
 
 def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> list[RoadMap]:
     """Evolves the maps round by round, and writes a file after each round to the folder `work`.
@@ -41,13 +37,11 @@ def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> list[RoadM
     sizes = [_Size(spec.seed, search, *item, work) for item in maps_by_shape(spec).items()]
     maps: list[RoadMap] = []
     with Progress("evolving", spec.maps, "maps") as bar:
-        compiling: dict[int, Callable[[], None] | None] = {}
-        for index, size in enumerate(sizes):
-            for later in range(index + 1, min(index + 1 + _AHEAD, len(sizes))):
-                if later not in compiling:
-                    compiling[later] = sizes[later].compile_aside()
-            if wait := compiling.get(index):
-                wait()
+        compiled = None  # waits for the programs of the next size, which are compiled beside the search of this one
+        for size, after in zip(sizes, [*sizes[1:], None], strict=True):
+            if compiled is not None:
+                compiled()
+            compiled = after and after.compile_aside()
             for found in size.rounds():
                 maps += found
                 bar.count(len(found))
