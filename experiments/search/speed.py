@@ -266,7 +266,7 @@ _STARTS = {
 
 def _start(repetitions: int) -> list[Record]:
     """Measures whole searches in new processes: with nothing cached, cached, and as a second call in the process."""
-    print("\nseconds of a search in a new process, all cores; programs of short searches are not optimised\n")
+    print("\nseconds of a search in a new process, all cores; the shorter a search, the less optimised\n")
     print(f"{'search':>38} {'import':>8} {'cold':>8} {'cached':>8} {'second call':>12}")
     rows: list[Record] = []
     for name, arguments in _STARTS.items():
