@@ -70,7 +70,7 @@ def execute(file: Path, folder: Path, *, quick: bool = False) -> NotebookNode:
 
 
 def normalised(notebook: NotebookNode) -> NotebookNode:
-    """Returns the notebook as it is kept: without lines of progress and metadata of a machine.
+    """Returns the notebook without lines of progress and without metadata of a machine, as the repository keeps it.
 
     The id of a cell is a digest of its source and of all sources before it. So tests see a changed source that was not
     executed. They see changed searches by the digest of what these find.

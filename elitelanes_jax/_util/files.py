@@ -41,7 +41,10 @@ def read_json(file: str | Path) -> Plain:
 
 
 def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
-    """Reads a file of TOML, at most 1 MiB; other files are an `InputError` that starts with the source."""
+    """Reads a file of TOML, at most 1 MiB.
+
+    Other files are an `InputError`. It starts with the source, or with the path of a file that is too large.
+    """
     try:
         return tomllib.loads(read_text(file, MIB))
     except InputError:  # a large file

@@ -57,7 +57,7 @@ def read_submission(file: str | Path) -> Submission:
     names = ("version", "task", "grids")
     _, stored = unpack(file)
     if len(there := [name for name in names if name in stored]) < len(names):
-        raise InputError(f"{file}: expected arrays {', '.join(names)}, got {', '.join(there) or 'none of them'}")
+        raise InputError(f"{file}: expected arrays {', '.join(names)}, got {', '.join(there) or 'none'}")
     version, task, grids = (stored[name] for name in names)
     if version.tolist() != VERSION:
         raise InputError(f"{file}: expected version {VERSION}, got {version.tolist()!r}")

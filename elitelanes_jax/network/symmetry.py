@@ -36,13 +36,18 @@ def canonical_form(grid: AnyArray) -> bytes:
 
     Raises `InputError` for a bad grid (see `check_grid`).
     """
-    grid = np.asarray(check_grid(grid), np.int8)
+    images = images_of(np.asarray(check_grid(grid), np.int8))
+    return min(bytes([image.shape[0] >> 8, image.shape[0] & 255]) + image.tobytes() for image in images)
+
+
+def images_of(grid: AnyArray) -> list[AnyArray]:
+    """Returns the eight rotations and mirror images of a checked grid, the grid itself first."""
     images = []
     for image in (grid, mirror(grid)):
         for _ in range(4):
             images.append(image)
             image = _turned(image)
-    return min(bytes([image.shape[0] >> 8, image.shape[0] & 255]) + image.tobytes() for image in images)
+    return images
 
 
 def _turned(grid: AnyArray) -> AnyArray:

@@ -343,8 +343,8 @@ def _one_of(drawn: Int32[Array, ""], changes: Sequence[_Change]) -> _Change:
         jax.lax.select_n(drawn, *(jnp.asarray(value, jnp.int32) for value in values))
         for values in zip(*changes, strict=True)
     )
-    # One array that is stored, because XLA would compute the numbers again for every tile. Joining them instead would
-    # make XLA compile the plans once for each.
+    # One stored array, because XLA would compute the numbers again for every tile. If they were joined, XLA would
+    # compile the plans once for each of them.
     part = np.arange(4)[:, None]
     both = jnp.where(np.array([True, False]), code, how)
     numbers = materialize(jnp.where(part == 0, first, jnp.where(part == 1, last, jnp.where(part == 2, offset, both))))

@@ -214,7 +214,7 @@ class Programs:
     def _to_advance(self, device: jax.Device, cells: int) -> str:
         """Returns the name of the program that advances the seeds of a device, for some evaluated cells.
 
-        That is the most optimised one there is, if it is optimised enough for so many cells.
+        The cells need a level of optimisation. Of the programs that have it, the highest known one is taken.
         """
         names = [f"{_ADVANCE} {device}, level {level}" for level in range(bisect_left(_MOST_CELLS, cells), LEVELS)]
         known = [name for name in names if name in self._programs or name in self._contents]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_metrics import cut_to_roads
-from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
+from elitelanes_jax.network.symmetry import canonical_form, images_of
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
 from elitelanes_jax.problem.inventory import COUNTED
@@ -252,8 +252,8 @@ def _follow(pursuit: SupportPoints, group: NDArray[np.int_]) -> _Round:
 
 def _difference(grids: _Grids, grid: _Grids) -> NDArray[np.float64]:
     """Returns the share of tiles in which each of ``[M, H, W]`` differs from the most similar image of a map."""
-    images = [rotate(side, turns) for side in (grid, mirror(grid)) for turns in range(4)]
-    return np.min([(grids != image).mean(axis=(1, 2)) for image in images if image.shape == grid.shape], axis=0)
+    images = [image for image in images_of(grid) if image.shape == grid.shape]
+    return np.min([(grids != image).mean(axis=(1, 2)) for image in images], axis=0)
 
 
 def _farthest(points: NDArray[np.float64], count: int) -> list[int]:
