@@ -6,6 +6,7 @@ For each program: the operations of its lowered form, and the kilobytes that the
 """
 
 import json
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -41,7 +42,8 @@ def count_all(presets=PRESETS):
     keys = jax.eval_shape(lambda: jax.random.split(jax.random.key(0), SEEDS))
     for method, preset in presets:
         optimizer = make_optimizer(road_problem(SHAPE), PRESETS[method, preset])
-        states = jax.eval_shape(lambda keys, optimizer=optimizer: start(optimizer, keys), keys)
+        counts[f"{method}, {preset}, start"] = count_of(partial(start, optimizer), keys)
+        states = jax.eval_shape(partial(start, optimizer), keys)
 
         def run(keys, states, optimizer=optimizer):
             return advance(optimizer, keys, states, 1, 100, most=100)

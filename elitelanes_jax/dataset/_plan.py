@@ -25,6 +25,8 @@ from elitelanes_jax.search.spec import SearchSpec
 # Each round evolves 16 seeds and returns at most 512 maps, because maps of one seed are related. After a round with
 # fewer than 8 maps, the maps of the next rounds may be more alike.
 _SEEDS, _FROM_ROUND, _FEW = 16, 512, 8
+# The number of sizes whose programs are compiled beside the search of another one: one is traced, one compiles.
+_AHEAD = 2
 
 
 def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> list[RoadMap]:
@@ -37,11 +39,11 @@ def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> list[RoadM
     sizes = [_Size(spec.seed, search, *item, work) for item in maps_by_shape(spec).items()]
     maps: list[RoadMap] = []
     with Progress("evolving", spec.maps, "maps") as bar:
-        compiled = None  # waits for the programs of the next size, which are compiled beside the search of this one
-        for size, after in zip(sizes, [*sizes[1:], None], strict=True):
-            if compiled is not None:
-                compiled()
-            compiled = after and after.compile_aside()
+        # These wait for the programs of each size, compiled beside the searches before it. The first compiles its own.
+        compiled: list[Callable[[], None]] = [lambda: None]
+        for index, size in enumerate(sizes):
+            compiled += [later.compile_aside() for later in sizes[len(compiled) : index + 1 + _AHEAD]]
+            compiled[index]()
             for found in size.rounds():
                 maps += found
                 bar.count(len(found))
@@ -79,10 +81,10 @@ class _Size(NamedTuple):
             number += 1
             yield new
 
-    def compile_aside(self) -> Callable[[], None] | None:
+    def compile_aside(self) -> Callable[[], None]:
         """Compiles the first round's programs, if it was not made before; returns a function that waits."""
         if self._file(0).exists() or count_cores() == 1:
-            return None
+            return lambda: None
         return start_thread(partial(compile_search, self._keys(0), self.shape, self.search))
 
     def _file(self, number: int) -> Path:

@@ -97,6 +97,11 @@ def _(axis_size: int, batched: list[bool], values: Array, indices: Array) -> tup
     return lookup(values.reshape(-1), indices + first), True
 
 
+def take(table: Shaped[Array | np.ndarray, "N ..."], indices: Int[Array, "..."]) -> Shaped[Array, "..."]:
+    """Returns the rows of a table at indices, each in [0, N); indexing would compile checks of their range."""
+    return jnp.asarray(table).at[indices.astype(jnp.uint32)].get(mode="promise_in_bounds")
+
+
 class PaddedLayout(NamedTuple):
     """The layout of a grid as one vector, so that every neighbour is a shift of a long contiguous vector.
 

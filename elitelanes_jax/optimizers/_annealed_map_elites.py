@@ -17,7 +17,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt32
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.checks import flag, none_or, real, whole
 from elitelanes_jax._util.pytrees import pytree, static, traced
@@ -126,7 +126,7 @@ class AnnealedMapElitesState(NamedTuple):
     chains: Population  # the current grids
     cycles: Cycle  # the current cycles
     archives: Population  # one archive for each group of isolated chains, then the archive of all chains, end to end
-    cooling: Cooling  # arrays [C], the step of each chain within its cycle
+    cooling: Cooling  # arrays [C], the step of each chain within its cycle; -1 while no grid is evaluated
 
 
 def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = AnnealedMapElitesConfig()) -> Optimizer:
@@ -149,20 +149,24 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     strip = refit_strip(empty=not problem.fill, straight=0.0 if problem.fill else 0.75) if config.strips else None
     vary = partial(_vary, symmetric, strip, config.symmetric_probability)
     make_children = jax.vmap(partial(_make_child, problem))
+    given = 0 if problem.initial is None else len(problem.initial)
+    in_raster_order = (np.arange(count) >= given) & (not starts_from_towns)
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None, None))
 
     def elites_of(archives: Population) -> Population:
         return jax.tree.map(lambda array: array[groups.last :], archives)
 
-    def init(key: Array) -> AnnealedMapElitesState:
-        chains = evaluate(
-            problem, _initial_towns(problem, key, count) if starts_from_towns else problem.random(key, count)
-        )
-        vacant = problem.empty_archive(chains.fitness.dtype, copies=_GROUPS + 1)
-        archives = groups.insert(vacant, problem.niche(chains.features), chains)
+    def init_unevaluated(key: Array) -> AnnealedMapElitesState:
+        grids, _ = problem.random_unrepaired(key, count)
+        if starts_from_towns:
+            towns = jax.vmap(lambda key: grow_town(key, shape))(jax.random.split(key, count))
+            grids = towns.at[:given].set(grids[:given])
+        fitness = jax.eval_shape(partial(evaluate, problem), grids).fitness.dtype
+        archives = problem.empty_archive(fitness, copies=_GROUPS + 1)
+        chains = jax.tree.map(lambda array: array[:1].repeat(count, axis=0), archives)._replace(grids=grids)
         zero, no = jnp.zeros(count, jnp.int32), jnp.zeros(count, bool)
         cycles = Cycle(jnp.zeros((count, len(problem.axes)), jnp.int32), no, zero, zero)
-        return AnnealedMapElitesState(chains, cycles, archives, Cooling(zero, jnp.broadcast_to(length, count)))
+        return AnnealedMapElitesState(chains, cycles, archives, Cooling(zero - 1, jnp.broadcast_to(length, count)))
 
     def step(key: Array, state: AnnealedMapElitesState) -> tuple[AnnealedMapElitesState, Info]:
         chains, cycles, archives, cooling = state
@@ -186,7 +190,11 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         elites = archives.grids[cycles.start]
         temperature = cooling.temperature(annealing.hottest, annealing.coldest, shape)
         varied = vary(bits, temperature, cycles.restarts, chains.grids, mates)
-        children = evaluate(problem, make_children(bits.fresh, begins, cycles.restarts, varied, elites))
+        # Without a cycle, the children are the chains' own grids. Any grid is better than one that is not evaluated.
+        starts = cooling.step < 0
+        varied = Variation(select(starts, chains.grids, varied.grid), varied.dirty & ~starts[:, None, None])
+        raster = begins & cycles.restarts | starts & in_raster_order
+        children = evaluate(problem, make_children(bits.fresh, begins, cycles.restarts, varied, elites, raster))
         pursued = partial(_pursued_fitness, problem, cycles)
         accepted = metropolis_accepts(bits.accept, temperature, pursued(chains), pursued(children))
         chains = select(begins | accepted, children, chains)
@@ -195,14 +203,10 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         info = Info(found.fitness.min(), found.valid.sum(dtype=jnp.int32), count_refused(children))
         return AnnealedMapElitesState(chains, cycles, archives, cooling.after(grows=False)), info
 
-    return Optimizer(init, step, lambda state: elites_of(state.archives), count)
+    def init(key: Array) -> AnnealedMapElitesState:
+        return step(key, init_unevaluated(key))[0]
 
-
-def _initial_towns(problem: Problem, key: Key[Array, ""], count: int) -> Int8[Array, "C H W"]:
-    """Returns the problem's initial grids, and a grown town for each other chain."""
-    towns = jax.vmap(lambda key: problem.repair(grow_town(key, problem.shape)))(jax.random.split(key, count))
-    first = 0 if problem.initial is None else len(problem.initial)
-    return towns.at[:first].set(problem.random(key, count)[:first])
+    return Optimizer(init, step, lambda state: elites_of(state.archives), count, init_unevaluated)
 
 
 def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> Int32[Array, ""]:
@@ -324,10 +328,11 @@ def _make_child(
     restarts: Bool[Array, ""],
     varied: Variation,
     elite: Int8[Array, "H W"],
+    raster: Bool[Array, ""],
 ) -> Int8[Array, "H W"]:
     """Repairs a move's result. If a cycle begins, returns its first grid instead: a random grid or an elite."""
     first = jnp.where(restarts, random_grid(problem, bits), elite)
-    return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, begins & restarts)
+    return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, raster)
 
 
 def _pursued_fitness(problem: Problem, cycle: Cycle, found: Population) -> Real[Array, " C"]:

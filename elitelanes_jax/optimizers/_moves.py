@@ -24,7 +24,7 @@ from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes, transpose_codes
 from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.xla import lookup, materialize
+from elitelanes_jax.network.xla import lookup, materialize, take
 from elitelanes_jax.optimizers._mutations import Move, Variation, materialize_variation
 from elitelanes_jax.optimizers._windows import valid_windows
 
@@ -395,15 +395,15 @@ def _refit(bits: UInt32[Array, ""], change: _Change, grid: Int8[Array, "H W"], *
     """Draws another valid window for the rectangle between four sides. Tiles outside it have no meaning."""
     height, width = (min(side, _WINDOW) for side in grid.shape)
     windows = valid_windows(height, width, empty=empty)
-    all_first, all_rows = jnp.asarray(windows.first), jnp.asarray(windows.rows)
     north, west = change.first
     tiles = jax.lax.dynamic_slice(grid, (north, west), (height, width)).astype(jnp.int32)
     borders = tiles[0] & NORTH, tiles[-1] & SOUTH, tiles[:, 0] & WEST, tiles[:, -1] & EAST
     border = ((jnp.concatenate(borders) > 0) << np.arange(2 * (height + width))).sum()
-    first, count = all_first[border], all_first[border + 1] - all_first[border]
+    first = take(windows.first, border)
+    count = take(windows.first, border + 1) - first
     before = (tiles << 4 * np.arange(width)).sum(axis=1)
     drawn = randint(bits, jnp.maximum(count, 1))
-    one, next_one = (all_rows[first + (drawn + step) % jnp.maximum(count, 1)] for step in (0, 1))
+    one, next_one = (take(windows.rows, first + (drawn + step) % jnp.maximum(count, 1)) for step in (0, 1))
     window = jnp.where(count == 0, before, jnp.where((one == before).all(), next_one, one))
     rows, columns = _row_and_column_indices(grid.shape)
     row = window[jnp.clip(rows - north, 0, height - 1)]

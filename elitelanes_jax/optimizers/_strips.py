@@ -17,7 +17,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Real, UInt32
 
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, transpose_codes
-from elitelanes_jax.network.xla import lookup, materialize
+from elitelanes_jax.network.xla import lookup, materialize, take
 from elitelanes_jax.optimizers._mutations import Move, Variation
 
 LINES = 3
@@ -179,7 +179,7 @@ def _refitted(
     """
     tables = jax.tree.map(jnp.asarray, strip_tables(empty=empty))
     length = tiles.shape[1]
-    around = jnp.asarray(_SOUTH)[tiles[0]] * _SHOWN + jnp.asarray(_NORTH)[tiles[-1]]
+    around = take(_SOUTH, tiles[0]) * _SHOWN + take(_NORTH, tiles[-1])
     old = tiles[1] | tiles[2] << 4 | tiles[3] << 8
     # One number for each column, so that the loops take few arrays.
     columns = jnp.stack([np.arange(length, dtype=np.int32), around, old], axis=1)
@@ -187,16 +187,16 @@ def _refitted(
     def back(carry: tuple[Array, Array], column: Array) -> tuple[tuple[Array, Array], Array]:
         states, eastern = carry
         index, around, old = column
-        states = jnp.where(index == east, tables.back[eastern], states)
+        states = jnp.where(index == east, take(tables.back, eastern), states)
         eights = (states[:, None] >> np.arange(0, 32, 8, dtype=np.uint32) & 255).reshape(-1).astype(jnp.int32)
-        sets = tables.before[(around * 8 + np.arange(8)) * 256 + eights]
+        sets = take(tables.before, (around * 8 + np.arange(8)) * 256 + eights)
         return (jax.lax.reduce(sets, np.uint32(0), jax.lax.bitwise_or, (0,)), old), states
 
     _, ahead = jax.lax.scan(back, (jnp.zeros(2, jnp.uint32), jnp.int32(0)), columns, reverse=True)
 
-    shown = tables.shown[old]
-    present = tables.forth[shown]
-    others = tables.after[around * 125 + jnp.append(0, shown[:-1])] & ahead & ~present
+    shown = take(tables.shown, old)
+    present = take(tables.forth, shown)
+    others = take(tables.after, around * 125 + jnp.append(0, shown[:-1])) & ahead & ~present
     free = differs & _any(others) & (columns[:, 0] <= east)
     last = jnp.where(free, columns[:, 0], -1).max()  # of the columns with which the filling can begin to differ
     west = jnp.where(last < 0, west, jnp.minimum(west, last))
@@ -205,20 +205,21 @@ def _refitted(
         shown, fits, same = carry
         (index, around, old), ahead = column
         draws = _hash(bits + (index * 8 + np.arange(8)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
-        possible = tables.after[around * 125 + shown] & ahead
-        possible &= ~jnp.where(same & (index == last), tables.forth[tables.shown[old]], 0)
-        again = possible & tables.alike[shown]
+        possible = take(tables.after, around * 125 + shown) & ahead
+        possible &= ~jnp.where(same & (index == last), take(tables.forth, take(tables.shown, old)), 0)
+        again = possible & take(tables.alike, shown)
         again = jnp.where(_any(again) & bernoulli(draws[7], straight), again, possible)
         behind = _draw_state(draws[:3], again)
         pair = around * _STATES + behind
-        ahead_of = _draw_state(draws[3:6], tables.between[pair] & tables.forth[shown])
+        ahead_of = _draw_state(draws[3:6], take(tables.between, pair) & take(tables.forth, shown))
         slot = pair * _STATES + ahead_of
-        first, count = tables.first[slot], tables.first[slot + 1] - tables.first[slot]
-        drawn = tables.columns[first + randint(draws[6], jnp.maximum(count, 1))]
+        first = take(tables.first, slot)
+        count = take(tables.first, slot + 1) - first
+        drawn = take(tables.columns, first + randint(draws[6], jnp.maximum(count, 1)))
         inside = (index >= west) & (index <= east)
         fits &= ~inside | (_any(possible) & (count > 0))
         new = jnp.where(inside, drawn, old)
-        return (tables.shown[new], fits, same & (new == old)), new
+        return (take(tables.shown, new), fits, same & (new == old)), new
 
     yes = jnp.asarray(True)
     (_, fits, _), new = jax.lax.scan(forth, (jnp.int32(0), yes, yes), (columns, ahead))

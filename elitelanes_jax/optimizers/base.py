@@ -49,9 +49,17 @@ class Optimizer(NamedTuple):
       step: (key, state) -> (state, `Info`).
       elites: state -> `Population`, the grids that the optimiser has found; slots may be vacant.
       evaluations_per_step: int, the number of grids that a step evaluates.
+      init_unevaluated: key -> state, or None. This state's grids are not evaluated yet; a step from it with any key
+        returns what `init` returns. A search then compiles one program that evaluates grids instead of two.
     """
 
     init: Callable[[Key[Array, ""]], Pytree]
     step: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Info]]
     elites: Callable[[Pytree], Population]
     evaluations_per_step: int
+    init_unevaluated: Callable[[Key[Array, ""]], Pytree] | None = None
+
+    @property
+    def first_generation(self) -> int:
+        """The first generation that `start` leaves to a step: 0 if that evaluates the initial grids, otherwise 1."""
+        return 1 if self.init_unevaluated is None else 0

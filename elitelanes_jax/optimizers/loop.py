@@ -65,12 +65,15 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
     if np.ndim(keys) != 1 + (getattr(keys, "dtype", None) == np.uint32):  # a key of the old style is a vector
         raise InputError(f"keys: expected keys [S], such as those of seed_keys, got {shorten(repr(keys))}")
     check_named("generations", whole(0), generations)
-    return advance(optimizer, keys, start(optimizer, keys), 1, generations, most=generations)
+    first = optimizer.first_generation
+    states, info = advance(optimizer, keys, start(optimizer, keys), first, generations, most=generations + 1 - first)
+    return states, jax.tree.map(lambda array: array[1 - first :], info)
 
 
 def start(optimizer: Optimizer, keys: Key[Array, " S"]) -> Pytree:
-    """Returns the states of generation 0 for keys ``[S]``, arrays ``[S, ...]``."""
-    return over_seeds(lambda key: optimizer.init(jax.random.fold_in(key, 0)), keys)
+    """Returns states for keys ``[S]``, arrays ``[S, ...]``, from which `Optimizer.first_generation` can be run."""
+    init = optimizer.init_unevaluated or optimizer.init
+    return over_seeds(lambda key: init(jax.random.fold_in(key, 0)), keys)
 
 
 def over_seeds(function: Callable[..., Pytree], *trees: Pytree) -> Pytree:
@@ -90,7 +93,7 @@ def advance(
     *,
     most: int,
 ) -> tuple[Pytree, Info]:
-    """Runs the generations `first` to `last`, both included; the first generation of a run is 1.
+    """Runs the generations `first` to `last`, both included; a run begins with `Optimizer.first_generation`.
 
     Generation i of a seed depends on ``fold_in(key, i)`` and the state before it alone. Therefore generations 1 to 200
     equal 1 to 100 and then 101 to 200, bit for bit, and a seed's result does not depend on other seeds. `first` and

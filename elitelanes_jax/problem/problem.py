@@ -127,14 +127,20 @@ class Problem:
         Raises:
           InputError: for more initial grids than `count`.
         """
-        grids = jax.vmap(self.repair_raster)(random_grids(key, count, self.shape, alphabet=self.alphabet))
-        if self.initial is None:
-            return grids
-        if len(self.initial) > count:
-            raise InputError(
-                f"initial: expected at most {count} grids, the number a run starts from, got {len(self.initial)}"
-            )
-        return grids.at[: len(self.initial)].set(jax.vmap(self.repair)(jnp.asarray(self.initial)))
+        grids, raster = self.random_unrepaired(key, count)
+        return jax.vmap(lambda grid, raster: self.repair(grid, raster=raster))(grids, raster)
+
+    def random_unrepaired(
+        self, key: Key[Array, ""], count: int
+    ) -> tuple[Int8[Array, "count H W"], Bool[np.ndarray, " count"]]:
+        """Returns the grids of `random` before their repair, and whether each is repaired in raster order."""
+        grids = random_grids(key, count, self.shape, alphabet=self.alphabet)
+        given = 0 if self.initial is None else len(self.initial)
+        if given > count:
+            raise InputError(f"initial: expected at most {count} grids, the number a run starts from, got {given}")
+        if given:
+            grids = grids.at[:given].set(jnp.asarray(self.initial))
+        return grids, np.arange(count) >= given
 
     def repair_raster(self, grid: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
         """Repairs a grid whose tiles are all new: each tile decides over those after it, row by row."""

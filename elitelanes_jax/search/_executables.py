@@ -170,23 +170,27 @@ def compile_program(lowered: jax.stages.Lowered, level: int) -> jax.stages.Compi
     Level 2 is XLA's usual one. Level 1 compiles in half the time and runs 1.4 to 1.7 times as long, level 0 compiles in
     a quarter and runs ten to twenty times as long.
     """
-    return lowered.compile(None if level == LEVELS - 1 else _options(level))
+    options = {name: value for name, value in _OPTIONS[level].items() if name not in _unknown}
+    try:
+        return lowered.compile(options or None)
+    except Exception as error:  # of XLA, of any type; it checks the options first
+        names = [name for name in options if name in str(error)]
+        if not names:
+            raise
+        _unknown.update(names)
+        return compile_program(lowered, level)
 
 
-@cache
-def _options(level: int) -> dict[str, str | bool]:
-    """Returns the options of this version of XLA for faster compilation."""
-    options: dict[str, str | bool] = {"xla_backend_optimization_level": str(level)}
-    further: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
-    if level == 0:
-        # Two parts for LLVM take 15 % less processor time than the usual 32.
-        further["xla_cpu_parallel_codegen_split_count"] = "2"
-    for name, value in further.items():
-        with suppress(Exception):  # of XLA, of any type
-            jax.jit(lambda: 0).lower().compile(options | {name: value})
-            options[name] = value
-    return options
-
+_OPTIONS: tuple[dict[str, str | bool], ...] = (
+    {
+        "xla_backend_optimization_level": "0",
+        "xla_cpu_use_fusion_emitters": False,
+        "xla_cpu_parallel_codegen_split_count": "2",  # takes 15 % less processor time than the usual 32 parts for LLVM
+    },
+    {"xla_backend_optimization_level": "1", "xla_cpu_use_fusion_emitters": False},
+    {},
+)
+_unknown: set[str] = set()  # options that this version of XLA does not know
 
 _SHORTEST = "jax_persistent_cache_min_compile_time_secs"
 _lock = Lock()

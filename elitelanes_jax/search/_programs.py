@@ -5,6 +5,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property, lru_cache, partial
+from threading import RLock
 from typing import NamedTuple, TypeAlias
 
 import jax
@@ -58,16 +59,24 @@ _ADVANCE = "advance"
 _MOST_CELLS = (1_500_000, 64_000_000)
 
 
+_tracing_lock = RLock()
+
+
 @contextmanager
-def _without_collecting() -> Iterator[None]:
-    """Pauses Python's garbage collector. Tracing makes many lasting objects; looking through them takes a tenth."""
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
+def _tracing() -> Iterator[None]:
+    """Lets one thread trace at a time, without Python's garbage collector.
+
+    Several threads would only take turns, and all programs be late. Tracing makes many lasting objects; looking through
+    them takes a tenth of the time.
+    """
+    with _tracing_lock:
+        collects = gc.isenabled()
+        gc.disable()
+        try:
+            yield
+        finally:
+            if collects:
+                gc.enable()
 
 
 class Traced(NamedTuple):
@@ -156,16 +165,28 @@ class Programs:
             return tuple(jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in self._kept.facts["states"])
         return tuple(jax.tree.leaves(self._tree))
 
-    @cached_property
+    @property
     def evaluations_per_step(self) -> int:
         """The evaluations of a generation of one seed."""
+        return self._numbers[0]
+
+    @property
+    def first_generation(self) -> int:
+        """The first generation after the start, see `Optimizer`."""
+        return self._numbers[1]
+
+    @cached_property
+    def _numbers(self) -> tuple[int, int]:
         if self._kept is not None:
-            return int(self._kept.facts["evaluations_per_step"])
+            return tuple(self._kept.facts["numbers"])
         found: list[int] = []
-        jax.eval_shape(
-            lambda traced: found.append(int(self._static.optimizer(traced).evaluations_per_step)), self._traced
-        )
-        return found[0]
+
+        def find(traced: Traced) -> None:
+            optimizer = self._static.optimizer(traced)
+            found.extend((int(optimizer.evaluations_per_step), optimizer.first_generation))
+
+        jax.eval_shape(find, self._traced)
+        return found[0], found[1]
 
     @property
     def memory(self) -> int:
@@ -256,13 +277,13 @@ class Programs:
                 if content is not None:
                     self._contents = self._contents | {name: content}
         shapes = [[list(leaf.shape), str(leaf.dtype)] for leaf in self.states]
-        facts = {"states": shapes, "evaluations_per_step": self.evaluations_per_step}
+        facts = {"states": shapes, "numbers": self._numbers}
         save(self._file, Kept(facts, self._contents))
 
     @cached_property
     def _tree(self) -> Pytree:
         """The shapes and dtypes of the states of all seeds, in the optimiser's structure."""
-        with _without_collecting():
+        with _tracing():
             return _start.eval_shape(self._static, self._traced, self._keys)
 
     def _device(self, name: str) -> jax.Device:
@@ -270,7 +291,7 @@ class Programs:
         said = name.removeprefix(f"{_ADVANCE} ").split(", level ")[0]
         return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
-    @_without_collecting()
+    @_tracing()
     def _lower(self, name: str) -> jax.stages.Lowered:
         static, traced, keys = self._static, self._traced, self._keys
         if name == "start":

@@ -189,6 +189,8 @@ def _evolve(
         states = None if inner is None else cut(inner, search.devices)
         try:
             with bar.doing("compiling"):
+                if states is None:
+                    done = search.programs.first_generation - 1  # -1 if the first step is generation 0
                 search.programs.prepare(starts=states is None, generations=last - done)
                 if states is None:
                     states = cut(search.programs.start(search.traced, search.keys), search.devices)
@@ -198,12 +200,12 @@ def _evolve(
                 if kept is not None and kept.due:
                     kept.save(search.result(states, parts, first))
         except KeyboardInterrupt:
-            if states is None:
+            if states is None or (done < 0 and not count):
                 raise
             found = partial(search.result, states, parts[:count], first)
             if kept is not None and kept.keeps_interrupted:
                 kept.save(found())
-            generation = int(parts[count - 1].generation[-1]) if count else done
+            generation = first + sum(part.generation.size for part in parts[:count])
             raise SearchInterrupted(f"at generation {generation} of {last}", found) from None
         result = search.result(states, parts, first)
     if kept is not None and not resumed:
@@ -463,5 +465,6 @@ def _run(
         done += count
         words = f"best {best[-1].min():,}, {elites[-1].mean():,.0f} elites, {speeds[-1]:,.0f} evaluations/s"
         bar.update(done, words + (f", {refused[-1].sum():,} refused" if refused[-1].any() else ""))
-        yield states, History(generation, generation * per_step, best.T, elites.T, speeds, refused.T)
+        rows = (generation, generation * per_step, best, elites, speeds, refused)
+        yield states, History(*(np.asarray(each[generation > 0]).T for each in rows))
         stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, MOST))

@@ -3,18 +3,21 @@
 from functools import cache
 from itertools import pairwise
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from certified import evolve
 
-from elitelanes_jax import Axis, Weights, annealed_map_elites, fitness, measure, road_problem
+from elitelanes_jax import Axis, Weights, annealed_map_elites, fitness, measure, repair, road_problem
+from elitelanes_jax.network import random_grids
 from elitelanes_jax.optimizers import AnnealedMapElitesConfig, AnnealingConfig
 from elitelanes_jax.problem import tuned_axes
 from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.rules import RULES
 
+KEY = jax.random.key(0)
 SHAPE, CHAINS, CYCLE, STEPS = (5, 5), 16, 4, 250
 
 
@@ -127,6 +130,25 @@ def test_penalties_are_the_fitness_without_rewards():
 
 
 @pytest.mark.slow
+def test_a_step_from_grids_that_are_not_evaluated_is_generation_0():
+    given = np.random.default_rng(3).integers(0, 16, (2, *SHAPE)).astype(np.int8)  # their links do not match
+    problem = road_problem(SHAPE, initial=given, fill=True)
+    optimizer = annealed_map_elites(problem, AnnealedMapElitesConfig(AnnealingConfig(CHAINS, chains=1)))
+    start, step, (key, other) = jax.jit(optimizer.init_unevaluated), jax.jit(optimizer.step), jax.random.split(KEY)
+    assert not optimizer.elites(start(key)).valid.any()
+    state, _ = step(other, start(key))
+    chex.assert_trees_all_equal(state, jax.jit(optimizer.init)(key))
+    drawn = random_grids(key, CHAINS, SHAPE)
+    grids = [repair(grid, fill=True) for grid in given] + [repair(grid, raster=True, fill=True) for grid in drawn[2:]]
+    np.testing.assert_array_equal(state.chains.grids, np.array(grids))
+    fitness, features = problem.evaluate(jnp.array(grids))
+    np.testing.assert_array_equal(state.chains.fitness, fitness)
+    expected = np.full(problem.niches, VACANT)
+    np.minimum.at(expected, np.asarray(problem.niche(features)), fitness)
+    np.testing.assert_array_equal(optimizer.elites(state).fitness, expected)
+    assert state.cooling.begins.all()
+
+
 def test_it_runs_with_one_chain():
     annealing = AnnealingConfig(population=1, chains=1)
     result = evolve(jax.random.key(0), (3, 3), config=AnnealedMapElitesConfig(annealing), evaluations=300, fill=True)

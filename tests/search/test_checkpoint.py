@@ -119,6 +119,14 @@ def test_an_interruption_has_what_was_found(number, done, whole, monkeypatch):
     chex.assert_trees_all_equal(rest.elites, whole.elites)
 
 
+def test_an_interruption_before_any_grid_is_evaluated_has_nothing(monkeypatch):
+    with monkeypatch.context() as patch:
+        interrupt_at(patch, 1)
+        with pytest.raises(KeyboardInterrupt) as caught:
+            evolve(KEYS, SHAPE, generations=3)
+    assert type(caught.value) is KeyboardInterrupt
+
+
 def test_an_interruption_while_compiling_keeps_what_was_there_before(whole, monkeypatch):
     half = run(generations=130)
     for state, kind in ((None, KeyboardInterrupt), (half.state, SearchInterrupted)):
