@@ -135,8 +135,8 @@ def compile_search(key: Key[Array, " S"], shape: tuple[int, int], spec: SearchSp
     programs = search.programs
     if compiles or programs.kept:
         _check_memory(programs.memory, len(search.keys), shape)
-        steps = spec.steps(programs.evaluations_per_step)
-        programs.prepare(starts=True, generations=steps, runs=False, compiles=compiles)
+        generations = spec.steps(programs.evaluations_per_step) + 1 - programs.first_generation
+        programs.prepare(starts=True, generations=generations, runs=False, compiles=compiles)
 
 
 def _check(
