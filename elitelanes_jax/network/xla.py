@@ -80,6 +80,11 @@ def batch_all(axis_size: int, batched: Sequence[bool], arrays: Sequence[Array]) 
     ]
 
 
+def take(table: Shaped[Array | np.ndarray, "N ..."], indices: Int[Array, "..."]) -> Shaped[Array, "..."]:
+    """Returns the rows of a table at indices, each in [0, N). Indexing would compile checks of their range."""
+    return jnp.asarray(table).at[indices.astype(jnp.uint32)].get(mode="promise_in_bounds")
+
+
 @jax.custom_batching.custom_vmap
 def lookup(values: Shaped[Array, " N"], indices: Int[Array, "..."]) -> Shaped[Array, "..."]:
     """Returns the values at indices, each in [0, N).
@@ -87,7 +92,7 @@ def lookup(values: Shaped[Array, " N"], indices: Int[Array, "..."]) -> Shaped[Ar
     A batch of vectors is looked up as one long vector, because otherwise XLA computes the index within the batch again
     for each value.
     """
-    return values.at[indices.astype(jnp.uint32)].get(mode="promise_in_bounds")
+    return take(values, indices)
 
 
 @lookup.def_vmap
@@ -95,11 +100,6 @@ def _(axis_size: int, batched: list[bool], values: Array, indices: Array) -> tup
     values, indices = batch_all(axis_size, batched, (values, indices))
     first = np.arange(axis_size, dtype=indices.dtype).reshape(-1, *(1,) * (indices.ndim - 1)) * values.shape[1]
     return lookup(values.reshape(-1), indices + first), True
-
-
-def take(table: Shaped[Array | np.ndarray, "N ..."], indices: Int[Array, "..."]) -> Shaped[Array, "..."]:
-    """Returns the rows of a table at indices, each in [0, N); indexing would compile checks of their range."""
-    return jnp.asarray(table).at[indices.astype(jnp.uint32)].get(mode="promise_in_bounds")
 
 
 class PaddedLayout(NamedTuple):

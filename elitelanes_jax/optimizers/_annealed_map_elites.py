@@ -44,7 +44,7 @@ from elitelanes_jax.optimizers._emitters import (
 )
 from elitelanes_jax.optimizers._moves import with_symmetric_copy
 from elitelanes_jax.optimizers._mutations import Move, Variation, materialize_variation
-from elitelanes_jax.optimizers._population import concatenate, evaluate, select
+from elitelanes_jax.optimizers._population import concatenate, evaluate, select, unevaluated
 from elitelanes_jax.optimizers._strips import refit_strip
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population, insert
@@ -149,21 +149,21 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     strip = refit_strip(empty=not problem.fill, straight=0.0 if problem.fill else 0.75) if config.strips else None
     vary = partial(_vary, symmetric, strip, config.symmetric_probability)
     make_children = jax.vmap(partial(_make_child, problem))
-    given = 0 if problem.initial is None else len(problem.initial)
-    in_raster_order = (np.arange(count) >= given) & (not starts_from_towns)
+    drawn = problem.drawn(count)
+    in_raster_order = drawn & (not starts_from_towns)
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None, None))
 
     def elites_of(archives: Population) -> Population:
         return jax.tree.map(lambda array: array[groups.last :], archives)
 
     def init_unevaluated(key: Array) -> AnnealedMapElitesState:
-        grids, _ = problem.random_unrepaired(key, count)
+        grids = problem.random_unrepaired(key, count)
         if starts_from_towns:
             towns = jax.vmap(lambda key: grow_town(key, shape))(jax.random.split(key, count))
+            given = np.count_nonzero(~drawn)  # they come first; random grids are not drawn if there are none
             grids = towns.at[:given].set(grids[:given])
-        fitness = jax.eval_shape(partial(evaluate, problem), grids).fitness.dtype
-        archives = problem.empty_archive(fitness, copies=_GROUPS + 1)
-        chains = jax.tree.map(lambda array: array[:1].repeat(count, axis=0), archives)._replace(grids=grids)
+        chains = unevaluated(problem, grids)
+        archives = problem.empty_archive(chains.fitness.dtype, copies=_GROUPS + 1)
         zero, no = jnp.zeros(count, jnp.int32), jnp.zeros(count, bool)
         cycles = Cycle(jnp.zeros((count, len(problem.axes)), jnp.int32), no, zero, zero)
         return AnnealedMapElitesState(chains, cycles, archives, Cooling(zero - 1, jnp.broadcast_to(length, count)))
@@ -190,7 +190,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         elites = archives.grids[cycles.start]
         temperature = cooling.temperature(annealing.hottest, annealing.coldest, shape)
         varied = vary(bits, temperature, cycles.restarts, chains.grids, mates)
-        # Without a cycle, the children are the chains' own grids. Any grid is better than one that is not evaluated.
+        # Grids that are not evaluated are their own children, and accepted: their fitness is that of vacant slots.
         starts = cooling.step < 0
         varied = Variation(select(starts, chains.grids, varied.grid), varied.dirty & ~starts[:, None, None])
         raster = begins & cycles.restarts | starts & in_raster_order
@@ -330,7 +330,7 @@ def _make_child(
     elite: Int8[Array, "H W"],
     raster: Bool[Array, ""],
 ) -> Int8[Array, "H W"]:
-    """Repairs a move's result. If a cycle begins, returns its first grid instead: a random grid or an elite."""
+    """Repairs a move's result, or the first grid of a cycle that begins: a random grid or an elite."""
     first = jnp.where(restarts, random_grid(problem, bits), elite)
     return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, raster)
 

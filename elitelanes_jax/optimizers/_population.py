@@ -5,6 +5,7 @@ better. Every tie is decided: the earlier grid wins.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, TypeVar
 
 import jax
@@ -18,7 +19,7 @@ from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.optimizers._mutations import Move, paper_mutation
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
-from elitelanes_jax.problem.archive import Population
+from elitelanes_jax.problem.archive import Population, vacant_fitness
 from elitelanes_jax.problem.problem import Problem
 
 _Tree = TypeVar("_Tree")
@@ -115,6 +116,15 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
         fitness = fitness.astype(jnp.float32)
         fitness = jnp.where(jnp.isfinite(fitness), fitness, jnp.inf)
     return Population(grids, fitness, features)
+
+
+def unevaluated(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
+    """Returns what `evaluate` returns, but all slots are vacant."""
+    shapes = jax.eval_shape(partial(evaluate, problem), grids)
+    kind = shapes.fitness.dtype
+    return Population(
+        grids, jnp.full(len(grids), vacant_fitness(kind), kind), jnp.zeros(shapes.features.shape, jnp.int32)
+    )
 
 
 def select(which: Bool[Array, " P"], new: _Tree, old: _Tree) -> _Tree:

@@ -127,20 +127,22 @@ class Problem:
         Raises:
           InputError: for more initial grids than `count`.
         """
-        grids, raster = self.random_unrepaired(key, count)
-        return jax.vmap(lambda grid, raster: self.repair(grid, raster=raster))(grids, raster)
+        grids = self.random_unrepaired(key, count)
+        return jax.vmap(lambda grid, raster: self.repair(grid, raster=raster))(grids, self.drawn(count))
 
-    def random_unrepaired(
-        self, key: Key[Array, ""], count: int
-    ) -> tuple[Int8[Array, "count H W"], Bool[np.ndarray, " count"]]:
-        """Returns the grids of `random` before their repair, and whether each is repaired in raster order."""
+    def random_unrepaired(self, key: Key[Array, ""], count: int) -> Int8[Array, "count H W"]:
+        """Returns the grids of `random` before their repair; those that are `drawn` are repaired in raster order."""
         grids = random_grids(key, count, self.shape, alphabet=self.alphabet)
-        given = 0 if self.initial is None else len(self.initial)
+        if self.initial is None:
+            return grids
+        given = len(self.initial)
         if given > count:
             raise InputError(f"initial: expected at most {count} grids, the number a run starts from, got {given}")
-        if given:
-            grids = grids.at[:given].set(jnp.asarray(self.initial))
-        return grids, np.arange(count) >= given
+        return grids.at[:given].set(jnp.asarray(self.initial))
+
+    def drawn(self, count: int) -> Bool[np.ndarray, " count"]:
+        """Returns which of the grids that a run starts from are random ones. The initial ones come first."""
+        return np.arange(count) >= (0 if self.initial is None else len(self.initial))
 
     def repair_raster(self, grid: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
         """Repairs a grid whose tiles are all new: each tile decides over those after it, row by row."""

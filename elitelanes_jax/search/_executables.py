@@ -160,7 +160,19 @@ def _serialise(executable: Untyped) -> bytes:
     return bytes(jax.local_devices()[0].client.serialize_executable(executable))  # in versions of JAX before 0.9
 
 
-LEVELS = 3
+# The options of the compiler, by level of optimisation.
+_OPTIONS: tuple[dict[str, str | bool], ...] = (
+    {
+        "xla_backend_optimization_level": "0",
+        "xla_cpu_use_fusion_emitters": False,
+        "xla_cpu_parallel_codegen_split_count": "2",  # takes 15 % less processor time than the usual 32 parts for LLVM
+    },
+    {"xla_backend_optimization_level": "1", "xla_cpu_use_fusion_emitters": False},
+    {},
+)
+_unknown: set[str] = set()  # those that this version of XLA does not know
+
+LEVELS = len(_OPTIONS)
 """The number of levels of optimisation."""
 
 
@@ -180,17 +192,6 @@ def compile_program(lowered: jax.stages.Lowered, level: int) -> jax.stages.Compi
         _unknown.update(names)
         return compile_program(lowered, level)
 
-
-_OPTIONS: tuple[dict[str, str | bool], ...] = (
-    {
-        "xla_backend_optimization_level": "0",
-        "xla_cpu_use_fusion_emitters": False,
-        "xla_cpu_parallel_codegen_split_count": "2",  # takes 15 % less processor time than the usual 32 parts for LLVM
-    },
-    {"xla_backend_optimization_level": "1", "xla_cpu_use_fusion_emitters": False},
-    {},
-)
-_unknown: set[str] = set()  # options that this version of XLA does not know
 
 _SHORTEST = "jax_persistent_cache_min_compile_time_secs"
 _lock = Lock()

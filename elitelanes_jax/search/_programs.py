@@ -15,7 +15,7 @@ from jaxtyping import Array, Int8, Int32, Key, UInt32
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import side_by_side
-from elitelanes_jax._util.types import Pytree
+from elitelanes_jax._util.types import Plain, Pytree
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES, Metrics, Weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
@@ -58,7 +58,6 @@ _ADVANCE = "advance"
 # million cells take 0.6 s to 1 s less, and at level 2 another 0.02 s to 0.04 s less.
 _MOST_CELLS = (1_500_000, 64_000_000)
 
-
 _tracing_lock = RLock()
 
 
@@ -66,8 +65,8 @@ _tracing_lock = RLock()
 def _tracing() -> Iterator[None]:
     """Lets one thread trace at a time, without Python's garbage collector.
 
-    Several threads would only take turns, and all programs be late. Tracing makes many lasting objects; looking through
-    them takes a tenth of the time.
+    Threads that trace at once take turns, and all their programs come late. Tracing makes many lasting objects; the
+    collector takes a tenth of the time to look through them.
     """
     with _tracing_lock:
         collects = gc.isenabled()
@@ -168,25 +167,27 @@ class Programs:
     @property
     def evaluations_per_step(self) -> int:
         """The evaluations of a generation of one seed."""
-        return self._numbers[0]
+        return int(self._facts["evaluations_per_step"])
 
     @property
     def first_generation(self) -> int:
         """The first generation after the start, see `Optimizer`."""
-        return self._numbers[1]
+        return int(self._facts["first_generation"])
 
     @cached_property
-    def _numbers(self) -> tuple[int, int]:
+    def _facts(self) -> dict[str, Plain]:
+        """Facts about the optimiser, as the file has them."""
         if self._kept is not None:
-            return tuple(self._kept.facts["numbers"])
-        found: list[int] = []
+            return self._kept.facts
+        found: dict[str, Plain] = {}
 
         def find(traced: Traced) -> None:
             optimizer = self._static.optimizer(traced)
-            found.extend((int(optimizer.evaluations_per_step), optimizer.first_generation))
+            found["evaluations_per_step"] = int(optimizer.evaluations_per_step)
+            found["first_generation"] = optimizer.first_generation
 
         jax.eval_shape(find, self._traced)
-        return found[0], found[1]
+        return found
 
     @property
     def memory(self) -> int:
@@ -277,8 +278,7 @@ class Programs:
                 if content is not None:
                     self._contents = self._contents | {name: content}
         shapes = [[list(leaf.shape), str(leaf.dtype)] for leaf in self.states]
-        facts = {"states": shapes, "numbers": self._numbers}
-        save(self._file, Kept(facts, self._contents))
+        save(self._file, Kept(self._facts | {"states": shapes}, self._contents))
 
     @cached_property
     def _tree(self) -> Pytree:

@@ -186,11 +186,10 @@ def _evolve(
     with Progress(f"{spec.optimizer} {shape[0]}x{shape[1]}", last, "generations", done=done, shown=progress) as bar:
         if inner is None:
             _check_memory(search.programs.memory, len(search.keys), shape)
+            done = search.programs.first_generation - 1  # -1 if the first step is generation 0
         states = None if inner is None else cut(inner, search.devices)
         try:
             with bar.doing("compiling"):
-                if states is None:
-                    done = search.programs.first_generation - 1  # -1 if the first step is generation 0
                 search.programs.prepare(starts=states is None, generations=last - done)
                 if states is None:
                     states = cut(search.programs.start(search.traced, search.keys), search.devices)
@@ -466,5 +465,5 @@ def _run(
         words = f"best {best[-1].min():,}, {elites[-1].mean():,.0f} elites, {speeds[-1]:,.0f} evaluations/s"
         bar.update(done, words + (f", {refused[-1].sum():,} refused" if refused[-1].any() else ""))
         rows = (generation, generation * per_step, best, elites, speeds, refused)
-        yield states, History(*(np.asarray(each[generation > 0]).T for each in rows))
+        yield states, History(*(each[generation > 0].T for each in rows))
         stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, MOST))

@@ -129,7 +129,6 @@ def test_penalties_are_the_fitness_without_rewards():
     np.testing.assert_array_equal(problem.penalties(evaluation.features), expected)
 
 
-@pytest.mark.slow
 def test_a_step_from_grids_that_are_not_evaluated_is_generation_0():
     given = np.random.default_rng(3).integers(0, 16, (2, *SHAPE)).astype(np.int8)  # their links do not match
     problem = road_problem(SHAPE, initial=given, fill=True)
@@ -149,6 +148,7 @@ def test_a_step_from_grids_that_are_not_evaluated_is_generation_0():
     assert state.cooling.begins.all()
 
 
+@pytest.mark.slow
 def test_it_runs_with_one_chain():
     annealing = AnnealingConfig(population=1, chains=1)
     result = evolve(jax.random.key(0), (3, 3), config=AnnealedMapElitesConfig(annealing), evaluations=300, fill=True)

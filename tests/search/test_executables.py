@@ -103,6 +103,15 @@ def test_programs_are_optimised_from_so_many_cells_on(folder, monkeypatch):
     assert len({tuple(arrays(result)) for result in results}) == 1
 
 
+def test_options_that_this_compiler_does_not_know_are_left_out(monkeypatch):
+    known, unknown = ("xla_backend_optimization_level", "0"), ("xla_of_another_version", True)
+    monkeypatch.setattr(_executables, "_OPTIONS", (dict([known, unknown]),))
+    monkeypatch.setattr(_executables, "_unknown", set())
+    for _ in range(2):
+        assert _executables.compile_program(jax.jit(lambda x: x + 1).lower(1.0), 0)(1.0) == 2
+        assert _executables._unknown == {"xla_of_another_version"}
+
+
 def test_a_search_finds_what_other_threads_compiled(folder, monkeypatch):
     """Two at once; neither writes to JAX's own cache, and its setting is as before when both have ended."""
     setting = "jax_persistent_cache_min_compile_time_secs"
