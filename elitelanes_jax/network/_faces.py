@@ -31,10 +31,16 @@ from jax import lax
 from jaxtyping import Array, Bool, Int, Int8, UInt
 
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
-from elitelanes_jax.network.xla import PaddedLayout
+from elitelanes_jax.network.xla import PaddedLayout, materialize
 
-# Sweeps before the costlier method for long corridors. Random grids need fewer: about 50 at 64 x 64.
+# Sweeps before the costlier method for long corridors. Random grids need fewer.
 _PATIENCE = 60
+
+# The steps that a label goes in every other sweep. At 12 x 12, evaluating takes 1.2 times as long with 4 steps.
+_FAR = 3
+
+# Pairs of sweeps between two looks at whether labels still change.
+_PAIRS = 2
 
 _OUTER = 0
 
@@ -109,48 +115,63 @@ def _labeller(layout: PaddedLayout) -> Callable[[Array], UInt[Array, "... padded
     """
     initial = _initial_labels(layout)
     stride = layout.stride
+    margin = (_FAR - 1) * stride
     followable = initial.dtype != np.uint8
     closed = initial.dtype.type(np.iinfo(initial.dtype).max)  # or-ed onto a label it loses every comparison
 
-    def sweep(labels: Array, walls: Links, into: Array) -> Array:
-        """Gives each corner the least label among itself and its open neighbours.
+    def sweep(labels: Array, walls: Links, into: Array, steps: int) -> Array:
+        """Gives each corner the least label among itself and the corners some steps away that no wall cuts off.
 
         Writes to `into`, another vector than `labels`, so that XLA computes it in place and in one pass. Both ends of
         the vector belong to the outer face and do not change.
         """
-        length = labels.size - 2 * stride
+        rows = steps * stride
+        length = labels.size - 2 * rows
 
         def cut(vector: Array, start: int) -> Array:
             return lax.slice_in_dim(vector, start, start + length)
 
-        least = cut(labels, stride)
+        least = cut(labels, rows)
         for neighbour, wall in (
-            (cut(labels, 0), cut(walls.east, stride)),  # north
-            (cut(labels, 2 * stride), cut(walls.east, 2 * stride)),  # south
-            (cut(labels, stride - 1), cut(walls.south, stride)),  # west
-            (cut(labels, stride + 1), cut(walls.south, stride + 1)),  # east
+            (cut(labels, 0), cut(walls.east, rows)),  # north
+            (cut(labels, 2 * rows), cut(walls.east, 2 * rows)),  # south
+            (cut(labels, rows - steps), cut(walls.south, rows)),  # west
+            (cut(labels, rows + steps), cut(walls.south, rows + steps)),  # east
         ):
             least = jnp.minimum(least, neighbour | wall)
-        return lax.dynamic_update_slice(into, least, (stride,))
+        return lax.dynamic_update_slice(into, least, (rows,))
 
     def propagate(labels: Array, walls: Links) -> tuple[Array, Array]:
-        """Sweeps to and fro between two vectors until they are equal, or for `_PATIENCE` sweeps."""
-        patience = _PATIENCE if followable else initial.size
+        """Sweeps to and fro between two vectors until they are equal, or for `_PATIENCE` sweeps.
 
-        def sweep_twice(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        Every other sweep goes `_FAR` steps, because corridors mostly run straight: the longest of a batch then takes
+        two thirds of the sweeps.
+        """
+        far_walls = Links(farther(walls.east, stride), farther(walls.south, 1))
+
+        def sweep_on(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
             here, there, _, done = carry
-            there = sweep(here, walls, there)
-            here = sweep(there, walls, here)
+            for _ in range(_PAIRS):
+                there = sweep(here, far_walls, there, _FAR)
+                here = sweep(there, walls, here, 1)
             # XLA computes the largest difference faster than whether there is any.
-            return here, there, jnp.max(here ^ there, initial=0) > 0, done + 2
+            return here, there, jnp.max(here ^ there, initial=0) > 0, done + 2 * _PAIRS
 
         def unsettled(carry: tuple[Array, Array, Array, Array]) -> Array:
             _, _, changing, done = carry
-            return changing & (done < patience)
+            return changing & (done < _PATIENCE) if followable else changing
 
         changing = labels[:1].any() | True
-        labels, _, changing, _ = lax.while_loop(unsettled, sweep_twice, (labels, labels, changing, jnp.int32(0)))
+        labels, _, changing, _ = lax.while_loop(unsettled, sweep_on, (labels, labels, changing, jnp.int32(0)))
         return labels, changing
+
+    def farther(walls: Array, step: int) -> Array:
+        """Returns walls between corners `_FAR` steps apart: there is one if a wall cuts any of these steps."""
+        first = (_FAR - 1) * step
+        far = walls[first:]
+        for start in range(0, first, step):
+            far |= walls[start : start + far.size]
+        return jnp.pad(far, (first, 0))
 
     def hook_and_jump(labels: Array, walls: Links, changing: Array) -> Array:
         """Passes each better label to the corner that the old label names, then follows every label once.
@@ -158,11 +179,12 @@ def _labeller(layout: PaddedLayout) -> Callable[[Array], UInt[Array, "... padded
         Each round shortens a corridor by a factor, so that the longest spiral takes about log(corners) rounds: the idea
         of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
         """
-        starts = jnp.repeat(jnp.arange(labels.size // initial.size) * initial.size, initial.size)
+        firsts = margin + jnp.arange((labels.size - 2 * margin) // initial.size) * initial.size
+        starts = jnp.pad(jnp.repeat(firsts, initial.size), margin)
 
         def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:
             before, _ = carry
-            after = sweep(before, walls, before)
+            after = sweep(before, walls, before, 1)
             labels = after.at[starts + before].min(after)
             return labels[starts + labels], jnp.any(before != after)
 
@@ -176,19 +198,24 @@ def _labeller(layout: PaddedLayout) -> Callable[[Array], UInt[Array, "... padded
         here, there = codes[:-ahead] & side > 0, codes[ahead:] & opposite > 0
         return jnp.pad(jnp.where(here & there, closed, initial.dtype.type(0)), (0, ahead))
 
+    def with_margins(grids: Array) -> Array:
+        """Joins the grids of a batch, with empty rows at both ends, so that each corner has neighbours there."""
+        rows = jnp.pad(grids.reshape(-1, stride), ((_FAR - 1, _FAR - 1), (0, 0)))
+        return materialize(rows).reshape(-1)
+
     @jax.custom_batching.custom_vmap
     def label(padded: Array) -> Array:
         batch = padded.shape[:-1]
         if 0 in batch:
             return jnp.zeros((*batch, initial.size), initial.dtype)
-        codes = padded.reshape(-1)
+        codes = with_margins(padded)
         walls = Links(wall(codes, EAST, WEST, 1), wall(codes, SOUTH, NORTH, stride))
         # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
-        labels = jnp.broadcast_to(initial, (*batch, initial.size)).reshape(-1) | (walls.east & 0)
+        labels = with_margins(jnp.broadcast_to(initial, padded.shape)) | (walls.east & 0)
         labels, changing = propagate(labels, walls)
         if followable:
             labels = hook_and_jump(labels, walls, changing)
-        return labels.reshape(*batch, initial.size)
+        return labels[margin:-margin].reshape(padded.shape)
 
     @label.def_vmap
     def _(axis_size: int, batched: list[bool], padded: Array) -> tuple[Array, bool]:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Real, Shaped, UInt32
+from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Integer, Real, Shaped, UInt32
 
 _Carry = TypeVar("_Carry")
 
@@ -37,6 +37,8 @@ def materialize(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     loop is stored. This loop has no round (or one that changes nothing), which XLA cannot know. The loop reads and
     writes one number, so that it hardly adds to the program.
     """
+    if not array.size:
+        return array
     info = jnp.finfo if jnp.issubdtype(array.dtype, jnp.floating) else jnp.iinfo
     most = np.array(info(array.dtype).max, array.dtype)
 
@@ -80,9 +82,14 @@ def batch_all(axis_size: int, batched: Sequence[bool], arrays: Sequence[Array]) 
     ]
 
 
-def take(table: Shaped[Array | np.ndarray, "N ..."], indices: Int[Array, "..."]) -> Shaped[Array, "..."]:
+def take(
+    table: Shaped[Array | np.ndarray, "N ..."], indices: Integer[Array | np.ndarray, "..."]
+) -> Shaped[Array, "..."]:
     """Returns the rows of a table at indices, each in [0, N). Indexing would compile checks of their range."""
-    return jnp.asarray(table).at[indices.astype(jnp.uint32)].get(mode="promise_in_bounds")
+    table = jnp.asarray(table)
+    rows = lax.GatherDimensionNumbers(tuple(range(indices.ndim, indices.ndim + table.ndim - 1)), (0,), (0,))
+    places = lax.expand_dims(indices, (indices.ndim,))
+    return lax.gather(table, places, rows, (1, *table.shape[1:]), mode="promise_in_bounds")
 
 
 @jax.custom_batching.custom_vmap
@@ -129,7 +136,7 @@ class PaddedLayout(NamedTuple):
         return self.height * self.stride
 
     def pad(self, grid: Shaped[Array | np.ndarray, "H W"]) -> Shaped[Array, " padded"]:
-        return jnp.pad(grid, ((1, 1), (0, 1))).reshape(-1)
+        return materialize(jnp.pad(grid, ((1, 1), (0, 1)))).reshape(-1)
 
     def unpad(self, vector: Shaped[Array, " size"]) -> Shaped[Array, "H W"]:
         return vector.reshape(self.height, self.stride)[:, : self.width]
