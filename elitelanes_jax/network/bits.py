@@ -14,7 +14,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET, check_alphabet
-from elitelanes_jax.network.xla import UNIT
+from elitelanes_jax.network.xla import UNIT, materialize, take
 
 
 def check_key(key: UserValue) -> None:
@@ -25,9 +25,48 @@ def check_key(key: UserValue) -> None:
 
 
 def random_bits(key: Key[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:
-    """Draws uint32 ``[*shape]``, all bits random; the key is consumed."""
-    # The same bits as `jax.random.bits` returns for the shape. Drawn as one vector they compile four times faster.
-    return jax.random.bits(key, (prod(shape),), jnp.uint32).reshape(shape)
+    """Draws uint32 ``[*shape]``, all bits random, those of `jax.random.bits`; the key is consumed."""
+    size = prod(shape)
+    if not _is_threefry(key) or not getattr(jax.config, _PARTITIONABLE, True):
+        return jax.random.bits(key, (size,), jnp.uint32).reshape(shape)  # one vector compiles four times faster
+    left, right = threefry(jax.random.key_data(key), jnp.arange(size, dtype=jnp.uint32))
+    return materialize(left ^ right).reshape(shape)
+
+
+def fold_in(key: Key[Array, ""], number: Int[ArrayLike, ""]) -> Key[Array, ""]:
+    """Returns the key of `jax.random.fold_in`."""
+    if not _is_threefry(key):
+        return jax.random.fold_in(key, number)
+    data = threefry(jax.random.key_data(key), jnp.asarray(number, jnp.uint32))
+    return jax.random.wrap_key_data(materialize(jnp.stack(data)), impl="threefry2x32")
+
+
+_PARTITIONABLE = "jax_threefry_partitionable"  # a setting of JAX, on by default
+
+
+def _is_threefry(key: Key[Array, ""]) -> bool:
+    return jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and str(jax.random.key_impl(key)) == "threefry2x32"
+
+
+def threefry(
+    key: UInt32[Array | np.ndarray, "2 ..."], counters: UInt32[Array | np.ndarray, "..."]
+) -> tuple[UInt32[Array | np.ndarray, "..."], UInt32[Array | np.ndarray, "..."]]:
+    """Encrypts the pairs (0, counter) with a key, by Threefry-2x32 with 20 rounds (Salmon et al. 2011).
+
+    Takes arrays of JAX or of NumPy; the two numbers of the key broadcast against the counters. JAX's own program has a
+    loop over the rounds: a step compiles sooner and takes less time without it.
+    """
+    schedule = (key[0], key[1], key[0] ^ key[1] ^ np.uint32(0x1BD11BDA))
+    left, right = schedule[0] + counters * np.uint32(0), counters + schedule[1]
+    for step in range(20):
+        turn = ((13, 15, 26, 6), (17, 29, 16, 24))[step // 4 % 2][step % 4]
+        left = left + right
+        right = (right << np.uint32(turn) | right >> np.uint32(32 - turn)) ^ left
+        if step % 4 == 3:
+            group = step // 4 + 1
+            left = left + schedule[group % 3]
+            right = right + (schedule[(group + 1) % 3] + np.uint32(group))
+    return left, right
 
 
 def random_bits16(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Array, "..."]:
@@ -105,7 +144,7 @@ def exponential(bits: UInt32[Array, "..."]) -> Int32[Array, "..."]:
 
     It is one of 2048 equally likely quantiles.
     """
-    return jnp.asarray(_QUANTILES)[bits >> 21]
+    return take(_QUANTILES, bits >> 21)
 
 
 def categorical(bits: UInt32[Array, "..."], logits: Int32[Array, "K ..."]) -> Int32[Array, "..."]:

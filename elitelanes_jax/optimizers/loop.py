@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, ArrayLike, Int, Key, UInt32
+from jaxtyping import Array, ArrayLike, Int, Key
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Numeric, Pytree
+from elitelanes_jax.network.bits import fold_in, threefry
 from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
 
@@ -28,25 +29,9 @@ def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     chosen = np.arange(indices) if isinstance(indices, int) else np.array(indices, int)
     if getattr(jax.config, _KIND) != "threefry2x32":
         return jax.vmap(partial(jax.random.fold_in, jax.random.key(np.uint32(seed))))(chosen)
-    return jax.random.wrap_key_data(jax.device_put(_threefry(np.uint32(seed), chosen.astype(np.uint32))))
-
-
-def _threefry(key: np.uint32, counters: UInt32[np.ndarray, " K"]) -> UInt32[np.ndarray, "K 2"]:
-    """Encrypts the pairs (0, counter) with the key (0, key), by Threefry-2x32 with 20 rounds (Salmon et al. 2011).
-
-    In NumPy, because JAX needs a quarter of a second to trace, lower and load the same.
-    """
-    schedule = (np.uint32(0), key, key ^ np.uint32(0x1BD11BDA))
-    left, right = np.zeros_like(counters), counters + key
-    for step in range(20):
-        turn = ((13, 15, 26, 6), (17, 29, 16, 24))[step // 4 % 2][step % 4]
-        left = left + right
-        right = (right << np.uint32(turn) | right >> np.uint32(32 - turn)) ^ left
-        if step % 4 == 3:
-            group = step // 4 + 1
-            left = left + schedule[group % 3]
-            right = right + schedule[(group + 1) % 3] + np.uint32(group)
-    return np.stack([left, right], axis=-1)
+    # In NumPy, because JAX needs a quarter of a second to trace, lower and load the same.
+    data = threefry(np.array([[0], [seed]], np.uint32), chosen.astype(np.uint32))
+    return jax.random.wrap_key_data(jax.device_put(np.stack(data, axis=-1)))
 
 
 def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple[Pytree, Info]:
@@ -73,7 +58,7 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
 def start(optimizer: Optimizer, keys: Key[Array, " S"]) -> Pytree:
     """Returns states for keys ``[S]``, arrays ``[S, ...]``, from which `Optimizer.first_generation` can be run."""
     init = optimizer.init_unevaluated or optimizer.init
-    return over_seeds(lambda key: init(jax.random.fold_in(key, 0)), keys)
+    return over_seeds(lambda key: init(fold_in(key, 0)), keys)
 
 
 def over_seeds(function: Callable[..., Pytree], *trees: Pytree) -> Pytree:
@@ -106,7 +91,7 @@ def advance(
     @partial(jax.jit, inline=True)  # so that it is traced once, for the shapes and for the loop
     def step(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
         def step_one(key: Array, state: Pytree) -> tuple[Pytree, Info]:
-            return optimizer.step(jax.random.fold_in(key, generation), state)
+            return optimizer.step(fold_in(key, generation), state)
 
         return over_seeds(step_one, keys, states)
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax.network.bits import bernoulli, categorical, randint, random_bits, random_bits16
+from elitelanes_jax.network.bits import bernoulli, categorical, fold_in, randint, random_bits, random_bits16
 from elitelanes_jax.network.xla import UNIT
 
 
@@ -27,9 +27,23 @@ def test_chance():
     assert float(bernoulli(random_bits(jax.random.key(1), (100_000,)), 0.7).mean()) == pytest.approx(0.7, abs=0.006)
 
 
-def test_words_are_jax_randoms_own():
-    key = jax.random.key(3)
-    np.testing.assert_array_equal(random_bits(key, (4, 5)), jax.random.bits(key, (4, 5), jnp.uint32))
+@pytest.mark.parametrize("kind", ["threefry2x32", "rbg", "not partitionable"])
+def test_words_and_keys_are_jax_randoms_own(kind):
+    key = jax.random.key(3, impl="rbg" if kind == "rbg" else "threefry2x32")
+    with jax.threefry_partitionable(kind != "not partitionable"):
+        for shape in ((4, 5), (), (0, 3), (7,)):
+            np.testing.assert_array_equal(random_bits(key, shape), jax.random.bits(key, shape, jnp.uint32))
+        for number in (0, 1, 2**31 + 5, 2**32 - 1):
+            folded, expected = fold_in(key, np.uint32(number)), jax.random.fold_in(key, np.uint32(number))
+            assert folded.dtype == expected.dtype
+            np.testing.assert_array_equal(*(jax.random.key_data(one) for one in (folded, expected)))
+
+
+def test_words_of_a_batch_of_keys():
+    keys = jax.random.split(jax.random.key(4), (3, 2))
+    drawn = jax.jit(jax.vmap(jax.vmap(lambda key: random_bits(fold_in(key, jnp.int32(9)), (6, 2)))))(keys)
+    for index in np.ndindex(keys.shape):
+        np.testing.assert_array_equal(drawn[index], jax.random.bits(jax.random.fold_in(keys[index], 9), (6, 2)))
 
 
 def test_halves_are_all_bits_of_the_words():
