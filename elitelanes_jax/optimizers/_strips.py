@@ -24,6 +24,7 @@ LINES = 3
 """The rows, or columns, of a strip."""
 
 _STATES, _SHOWN = 4**LINES, 5
+_BITS, _NONE = 4 * LINES, -1
 
 _FORTH = np.array([0b0011, 0b0001, 0b1100, 0b0100, 0b1000])
 """The labels on an eastern or southern side: no link, a turn without link, a link, a turn's and a crossing's link."""
@@ -48,12 +49,12 @@ class StripTables(NamedTuple):
     # [25 * 125, 2], the states east of a column, by what the column to its west shows.
     after: UInt32[np.ndarray, "A 2"]
     between: UInt32[np.ndarray, "C 2"]  # [25 * 64, 2], the states west of a column with a state east of it
-    # [25 * 64 * 64 + 1], the index of the first column with a state east and a state west of it.
-    first: Int32[np.ndarray, " F"]
-    columns: Int32[np.ndarray, " N"]  # the columns: four bits a tile, the northernmost tile lowest
+    # [25 * 64 * 64], the two columns with a state east and a state west of them, each in 12 bits, four a tile, the
+    # northernmost tile lowest. Where one column alone fits, both are that one; where none does, the number is `_NONE`.
+    columns: Int32[np.ndarray, " C"]
     shown: Int32[np.ndarray, " 4096"]  # what any column shows to the east, 5^line a tile
-    forth: UInt32[np.ndarray, "125 2"]  # the states that fit what a column shows to the east
-    alike: UInt32[np.ndarray, "125 2"]  # the states with the same links as a column shows to the east
+    # [125, 4], the states that fit what a column shows to the east, and the states with the same links.
+    forth: UInt32[np.ndarray, "125 4"]
     back: UInt32[np.ndarray, "4096 2"]  # the states west of any column that fit it
 
 
@@ -65,34 +66,35 @@ def strip_tables(*, empty: bool) -> StripTables:
         for column in product(codes, repeat=LINES)
         if all(_FORTH[_SOUTH[one]] & _BACK[_NORTH[other]] for one, other in pairwise(column))
     ]
+    pairs = np.full((_SHOWN, _SHOWN, _STATES, _STATES), _NONE, np.int32)
+    for column in columns:
+        code = sum(code << 4 * line for line, code in enumerate(column))
+        fitting = (
+            _FORTH & _BACK[_NORTH[column[0]]] > 0,
+            _FORTH[_SOUTH[column[-1]]] & _BACK > 0,
+            _states(_FORTH, _EAST[list(column)]),
+            _states(_BACK, _WEST[list(column)]),
+        )
+        slots = np.ix_(*fitting)
+        pairs[slots] = np.where(pairs[slots] == _NONE, code, pairs[slots] & 2**_BITS - 1) | code << _BITS
+    leads = (pairs != _NONE).reshape(_SHOWN**2, _STATES, _STATES)  # around, east, west
     shows = np.arange(_SHOWN**LINES)[:, None] // _SHOWN ** np.arange(LINES) % _SHOWN
-    forth, back = (np.array([_states(labels, show) for show in shows]) for labels in (_FORTH, _BACK))
-    fits = np.zeros((_SHOWN, _SHOWN, _STATES, _STATES, len(columns)), bool)
-    for index, column in enumerate(columns):
-        around = np.ix_(_FORTH & _BACK[_NORTH[column[0]]] > 0, _FORTH[_SOUTH[column[-1]]] & _BACK > 0)
-        both = _states(_FORTH, _EAST[list(column)])[:, None] & _states(_BACK, _WEST[list(column)])
-        fits[..., index][around] = both
-    fits = fits.reshape(_SHOWN**2, _STATES, _STATES, -1)
-    leads = fits.any(axis=-1)  # around, east, west
-    eight = (np.arange(256)[:, None] >> np.arange(8) & 1).astype(bool)
-    before = np.einsum("be,acew->acbw", eight, leads.reshape(_SHOWN**2, _STATES // 8, 8, _STATES))
-    after = np.einsum("dw,aew->ade", forth, leads)
-    first = np.concatenate([[0], np.cumsum(fits.sum(axis=-1))])
-    packed = np.array([sum(code << 4 * line for line, code in enumerate(column)) for column in columns])
+    forth, back, alike = (
+        np.array([_states(labels, show) for show in shows]) for labels in (_FORTH, _BACK, _FORTH | _BACK)
+    )
+    eight = (np.arange(256)[:, None] >> np.arange(8) & 1).astype(np.float32)
+    before = eight @ leads.reshape(_SHOWN**2, _STATES // 8, 8, _STATES) > 0
+    after = forth.astype(np.float32) @ leads.transpose(0, 2, 1) > 0
     east, west, both = (_packed(states.reshape(-1, _STATES)) for states in (before, after, leads))
-    listed = packed[np.nonzero(fits)[-1]].astype(np.int32)
-    alike = _packed(np.array([_states(_FORTH | _BACK, show) for show in shows]))
     tiles = np.arange(16**LINES)[:, None] >> 4 * np.arange(LINES) & 15
     shown, border = ((side[tiles] * _SHOWN ** np.arange(LINES)).sum(axis=1) for side in (_EAST, _WEST))
     return StripTables(
         east,
         west,
         both,
-        first.astype(np.int32),
-        listed,
+        pairs.reshape(-1),
         shown.astype(np.int32),
-        _packed(forth),
-        alike,
+        np.hstack([_packed(forth), _packed(alike)]),
         _packed(back)[border],
     )
 
@@ -138,12 +140,10 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
         line, along = jnp.where(upright, columns, rows) - first, jnp.where(upright, rows, columns)
 
         side = max(height, width)
-        padded = materialize(
-            jnp.pad(grid, ((1, side - height + 1), (1, side - width + 1))).astype(jnp.int32).reshape(-1)
-        )
+        padded = materialize(jnp.pad(grid, ((1, side - height + 1), (1, side - width + 1)))).reshape(-1)
         lines, steps = first + np.arange(LINES + 2)[:, None], np.arange(1, side + 1)
         stride = side + 2
-        tiles = lookup(padded, jnp.where(upright, steps * stride + lines, lines * stride + steps))
+        tiles = lookup(padded, jnp.where(upright, steps * stride + lines, lines * stride + steps)).astype(jnp.int32)
         tiles = materialize(jnp.where(upright, transpose_codes(tiles), tiles))
         differs = bits[0] >> 1 & 7 > 0
         begin, strip = _refitted(bits[4], tiles, start, end, differs, straight, empty=empty)
@@ -154,10 +154,6 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
         return Variation(jnp.where(inside, new, grid).astype(jnp.int8), inside)
 
     return Move(5, apply)
-
-
-_Forth = tuple[Array, Array, Array]
-"""What the western column shows, whether the filling fits so far, and whether it is the present one so far."""
 
 
 def _refitted(
@@ -181,49 +177,46 @@ def _refitted(
     length = tiles.shape[1]
     around = take(_SOUTH, tiles[0]) * _SHOWN + take(_NORTH, tiles[-1])
     old = tiles[1] | tiles[2] << 4 | tiles[3] << 8
-    # One number for each column, so that the loops take few arrays.
-    columns = jnp.stack([np.arange(length, dtype=np.int32), around, old], axis=1)
+    index = jnp.arange(length)
 
-    def back(carry: tuple[Array, Array], column: Array) -> tuple[tuple[Array, Array], Array]:
-        states, eastern = carry
-        index, around, old = column
-        states = jnp.where(index == east, take(tables.back, eastern), states)
+    def back(states: Array, column: tuple[Array, Array]) -> tuple[Array, Array]:
+        around, at_end = column
+        states = jnp.where(at_end, end, states)
         eights = (states[:, None] >> np.arange(0, 32, 8, dtype=np.uint32) & 255).reshape(-1).astype(jnp.int32)
         sets = take(tables.before, (around * 8 + np.arange(8)) * 256 + eights)
-        return (jax.lax.reduce(sets, np.uint32(0), jax.lax.bitwise_or, (0,)), old), states
+        return jax.lax.reduce(sets, np.uint32(0), jax.lax.bitwise_or, (0,)), states
 
-    _, ahead = jax.lax.scan(back, (jnp.zeros(2, jnp.uint32), jnp.int32(0)), columns, reverse=True)
+    end = take(tables.back, take(jnp.append(old[1:], 0), east))
+    _, ahead = jax.lax.scan(back, jnp.zeros(2, jnp.uint32), (around, index == east), reverse=True)
 
     shown = take(tables.shown, old)
-    present = take(tables.forth, shown)
+    present = take(tables.forth, shown)[:, :2]
     others = take(tables.after, around * 125 + jnp.append(0, shown[:-1])) & ahead & ~present
-    free = differs & _any(others) & (columns[:, 0] <= east)
-    last = jnp.where(free, columns[:, 0], -1).max()  # of the columns with which the filling can begin to differ
+    free = differs & _any(others) & (index <= east)
+    last = jnp.where(free, index, -1).max()  # of the columns with which the filling can begin to differ
     west = jnp.where(last < 0, west, jnp.minimum(west, last))
+    refused = jnp.where((index == last)[:, None], present, 0)
+    inside = (index >= west) & (index <= east)
 
-    def forth(carry: _Forth, column: tuple[Array, Array]) -> tuple[_Forth, Array]:
-        shown, fits, same = carry
-        (index, around, old), ahead = column
+    def forth(carry: tuple[Array, Array], column: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
+        shown, same = carry  # what the western column shows, and whether the filling is the present one so far
+        index, around, old, inside, ahead, refused = column
         draws = _hash(bits + (index * 8 + np.arange(8)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
-        possible = take(tables.after, around * 125 + shown) & ahead
-        possible &= ~jnp.where(same & (index == last), take(tables.forth, take(tables.shown, old)), 0)
-        again = possible & take(tables.alike, shown)
+        possible = take(tables.after, around * 125 + shown) & ahead & ~jnp.where(same, refused, 0)
+        fitting = take(tables.forth, shown)
+        again = possible & fitting[2:]
         again = jnp.where(_any(again) & bernoulli(draws[7], straight), again, possible)
-        behind = _draw_state(draws[:3], again)
-        pair = around * _STATES + behind
-        ahead_of = _draw_state(draws[3:6], take(tables.between, pair) & take(tables.forth, shown))
-        slot = pair * _STATES + ahead_of
-        first = take(tables.first, slot)
-        count = take(tables.first, slot + 1) - first
-        drawn = take(tables.columns, first + randint(draws[6], jnp.maximum(count, 1)))
-        inside = (index >= west) & (index <= east)
-        fits &= ~inside | (_any(possible) & (count > 0))
+        pair = around * _STATES + _draw_state(draws[:3], again)
+        ahead_of = _draw_state(draws[3:6], take(tables.between, pair) & fitting[:2])
+        both = take(tables.columns, pair * _STATES + ahead_of)
+        drawn = jnp.where(draws[6] >> 31 > 0, both >> _BITS, both) & 2**_BITS - 1
         new = jnp.where(inside, drawn, old)
-        return (take(tables.shown, new), fits, same & (new == old)), new
+        fits = ~inside | (_any(possible) & (both != _NONE))
+        return (take(tables.shown, new), same & (new == old)), jnp.where(fits, new, _NONE)
 
-    yes = jnp.asarray(True)
-    (_, fits, _), new = jax.lax.scan(forth, (jnp.int32(0), yes, yes), (columns, ahead))
-    return west, jnp.where(fits, new, old)
+    columns = (index, around, old, inside, ahead, refused)
+    _, new = jax.lax.scan(forth, (jnp.int32(0), jnp.asarray(True)), columns)
+    return west, jnp.where((new == _NONE).any(), old, new)
 
 
 def _any(states: UInt32[Array, "*N 2"]) -> Bool[Array, "*N"]:
