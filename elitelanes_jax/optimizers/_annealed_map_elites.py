@@ -24,7 +24,7 @@ from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record, nested
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
-from elitelanes_jax.network.xla import run_if
+from elitelanes_jax.network.xla import run_if, take
 from elitelanes_jax.optimizers._annealing import (
     LONGEST_CYCLE,
     SMALL,
@@ -148,7 +148,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     # Streets that go on find 259 instead of 221 of 416 optima at 8 x 8 B, and 144 instead of 149 of 160 at 9 x 9 A.
     strip = refit_strip(empty=not problem.fill, straight=0.0 if problem.fill else 0.75) if config.strips else None
     vary = partial(_vary, symmetric, strip, config.symmetric_probability)
-    make_children = jax.vmap(partial(_make_child, problem))
+    repair = jax.vmap(problem.repair)
     drawn = problem.drawn(count)
     in_raster_order = drawn & (not starts_from_towns)
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None, None))
@@ -173,28 +173,32 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         bits = StepBits.draw(key, count, symmetric(0), extra=_BITS)
         own_bits, begins = _Bits.of(bits.extra), cooling.begins
 
-        def new_cycles(pending: Array, cycles: Cycle) -> Cycle:
-            fitness = jnp.where(pending, archives.fitness, 0)  # so that XLA does not compute this before the loop
+        def new_cycles(pending: Array, begun: tuple[Cycle, Array]) -> tuple[Cycle, Array]:
+            # So that XLA does not compute what follows before the loop, in every step.
+            fitness, features, fresh = (
+                jnp.where(pending, array, 0) for array in (archives.fitness, archives.features, bits.fresh)
+            )
             filled = archives._replace(fitness=fitness).valid
             if config.require_feasible:
-                filled &= problem.penalties(archives.features) == 0
+                filled &= problem.penalties(features) == 0
             drawn = draw_cycles(own_bits, jnp.asarray(groups.first), jnp.asarray(groups.isolated), fitness, filled)
-            return select(begins, drawn, cycles)
+            cycles = select(begins, drawn, begun[0])
+            random = jax.vmap(partial(random_grid, problem))(fresh)
+            return cycles, select(cycles.restarts, random, take(archives.grids, cycles.start))
 
-        cycles = run_if(begins.any(), new_cycles, cycles)
+        cycles, first = run_if(begins.any(), new_cycles, (cycles, chains.grids))
         lengths = (length * jnp.where(cycles.restarts, config.restart_length, 1)).astype(jnp.int32)
         cooling = cooling._replace(length=jnp.where(begins, lengths, cooling.length))
 
         mates = island_mates(bits.mate, chains.grids, annealing.chains_on(shape))
         mates = _draw_mates(groups, config, own_bits, cycles, archives, mates)
-        elites = archives.grids[cycles.start]
         temperature = cooling.temperature(annealing.hottest, annealing.coldest, shape)
         varied = vary(bits, temperature, cycles.restarts, chains.grids, mates)
         # Grids that are not evaluated are their own children, and accepted: their fitness is that of vacant slots.
         starts = cooling.step < 0
         varied = Variation(select(starts, chains.grids, varied.grid), varied.dirty & ~starts[:, None, None])
         raster = begins & cycles.restarts | starts & in_raster_order
-        children = evaluate(problem, make_children(bits.fresh, begins, cycles.restarts, varied, elites, raster))
+        children = evaluate(problem, repair(select(begins, first, varied.grid), varied.dirty, raster))
         pursued = partial(_pursued_fitness, problem, cycles)
         accepted = metropolis_accepts(bits.accept, temperature, pursued(chains), pursued(children))
         chains = select(begins | accepted, children, chains)
@@ -275,11 +279,11 @@ def _draw_mates(
     Other chains get the mate in `otherwise`.
     """
     rivals = randint(bits.rivals, len(groups.niches.bins))
-    fitness, bins = archives.fitness[rivals + groups.first[:, None]], jnp.asarray(groups.niches.bins)[rivals]
+    fitness, bins = take(archives.fitness, rivals + groups.first[:, None]), take(groups.niches.bins, rivals)
     nearest = nearest_elite(fitness, bins, cycle.goal, cycle.penalty[:, None, None])
     mate = groups.first + jnp.take_along_axis(rivals, nearest[:, None], axis=1)[:, 0]
-    is_elite = bernoulli(bits.elite_mate, config.elite_mate) & archives.valid[mate]
-    return jnp.where(is_elite[:, None, None], archives.grids[mate], otherwise)
+    is_elite = bernoulli(bits.elite_mate, config.elite_mate) & take(archives.valid, mate)
+    return jnp.where(is_elite[:, None, None], take(archives.grids, mate), otherwise)
 
 
 def _vary(
@@ -316,23 +320,14 @@ def _vary(
     # Without this XLA computes them for each of their uses: a step then takes 1.15 times as long.
     refitted = materialize_variation(jax.vmap(strip.apply)(drawn[:, : strip.bits], before))
     mixed = materialize_variation(mix(*concatenate(select(turn, second, first), left)))
-    others = jax.tree.map(lambda array: array[:half], mixed)
-    last = jax.tree.map(lambda array: array[half:], mixed)
-    return concatenate(select(turn, refitted, others), select(turn, others, refitted), last)
+    # Both halves at once: on a CPU XLA concatenates number by number.
+    by_strip = turn ^ np.array([[False], [True]])
 
+    def paired(refitted: Array, mixed: Array) -> Array:
+        pairs = jnp.where(by_strip[..., None, None], refitted, mixed[:half]).reshape(2 * half, *mixed.shape[1:])
+        return jnp.concatenate([pairs, mixed[half:]]) if len(mixed) > half else pairs
 
-def _make_child(
-    problem: Problem,
-    bits: UInt32[Array, ""],
-    begins: Bool[Array, ""],
-    restarts: Bool[Array, ""],
-    varied: Variation,
-    elite: Int8[Array, "H W"],
-    raster: Bool[Array, ""],
-) -> Int8[Array, "H W"]:
-    """Repairs a move's result, or the first grid of a cycle that begins: a random grid or an elite."""
-    first = jnp.where(restarts, random_grid(problem, bits), elite)
-    return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, raster)
+    return jax.tree.map(paired, refitted, mixed)
 
 
 def _pursued_fitness(problem: Problem, cycle: Cycle, found: Population) -> Real[Array, " C"]:
