@@ -7,11 +7,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax.formats.road_map import Drawn, RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
@@ -52,19 +54,21 @@ def write_maps(
     if furnish:
         place = partial(furnish_map, spec=furnish, seed=seed)
         maps = [check_named(f"furnish: map {index}", place, one) for index, one in enumerate(maps)]
-    drawn, small = [], []
+
+    def draw(index: int, plain: RoadMap) -> tuple[RoadMap, NDArray[np.uint8]]:
+        chosen = choose_tiles(plain.codes, tiles, [seed, index])
+        names = [[tiles.pictures[tile].name for tile, _ in row] for row in chosen]
+        road_map = replace(plain, drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
+        path = folder / "maps" / f"{index:04d}"
+        path.mkdir(parents=True)
+        write_picture(path, render(plain, tiles, tile_px=tile_px, chosen=chosen))
+        road_map.save(path / "map.json")
+        return road_map, render(plain, tiles, tile_px=sheet_px, chosen=chosen).image
+
     with Progress("drawing", len(maps), "maps") as bar:
-        for index, plain in enumerate(maps):
-            chosen = choose_tiles(plain.codes, tiles, [seed, index])
-            names = [[tiles.pictures[tile].name for tile, _ in row] for row in chosen]
-            road_map = replace(plain, drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
-            path = folder / "maps" / f"{index:04d}"
-            path.mkdir(parents=True)
-            write_picture(path, render(plain, tiles, tile_px=tile_px, chosen=chosen))
-            road_map.save(path / "map.json")
-            small.append(render(plain, tiles, tile_px=sheet_px, chosen=chosen).image)
-            drawn.append(road_map)
-            bar.count()
+        calls = [partial(draw, index, plain) for index, plain in enumerate(maps)]
+        done = side_by_side(calls, workers=count_cores(), ended=lambda _: bar.count())
+    drawn, small = [road_map for road_map, _ in done], [image for _, image in done]
     sheet = contact_sheet(title, small, [_caption(index, road_map) for index, road_map in enumerate(drawn)])
     write_png(folder / "contact-sheet.png", sheet)
     return drawn

@@ -54,9 +54,9 @@ MOST = 256
 _ADVANCE = "advance"
 
 # The most cells that searches evaluate with a program of level 0 and of level 1, see `compile_program`. For 12 x 12
-# tiles, compiling for level 1 and 2 takes 1.6 s and 4.1 s more of processor time than for level 0. In exchange, each
-# million cells take 0.6 s to 1 s less, and at level 2 another 0.02 s to 0.04 s less.
-_MOST_CELLS = (1_500_000, 64_000_000)
+# tiles, compiling for level 1 and 2 takes 1.4 s and 3.5 s more of processor time than for level 0. In exchange, each
+# million cells take 0.4 s to 1.2 s less, and at level 2 another 0.007 s to 0.018 s less.
+_MOST_CELLS = (2_500_000, 160_000_000)
 
 _tracing_lock = RLock()
 
@@ -141,6 +141,7 @@ class Programs:
         self._rows, count = part_rows(len(keys), devices)
         self._devices = list(dict.fromkeys(devices[:count]))
         self._cells = 0  # evaluated in this process
+        self._put: tuple[str, Traced | None] = ("", None)
         self._programs: dict[str, Callable[..., Pytree]] = {}
         # The name of a file does not depend on what the user's functions compute.
         users = static.factory or static.kernels or static.fitness
@@ -193,6 +194,17 @@ class Programs:
     def memory(self) -> int:
         """The bytes of the states of all seeds."""
         return sum(leaf.size * leaf.dtype.itemsize for leaf in self.states)
+
+    def put(self, traced: Traced, said: str) -> Traced:
+        """Puts the arguments of a search on the default device once for all calls with equal ones, which `said` says.
+
+        Each program would otherwise do it for itself, a millisecond in all.
+        """
+        last, placed = self._put
+        if placed is None or last != said:
+            placed = jax.device_put(traced)
+            self._put = said, placed
+        return placed
 
     def prepare(self, *, starts: bool, generations: int, runs: bool = True, compiles: bool = True) -> None:
         """Loads the programs for a run of some generations, and compiles the missing ones, side by side.

@@ -163,7 +163,7 @@ def _check(
     said = repr((static._replace(factory=None, kernels=(), fitness=None), numbers))
     fingerprint = np.array(zlib.crc32(said.encode() + keys.tobytes()), np.uint32)
     programs = find_programs(static, traced, keys, single, chosen)
-    return _Search(static, traced, keys, single, spec, config, fingerprint, chosen, programs)
+    return _Search(static, programs.put(traced, said), keys, single, spec, config, fingerprint, chosen, programs)
 
 
 def _evolve(
