@@ -120,7 +120,7 @@ def _labeller(layout: PaddedLayout) -> Callable[[Array], UInt[Array, "... padded
     closed = initial.dtype.type(np.iinfo(initial.dtype).max)  # or-ed onto a label it loses every comparison
 
     def sweep(labels: Array, walls: Links, into: Array, steps: int) -> Array:
-        """Gives each corner the least label among itself and the corners some steps away that no wall cuts off.
+        """Gives each corner the least label among its own and those of corners some steps away without a wall between.
 
         Writes to `into`, another vector than `labels`, so that XLA computes it in place and in one pass. Both ends of
         the vector belong to the outer face and do not change.
@@ -142,10 +142,10 @@ def _labeller(layout: PaddedLayout) -> Callable[[Array], UInt[Array, "... padded
         return lax.dynamic_update_slice(into, least, (rows,))
 
     def propagate(labels: Array, walls: Links) -> tuple[Array, Array]:
-        """Sweeps to and fro between two vectors until they are equal, or for `_PATIENCE` sweeps.
+        """Sweeps to and fro between two vectors until they are equal; followable labels for `_PATIENCE` sweeps at most.
 
-        Every other sweep goes `_FAR` steps, because corridors mostly run straight: the longest of a batch then takes
-        two thirds of the sweeps.
+        Every other sweep goes `_FAR` steps, because corridors mostly run straight. The longest corridor of a batch then
+        takes two thirds as many sweeps.
         """
         far_walls = Links(farther(walls.east, stride), farther(walls.south, 1))
 

@@ -14,7 +14,7 @@ from elitelanes_jax.network._faces import label_faces
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
 from elitelanes_jax.network.records import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
-from elitelanes_jax.network.xla import PaddedLayout, materialize
+from elitelanes_jax.network.xla import PaddedLayout
 
 
 def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
@@ -97,7 +97,7 @@ def _label_faces(layout: PaddedLayout, east: Bool[Array, "H w"], south: Bool[Arr
     """Labels the faces of a grid that has these links."""
     west, north = jnp.pad(east, ((0, 0), (1, 0))) * WEST, jnp.pad(south, ((1, 0), (0, 0))) * NORTH
     codes = jnp.pad(east, ((0, 0), (0, 1))) * EAST | jnp.pad(south, ((0, 1), (0, 0))) * SOUTH | west | north
-    return label_faces(layout, layout.pad(materialize(codes.astype(jnp.int8))))
+    return label_faces(layout, layout.pad(codes.astype(jnp.int8)))
 
 
 def _block_areas(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:

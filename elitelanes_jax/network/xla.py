@@ -136,6 +136,7 @@ class PaddedLayout(NamedTuple):
         return self.height * self.stride
 
     def pad(self, grid: Shaped[Array | np.ndarray, "H W"]) -> Shaped[Array, " padded"]:
+        # Stored, because otherwise XLA pads again for each use, and divides to find the row of each index.
         return materialize(jnp.pad(grid, ((1, 1), (0, 1)))).reshape(-1)
 
     def unpad(self, vector: Shaped[Array, " size"]) -> Shaped[Array, "H W"]:

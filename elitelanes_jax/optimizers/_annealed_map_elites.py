@@ -173,8 +173,8 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         bits = StepBits.draw(key, count, symmetric(0), extra=_BITS)
         own_bits, begins = _Bits.of(bits.extra), cooling.begins
 
-        def new_cycles(pending: Array, begun: tuple[Cycle, Array]) -> tuple[Cycle, Array]:
-            # So that XLA does not compute what follows before the loop, in every step.
+        def new_cycles(pending: Array, before: tuple[Cycle, Array]) -> tuple[Cycle, Array]:
+            # Dependent on the loop, because otherwise XLA computes what follows before it, in every step.
             fitness, features, fresh = (
                 jnp.where(pending, array, 0) for array in (archives.fitness, archives.features, bits.fresh)
             )
@@ -182,7 +182,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
             if config.require_feasible:
                 filled &= problem.penalties(features) == 0
             drawn = draw_cycles(own_bits, jnp.asarray(groups.first), jnp.asarray(groups.isolated), fitness, filled)
-            cycles = select(begins, drawn, begun[0])
+            cycles = select(begins, drawn, before[0])
             random = jax.vmap(partial(random_grid, problem))(fresh)
             return cycles, select(cycles.restarts, random, take(archives.grids, cycles.start))
 
@@ -320,7 +320,7 @@ def _vary(
     # Without this XLA computes them for each of their uses: a step then takes 1.15 times as long.
     refitted = materialize_variation(jax.vmap(strip.apply)(drawn[:, : strip.bits], before))
     mixed = materialize_variation(mix(*concatenate(select(turn, second, first), left)))
-    # Both halves at once: on a CPU XLA concatenates number by number.
+    # Computes both halves at once, because XLA on a CPU concatenates number by number.
     by_strip = turn ^ np.array([[False], [True]])
 
     def paired(refitted: Array, mixed: Array) -> Array:

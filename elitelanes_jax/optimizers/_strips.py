@@ -24,6 +24,7 @@ LINES = 3
 """The rows, or columns, of a strip."""
 
 _STATES, _SHOWN = 4**LINES, 5
+# The bits of a column in `StripTables.columns`, and the number where no column fits.
 _BITS, _NONE = 4 * LINES, -1
 
 _FORTH = np.array([0b0011, 0b0001, 0b1100, 0b0100, 0b1000])
@@ -49,8 +50,8 @@ class StripTables(NamedTuple):
     # [25 * 125, 2], the states east of a column, by what the column to its west shows.
     after: UInt32[np.ndarray, "A 2"]
     between: UInt32[np.ndarray, "C 2"]  # [25 * 64, 2], the states west of a column with a state east of it
-    # [25 * 64 * 64], the two columns with a state east and a state west of them, each in 12 bits, four a tile, the
-    # northernmost tile lowest. Where one column alone fits, both are that one; where none does, the number is `_NONE`.
+    # [25 * 64 * 64], the at most two columns with a state east and a state west of them. Each has 12 bits, four a tile,
+    # the northernmost tile lowest. If one column fits, it is there twice; if none fits, the number is `_NONE`.
     columns: Int32[np.ndarray, " C"]
     shown: Int32[np.ndarray, " 4096"]  # what any column shows to the east, 5^line a tile
     # [125, 4], the states that fit what a column shows to the east, and the states with the same links.
@@ -68,7 +69,7 @@ def strip_tables(*, empty: bool) -> StripTables:
     ]
     pairs = np.full((_SHOWN, _SHOWN, _STATES, _STATES), _NONE, np.int32)
     for column in columns:
-        code = sum(code << 4 * line for line, code in enumerate(column))
+        packed = sum(code << 4 * line for line, code in enumerate(column))
         fitting = (
             _FORTH & _BACK[_NORTH[column[0]]] > 0,
             _FORTH[_SOUTH[column[-1]]] & _BACK > 0,
@@ -76,7 +77,7 @@ def strip_tables(*, empty: bool) -> StripTables:
             _states(_BACK, _WEST[list(column)]),
         )
         slots = np.ix_(*fitting)
-        pairs[slots] = np.where(pairs[slots] == _NONE, code, pairs[slots] & 2**_BITS - 1) | code << _BITS
+        pairs[slots] = np.where(pairs[slots] == _NONE, packed, pairs[slots] & 2**_BITS - 1) | packed << _BITS
     leads = (pairs != _NONE).reshape(_SHOWN**2, _STATES, _STATES)  # around, east, west
     shows = np.arange(_SHOWN**LINES)[:, None] // _SHOWN ** np.arange(LINES) % _SHOWN
     forth, back, alike = (

@@ -141,7 +141,7 @@ class Programs:
         self._rows, count = part_rows(len(keys), devices)
         self._devices = list(dict.fromkeys(devices[:count]))
         self._cells = 0  # evaluated in this process
-        self._put: tuple[str, Traced | None] = ("", None)
+        self._put: tuple[str, Traced] | None = None  # the last arguments
         self._programs: dict[str, Callable[..., Pytree]] = {}
         # The name of a file does not depend on what the user's functions compute.
         users = static.factory or static.kernels or static.fitness
@@ -196,15 +196,14 @@ class Programs:
         return sum(leaf.size * leaf.dtype.itemsize for leaf in self.states)
 
     def put(self, traced: Traced, said: str) -> Traced:
-        """Puts the arguments of a search on the default device once for all calls with equal ones, which `said` says.
+        """Puts the arguments of a search on the default device; returns them. `said` has their values as text.
 
-        Each program would otherwise do it for itself, a millisecond in all.
+        Calls with equal arguments share one copy. Otherwise each program would copy them, which takes a millisecond.
         """
-        last, placed = self._put
-        if placed is None or last != said:
-            placed = jax.device_put(traced)
-            self._put = said, placed
-        return placed
+        put = self._put
+        if put is None or put[0] != said:
+            put = self._put = said, jax.device_put(traced)
+        return put[1]
 
     def prepare(self, *, starts: bool, generations: int, runs: bool = True, compiles: bool = True) -> None:
         """Loads the programs for a run of some generations, and compiles the missing ones, side by side.
