@@ -2,7 +2,8 @@
 
     python tests/test_program_sizes.py    # writes the counts to program_sizes.json beside it
 
-For each program: the operations of its lowered form, and the kilobytes that they read and write by XLA's own estimate.
+For each program: the operations of its lowered form, the kilobytes that they read and write by XLA's own estimate, and
+the loops of its form for a GPU, where every round of a loop of unknown length waits for the processor.
 """
 
 import json
@@ -23,10 +24,12 @@ SHAPE, SEEDS = (12, 12), 16
 
 
 def count_of(function, *arguments):
-    lowered = jax.jit(function).lower(*arguments)
+    traced = jax.jit(function).trace(*arguments)
+    lowered, for_gpu = traced.lower(), traced.lower(lowering_platforms=("cuda",))
     return {
         "operations": sum(" = " in line for line in lowered.as_text().splitlines()),
         "kilobytes": round(lowered.cost_analysis()["bytes accessed"] / 1000),
+        "loops on a GPU": for_gpu.as_text().count("stablehlo.while"),
     }
 
 

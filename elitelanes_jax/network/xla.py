@@ -33,12 +33,18 @@ def multiply(value: Int32[Array, "..."], factor: Int32[Array, "..."]) -> Int32[A
 def materialize(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     """Returns an array of numbers unchanged, and makes XLA compute it once and store it.
 
-    Otherwise XLA on a CPU computes a value again for each of its uses, and in a shift for each tile. The input of a
-    loop is stored. This loop has no round (or one that changes nothing), which XLA cannot know. The loop reads and
-    writes one number, so that it hardly adds to the program.
+    Otherwise XLA on a CPU computes a value again for each of its uses, and in a shift for each tile. On other devices
+    XLA weighs storing against computing again, and this does nothing.
     """
-    if not array.size:
-        return array
+    return lax.platform_dependent(array, cpu=_store, default=lambda array: array) if array.size else array
+
+
+def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
+    """Passes an array through a loop, because the input of a loop is stored.
+
+    This loop has no round (or one that changes nothing), which XLA cannot know. It reads and writes one number, so that
+    it hardly adds to the program. On a GPU each look at the condition would wait for the processor.
+    """
     info = jnp.finfo if jnp.issubdtype(array.dtype, jnp.floating) else jnp.iinfo
     most = np.array(info(array.dtype).max, array.dtype)
 

@@ -19,6 +19,12 @@ def test_the_array_stays_as_it_is(dtype):
         np.testing.assert_array_equal(result, array)
 
 
+@pytest.mark.parametrize(("platform", "loops"), [("cpu", 1), ("cuda", 0), ("rocm", 0), ("tpu", 0)])
+def test_only_the_processor_needs_a_loop_to_store_an_array(platform, loops):
+    traced = jax.jit(jax.vmap(materialize)).trace(jax.ShapeDtypeStruct((2, 3), jnp.int8))
+    assert traced.lower(lowering_platforms=(platform,)).as_text().count("stablehlo.while") == loops
+
+
 def test_values_are_looked_up_in_each_vector_of_a_batch():
     rng = np.random.default_rng(0)
     values = jnp.asarray(rng.integers(-9, 9, (2, 3, 7)), jnp.int8)
