@@ -16,6 +16,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import CROSSINGS, EAST, NORTH, SOUTH, WEST, exchange_sides, transpose_codes
+from elitelanes_jax.network.xla import materialize
 
 SMALLEST_GROWN = 3
 """The shortest side of a grid on which a town grows."""
@@ -83,8 +84,10 @@ def _transpose(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array
 
 
 def _mirror(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
-    codes = jnp.where(bits & 2 == 0, codes, exchange_sides(codes, NORTH, SOUTH)[::-1])
-    return jnp.where(bits & 4 == 0, codes, exchange_sides(codes, EAST, WEST)[:, ::-1])
+    # Stored, because otherwise XLA turns the grid again for each use of a cell.
+    codes = materialize(codes)
+    codes = materialize(jnp.where(bits & 2 == 0, codes, exchange_sides(codes, NORTH, SOUTH)[::-1]))
+    return materialize(jnp.where(bits & 4 == 0, codes, exchange_sides(codes, EAST, WEST)[:, ::-1]))
 
 
 def _street(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
@@ -147,7 +150,10 @@ def _next(numbers: Int32[Array, "N N"], axis: int) -> Int32[Array, "N N"]:
 
 def _draw(bits: UInt32[Array, ""], where: Bool[Array, "N N"]) -> tuple[Bool[Array, ""], Array, Array]:
     """Draws a cell that is True; returns whether there is one, and its row and column."""
-    reached = jnp.cumsum(where.reshape(-1), dtype=jnp.int32)
-    count = reached[-1]
-    index = jnp.argmax(reached > randint(bits, jnp.maximum(count, 1))).astype(jnp.int32)
-    return count > 0, index // len(where), index % len(where)
+    where = materialize(where.astype(jnp.int8))
+    reached = jnp.cumsum(where.sum(axis=1, dtype=jnp.int32))
+    index = randint(bits, jnp.maximum(reached[-1], 1))
+    row = jnp.argmax(reached > index).astype(jnp.int32)
+    cells = where[row]
+    within = reached[row] - cells.sum(dtype=jnp.int32) + jnp.cumsum(cells, dtype=jnp.int32)
+    return reached[-1] > 0, row, jnp.argmax(within > index).astype(jnp.int32)

@@ -8,7 +8,7 @@ import pytest
 from oracle import measure as oracle
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.growth import grow_town
+from elitelanes_jax.network.growth import _draw, grow_town
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 NONE = ("dead_ends", "mismatches", "boundary_violations", "bridges")
@@ -35,6 +35,18 @@ def test_towns_have_no_flaw(shape, any_types):
         assert max(plain_measure(town)["turns"] for town in towns) > (4 if min(shape) == 3 else 8)
         again = np.asarray(grow_town(jax.random.split(jax.random.key(0), 60)[3], shape))
         np.testing.assert_array_equal(again, towns[3])
+
+
+def test_each_possible_cell_is_drawn_in_its_turn():
+    rng = np.random.default_rng(0)
+    for share in (0, 0.03, 0.5, 1):
+        where = rng.random((200, 7, 7)) < share
+        bits = rng.integers(2**32, size=200, dtype=np.uint32)
+        found = jax.vmap(_draw)(bits, where)
+        for mask, word, (some, row, column) in zip(where, bits, zip(*map(np.asarray, found), strict=True), strict=True):
+            cells = np.argwhere(mask)
+            assert some == (len(cells) > 0)
+            assert not some or [row, column] == cells[int(word) * len(cells) >> 32].tolist()
 
 
 def test_a_ring_needs_three_tiles():
