@@ -3,12 +3,17 @@
 A NumPy array gives a NumPy array, an array of JAX an array of JAX.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
+from jaxtyping import Int8
 
 from elitelanes_jax._util.checks import LARGEST, check_named, whole
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
+
+_TOGETHER = 4096  # the grids whose images are in memory at once
 
 
 def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
@@ -36,19 +41,28 @@ def canonical_form(grid: AnyArray) -> bytes:
 
     Raises `InputError` for a bad grid (see `check_grid`).
     """
-    images = images_of(np.asarray(check_grid(grid), np.int8))
-    return min(bytes([image.shape[0] >> 8, image.shape[0] & 255]) + image.tobytes() for image in images)
+    return next(canonical_forms(np.asarray(check_grid(grid), np.int8)[None]))
 
 
-def images_of(grid: AnyArray) -> list[AnyArray]:
-    """Returns the eight rotations and mirror images of a checked grid, the grid itself first."""
+def canonical_forms(grids: Int8[np.ndarray, "B H W"]) -> Iterator[bytes]:
+    """Yields the `canonical_form` of each of many checked grids."""
+    for some in np.split(grids, range(_TOGETHER, len(grids), _TOGETHER)):
+        images = images_of(some)
+        size = max(images[0][:1].size, 1)
+        contents = [(bytes(divmod(image.shape[1], 256)), image.tobytes()) for image in images]
+        for start in range(0, some.size, size):
+            yield min(head + content[start : start + size] for head, content in contents)
+
+
+def images_of(grids: AnyArray) -> list[AnyArray]:
+    """Returns the eight rotations and mirror images of checked grids ``[..., H, W]``, the grids themselves first."""
     images = []
-    for image in (grid, mirror(grid)):
+    for image in (grids, exchange_sides(grids, EAST, WEST)[..., ::-1]):
         for _ in range(4):
             images.append(image)
             image = _turned(image)
     return images
 
 
-def _turned(grid: AnyArray) -> AnyArray:
-    return rotate_codes(grid).T[::-1]
+def _turned(grids: AnyArray) -> AnyArray:
+    return rotate_codes(grids).swapaxes(-1, -2)[..., ::-1, :]

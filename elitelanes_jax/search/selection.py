@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_metrics import cut_to_roads
-from elitelanes_jax.network.symmetry import canonical_form, images_of
+from elitelanes_jax.network.symmetry import canonical_form, canonical_forms, images_of
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
 from elitelanes_jax.problem.inventory import COUNTED
@@ -177,8 +177,8 @@ def _distinct(
     seen = {canonical_form(grid) for grid in exclude}
     roads = {canonical_form(cut_to_roads(grid)) for grid in examples}
     distinct: dict[bytes, int] = {}
-    for index in np.flatnonzero(useful)[np.argsort(fitness[useful], kind="stable")].tolist():
-        form = canonical_form(grids[index])
+    order = np.flatnonzero(useful)[np.argsort(fitness[useful], kind="stable")]
+    for index, form in zip(order.tolist(), canonical_forms(grids[order]), strict=True):
         if form not in seen and not (roads and canonical_form(cut_to_roads(grids[index])) in roads):
             distinct.setdefault(form, index)
     return np.array([*distinct.values()], int)

@@ -11,7 +11,7 @@ from hypothesis import given
 from oracle import road_graph
 
 from elitelanes_jax.network.codes import rotate_codes
-from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
+from elitelanes_jax.network.symmetry import canonical_form, canonical_forms, mirror, rotate
 
 
 @given(grids(thin=True))
@@ -40,6 +40,13 @@ def test_canonical_form_is_that_of_every_image(grid):
     form = canonical_form(grid)
     for turns in range(4):
         assert canonical_form(rotate(grid, turns)) == canonical_form(rotate(mirror(grid), turns)) == form
+
+
+@pytest.mark.parametrize("shape", [(0, 3, 4), (7, 3, 4), (4, 5, 5), (6, 1, 2)], ids=str)
+def test_canonical_forms_of_many_grids_are_those_of_each(shape, monkeypatch):
+    monkeypatch.setattr("elitelanes_jax.network.symmetry._TOGETHER", 3)
+    codes = np.random.default_rng(2).integers(0, 16, shape).astype(np.int8)
+    assert list(canonical_forms(codes)) == [canonical_form(grid) for grid in codes]
 
 
 @pytest.mark.parametrize("alphabet", [(0, 3, 5, 6, 9, 10, 12), (1, 2, 4, 8, 15), (0, 7, 11, 13, 14)], ids=str)
