@@ -50,8 +50,7 @@ States: TypeAlias = tuple[Array | np.ndarray, ...]
 MOST = 256
 """The largest number of generations of one call."""
 
-# The start of the names of the programs that advance the seeds of a device.
-_ADVANCE = "advance"
+_START, _ADVANCE = "start", "advance"
 
 # The most cells that searches evaluate with a program of level 0 and of level 1, see `compile_program`. For 12 x 12
 # tiles, compiling for level 1 and 2 takes 1.4 s and 3.5 s more of processor time than for level 0. In exchange, each
@@ -59,6 +58,14 @@ _ADVANCE = "advance"
 _MOST_CELLS = (2_500_000, 160_000_000)
 
 _tracing_lock = RLock()
+
+
+def _least_level(platform: str, cells: int) -> int:
+    """Returns the level of optimisation that a search needs for some cells: the highest one on a GPU or TPU.
+
+    For a GPU, level 0 compiles in four fifths of the time of level 2.
+    """
+    return bisect_left(_MOST_CELLS, cells) if platform == "cpu" else LEVELS - 1
 
 
 @contextmanager
@@ -163,7 +170,8 @@ class Programs:
         """The shapes and dtypes of the states of all seeds."""
         if self._kept is not None:
             return tuple(jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in self._kept.facts["states"])
-        return tuple(jax.tree.leaves(self._tree))
+        leaves = jax.tree.leaves(self._tree)
+        return tuple(jax.ShapeDtypeStruct((len(self._keys), *leaf.shape[1:]), leaf.dtype) for leaf in leaves)
 
     @property
     def evaluations_per_step(self) -> int:
@@ -208,15 +216,16 @@ class Programs:
     def prepare(self, *, starts: bool, generations: int, runs: bool = True, compiles: bool = True) -> None:
         """Loads the programs for a run of some generations, and compiles the missing ones, side by side.
 
-        The programs that start and collect run once and are not optimised. How far the program that advances is
-        optimised depends on the cells that the searches in this process have evaluated. The bits are the same. `runs`
-        says whether this run counts among them. Without `compiles`, the missing programs stay missing.
+        The program that collects runs once and is not optimised. How far the others are optimised depends on the cells
+        that the searches in this process have evaluated. The bits are the same. `runs` says whether this run counts
+        among them. Without `compiles`, the missing programs stay missing.
         """
         height, width = self._static.shape
         cells = self._cells + generations * self.evaluations_per_step * len(self._keys) * height * width
         # The largest programs are first: they compile while the others are lowered.
-        names = [self._to_advance(device, cells) for device in self._devices] if generations else []
-        names += ["start"] * starts + ["collect"]
+        names = [self._choose(_ADVANCE, device, cells) for device in self._devices] if generations else []
+        names += [self._choose(_START, device, cells) for device in self._devices] if starts else []
+        names += ["collect"]
         if runs:
             self._cells = cells
         names = [name for name in names if name not in self._programs]
@@ -225,15 +234,16 @@ class Programs:
         if names and compiles:
             self._compile(names)
 
-    def start(self, traced: Traced, keys: KeyData) -> States:
-        """Returns the states of generation 0."""
-        return tuple(jax.tree.leaves(self._programs["start"](traced, keys)))
+    def start(self, device: jax.Device, traced: Traced, keys: KeyData) -> States:
+        """Returns the states of generation 0 of the seeds of a part."""
+        program = self._programs[self._choose(_START, device, self._cells)]
+        return tuple(jax.tree.leaves(program(traced, keys)))
 
     def advance(
         self, device: jax.Device, traced: Traced, keys: KeyData, states: States, first: int, last: int
     ) -> tuple[States, Info]:
-        """Runs the generations `first` to `last` of the seeds of a device, see `loop.advance`; waits for the end."""
-        program = self._programs[self._to_advance(device, self._cells)]
+        """Runs the generations `first` to `last` of the seeds of a part, see `loop.advance`; waits for the end."""
+        program = self._programs[self._choose(_ADVANCE, device, self._cells)]
         return jax.block_until_ready(program(traced, keys, states, np.int32(first), np.int32(last)))
 
     def collect(self, traced: Traced, states: States) -> tuple[MeasuredElites, States]:
@@ -244,12 +254,13 @@ class Programs:
         # A loaded program binds its results to their device, a compiled one does not.
         return jax.device_put(jax.tree.map(np.asarray, found)) if isinstance(program, Executable) else found
 
-    def _to_advance(self, device: jax.Device, cells: int) -> str:
-        """Returns the name of the program that advances the seeds of a device, for some evaluated cells.
+    def _choose(self, program: str, device: jax.Device, cells: int) -> str:
+        """Returns the name of the program that starts or advances the seeds of a device, for some evaluated cells.
 
         The cells need a level of optimisation. Of the programs that have it, the highest known one is taken.
         """
-        names = [f"{_ADVANCE} {device}, level {level}" for level in range(bisect_left(_MOST_CELLS, cells), LEVELS)]
+        least = _least_level(device.platform, min(cells, _MOST_CELLS[1]) if program == _START else cells)
+        names = [f"{program} {device}, level {level}" for level in range(least, LEVELS)]
         known = [name for name in names if name in self._programs or name in self._contents]
         return known[-1] if known else names[0]
 
@@ -258,11 +269,11 @@ class Programs:
         leaf: Pytree = 0
         features: dict[str, Pytree] = dict.fromkeys(self._static.measured, leaf)
         elites = MeasuredElites(leaf, leaf, leaf, leaf, Metrics(*[leaf] * len(Metrics._fields)), features)
-        outputs = {"start": self.states, "collect": (elites, self.states)}
         advanced = (self.states, Info(*[leaf] * len(Info._fields)))
+        outputs = {_START: self.states, _ADVANCE: advanced, "collect": (elites, self.states)}
         calls = [
             partial(
-                Executable, self._contents[name], self._device(name), jax.tree.structure(outputs.get(name, advanced))
+                Executable, self._contents[name], self._device(name), jax.tree.structure(outputs[name.split(" ")[0]])
             )
             for name in names
         ]
@@ -275,7 +286,9 @@ class Programs:
 
     def _compile(self, names: Sequence[str]) -> None:
         """Compiles programs, and adds them to the file. An interruption does not wait for the threads that compile."""
-        levels = [int(name[-1]) if name.startswith(_ADVANCE) else 0 for name in names]
+        levels = [
+            _least_level(self._device(name).platform, 0) if name == "collect" else int(name[-1]) for name in names
+        ]
         # Each is lowered in this thread, whose settings of JAX may be its own, while those before it compile.
         lowered = ((self._lower(name), level) for name, level in zip(names, levels, strict=True))
         if self._file is None:
@@ -293,32 +306,33 @@ class Programs:
 
     @cached_property
     def _tree(self) -> Pytree:
-        """The shapes and dtypes of the states of all seeds, in the optimiser's structure."""
+        """The shapes and dtypes of the states of a part, in the optimiser's structure."""
         with _tracing():
-            return _start.eval_shape(self._static, self._traced, self._keys)
+            keys = jax.ShapeDtypeStruct((self._rows, *self._keys.shape[1:]), self._keys.dtype)
+            return _start.eval_shape(self._static, self._traced, keys)
 
     def _device(self, name: str) -> jax.Device:
-        """Returns the device of a program. The programs that start and collect run on the default device."""
-        said = name.removeprefix(f"{_ADVANCE} ").split(", level ")[0]
+        """Returns the device of a program. The program that collects runs on the default device."""
+        said = name.split(" ", 1)[-1].split(", level ")[0]
         return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
     @_tracing()
     def _lower(self, name: str) -> jax.stages.Lowered:
-        static, traced, keys = self._static, self._traced, self._keys
-        if name == "start":
-            return _start.lower(static, traced, keys)
+        static, traced = self._static, self._traced
         structure = jax.tree.structure(self._tree)
         if name == "collect":
             return _collect.lower(static, structure, traced, self.states, self._single)
         device = self._device(name)
         # Arrays for the default device are not bound to it, see `_devices._put`.
         bound = None if device == jax.local_devices()[0] else jax.sharding.SingleDeviceSharding(device)
-        part = [
+        keys, *states = (
             jax.ShapeDtypeStruct((self._rows, *leaf.shape[1:]), leaf.dtype, sharding=bound)
-            for leaf in (keys, *self.states)
-        ]
+            for leaf in (self._keys, *self.states)
+        )
+        if name.startswith(_START):
+            return _start.lower(static, traced, keys)
         first = jax.ShapeDtypeStruct((), jnp.int32)
-        return _advance.lower(static, structure, traced, part[0], tuple(part[1:]), first, first)
+        return _advance.lower(static, structure, traced, keys, tuple(states), first, first)
 
 
 def find_programs(

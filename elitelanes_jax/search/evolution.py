@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 from hashlib import sha256
 from inspect import unwrap
 from pathlib import Path
-from typing import NamedTuple, Unpack
+from typing import NamedTuple, TypeVar, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -40,10 +40,12 @@ from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check
 from elitelanes_jax.problem.problem import Problem
 from elitelanes_jax.problem.ranges import Range, range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint
-from elitelanes_jax.search._devices import choose_devices, cut, join
+from elitelanes_jax.search._devices import choose_devices, cut, divide, join
 from elitelanes_jax.search._programs import MOST, Digests, Programs, States, Static, Traced, find_programs
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchOptions, SearchSpec, check_seeds
+
+T = TypeVar("T")
 
 # The seconds that a compiled call should take. Between two calls the progress is shown and a run can be interrupted.
 _SECONDS_A_CALL = 0.2
@@ -154,7 +156,9 @@ def _check(
     shape = check_shape(shape, new=True)
     chosen = choose_devices(devices)
     if len(keys) == 1 or impl != "threefry2x32":  # the bits of other keys depend on the whole batch
-        chosen = chosen[:1]
+        chosen = parts = chosen[:1]
+    else:
+        parts = divide(chosen, len(keys))
     spec, config, static, traced = prepare(spec, shape, options, **extensions)
     static = static._replace(impl=impl)
     static = static._replace(digests=_digests(static, traced))
@@ -162,8 +166,9 @@ def _check(
     numbers = [leaf.tolist() for leaf in jax.tree.leaves(traced)]
     said = repr((static._replace(factory=None, kernels=(), fitness=None), numbers))
     fingerprint = np.array(zlib.crc32(said.encode() + keys.tobytes()), np.uint32)
-    programs = find_programs(static, traced, keys, single, chosen)
-    return _Search(static, programs.put(traced, said), keys, single, spec, config, fingerprint, chosen, programs)
+    programs = find_programs(static, traced, keys, single, parts)
+    traced = programs.put(traced, said)
+    return _Search(static, traced, keys, single, spec, config, fingerprint, parts, len(chosen), programs)
 
 
 def _evolve(
@@ -192,7 +197,8 @@ def _evolve(
             with bar.doing("compiling"):
                 search.programs.prepare(starts=states is None, generations=last - done)
                 if states is None:
-                    states = cut(search.programs.start(search.traced, search.keys), search.devices)
+                    keys = cut(search.keys, search.devices)
+                    states = search.on_parts(search.programs.start, [(search.traced, part) for part in keys])
             for after, part in _run(search, states, done, last, bar):
                 parts.append(part)
                 states, count = after, count + 1  # one statement, so that an interruption cannot split it
@@ -237,8 +243,14 @@ class _Search(NamedTuple):
     spec: SearchSpec
     config: Config | None
     fingerprint: UInt32[np.ndarray, ""]
-    devices: list[jax.Device]
+    devices: list[jax.Device]  # of the parts
+    workers: int  # the number of parts that run side by side
     programs: Programs
+
+    def on_parts(self, program: Callable[..., T], arguments: Sequence[tuple[Pytree, ...]]) -> list[T]:
+        """Calls a program with the device and the arguments of each part; returns the results in order."""
+        calls = [partial(program, device, *each) for device, each in zip(self.devices, arguments, strict=False)]
+        return side_by_side(calls, workers=self.workers)
 
     def result(self, states: Sequence[States], parts: Sequence[History], first: int) -> Result:
         """Returns the result of the generations after `first`; states by device, the history in parts."""
@@ -447,14 +459,9 @@ def _run(
     while done < last:
         count = min(stretch, last - done)
         began = time.perf_counter()
-        parts = zip(search.devices, keys, states, strict=False)
-        ran = side_by_side(
-            [
-                partial(advance, device, search.traced, key, state, done + 1, done + count)
-                for device, key, state in parts
-            ]
-        )
-        states, infos = [list(each) for each in zip(*ran, strict=True)]
+        span = done + 1, done + count
+        parts = [(search.traced, key, state, *span) for key, state in zip(keys, states, strict=True)]
+        states, infos = [list(each) for each in zip(*search.on_parts(advance, parts), strict=True)]
         best, elites, refused = (
             np.concatenate([getattr(info, name) for info in infos], axis=1)[:count, :seeds] for name in _OF_SEEDS
         )

@@ -105,7 +105,7 @@ def interrupt_at(patch, number, module=search):
     patch.setattr(module, "side_by_side", interrupted)
 
 
-@pytest.mark.parametrize(("number", "done"), [(1, 0), (2, 128), (5, 131)])
+@pytest.mark.parametrize(("number", "done"), [(2, 0), (3, 128), (6, 131)])
 def test_an_interruption_has_what_was_found(number, done, whole, monkeypatch):
     with monkeypatch.context() as patch:
         interrupt_at(patch, number)
@@ -119,9 +119,10 @@ def test_an_interruption_has_what_was_found(number, done, whole, monkeypatch):
     chex.assert_trees_all_equal(rest.elites, whole.elites)
 
 
-def test_an_interruption_before_any_grid_is_evaluated_has_nothing(monkeypatch):
+@pytest.mark.parametrize("number", [1, 2])
+def test_an_interruption_before_any_grid_is_evaluated_has_nothing(number, monkeypatch):
     with monkeypatch.context() as patch:
-        interrupt_at(patch, 1)
+        interrupt_at(patch, number)
         with pytest.raises(KeyboardInterrupt) as caught:
             evolve(KEYS, SHAPE, generations=3)
     assert type(caught.value) is KeyboardInterrupt
@@ -144,7 +145,7 @@ def test_an_interrupted_search_is_kept_where_it_took_long(whole, tmp_path, monke
     for worth, left in ((10, []), (0, ["result.npz", "search.json"])):
         with monkeypatch.context() as patch:
             patch.setattr("elitelanes_jax.search._checkpoint._SECONDS_TO_KEEP", worth)
-            interrupt_at(patch, 4)
+            interrupt_at(patch, 5)
             with pytest.raises(SearchInterrupted):
                 run(checkpoint=tmp_path / "folder")
         assert sorted(file.name for file in tmp_path.rglob("*.*")) == left

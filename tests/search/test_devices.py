@@ -21,8 +21,10 @@ from elitelanes_jax._util import threads
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax.cli.main import make_parser
 from elitelanes_jax.search._devices import choose_devices, cut, join
+from elitelanes_jax.search._programs import Programs
 
 CPU = jax.devices("cpu")[0]
+advance = Programs.advance
 
 PROGRAM = """
 import chex
@@ -55,6 +57,19 @@ def test_seeds_are_the_same_on_any_number_of_devices_stopped_and_continued_on_ot
     half = run(generations=5, devices=2)
     rest = run(generations=7, devices=7, state=half.state)
     chex.assert_trees_all_equal((rest.elites, rest.state), (one.elites, one.state))
+
+
+def test_many_seeds_of_a_processor_run_in_small_parts(monkeypatch):
+    run = partial(evolve, 0, (5, 6), seeds=9, method="ea", preset="paper", generations=3)
+    whole = run(devices=1)
+    monkeypatch.setattr("elitelanes_jax.search._devices._MOST_ROWS", 2)
+    rows = []
+    monkeypatch.setattr(Programs, "advance", lambda *given: rows.append(len(given[3])) or advance(*given))
+    for devices, parts in ((1, [2] * 5), (2, [2] * 5), (4, [2] * 5), (9, [1] * 9)):
+        rows.clear()
+        found = run(devices=devices)
+        assert rows == parts
+        chex.assert_trees_all_equal((found.elites, found.state), (whole.elites, whole.state))
 
 
 def test_keys_that_depend_on_those_beside_them_stay_together():

@@ -26,7 +26,8 @@ from elitelanes_jax.tiles.tileset import load_tiles
 
 SHAPE = (4, 5)
 run = partial(evolve, 3, SHAPE, seeds=2, method="ea", preset="paper", generations=3, progress=False)
-NAMES = {"start", "collect", f"advance {jax.devices()[0]}, level 0"}
+START, ADVANCE = (f"{program} {jax.devices()[0]}, level 0" for program in ("start", "advance"))
+NAMES = {START, ADVANCE, "collect"}
 
 
 def arrays(result):
@@ -81,7 +82,7 @@ def test_loaded_programs_find_what_compiled_ones_find(settings, folder, monkeypa
 def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch):
     start = run(generations=0)
     (file,) = folder.iterdir()
-    assert set(load(file).programs) == {"start", "collect"}
+    assert set(load(file).programs) == {START, "collect"}
     _programs._find.cache_clear()
     whole = run()
     assert set(load(file).programs) == NAMES
@@ -96,11 +97,16 @@ def test_programs_are_optimised_from_so_many_cells_on(folder, monkeypatch):
     monkeypatch.setattr(_programs, "_MOST_CELLS", (2 * cells, 3 * cells))
     (file,) = folder.iterdir()
     names = set(NAMES)
-    for levels in (set(), {1}, {2}):
+    for level, programs in ((0, []), (1, [START, ADVANCE]), (2, [ADVANCE])):
         results.append(run())
-        names |= {f"advance {jax.devices()[0]}, level {level}" for level in levels}
+        names |= {program.replace("level 0", f"level {level}") for program in programs}
         assert set(load(file).programs) == names
     assert len({tuple(arrays(result)) for result in results}) == 1
+
+
+@pytest.mark.parametrize(("platform", "levels"), [("cpu", [0, 1, 2]), ("gpu", [2, 2, 2])])
+def test_only_programs_for_the_processor_have_levels(platform, levels):
+    assert [_programs._least_level(platform, cells) for cells in (0, 10**8, 10**9)] == levels
 
 
 def test_options_that_this_compiler_does_not_know_are_left_out(monkeypatch):
@@ -169,7 +175,7 @@ def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
         with reporting(quiet=False):
             assert arrays(first()) == expected
         assert re.fullmatch(line, capsys.readouterr().err)
-        assert load(file).programs.keys() == {"start", "collect"}
+        assert load(file).programs.keys() == {START, "collect"}
     for spoilt in (whole[: len(whole) // 2], b"", b"{}\n" * 99):
         file.write_bytes(spoilt)
         with reporting(quiet=False):
