@@ -9,7 +9,7 @@ Seconds are those of the one core that this process is pinned to; those of compi
 import argparse
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TypeAlias
 
@@ -54,16 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _measure(options: argparse.Namespace) -> None:
     count, batch, steps = (32, 16, 8) if options.quick else (10_000, 1024, 200)
-    grids = jax.jit(jax.vmap(partial(repair, fill=True)))(random_grids(jax.random.key(0), count, SHAPE))
-    levels = make_levels(jax.random.key(1), grids)
     print("| | steps or frames a second | compiled in |\n|---|---:|---:|")
-    road, lane = RoadNavParams(levels, window=5), LaneDriveParams(levels)
-    _row("RoadNav, window 5 x 5", batch, steps, *_of_ours(RoadNav, road, _turn))
-    _row("LaneDrive, lane poses", batch, steps, *_of_ours(LaneDrive, lane, _steer))
-    tiles = load_tiles()
-    scaled = scale_tiles(tiles, 64)
-    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=48, columns=64))
-    _row("camera 64 x 48 with labels", batch, max(steps // 20, 2), *_of_the_camera(grids[:batch], sight))
+    for name, begin, step in measured(count, batch):
+        _row(name, batch, max(steps // 20, 2) if name.startswith("camera") else steps, begin, step)
 
 
 Begin: TypeAlias = Callable[[Key[Array, " B"]], Pytree]
@@ -73,21 +66,36 @@ Step: TypeAlias = Callable[[Key[Array, " B"], Pytree], tuple[Pytree, Pytree]]
 """From keys and a batch of states to the next states and to what a learner reads of them."""
 
 
-def _row(name: str, batch: int, steps: int, begin: Begin, step: Step) -> None:
-    state = jax.jit(begin)(jax.random.split(jax.random.key(2), batch))
+def measured(count: int, batch: int) -> Iterator[tuple[str, Begin, Step]]:
+    """Yields the environments and the camera: names, and how a batch begins and steps on so many maps."""
+    grids = jax.jit(jax.vmap(partial(repair, fill=True)))(random_grids(jax.random.key(0), count, SHAPE))
+    levels = make_levels(jax.random.key(1), grids)
+    yield "RoadNav, window 5 x 5", *_of_ours(RoadNav, RoadNavParams(levels, window=5), _turn)
+    yield "LaneDrive, lane poses", *_of_ours(LaneDrive, LaneDriveParams(levels), _steer)
+    tiles = load_tiles()
+    scaled = scale_tiles(tiles, 64)
+    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=48, columns=64))
+    yield "camera 64 x 48 with labels", *_of_the_camera(jnp.resize(grids, (batch, *SHAPE)), sight)
 
-    @jax.jit
+
+def steps_of(step: Step, batch: int, steps: int) -> Callable[[Key[Array, ""], Pytree], tuple[Pytree, Array]]:
+    """Makes a function that takes so many steps, and sums all that is seen, so that none of it is left out."""
+
     def drive(key: Key[Array, ""], state: Pytree) -> tuple[Pytree, Array]:
         def go(carry: tuple[Pytree, Array], key: Key[Array, ""]) -> tuple[tuple[Pytree, Array], None]:
             state, total = carry
             state, seen = step(jax.random.split(key, batch), state)
-            # All that is seen is read, so that none of it is left out.
             return (state, total + sum(part.astype(jnp.float32).sum() for part in jax.tree.leaves(seen))), None
 
         return jax.lax.scan(go, (state, jnp.float32(0)), jax.random.split(key, steps))[0]
 
+    return drive
+
+
+def _row(name: str, batch: int, steps: int, begin: Begin, step: Step) -> None:
+    state = jax.jit(begin)(jax.random.split(jax.random.key(2), batch))
     began = time.perf_counter()
-    compiled = drive.lower(jax.random.key(0), state).compile()
+    compiled = jax.jit(steps_of(step, batch, steps)).lower(jax.random.key(0), state).compile()
     compiling, spent = time.perf_counter() - began, []
     for number in range(7):
         began = time.process_time()

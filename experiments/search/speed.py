@@ -21,11 +21,15 @@ from contextlib import ExitStack, suppress
 from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiments.common import Parser, leave, run, whole, write
+
+if TYPE_CHECKING:
+    from jax import Device
 
 # JAX starts as many threads as the process has cores when it is first used: the functions below import it late.
 
@@ -37,7 +41,7 @@ Evaluation = Callable[[Grids], object]
 _SIDES = (8, 12, 16, 32, 64, 128, 256)
 _SEEDS = 16
 
-_CORES = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
+CORES = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _measure(options: argparse.Namespace) -> None:
-    record = {"cores": len(_CORES), "machine": platform.machine(), "python": platform.python_version()}
+    record = {"cores": len(CORES), "machine": platform.machine(), "python": platform.python_version()}
     print(record)
     found: dict[str, list[Record]] = {}
     for part in options.parts:
@@ -70,7 +74,7 @@ def _pin(count: int) -> None:
     if hasattr(os, "sched_setaffinity"):
         for thread in Path("/proc/self/task").iterdir():
             with suppress(ProcessLookupError):  # a thread that has ended since
-                os.sched_setaffinity(int(thread.name), _CORES[:count])
+                os.sched_setaffinity(int(thread.name), CORES[:count])
 
 
 def _timed(call: Callable[[], object]) -> float:
@@ -187,20 +191,33 @@ def _corridors(repetitions: int) -> list[Record]:
     return [{**medians, "ratio": ratio}]
 
 
-def _tuned(method: str, devices: int, generations: int) -> float:
-    """Returns the microseconds an evaluation that 16 seeds of a tuned method take on devices, once compiled."""
+def time_a_search(method: str, devices: int | Sequence["Device"], seeds: int, generations: int) -> float:
+    """Returns the microseconds an evaluation that a tuned method takes on devices.
+
+    Its program is compiled before, with the highest level of optimisation, which long searches have.
+    """
+    _optimise(method, devices if isinstance(devices, int) else tuple(devices), seeds)
+    return _time(method, devices, seeds, generations)
+
+
+@cache
+def _optimise(method: str, devices: int | tuple["Device", ...], seeds: int) -> None:
+    _time(method, devices, seeds, 2**21 // (32 * seeds))  # evaluates more cells than searches of lower levels
+
+
+def _time(method: str, devices: int | Sequence["Device"], seeds: int, generations: int) -> float:
     from elitelanes_jax import SearchSpec, evolve
-    from elitelanes_jax.optimizers import seed_keys
 
     spec = SearchSpec(method=method, preset="tuned", fill=True)
-    found = evolve(seed_keys(0, _SEEDS), spec=spec, devices=devices, generations=generations, progress=False)
+    key = int(_random.integers(2**32))
+    found = evolve(key, spec=spec, seeds=seeds, devices=devices, generations=generations, progress=False)
     return float(np.mean(1e6 / found.history.evaluations_per_second))
 
 
 def _steps(repetitions: int) -> list[Record]:
     """Measures a step of the tuned methods next to the evaluation of as many grids in one batch, on one core."""
     calls = {"evaluation": lambda: _evaluation_times(["elitelanes_jax"], (12, 12), 512, 5)["elitelanes_jax"]}
-    calls |= {method: partial(_tuned, method, 1, 128) for method in ("ea", "map-elites")}
+    calls |= {method: partial(time_a_search, method, 1, _SEEDS, 128) for method in ("ea", "map-elites")}
     medians = _medians(calls, repetitions // 4 + 1)
     print(f"\na step of the tuned methods, 12 x 12, {_SEEDS} seeds, one core\n")
     for name, median in medians.items():
@@ -211,7 +228,7 @@ def _steps(repetitions: int) -> list[Record]:
 def _cores(repetitions: int) -> list[Record]:
     """Measures 16 seeds of the tuned methods on 1, 2, 4 and all cores, each in a process of its own."""
     rows: list[Record] = []
-    counts = [count for count in sorted({1, 2, 4, len(_CORES)}) if count <= len(_CORES)]
+    counts = [count for count in sorted({1, 2, 4, len(CORES)}) if count <= len(CORES)]
     print(f"\n{_SEEDS} seeds of the tuned methods, 12 x 12, on several cores\n")
     with ExitStack() as stack:
         pools = {count: stack.enter_context(ProcessPoolExecutor(1, get_context("spawn"))) for count in counts}
@@ -220,7 +237,7 @@ def _cores(repetitions: int) -> list[Record]:
             pool.submit(os.getpid).result()
 
         def call(method: str, count: int) -> float:
-            return pools[count].submit(_tuned, method, count, 384).result()
+            return pools[count].submit(time_a_search, method, count, _SEEDS, 384).result()
 
         for method in ("ea", "map-elites"):
             medians = _medians({str(count): partial(call, method, count) for count in counts}, repetitions // 4 + 1)
@@ -250,7 +267,7 @@ print(*seconds, most)
 
 def _call_alone(cache: str, arguments: str) -> list[float]:
     """Returns the seconds of the import and of two calls of `evolve` in a new process, and its peak memory in MiB."""
-    _pin(len(_CORES))
+    _pin(len(CORES))
     command = [sys.executable, "-c", _ALONE.format(arguments=arguments)]
     environment = os.environ | {"XDG_CACHE_HOME": cache}
     printed = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout
