@@ -304,8 +304,9 @@ def _memory(_: int) -> list[Record]:
     print()
     with tempfile.TemporaryDirectory() as folder:
         for seeds in (16, 64):
-            _call_alone(folder, f"seeds={seeds}, generations=1")  # compiles: the compiler's memory does not count
-            rows.append({"seeds": seeds, "MiB": _call_alone(folder, f"seeds={seeds}, generations=256")[3]})
+            arguments = f"seeds={seeds}, generations=256"
+            _call_alone(folder, arguments)  # compiles: the compiler's memory does not count
+            rows.append({"seeds": seeds, "MiB": _call_alone(folder, arguments)[3]})
             print(f"{seeds} seeds: at most {rows[-1]['MiB']:,.0f} MiB")
     return rows
 
