@@ -68,6 +68,10 @@ def _least_level(platform: str, cells: int) -> int:
     return bisect_left(_MOST_CELLS, cells) if platform == "cpu" else LEVELS - 1
 
 
+def _name(program: str, device: jax.Device, level: int) -> str:
+    return f"{program} {device}, level {level}"
+
+
 @contextmanager
 def _tracing() -> Iterator[None]:
     """Lets one thread trace at a time, without Python's garbage collector.
@@ -236,14 +240,13 @@ class Programs:
 
     def start(self, device: jax.Device, traced: Traced, keys: KeyData) -> States:
         """Returns the states of generation 0 of the seeds of a part."""
-        program = self._programs[self._choose(_START, device, self._cells)]
-        return tuple(jax.tree.leaves(program(traced, keys)))
+        return tuple(jax.tree.leaves(self._loaded(_START, device)(traced, keys)))
 
     def advance(
         self, device: jax.Device, traced: Traced, keys: KeyData, states: States, first: int, last: int
     ) -> tuple[States, Info]:
         """Runs the generations `first` to `last` of the seeds of a part, see `loop.advance`; waits for the end."""
-        program = self._programs[self._choose(_ADVANCE, device, self._cells)]
+        program = self._loaded(_ADVANCE, device)
         return jax.block_until_ready(program(traced, keys, states, np.int32(first), np.int32(last)))
 
     def collect(self, traced: Traced, states: States) -> tuple[MeasuredElites, States]:
@@ -260,9 +263,14 @@ class Programs:
         The cells need a level of optimisation. Of the programs that have it, the highest known one is taken.
         """
         least = _least_level(device.platform, min(cells, _MOST_CELLS[1]) if program == _START else cells)
-        names = [f"{program} {device}, level {level}" for level in range(least, LEVELS)]
+        names = [_name(program, device, level) for level in range(least, LEVELS)]
         known = [name for name in names if name in self._programs or name in self._contents]
         return known[-1] if known else names[0]
+
+    def _loaded(self, program: str, device: jax.Device) -> Callable[..., Pytree]:
+        """Returns the program of the highest level that is there. Searches in other threads may have added one."""
+        names = [_name(program, device, level) for level in reversed(range(LEVELS))]
+        return next(self._programs[name] for name in names if name in self._programs)
 
     def _load(self, names: Sequence[str]) -> None:
         """Loads programs of the file. If one of them cannot be loaded, none is."""

@@ -104,6 +104,17 @@ def test_programs_are_optimised_from_so_many_cells_on(folder, monkeypatch):
     assert len({tuple(arrays(result)) for result in results}) == 1
 
 
+def test_a_search_goes_on_while_another_one_needs_a_higher_level(folder, monkeypatch):
+    prepare = _programs.Programs.prepare
+
+    def prepare_then_another(programs, **given):
+        prepare(programs, **given)
+        programs._cells = 10**12  # as a search in another thread does before it compiles
+
+    monkeypatch.setattr(_programs.Programs, "prepare", prepare_then_another)
+    assert len(run().history.generation) == 3
+
+
 @pytest.mark.parametrize(("platform", "levels"), [("cpu", [0, 1, 2]), ("gpu", [2, 2, 2])])
 def test_only_programs_for_the_processor_have_levels(platform, levels):
     assert [_programs._least_level(platform, cells) for cells in (0, 10**8, 10**9)] == levels
