@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import batching, mlir
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Integer, Real, Shaped, UInt32
 
 _Carry = TypeVar("_Carry")
@@ -29,14 +31,14 @@ def multiply(value: Int32[Array, "..."], factor: Int32[Array, "..."]) -> Int32[A
     return value * factor >> 12
 
 
-@jax.custom_batching.custom_vmap
-def materialize(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
+def materialize(array: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
     """Returns an array of numbers unchanged, and makes XLA compute it once and store it.
 
     Otherwise XLA on a CPU computes a value again for each of its uses, and in a shift for each tile. On other devices
     XLA weighs storing against computing again, and this does nothing.
     """
-    return lax.platform_dependent(array, cpu=_store, default=lambda array: array) if array.size else array
+    array = jnp.asarray(array)
+    return _materialize.bind(array) if array.size else array
 
 
 def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
@@ -62,9 +64,13 @@ def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     return lax.while_loop(again, body, (jnp.array(False), array))[1]
 
 
-@materialize.def_vmap
-def _(axis_size: int, batched: list[bool], array: Array) -> tuple[Array, bool]:
-    return materialize(array), True
+# A primitive, because a function with its own rule for batches is traced at each use, and once more in each `vmap`.
+_materialize = Primitive("materialize")
+_materialize.def_impl(lambda array: array)
+_materialize.def_abstract_eval(lambda array: array)
+batching.primitive_batchers[_materialize] = lambda arrays, axes: (_materialize.bind(*arrays), axes[0])
+mlir.register_lowering(_materialize, lambda _, array: [array])
+mlir.register_lowering(_materialize, mlir.lower_fun(_store, multiple_results=False), platform="cpu")
 
 
 def run_if(condition: Bool[Array, ""], compute: Callable[[Bool[Array, ""], _Carry], _Carry], carry: _Carry) -> _Carry:
