@@ -111,27 +111,33 @@ def test_calls_run_at_once_and_return_in_order():
 def test_errors_and_interruptions_come_when_all_have_ended_or_are_left():
     ended = []
 
-    def fail():
+    def fail(at_work):
+        at_work.wait(10)
         raise MemoryError("no more")
 
-    def work():
+    def work(at_work):
+        at_work.wait(10)
         time.sleep(0.2)
         ended.append(None)
 
-    def interrupt():
-        time.sleep(0.05)  # until all are at work
+    def interrupt(at_work):
+        at_work.wait(10)
         signal.raise_signal(signal.SIGINT)
 
+    def call(*functions, **options):
+        at_work = Barrier(len(functions))
+        side_by_side([partial(function, at_work) for function in functions], **options)
+
     with pytest.raises(MemoryError, match="no more"):
-        side_by_side([work, fail])
+        call(work, fail)
     assert len(ended) == 1
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # under nohup it is ignored
     try:
         with pytest.raises(KeyboardInterrupt):
-            side_by_side([work, interrupt, work])
+            call(work, interrupt, work)
         assert len(ended) == 3
         with pytest.raises(KeyboardInterrupt):
-            side_by_side([work, interrupt], wait=False)
+            call(work, interrupt, wait=False)
     finally:
         signal.signal(signal.SIGINT, before)
     assert len(ended) == 3
