@@ -1,4 +1,4 @@
-"""The programs that measure driving: on a few maps, that they run and what they say. And a driver that sees."""
+"""The programs that measure driving and devices run on a few maps, and say what they found. And a driver that sees."""
 
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from elitelanes_jax import InputError
 from elitelanes_jax.drive import Pose, lane_pose
 from elitelanes_jax.drive.rides import load_policy, make_rides
 from experiments.navigation import speed as driving_speed
+from experiments.search import devices
 
 TOWN = np.array([[6, 7, 3], [12, 13, 9]])
 
@@ -19,6 +20,18 @@ def test_the_speed_is_measured(capsys):
     assert driving_speed.main(["--quick"]) == 0
     said = capsys.readouterr().out
     assert all(f"| {name}" in said for name in ("RoadNav", "LaneDrive", "camera"))
+
+
+@pytest.mark.slow
+def test_devices_are_measured(capsys):
+    assert devices.main(["--quick", "--repetitions", "1"]) == 0
+    *_, table = capsys.readouterr().out.strip().split("\n\n")
+    assert [line.split(" ")[1] for line in table.splitlines()[2:]] == [
+        *("evaluations,", "evaluations", "evaluations", "RoadNav,", "LaneDrive,", "camera")
+    ]
+    with pytest.raises(SystemExit, match="2"):
+        devices.main(["--repetitions", "0"])
+    assert "--repetitions: expected a whole number, 1 or more, got '0'" in capsys.readouterr().err
 
 
 def test_the_driver_that_sees_its_camera_alone_stays_in_its_lane(drawn_tiles):
