@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-_AGAIN = 0.1
+_AGAIN, _SOON = 0.1, 0.001  # seconds
 
 
 @contextmanager
@@ -16,17 +16,19 @@ def catch_interrupts() -> Iterator[None]:
 
     An exception can be lost: Python only prints an exception in a callback of the garbage collector, and JAX's native
     code drops an exception in a comparison that it calls. So it is raised again every tenth of a second. It is not
-    raised while it is handled, so that cleaning up is not disturbed, and while a module loads, because native modules
-    such as NumPy's and JAX's would crash or print a traceback.
+    raised while it is handled, so that cleaning up is not disturbed. While a module loads it waits, because native
+    modules such as NumPy's and JAX's would crash or print a traceback; it is raised a millisecond after, before the
+    command announces its work.
     """
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     hook = sys.unraisablehook
     repeats = hasattr(signal, "setitimer")  # not on every system
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if repeats and number != signal.SIGALRM:
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
-        if not _is_handled() and not (repeats and _is_loading(frame)):
+        loading = repeats and _is_loading(frame)
+        if loading or (repeats and number != signal.SIGALRM):
+            signal.setitimer(signal.ITIMER_REAL, _SOON if loading else _AGAIN, _AGAIN)
+        if not loading and not _is_handled():
             raise KeyboardInterrupt
 
     def unraisable(lost: "sys.UnraisableHookArgs") -> None:
