@@ -50,7 +50,7 @@ States: TypeAlias = tuple[Array | np.ndarray, ...]
 MOST = 256
 """The largest number of generations of one call."""
 
-_START, _ADVANCE = "start", "advance"
+_START, _ADVANCE, _COLLECT = "start", "advance", "collect"
 
 # The most cells that searches evaluate with a program of level 0 and of level 1, see `compile_program`. For 12 x 12
 # tiles, compiling for level 1 and 2 takes 1.4 s and 3.5 s more of processor time than for level 0. In exchange, each
@@ -229,7 +229,7 @@ class Programs:
         # The largest programs are first: they compile while the others are lowered.
         names = [self._choose(_ADVANCE, device, cells) for device in self._devices] if generations else []
         names += [self._choose(_START, device, cells) for device in self._devices] if starts else []
-        names += ["collect"]
+        names += [self._choose(_COLLECT, jax.local_devices()[0], 0)]
         if runs:
             self._cells = cells
         names = [name for name in names if name not in self._programs]
@@ -252,13 +252,13 @@ class Programs:
     def collect(self, traced: Traced, states: States) -> tuple[MeasuredElites, States]:
         """Returns the elites and the states; for one key alone, both without the axis of seeds."""
         self.prepare(starts=False, generations=0)  # the program is missing if the compiler was interrupted
-        program = self._programs["collect"]
+        program = self._loaded(_COLLECT, jax.local_devices()[0])
         found = program(traced, states)
         # A loaded program binds its results to their device, a compiled one does not.
         return jax.device_put(jax.tree.map(np.asarray, found)) if isinstance(program, Executable) else found
 
     def _choose(self, program: str, device: jax.Device, cells: int) -> str:
-        """Returns the name of the program that starts or advances the seeds of a device, for some evaluated cells.
+        """Returns the name of a program on a device, for some evaluated cells.
 
         The cells need a level of optimisation. Of the programs that have it, the highest known one is taken.
         """
@@ -278,7 +278,7 @@ class Programs:
         features: dict[str, Pytree] = dict.fromkeys(self._static.measured, leaf)
         elites = MeasuredElites(leaf, leaf, leaf, leaf, Metrics(*[leaf] * len(Metrics._fields)), features)
         advanced = (self.states, Info(*[leaf] * len(Info._fields)))
-        outputs = {_START: self.states, _ADVANCE: advanced, "collect": (elites, self.states)}
+        outputs = {_START: self.states, _ADVANCE: advanced, _COLLECT: (elites, self.states)}
         calls = [
             partial(
                 Executable, self._contents[name], self._device(name), jax.tree.structure(outputs[name.split(" ")[0]])
@@ -294,9 +294,7 @@ class Programs:
 
     def _compile(self, names: Sequence[str]) -> None:
         """Compiles programs, and adds them to the file. An interruption does not wait for the threads that compile."""
-        levels = [
-            _least_level(self._device(name).platform, 0) if name == "collect" else int(name[-1]) for name in names
-        ]
+        levels = [int(name[-1]) for name in names]
         # Each is lowered in this thread, whose settings of JAX may be its own, while those before it compile.
         lowered = ((self._lower(name), level) for name, level in zip(names, levels, strict=True))
         if self._file is None:
@@ -328,7 +326,7 @@ class Programs:
     def _lower(self, name: str) -> jax.stages.Lowered:
         static, traced = self._static, self._traced
         structure = jax.tree.structure(self._tree)
-        if name == "collect":
+        if name.startswith(_COLLECT):
             return _collect.lower(static, structure, traced, self.states, self._single)
         device = self._device(name)
         # Arrays for the default device are not bound to it, see `_devices._put`.

@@ -26,8 +26,8 @@ from elitelanes_jax.tiles.tileset import load_tiles
 
 SHAPE = (4, 5)
 run = partial(evolve, 3, SHAPE, seeds=2, method="ea", preset="paper", generations=3, progress=False)
-START, ADVANCE = (f"{program} {jax.devices()[0]}, level 0" for program in ("start", "advance"))
-NAMES = {START, ADVANCE, "collect"}
+START, ADVANCE, COLLECT = (f"{program} {jax.devices()[0]}, level 0" for program in ("start", "advance", "collect"))
+NAMES = {START, ADVANCE, COLLECT}
 
 
 def arrays(result):
@@ -82,7 +82,7 @@ def test_loaded_programs_find_what_compiled_ones_find(settings, folder, monkeypa
 def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch):
     start = run(generations=0)
     (file,) = folder.iterdir()
-    assert set(load(file).programs) == {START, "collect"}
+    assert set(load(file).programs) == {START, COLLECT}
     _programs._find.cache_clear()
     whole = run()
     assert set(load(file).programs) == NAMES
@@ -186,7 +186,7 @@ def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
         with reporting(quiet=False):
             assert arrays(first()) == expected
         assert re.fullmatch(line, capsys.readouterr().err)
-        assert load(file).programs.keys() == {START, "collect"}
+        assert load(file).programs.keys() == {START, COLLECT}
     for spoilt in (whole[: len(whole) // 2], b"", b"{}\n" * 99):
         file.write_bytes(spoilt)
         with reporting(quiet=False):
