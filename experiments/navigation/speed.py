@@ -67,7 +67,12 @@ Step: TypeAlias = Callable[[Key[Array, " B"], Pytree], tuple[Pytree, Pytree]]
 
 
 def measured(count: int, batch: int) -> Iterator[tuple[str, Begin, Step]]:
-    """Yields the environments and the camera: names, and how a batch begins and steps on so many maps."""
+    """Yields the name of each environment and of the camera, and what begins and what steps a batch of it.
+
+    Args:
+      count: the number of maps.
+      batch: the number of environments or cameras.
+    """
     grids = jax.jit(jax.vmap(partial(repair, fill=True)))(random_grids(jax.random.key(0), count, SHAPE))
     levels = make_levels(jax.random.key(1), grids)
     yield "RoadNav, window 5 x 5", *_of_ours(RoadNav, RoadNavParams(levels, window=5), _turn)
@@ -79,7 +84,10 @@ def measured(count: int, batch: int) -> Iterator[tuple[str, Begin, Step]]:
 
 
 def steps_of(step: Step, batch: int, steps: int) -> Callable[[Key[Array, ""], Pytree], tuple[Pytree, Array]]:
-    """Makes a function that takes so many steps, and sums all that is seen, so that none of it is left out."""
+    """Makes a function from a key and a state to the state after `steps` steps, and to the sum of all that was seen.
+
+    The sum reads everything, because XLA leaves out what nothing reads.
+    """
 
     def drive(key: Key[Array, ""], state: Pytree) -> tuple[Pytree, Array]:
         def go(carry: tuple[Pytree, Array], key: Key[Array, ""]) -> tuple[tuple[Pytree, Array], None]:

@@ -6,17 +6,15 @@ Rates are medians by the clock, with 12 x 12 tiles and after compiling. Every re
 processor a search uses all cores, and other work one call.
 """
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import jax
 import numpy as np
 
-from elitelanes_jax import fitness, measure
 from experiments.common import Parser, Pytree, leave, run, table, whole
 from experiments.navigation.speed import SHAPE, measured, steps_of
-from experiments.search.speed import CORES, fresh_grids, time_a_search
+from experiments.search.speed import CORES, evaluate, fresh_grids, time_a_search, timed
 
 _MAPS = 10_000  # of the environments
 _STEPS = 32  # of the environments and the camera, in one call
@@ -50,7 +48,7 @@ def _measure(repetitions: int, quick: bool) -> None:
 
 def _rates(device: jax.Device, quick: bool) -> Iterator[tuple[str, Rate]]:
     """Yields what is measured on a device: a name and its rate."""
-    kernel = jax.jit(jax.vmap(_evaluate))
+    kernel = jax.jit(jax.vmap(evaluate))
     for batch in (512,) if quick else (512, 4096, 32_768, 262_144):
         yield f"evaluations, batch {batch:,}", partial(_evaluation, kernel, device, batch)
     for method in ("ea", "map-elites"):
@@ -67,20 +65,9 @@ def _rates(device: jax.Device, quick: bool) -> Iterator[tuple[str, Rate]]:
             yield f"{name}, {batch:,} at once", partial(_environment, program, device, batch, state)
 
 
-def _evaluate(grid: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-    metrics = measure(grid)
-    return fitness(metrics), metrics
-
-
-def _timed(work: Callable[[], Pytree]) -> float:
-    began = time.perf_counter()
-    jax.block_until_ready(work())
-    return time.perf_counter() - began
-
-
 def _evaluation(kernel: Callable[[jax.Array], Pytree], device: jax.Device, batch: int) -> float:
     grids = jax.block_until_ready(jax.device_put(fresh_grids(batch, SHAPE), device))
-    return batch / _timed(lambda: kernel(grids))
+    return batch / timed(lambda: jax.block_until_ready(kernel(grids)))
 
 
 def _search(device: jax.Device, method: str, seeds: int, quick: bool) -> float:
@@ -95,7 +82,7 @@ _keys = iter(range(2**32))
 def _environment(program: Callable[..., Pytree], device: jax.Device, batch: int, state: Pytree) -> float:
     with jax.default_device(device):
         key = jax.random.key(next(_keys))
-        return batch * _STEPS / _timed(lambda: program(key, state))
+        return batch * _STEPS / timed(lambda: jax.block_until_ready(program(key, state)))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from experiments.common import Parser, leave, run, whole, write
 
 if TYPE_CHECKING:
-    from jax import Device
+    from jax import Array, Device
 
 # JAX starts as many threads as the process has cores when it is first used: the functions below import it late.
 
@@ -77,7 +77,7 @@ def _pin(count: int) -> None:
                 os.sched_setaffinity(int(thread.name), CORES[:count])
 
 
-def _timed(call: Callable[[], object]) -> float:
+def timed(call: Callable[[], object]) -> float:
     began = time.perf_counter()
     call()
     return time.perf_counter() - began
@@ -104,17 +104,20 @@ def fresh_grids(count: int, shape: tuple[int, int]) -> Grids:
     return grids
 
 
+def evaluate(grid: "Array") -> tuple["Array", tuple["Array", ...]]:
+    """Returns the fitness and all metrics of a grid."""
+    from elitelanes_jax import fitness, measure
+
+    metrics = measure(grid)
+    return fitness(metrics), metrics
+
+
 @cache
 def _evaluations() -> tuple[Callable[[Grids], NDArray[np.int32]], dict[str, Evaluation]]:
     """Returns our compiled fitness, and all candidates by name."""
     import jax
 
-    from elitelanes_jax import fitness, measure
     from experiments.search.baselines import cpp_fitness, networkx_fitness
-
-    def evaluate(grid: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        metrics = measure(grid)
-        return fitness(metrics), metrics
 
     kernel = jax.jit(jax.vmap(evaluate))
     candidates: dict[str, Evaluation] = {
@@ -133,7 +136,7 @@ def _evaluation_times(names: Sequence[str], shape: tuple[int, int], batch: int, 
     def call(name: str) -> float:
         count = max(20 * 144 // (shape[0] * shape[1]), 1) if name == "networkx" else batch
         candidates[name](fresh_grids(count, shape))  # the candidate before has left its own data in the caches
-        return 1e6 * _timed(partial(candidates[name], fresh_grids(count, shape))) / count
+        return 1e6 * timed(partial(candidates[name], fresh_grids(count, shape))) / count
 
     return _medians({name: partial(call, name) for name in names}, repetitions)
 
@@ -183,7 +186,7 @@ def _corridors(repetitions: int) -> list[Record]:
     def call(spirals: int) -> float:
         grids = fresh_grids(8, (64, 64))
         grids[_random.permutation(8)[:spirals]] = slow
-        return 1e6 * _timed(lambda: jax.block_until_ready(kernel(grids))) / 8
+        return 1e6 * timed(lambda: jax.block_until_ready(kernel(grids))) / 8
 
     medians = _medians({"random": partial(call, 0), "with a spiral": partial(call, 1)}, repetitions // 2 + 1)
     ratio = medians["with a spiral"] / medians["random"]
