@@ -33,7 +33,7 @@ def mirror(grid: AnyArray) -> AnyArray:
 
     Raises `InputError` for a bad grid (see `check_grid`).
     """
-    return exchange_sides(check_grid(grid), EAST, WEST)[:, ::-1]
+    return _mirrored(check_grid(grid))
 
 
 def canonical_form(grid: AnyArray) -> bytes:
@@ -57,7 +57,7 @@ def canonical_forms(grids: Int8[np.ndarray, "B H W"]) -> Iterator[bytes]:
 def images_of(grids: AnyArray) -> list[AnyArray]:
     """Returns the eight rotations and mirror images of checked grids ``[..., H, W]``, the grids themselves first."""
     images = []
-    for image in (grids, exchange_sides(grids, EAST, WEST)[..., ::-1]):
+    for image in (grids, _mirrored(grids)):
         for _ in range(4):
             images.append(image)
             image = _turned(image)
@@ -66,3 +66,7 @@ def images_of(grids: AnyArray) -> list[AnyArray]:
 
 def _turned(grids: AnyArray) -> AnyArray:
     return rotate_codes(grids).swapaxes(-1, -2)[..., ::-1, :]
+
+
+def _mirrored(grids: AnyArray) -> AnyArray:
+    return exchange_sides(grids, EAST, WEST)[..., ::-1]
