@@ -23,7 +23,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.network.movements import MOVEMENTS
+from elitelanes_jax.network.movements import MOVEMENTS, linked_codes
 from elitelanes_jax.network.roads import LANE_OFFSET, on_road
 
 _DOWN = np.array([side.down for side in SIDES], np.int32)
@@ -142,14 +142,7 @@ class LanePose(NamedTuple):
 
 def linked(grid: Int[ArrayLike, "H W"]) -> Int8[Array, "H W"]:
     """Removes the connections of a grid that the neighbour does not return, or that leave the grid."""
-    grid = jnp.asarray(check_grid(grid))
-    height, width = grid.shape
-    padded = jnp.pad(grid, 1)
-    kept = jnp.zeros_like(grid)
-    for bit, _, _, down, right, opposite in SIDES:
-        other = padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
-        kept |= jnp.where(other & opposite > 0, grid & bit, 0).astype(jnp.int8)
-    return kept
+    return linked_codes(jnp.asarray(check_grid(grid)))
 
 
 def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:

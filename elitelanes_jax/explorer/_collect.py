@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
@@ -21,9 +20,6 @@ from elitelanes_jax.explorer._finds import (
 from elitelanes_jax.explorer._payload import Payload, pack
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
-
-if TYPE_CHECKING:
-    pass
 
 
 def collect(

@@ -88,8 +88,7 @@ def read_dt_maps(folder: str | Path) -> RoadMap:
     frames = {name: value for name, value in layers["frames"].items() if name != maps[0]}
     try:
         size = real_of(table_of(layers["tile_maps"][maps[0]], "tile_size"), "x")
-        if not 0.01 <= size <= 100:
-            raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {size}")
+        check_tile_size(size)
         cells = {name: (whole_of(one, "i"), whole_of(one, "j")) for name, one in layers["tiles"].items()}
         sides = [max((cell[axis] for cell in cells.values()), default=-1) + 1 for axis in (0, 1)]
         if min(sides) < 1 or max(sides) > 1024 or min(min(cell) for cell in cells.values()) < 0:

@@ -1,4 +1,4 @@
-"""The movements across a tile, with traffic on the right (NumPy).
+"""The movements across a tile, with traffic on the right.
 
 A movement enters a tile with a heading, an index of `codes.SIDES`, and turns right, goes straight on or turns left.
 """
@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Int
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.codes import SIDES
 
 TURNS = ("right", "straight", "left")
@@ -32,11 +33,12 @@ def list_movements(codes: Int[NDArray, "H W"]) -> Int[NDArray, "N 4"]:
     return np.argwhere(MOVEMENTS[linked_codes(codes)])
 
 
-def linked_codes(codes: Int[NDArray, "H W"]) -> Int[NDArray, "H W"]:
-    """Removes the connections that the neighbour does not return, or that leave the grid."""
+def linked_codes(codes: AnyArray) -> AnyArray:
+    """Keeps the connections that the neighbour returns, of codes ``[H, W]``, an integer array of NumPy or JAX."""
+    xp = codes.__array_namespace__()
     height, width = codes.shape
-    padded, kept = np.pad(codes, 1), np.zeros_like(codes)
+    padded, kept = xp.pad(codes, 1), xp.zeros_like(codes)
     for bit, _, _, down, right, opposite in SIDES:
         other = padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
-        kept |= np.where(other & opposite > 0, codes & bit, 0).astype(codes.dtype)
+        kept |= xp.where(other & opposite > 0, codes & bit, 0).astype(codes.dtype)
     return kept

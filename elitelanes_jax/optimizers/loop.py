@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, ArrayLike, Int, Key
+from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, shorten
@@ -27,11 +27,22 @@ def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     """
     seed = check_named("seed", whole(0, 2**32 - 1), seed)
     chosen = np.arange(indices) if isinstance(indices, int) else np.array(indices, int)
-    if getattr(jax.config, _KIND) != "threefry2x32":
+    if not keys_are_threefry():
         return jax.vmap(partial(jax.random.fold_in, jax.random.key(np.uint32(seed))))(chosen)
-    # In NumPy, because JAX needs a quarter of a second to trace, lower and load the same.
-    data = threefry(np.array([[0], [seed]], np.uint32), chosen.astype(np.uint32))
-    return jax.random.wrap_key_data(jax.device_put(np.stack(data, axis=-1)))
+    return jax.random.wrap_key_data(jax.device_put(seed_key_data(seed, chosen)))
+
+
+def keys_are_threefry() -> bool:
+    """Returns whether new keys are of JAX's default kind."""
+    return getattr(jax.config, _KIND) == "threefry2x32"
+
+
+def seed_key_data(seed: int, indices: Int[np.ndarray, " K"]) -> UInt32[np.ndarray, "K 2"]:
+    """Returns the data of `seed_keys`, for JAX's default kind of key and checked arguments.
+
+    In NumPy, because JAX needs a quarter of a second to trace, lower and load the same.
+    """
+    return np.stack(threefry(np.array([[0], [seed]], np.uint32), indices.astype(np.uint32)), axis=-1)
 
 
 def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple[Pytree, Info]:

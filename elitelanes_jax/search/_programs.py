@@ -349,7 +349,7 @@ def find_programs(
     `single` says whether there was one key alone. The devices share the seeds.
     """
     leaves, structure = jax.tree.flatten((traced, keys))
-    shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
+    shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
     return _find(static, structure, shapes, single, tuple(devices), settings_of_thread())
 
 
@@ -357,12 +357,12 @@ def find_programs(
 def _find(
     static: Static,
     structure: Pytree,
-    shapes: tuple[jax.ShapeDtypeStruct, ...],
+    shapes: tuple[tuple[tuple[int, ...], np.dtype], ...],
     single: bool,
     devices: tuple[jax.Device, ...],
     _: Pytree,
 ) -> Programs:
-    traced, keys = jax.tree.unflatten(structure, shapes)
+    traced, keys = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*each) for each in shapes])
     return Programs(static, traced, keys, single, devices)
 
 

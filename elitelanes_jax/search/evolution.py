@@ -26,7 +26,7 @@ from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.optimizers.base import Optimizer
-from elitelanes_jax.optimizers.loop import seed_keys
+from elitelanes_jax.optimizers.loop import keys_are_threefry, seed_key_data, seed_keys
 from elitelanes_jax.optimizers.presets import (
     PRESETS,
     Config,
@@ -267,10 +267,11 @@ class _Search(NamedTuple):
 def _check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S B"], str, bool]:
     """Returns the data of the keys, their implementation, and whether there was one key alone."""
     if is_whole(key):
-        key = seed_keys(
-            check_named("key", whole(0, 2**32 - 1), key),
-            check_named("seeds", check_seeds, SEEDS if seeds is None else seeds),
-        )
+        key = check_named("key", whole(0, 2**32 - 1), key)
+        count = check_named("seeds", check_seeds, SEEDS if seeds is None else seeds)
+        if keys_are_threefry():
+            return seed_key_data(key, np.arange(count)), "threefry2x32", False
+        key = seed_keys(key, count)
     elif seeds is not None and isinstance(key, jax.Array):
         raise InputError(f"seeds: expected none with keys, because each key is a seed, got {seeds!r}")
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):

@@ -74,8 +74,11 @@ def make_half(height: int, width: int, *, fill: bool) -> Half:
 def _expand(
     states: NDArray[np.uint64], row: int, at_cut: bool, last_column: bool, fill: bool
 ) -> tuple[NDArray[np.uint64], NDArray[np.int32], NDArray[np.int64]]:
-    """Lists the edges of a cell: the states after them, four bits a kind; the nodes before; and the columns `gain`,
-    `label`, `crossings` and `choice` of a `Layer`.
+    """Lists the edges of a cell.
+
+    Returns:
+      The states after them, four bits a kind; the nodes before; the columns `gain`, `label`, `crossings` and `choice`
+      of a `Layer`.
     """
     most, count = 4 * len(states), 0
     following, source, about = np.empty(most, np.uint64), np.empty(most, np.int32), np.empty((4, most), np.int64)
