@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -16,6 +17,9 @@ from elitelanes_jax._util.types import Plain, UserValue
 
 KIB, MIB = 2**10, 2**20
 """Bytes in a kibibyte and in a mebibyte."""
+
+# For a key of 20,000 parts, such as a.a.a, Python's reader takes 1.5 GB.
+_LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*"|'[^'\n]*')[ \t]*+\.[ \t]*+){32}""")
 
 _KEPT: ContextVar[Path | None] = ContextVar("kept", default=None)  # the file of `never_replacing`
 
@@ -46,7 +50,10 @@ def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
     Other files are an `InputError`. It starts with the source, or with the path of a file that is too large.
     """
     try:
-        return tomllib.loads(read_text(file, MIB))
+        text = read_text(file, MIB)
+        if _LONG_KEY.search(text):
+            raise ValueError("a key of more than 32 parts")
+        return tomllib.loads(text)
     except InputError:  # a large file
         raise
     except OSError as error:
