@@ -202,10 +202,11 @@ def _described(made: Pytree, batch: int = 0) -> str:
     return shorten(repr(made), 60) if kind is None else f"{kind} of shape {made.shape[batch:]}"
 
 
-def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
-    """Returns 16 hexadecimal digits that are equal in all processes for functions with the same jaxpr and constants.
+def digest(function: Callable[..., Pytree], *arguments: Pytree) -> tuple[str, bool]:
+    """Returns a digest of what a function computes, and whether it computes with floats.
 
-    Calls out of JAX, such as callbacks, do not count. The arguments may be given by their shapes and dtypes.
+    The digest, 16 hexadecimal digits, is equal in all processes for functions with the same jaxpr and constants. Calls
+    out of JAX, such as callbacks, do not count. The arguments may be given by their shapes and dtypes.
     """
     closed = jax.make_jaxpr(lambda *given: function(*given))(*arguments)  # JAX knows a function that it has traced
     with np.printoptions(threshold=sys.maxsize):
@@ -213,7 +214,19 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
     parts = sha256(text.encode())
     for constant in _constants(closed):
         parts.update(constant)
-    return parts.hexdigest()[:16]
+    return parts.hexdigest()[:16], _has_floats(closed)
+
+
+def _has_floats(closed: "core.ClosedJaxpr") -> bool:
+    """Returns whether results of a jaxpr come from floats. Shares of metrics do, but few fitnesses use them."""
+    needed = {*map(id, closed.jaxpr.outvars)}
+    for equation in reversed(closed.jaxpr.eqns):
+        if needed.isdisjoint(map(id, equation.outvars)):
+            continue
+        if re.search(r":(b?f|c)\d\w*\[", str(equation)):
+            return True
+        needed.update(map(id, equation.invars))
+    return False
 
 
 def _constants(closed: "core.ClosedJaxpr") -> Iterator[bytes]:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import jax
 
+from elitelanes_jax._util import LOADED
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
@@ -56,16 +57,34 @@ class Executable:
         return jax.tree.unflatten(self._outputs, [array for (array,) in results])
 
 
-def find_file(*parts: Plain) -> Path | None:
-    """Returns the file of the programs that depend on some values, or None if no programs are kept.
-
-    The `repr` of each value must say all that matters of it.
-    """
+def find_folder() -> Path | None:
+    """Returns the folder of the files, or None if this thread, with its settings of JAX, can keep no programs now."""
     folder = jax.config.values.get("jax_compilation_cache_dir")
-    if not folder or "://" in folder or jax.local_devices()[0].platform != "cpu" or jax.process_count() > 1:
+    home = jax.local_devices()[0]
+    keeps = (
+        getattr(jax.config, "jax_enable_compilation_cache", True)
+        and home.platform == "cpu"
+        and jax.process_count() == 1
+        # With the following ones, programs have other devices or more arguments.
+        and getattr(jax.config, "jax_default_device", None) in (None, "cpu", home)
+        and jax.sharding.get_abstract_mesh().empty
+        and not getattr(jax.config, "jax_use_simplified_jaxpr_constants", False)
+    )
+    return Path(folder) / "executables" if keeps and folder and "://" not in folder else None
+
+
+def find_file(folder: Path, *parts: Plain) -> Path | None:
+    """Returns the file of the programs that depend on some values.
+
+    The `repr` of each value must say all that matters of it. Returns None if the sources are not those that this
+    process has loaded.
+    """
+    sources = _list_sources()
+    stats = [source.stat() for source in sources]
+    if not sources or max(max(stat.st_mtime_ns, stat.st_ctime_ns) for stat in stats) > LOADED:
         return None
     said = repr((_of_machine(), os.environ.get("XLA_FLAGS"), settings_of_thread(), parts))
-    return Path(folder) / "executables" / sha256(said.encode()).hexdigest()
+    return folder / sha256(said.encode()).hexdigest()
 
 
 def settings_of_thread() -> tuple[tuple[str, Plain], ...]:
@@ -74,14 +93,21 @@ def settings_of_thread() -> tuple[tuple[str, Plain], ...]:
     return tuple((name, getattr(jax.config, name, None)) for name in names)
 
 
+def _list_sources() -> list[Path]:
+    return [
+        file
+        for room in _ROOMS
+        for folder in find_spec(f"{__package__.split('.')[0]}.{room}").submodule_search_locations  # type: ignore[union-attr]
+        for file in sorted(Path(folder).glob("*.py"))
+    ]
+
+
 @cache
 def _of_machine() -> str:
     """Returns what all programs depend on: sources, versions, the processor and its instructions."""
     sources = sha256()
-    for room in _ROOMS:
-        for folder in find_spec(f"{__package__.split('.')[0]}.{room}").submodule_search_locations:  # type: ignore[union-attr]
-            for file in sorted(Path(folder).glob("*.py")):
-                sources.update(file.read_bytes())
+    for file in _list_sources():
+        sources.update(file.read_bytes())
     processor = [platform.machine(), platform.processor()]
     with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
@@ -90,11 +116,10 @@ def _of_machine() -> str:
     return repr((sources.hexdigest(), installed_versions(), versions, processor))
 
 
-def load(file: Path) -> Kept | None:
-    """Reads a file; returns None if there is none, or a damaged one."""
+def load(file: Path, *, quiet: bool = False) -> Kept | None:
+    """Reads a file; returns None if there is none, or a damaged one, which it announces unless it is quiet."""
     try:
         content = file.read_bytes()
-        os.utime(file)
         digest, head, body = content[:32], *content[32:].split(b"\n", 1)
         if sha256(content[32:]).digest() != digest:
             raise ValueError("its checksum is wrong")
@@ -103,10 +128,13 @@ def load(file: Path) -> Kept | None:
         for name, size in facts.pop("programs").items():
             programs[name] = body[start : start + size]
             start += size
+        with suppress(OSError):  # another user's file
+            os.utime(file)
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
-        refuse(file, error)
+        if not quiet:
+            refuse(file, error)
         return None
     return Kept(facts, programs)
 
@@ -146,10 +174,11 @@ def compile_and_serialise(lowered: jax.stages.Lowered, level: int) -> tuple[jax.
     """Compiles a program, see `compile_program`; returns it, and its bytes, or None if XLA cannot serialise it.
 
     XLA cannot serialise a program that was compiled earlier in this process and has run. A later process adds it to the
-    file.
+    file. JAX writes it to no cache of its own.
     """
     _taken.discard(get_ident())
-    compiled = compile_program(lowered, level)
+    with _without_the_cache_of_jax():
+        compiled = compile_program(lowered, level)
     executable = compiled.runtime_executable()
     if get_ident() not in _taken and executable is not None:
         with suppress(Exception):  # of XLA, of any type
@@ -202,7 +231,7 @@ _before: list[float] = []  # the setting, once for each thread in the block belo
 
 
 @contextmanager
-def without_the_cache_of_jax() -> Iterator[None]:
+def _without_the_cache_of_jax() -> Iterator[None]:
     """Keeps JAX from writing programs to its own cache while a thread is in this block."""
     with _lock:
         _before.append(_before[0] if _before else getattr(jax.config, _SHORTEST))

@@ -5,6 +5,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property, lru_cache, partial
+from pathlib import Path
 from threading import RLock
 from typing import NamedTuple, TypeAlias
 
@@ -34,11 +35,11 @@ from elitelanes_jax.search._executables import (
     compile_and_serialise,
     compile_program,
     find_file,
+    find_folder,
     load,
     refuse,
     save,
     settings_of_thread,
-    without_the_cache_of_jax,
 )
 from elitelanes_jax.search.elites import MeasuredElites
 
@@ -81,8 +82,8 @@ def _tracing() -> Iterator[None]:
     """
     with _tracing_lock:
         collects = gc.isenabled()
-        gc.disable()
         try:
+            gc.disable()
             yield
         finally:
             if collects:
@@ -146,9 +147,18 @@ class Static(NamedTuple):
 class Programs:
     """The programs of a search, for arguments of given shapes; see `find_programs`."""
 
-    def __init__(self, static: Static, traced: Pytree, keys: Pytree, single: bool, devices: Sequence[jax.Device]):
-        """Finds the programs on disk. Only the shapes and dtypes of `traced` and `keys` count."""
-        self._static, self._traced, self._keys, self._single = static, traced, keys, single
+    def __init__(
+        self,
+        static: Static,
+        traced: Pytree,
+        keys: Pytree,
+        single: bool,
+        devices: Sequence[jax.Device],
+        floats: bool = False,
+        folder: Path | None = None,
+    ):
+        """Finds the programs in a folder, if there is one. Only the shapes and dtypes of `traced` and `keys` count."""
+        self._static, self._traced, self._keys, self._single, self._floats = static, traced, keys, single, floats
         self._rows, count = part_rows(len(keys), devices)
         self._devices = list(dict.fromkeys(devices[:count]))
         self._cells = 0  # evaluated in this process
@@ -156,24 +166,27 @@ class Programs:
         self._programs: dict[str, Callable[..., Pytree]] = {}
         # The name of a file does not depend on what the user's functions compute.
         users = static.factory or static.kernels or static.fitness
-        if not users and not user_moves(jax.tree.unflatten(static.config, traced.config)):
+        if folder and not users and not user_moves(jax.tree.unflatten(static.config, traced.config)):
             shapes = [(leaf.shape, str(leaf.dtype)) for leaf in jax.tree.leaves((traced, keys))]
-            self._file = find_file(static, jax.tree.structure(traced), shapes, single, self._rows, *self._devices)
+            about = (static, jax.tree.structure(traced), shapes, single, self._rows, *self._devices)
+            self._file = find_file(folder, *about)
         else:
             self._file = None
-        self._kept = None if self._file is None else load(self._file)
-        self._contents = {} if self._kept is None else self._kept.programs
+        found = None if self._file is None else load(self._file)
+        self._on_disk = None if found is None else found.facts
+        self._contents = {} if found is None else found.programs  # those that are not loaded
+        self._refused = False
 
     @property
     def kept(self) -> bool:
         """Whether a file has some of the programs; otherwise they are traced at their first use."""
-        return self._kept is not None
+        return self._on_disk is not None
 
     @cached_property
     def states(self) -> tuple[jax.ShapeDtypeStruct, ...]:
         """The shapes and dtypes of the states of all seeds."""
-        if self._kept is not None:
-            return tuple(jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in self._kept.facts["states"])
+        if self._on_disk is not None:
+            return tuple(jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in self._on_disk["states"])
         leaves = jax.tree.leaves(self._tree)
         return tuple(jax.ShapeDtypeStruct((len(self._keys), *leaf.shape[1:]), leaf.dtype) for leaf in leaves)
 
@@ -190,8 +203,8 @@ class Programs:
     @cached_property
     def _facts(self) -> dict[str, Plain]:
         """Facts about the optimiser, as the file has them."""
-        if self._kept is not None:
-            return self._kept.facts
+        if self._on_disk is not None:
+            return self._on_disk
         found: dict[str, Plain] = {}
 
         def find(traced: Traced) -> None:
@@ -233,7 +246,8 @@ class Programs:
         if runs:
             self._cells = cells
         names = [name for name in names if name not in self._programs]
-        self._load([name for name in names if name in self._contents])
+        contents = self._contents  # other threads may load some
+        self._load({name: contents[name] for name in names if name in contents})
         names = [name for name in names if name not in self._programs]
         if names and compiles:
             self._compile(names)
@@ -263,6 +277,8 @@ class Programs:
         The cells need a level of optimisation. Of the programs that have it, the highest known one is taken.
         """
         least = _least_level(device.platform, min(cells, _MOST_CELLS[1]) if program == _START else cells)
+        if self._floats:
+            least = LEVELS - 1  # floats are rounded elsewhere at level 0, where products are not fused with sums
         names = [_name(program, device, level) for level in range(least, LEVELS)]
         known = [name for name in names if name in self._programs or name in self._contents]
         return known[-1] if known else names[0]
@@ -272,25 +288,24 @@ class Programs:
         names = [_name(program, device, level) for level in reversed(range(LEVELS))]
         return next(self._programs[name] for name in names if name in self._programs)
 
-    def _load(self, names: Sequence[str]) -> None:
-        """Loads programs of the file. If one of them cannot be loaded, none is."""
+    def _load(self, contents: dict[str, bytes]) -> None:
+        """Loads programs of the file, by name. If one of them cannot be loaded, none is."""
         leaf: Pytree = 0
         features: dict[str, Pytree] = dict.fromkeys(self._static.measured, leaf)
         elites = MeasuredElites(leaf, leaf, leaf, leaf, Metrics(*[leaf] * len(Metrics._fields)), features)
         advanced = (self.states, Info(*[leaf] * len(Info._fields)))
         outputs = {_START: self.states, _ADVANCE: advanced, _COLLECT: (elites, self.states)}
         calls = [
-            partial(
-                Executable, self._contents[name], self._device(name), jax.tree.structure(outputs[name.split(" ")[0]])
-            )
-            for name in names
+            partial(Executable, content, self._device(name), jax.tree.structure(outputs[name.split(" ")[0]]))
+            for name, content in contents.items()
         ]
         try:
-            self._programs |= zip(names, side_by_side(calls), strict=True)
+            self._programs |= zip(contents, side_by_side(calls), strict=True)
+            self._contents = {name: content for name, content in self._contents.items() if name not in contents}
         except Exception as error:  # of XLA, of any type
             assert self._file is not None
             refuse(self._file, error)
-            self._contents = {}
+            self._contents, self._refused = {}, True
 
     def _compile(self, names: Sequence[str]) -> None:
         """Compiles programs, and adds them to the file. An interruption does not wait for the threads that compile."""
@@ -301,14 +316,15 @@ class Programs:
             plain = (partial(compile_program, program, level) for program, level in lowered)
             self._programs |= zip(names, side_by_side(plain, wait=False), strict=True)
             return
-        with without_the_cache_of_jax():
-            calls = (partial(compile_and_serialise, program, level) for program, level in lowered)
-            for name, (program, content) in zip(names, side_by_side(calls, wait=False), strict=True):
-                self._programs[name] = program
-                if content is not None:
-                    self._contents = self._contents | {name: content}
+        calls = (partial(compile_and_serialise, program, level) for program, level in lowered)
+        contents = {}
+        for name, (program, content) in zip(names, side_by_side(calls, wait=False), strict=True):
+            self._programs[name] = program
+            if content is not None:
+                contents[name] = content
+        found = None if self._refused else load(self._file, quiet=True)  # another process may have added some
         shapes = [[list(leaf.shape), str(leaf.dtype)] for leaf in self.states]
-        save(self._file, Kept(self._facts | {"states": shapes}, self._contents))
+        save(self._file, Kept(self._facts | {"states": shapes}, (found.programs if found else {}) | contents))
 
     @cached_property
     def _tree(self) -> Pytree:
@@ -322,18 +338,24 @@ class Programs:
         said = name.split(" ", 1)[-1].split(", level ")[0]
         return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
-    @_tracing()
     def _lower(self, name: str) -> jax.stages.Lowered:
+        # Before this thread waits for others that trace: Python 3.11 lets one thread at a time compute `_tree`.
+        structure, states = jax.tree.structure(self._tree), self.states
+        with _tracing():
+            return self._lower_with(name, structure, states)
+
+    def _lower_with(
+        self, name: str, structure: Pytree, all_states: tuple[jax.ShapeDtypeStruct, ...]
+    ) -> jax.stages.Lowered:
         static, traced = self._static, self._traced
-        structure = jax.tree.structure(self._tree)
         if name.startswith(_COLLECT):
-            return _collect.lower(static, structure, traced, self.states, self._single)
+            return _collect.lower(static, structure, traced, all_states, self._single)
         device = self._device(name)
         # Arrays for the default device are not bound to it, see `_devices._put`.
         bound = None if device == jax.local_devices()[0] else jax.sharding.SingleDeviceSharding(device)
         keys, *states = (
             jax.ShapeDtypeStruct((self._rows, *leaf.shape[1:]), leaf.dtype, sharding=bound)
-            for leaf in (self._keys, *self.states)
+            for leaf in (self._keys, *all_states)
         )
         if name.startswith(_START):
             return _start.lower(static, traced, keys)
@@ -342,15 +364,16 @@ class Programs:
 
 
 def find_programs(
-    static: Static, traced: Traced, keys: KeyData, single: bool, devices: Sequence[jax.Device]
+    static: Static, traced: Traced, keys: KeyData, single: bool, devices: Sequence[jax.Device], floats: bool = False
 ) -> Programs:
     """Returns the programs of a search: those of an earlier call if there was one of the same shapes.
 
-    `single` says whether there was one key alone. The devices share the seeds.
+    `single` says whether there was one key alone. The devices share the seeds. `floats` says whether the user's
+    functions compute with floats.
     """
     leaves, structure = jax.tree.flatten((traced, keys))
     shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
-    return _find(static, structure, shapes, single, tuple(devices), settings_of_thread())
+    return _find(static, structure, shapes, single, tuple(devices), floats, find_folder(), settings_of_thread())
 
 
 @lru_cache(maxsize=32)
@@ -360,10 +383,12 @@ def _find(
     shapes: tuple[tuple[tuple[int, ...], np.dtype], ...],
     single: bool,
     devices: tuple[jax.Device, ...],
+    floats: bool,
+    folder: Path | None,
     _: Pytree,
 ) -> Programs:
     traced, keys = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*each) for each in shapes])
-    return Programs(static, traced, keys, single, devices)
+    return Programs(static, traced, keys, single, devices, floats, folder)
 
 
 @partial(jax.jit, static_argnames="static", keep_unused=True)

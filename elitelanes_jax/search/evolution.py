@@ -41,7 +41,7 @@ from elitelanes_jax.problem.problem import Problem
 from elitelanes_jax.problem.ranges import Range, range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint
 from elitelanes_jax.search._devices import choose_devices, cut, divide, join
-from elitelanes_jax.search._programs import MOST, Digests, Programs, States, Static, Traced, find_programs
+from elitelanes_jax.search._programs import MOST, Programs, States, Static, Traced, find_programs
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchOptions, SearchSpec, check_seeds
 
@@ -161,12 +161,13 @@ def _check(
         parts = divide(chosen, len(keys))
     spec, config, static, traced = prepare(spec, shape, options, **extensions)
     static = static._replace(impl=impl)
-    static = static._replace(digests=_digests(static, traced))
+    digests = _digests(static, traced)
+    static = static._replace(digests=tuple((name, digits) for name, (digits, _) in digests.items()))
     # The names of the user's functions do not count.
     numbers = [leaf.tolist() for leaf in jax.tree.leaves(traced)]
     said = repr((static._replace(factory=None, kernels=(), fitness=None), numbers))
     fingerprint = np.array(zlib.crc32(said.encode() + keys.tobytes()), np.uint32)
-    programs = find_programs(static, traced, keys, single, parts)
+    programs = find_programs(static, traced, keys, single, parts, any(floats for _, floats in digests.values()))
     traced = programs.put(traced, said)
     return _Search(static, traced, keys, single, spec, config, fingerprint, parts, len(chosen), programs)
 
@@ -378,15 +379,15 @@ def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], filled: bool
     check_ranges(where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
 
 
-def _digests(static: Static, traced: Traced) -> Digests:
-    """Returns digests of what the user's functions compute, because an edited function keeps its name.
+def _digests(static: Static, traced: Traced) -> dict[str, tuple[str, bool]]:
+    """Returns what `digest` finds of the user's functions, by name, because an edited function keeps its name.
 
     They are traced at every call, because a global or an attribute that a function reads may have changed.
     """
     if static.factory is not None:
         leaves, structure = jax.tree.flatten(traced)
         numbers = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-        return (("optimizer", _digest_optimizer(static, structure, numbers)),)
+        return {"optimizer": _digest_optimizer(static, structure, numbers)}
     grid = jax.ShapeDtypeStruct(static.shape, jnp.int8)
     found = {name: digest(kernel, grid) for name, kernel in static.kernels}
     if static.fitness is not None:
@@ -396,12 +397,12 @@ def _digests(static: Static, traced: Traced) -> Digests:
         found["fitness"] = digest(partial(apply_fitness, static.fitness, names), *arguments)
     for name, move in user_moves(jax.tree.unflatten(static.config, traced.config)).items():
         found[name] = digest(move.apply, jax.ShapeDtypeStruct((move.bits,), jnp.uint32), grid, grid)
-    return tuple(found.items())
+    return found
 
 
 @lru_cache(maxsize=32)
-def _digest_optimizer(static: Static, structure: Pytree, numbers: tuple[jax.ShapeDtypeStruct, ...]) -> str:
-    """Returns the digest of the user's optimiser, which takes up to a second to trace.
+def _digest_optimizer(static: Static, structure: Pytree, numbers: tuple[jax.ShapeDtypeStruct, ...]) -> tuple[str, bool]:
+    """Returns what `digest` finds of the user's optimiser, which takes up to a second to trace.
 
     `structure` and `numbers` are the structure, shapes and dtypes of the program's other arguments.
     """

@@ -120,6 +120,13 @@ def test_a_digest_is_of_the_jaxpr_and_its_constants():
     assert len({digest(function, grid) for function in functions}) == len(functions)
 
 
+def test_a_digest_knows_floats_that_the_result_depends_on():
+    grid = jax.ShapeDtypeStruct((3, 4), jnp.int8)
+    floats = [lambda grid: 0.5 * grid.sum(), lambda grid: (grid.mean() * 3).astype(int), jax.jit(jnp.mean)]
+    whole = [lambda grid: (grid.sum(), 0.5 * grid)[0], lambda _: 7, counting([3])]
+    assert [digest(function, grid)[1] for function in (*floats, *whole)] == [True] * 3 + [False] * 3
+
+
 def test_own_features_come_after_the_metrics():
     spec = SearchSpec(features=["a", "b", "c"], axes=["turns:3", "c:4:1"], weights={"b": 1})
     assert spec.measured == ("c", "b", "a") and spec.feature_weights == (0, 1, 0)

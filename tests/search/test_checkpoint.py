@@ -133,7 +133,6 @@ def test_an_interruption_while_compiling_keeps_what_was_there_before(whole, monk
     for state, kind in ((None, KeyboardInterrupt), (half.state, SearchInterrupted)):
         with monkeypatch.context() as patch:
             patch.setattr(search, "find_programs", Programs)
-            patch.setattr(_programs, "find_file", lambda *_: None)
             interrupt_at(patch, 1, _programs)
             with pytest.raises(KeyboardInterrupt) as caught:
                 run(generations=5, state=state)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from threading import Thread
 
 import jax
 import numpy as np
@@ -19,7 +20,7 @@ from elitelanes_jax._util.progress import reporting
 from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.search import _executables, _programs
-from elitelanes_jax.search._executables import Kept, find_file, load, save
+from elitelanes_jax.search._executables import Kept, find_file, find_folder, load, save
 from elitelanes_jax.search.evolution import compile_search, evolve
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import load_tiles
@@ -195,26 +196,114 @@ def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
 
 
 def test_a_file_is_found_by_all_that_its_programs_depend_on(folder, monkeypatch):
-    file = find_file(SHAPE, "static")
-    assert find_file(SHAPE, "static") == file and file.parent == folder
-    assert find_file(SHAPE, "other") != file
+    find = partial(find_file, folder, SHAPE)
+    file = find("static")
+    assert find("static") == file and file.parent == folder
+    assert find("other") != file
     with jax.numpy_rank_promotion("raise"):
-        assert find_file(SHAPE, "static") != file
+        assert find("static") != file
     with monkeypatch.context() as patch:
         patch.setenv("XLA_FLAGS", "--xla_luck=1")
-        assert find_file(SHAPE, "static") != file
+        assert find("static") != file
     for value in ("sources", "versions", "processor"):
         with monkeypatch.context() as patch:
             patch.setattr(_executables, "_of_machine", lambda value=value: value)
-            assert find_file(SHAPE, "static") != file
+            assert find("static") != file
     jax.config.update("jax_compilation_cache_dir", None)
-    assert find_file(SHAPE, "static") is None
+    assert find_folder() is None
 
 
 def test_functions_of_the_user_are_in_no_file(folder):
     run(features={"corner": lambda grid: grid[0, 0].astype(int)})
     run(fitness=lambda usual: usual + 1)
     assert not folder.exists()
+
+
+@pytest.mark.parametrize(("fitness", "level"), [(lambda usual: usual / 3, 2), (lambda usual: usual // 3, 0)])
+def test_floats_of_the_user_are_rounded_the_same_in_each_run(fitness, level, monkeypatch):
+    """The compiler fuses products with sums at some levels of optimisation."""
+    names = []
+    compiles = _programs.Programs._compile
+    monkeypatch.setattr(_programs.Programs, "_compile", lambda self, new: [names.extend(new), compiles(self, new)])
+    run(fitness=fitness, generations=1)
+    assert names and all(name.endswith(f"level {level}") for name in names)
+
+
+def test_programs_of_other_sources_than_those_loaded_are_not_kept(folder, monkeypatch):
+    sources = _executables._list_sources()
+    assert len(sources) > 50
+    monkeypatch.setattr(_executables, "_list_sources", lambda: [*sources, folder.parent / "edited.py"])
+    folder.parent.mkdir()
+    (folder.parent / "edited.py").write_text("")
+    assert find_file(folder, "static") is None
+    monkeypatch.setattr(_executables, "_list_sources", list)
+    assert find_file(folder, "static") is None
+
+
+def test_settings_under_which_programs_are_not_kept(folder):
+    device = jax.devices()[0]
+    assert find_folder() == folder
+    jax.config.update("jax_enable_compilation_cache", False)
+    try:
+        assert find_folder() is None
+    finally:
+        jax.config.update("jax_enable_compilation_cache", True)
+    with jax.default_device(device):
+        assert find_folder() == folder
+    with jax.default_device(jax.devices()[-1]):
+        assert find_folder() == (folder if device == jax.devices()[-1] else None)
+    with jax.sharding.use_abstract_mesh(jax.sharding.AbstractMesh((1,), ("x",))):
+        assert find_folder() is None
+
+
+def test_the_folder_may_change_in_a_process(folder, tmp_path):
+    run(generations=0)
+    (file,) = folder.iterdir()
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path / "other"))
+    jax.clear_caches()
+    run(generations=0)
+    assert [one.name for one in (tmp_path / "other" / "executables").iterdir()] == [file.name]
+
+
+def test_programs_that_another_process_added_stay_in_the_file(folder):
+    programs = partial(Kept, {"states": []})
+    run(generations=0)
+    (file,) = folder.iterdir()
+    save(file, programs({**load(file).programs, "of another process": b"program"}))
+    run()
+    assert set(load(file).programs) == {*NAMES, "of another process"}
+
+
+def test_a_file_of_another_user_is_read(folder, monkeypatch):
+    save(folder / "file", Kept({}, {"program": b"bytes"}))
+
+    def refuse(*_):
+        raise PermissionError("of another user")
+
+    monkeypatch.setattr(os, "utime", refuse)
+    assert load(folder / "file") == Kept({}, {"program": b"bytes"})
+
+
+def test_threads_that_trace_and_threads_that_lower_do_not_wait_for_each_other(folder):
+    """In Python 3.11, one thread at a time computes a `cached_property`, of whatever object."""
+    shapes = [(4, 5), (4, 6), (4, 7)]
+    for shape in shapes:
+        evolve(3, shape, seeds=2, method="ea", preset="paper", generations=0, progress=False)
+    _programs._find.cache_clear()
+    calls = [(shape, 2) for shape in shapes] + [((3, width), 0) for width in (5, 6, 7)]
+    threads = [
+        Thread(
+            target=partial(evolve, 3, shape, seeds=2, method="ea", preset="paper", generations=most, progress=False),
+            daemon=True,
+        )
+        for shape, most in calls
+    ]
+    for thread in threads:
+        thread.start()
+        time.sleep(0.05)
+    for thread in threads:
+        thread.join(timeout=300)
+    assert not any(thread.is_alive() for thread in threads)
 
 
 def test_files_used_least_recently_are_removed(tmp_path, monkeypatch):
