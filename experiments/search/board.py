@@ -2,11 +2,12 @@
 
     python -m experiments.search.board ROW ... [--tasks 6x6B-10000 ...] [--runs N] [--out DIR]
     python -m experiments.search.board --table [--out DIR]
+    python -m experiments.search.board --picture [--out DIR]
 
 A row runs on each task: one of the board's, or a Python file of yours with a function `search` as
 `elitelanes_jax.benchmark.run` takes it. The program writes its raw archive, which `elitelanes score` measures, and its
-scores. `--table` makes the table and the curves of all rows in the folder. QDax, evosax and pyribs come with the extra
-`interop`.
+scores. `--table` makes the table of all rows in the folder, and its picture. `--picture` draws a table again. QDax,
+evosax and pyribs come with the extra `interop`.
 
 All grids that a search evaluates are offered to a record of the best network of each niche, which the search does not
 see. The record of the tuned EA has the grids that its chains move to.
@@ -14,9 +15,11 @@ see. The record of the tuned EA has the grids that its chains move to.
 
 import argparse
 import json
+import re
 import runpy
 import time
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Sequence
 from itertools import cycle, product
 from pathlib import Path
 
@@ -52,7 +55,7 @@ _COLOURS = (*mpl.color_sequences["tab10"], "black")
 
 
 Record = dict[str, str | float | list[int] | list[list[float]]]
-"""The scores of a row on a task: `row`, `task`, `evaluations`, `seconds`, and each of `Scores` by run and step."""
+"""The scores of a row on a task: `row`, `task`, `evaluations`, `seconds`, and each of `Scores` by run and budget."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -63,12 +66,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--runs", type=whole(10), default=10, metavar="N", help="of each task; default 10, the least")
     parser.add_argument("--out", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
     parser.add_argument("--table", action="store_true", help="write the table of all rows in the folder")
+    parser.add_argument("--picture", action="store_true", help="draw the table in the folder")
     options = parser.parse_args(arguments)
     return run("board", lambda: _run(options))
 
 
 def _run(options: argparse.Namespace) -> None:
-    if not (options.rows or options.table):
+    if not (options.rows or options.table or options.picture):
         raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py, got none")
     rows = dict(_find_row(name) for name in options.rows)
     tasks = [find_task(name) for name in options.tasks]
@@ -78,6 +82,9 @@ def _run(options: argparse.Namespace) -> None:
             _measure_row(name, row, task, options.runs, options.out)
     if options.table:
         _write_table(options.out)
+    if options.table or options.picture:
+        _draw(options.out)
+        print(f"written to {options.out}")
 
 
 def _find_row(name: str) -> tuple[str, Row]:
@@ -97,7 +104,7 @@ def _find_row(name: str) -> tuple[str, Row]:
         values = (np.asarray(one).reshape(grids.shape[:3]) for one in (fitness(metrics), metrics.cyclomatic))
         return Found(grids, *values)
 
-    return file.stem, Row(file.stem, play, steps=BUDGETS)
+    return file.stem, Row(file.stem, play)
 
 
 def best_of(task: Task, found: Found) -> NDArray[np.float64]:
@@ -109,16 +116,15 @@ def best_of(task: Task, found: Found) -> NDArray[np.float64]:
 
 def _measure_row(name: str, row: Row, task: Task, runs: int, out: Path) -> None:
     """Runs a row on a task; writes its raw archive and its scores."""
-    budgets = [budget for budget in row.steps if budget <= task.evaluations]
+    budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
     began = time.process_time()
     found = row.play(task, runs, budgets)
     seconds = time.process_time() - began
-    at = [budgets.index(budget) for budget in BUDGETS if budget <= task.evaluations]
-    submission = Submission(task, found.grids[:, at])
+    submission = Submission(task, found.grids)
     _, again = score_submission(submission)
     scores = compute_scores(task, best_of(task, found))
     for field, values in again._asdict().items():
-        np.testing.assert_array_equal(values, getattr(scores, field)[:, at])
+        np.testing.assert_array_equal(values, getattr(scores, field))
     write_submission(out / f"{name}-{task.name}.npz", submission)
     record: Record = {"row": name, "task": task.name, "evaluations": budgets, "seconds": round(seconds, 1)}
     record |= {field: np.round(values, 6).tolist() for field, values in scores._asdict().items()}
@@ -129,7 +135,7 @@ def _measure_row(name: str, row: Row, task: Task, runs: int, out: Path) -> None:
 
 
 def _write_table(out: Path) -> None:
-    """Writes the table and the curves of all results: of each row and size, the longest runs."""
+    """Writes the table of all results: of each row and size, the longest runs."""
     records = {
         (record["row"], record["task"].split("-")[0]): record
         for record in sorted(map(_read, out.glob("*.json")), key=lambda record: record["evaluations"][-1])
@@ -151,8 +157,6 @@ def _write_table(out: Path) -> None:
         if lines:
             parts += [f"{size}-{budget}", table(["search", *Scores._fields], lines)]
     write(out / "board.md", "\n\n".join(part.rstrip() for part in parts) + "\n")
-    _draw(records, titles, sizes, out / "board.png")
-    print(f"written to {out}")
 
 
 def _cell(values: NDArray[np.float64]) -> str:
@@ -162,31 +166,51 @@ def _cell(values: NDArray[np.float64]) -> str:
     return f"{np.nanmean(values):.2f} ({low:.2f} to {high:.2f})"
 
 
-def _draw(records: Mapping[tuple[str, str], dict], titles: Mapping[str, str], sizes: Sequence[str], file: Path) -> None:
-    """Plots reliability and the share of niches at the optimum against evaluations, by size."""
-    size = (max(8, 3.1 * len(sizes)), 6.5)
+def _read_table(file: Path) -> dict[str, dict[str, dict[str, list[list[float]]]]]:
+    """Reads a table: by size, score and search, the budgets, each with the mean and both ends of its interval."""
+    found: dict = defaultdict(lambda: defaultdict(lambda: defaultdict(list)))
+    size, budget = "", 0.0
+    for line in file.read_text(encoding="utf-8").splitlines():
+        if heading := re.fullmatch(r"(\w+)-(\d+)", line):
+            size, budget = heading[1], float(heading[2])
+        elif line.startswith("| ") and not line.startswith(("| search ", "| ---")):
+            title, *cells = (cell.strip() for cell in line.split("|")[1:-1])
+            for field, cell in zip(Scores._fields, cells, strict=True):
+                if cell:
+                    found[size][field][title].append([budget, *map(float, re.findall(r"[\d.]+", cell))])
+    return found
+
+
+def _draw(out: Path) -> None:
+    """Plots reliability and the share of niches at the optimum in the table against evaluations, by size."""
+    scores = _read_table(out / "board.md")
     figure, axes = plt.subplots(
-        2, len(sizes), figsize=size, layout="constrained", sharex=True, sharey=True, squeeze=False
+        2,
+        len(scores),
+        figsize=(max(8, 2.4 * len(scores)), 6.5),
+        layout="constrained",
+        sharex=True,
+        sharey=True,
+        squeeze=False,
     )
-    lines = {}
-    for column, name_of_size in zip(axes.T, sizes, strict=True):
-        column[0].set_title(name_of_size)
+    titles = dict.fromkeys(title for of_size in scores.values() for title in of_size["reliability"])
+    colours, lines = dict(zip(titles, cycle(_COLOURS), strict=False)), {}
+    for column, (size, of_size) in zip(axes.T, scores.items(), strict=True):
+        column[0].set_title(size)
         for axis, field in zip(column, ("reliability", "optimal"), strict=True):
-            for colour, (name, title) in zip(cycle(_COLOURS), titles.items(), strict=False):
-                if record := records.get((name, name_of_size)):
-                    values = np.array(record[field], float)
-                    ends = np.array([confidence_interval(at) for at in values.T])
-                    (lines[title.replace("`", "")],) = axis.plot(
-                        record["evaluations"], values.mean(axis=0), color=colour
-                    )
-                    axis.fill_between(record["evaluations"], *ends.T, color=colour, alpha=0.15, linewidth=0)
-            axis.set(xscale="log", ylim=(0, 1.02))
+            for title, values in of_size[field].items():
+                evaluations, means, *ends = np.transpose(values)
+                (lines[title],) = axis.plot(evaluations, means, "o-", markersize=3, color=colours[title])
+                axis.fill_between(evaluations, *ends, color=colours[title], alpha=0.15, linewidth=0)
+            axis.set(xscale="log", ylim=(-0.02, 1.02))
             axis.grid(alpha=0.3)
         column[1].set_xlabel("evaluations of a run")
     axes[0, 0].set_ylabel("reliability")
     axes[1, 0].set_ylabel("share of niches at the optimum")
-    figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=2, fontsize=9)
-    save(figure, file)
+    shown = [title for title in titles if title in lines]
+    names = [title.replace("`", "") for title in shown]
+    figure.legend([lines[title] for title in shown], names, loc="outside lower center", ncols=2, fontsize=9)
+    save(figure, out / "board.png")
 
 
 def _read(file: Path) -> dict:

@@ -62,22 +62,16 @@ Play = Callable[[Task, int, Sequence[int]], Found]
 """(task, runs, budgets) -> `Found`."""
 
 
-# 1, 2 and 5 times the powers of ten.
-_STEPS = (*(factor * 10**power for power in range(3, 6) for factor in (1, 2, 5)), 10**6)
-
-
 class Row(NamedTuple):
     """One row.
 
     Attributes:
       title: its name in the table.
       play: runs it.
-      steps: the evaluations at which scores are kept.
     """
 
     title: str
     play: Play
-    steps: Sequence[int] = _STEPS
 
 
 def _found(task: Task, kept: Sequence[Population]) -> Found:

@@ -1,5 +1,8 @@
 """The board: scores of what rows find, its files, table and curves."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from elitelanes_jax.cli.main import main as command
 from experiments.search import board
 from experiments.search.board_rows import ROWS, Found, Row
 
+ROOT = Path(__file__).parents[2]
 TASK = find_task("5x5A-10000")
 
 
@@ -31,7 +35,10 @@ def test_a_row_is_measured_and_told(tmp_path, monkeypatch, capsys):
     assert command(["score", str(tmp_path / "tuned-5x5A-10000.npz")]) == 0
     table = (tmp_path / "board.md").read_text()
     assert "| Ours | 0.75 (0.60 to 0.90) | 0.75 (0.60 to 0.90) | 1.00 (1.00 to 1.00) |" in table
-    assert (tmp_path / "board.png").read_bytes()[:4] == b"\x89PNG"
+    picture = tmp_path / "board.png"
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    picture.unlink()
+    assert board.main(["--picture", "--out", str(tmp_path)]) == 0 and picture.is_file()
 
 
 OWN = """
@@ -49,6 +56,21 @@ def test_a_search_of_ones_own_gets_a_row_beside_the_others(tmp_path, monkeypatch
     rows = [line for line in (tmp_path / "board.md").read_text().splitlines() if line.startswith(("| Ours", "| own"))]
     assert [row.split(" | ")[0] for row in rows] == ["| Ours", "| own"] and "| 1.00 (1.00 to 1.00) |" in rows[1]
     assert command(["score", str(tmp_path / "own-5x5A-10000.npz")]) == 0
+
+
+def test_the_table_of_the_page_is_that_of_the_picture():
+    """Reliability and optimal shares of the page, by size, search and budget."""
+    found = board._read_table(ROOT / "experiments/search/results/board.md")
+    page = (ROOT / "docs" / "benchmark.md").read_text(encoding="utf-8")
+    for size in found:
+        heading = f"\n{size[:-1].replace('x', ' x ')} {size[-1]}: reliability, and the share"
+        (table,) = re.findall(rf"{heading}.*?\n\n(.*?)\n\n", page, re.DOTALL)
+        rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in table.splitlines()[2:]]
+        assert [title for title, *_ in rows] == list(found[size]["reliability"])
+        for title, *cells in rows:
+            both = [found[size][field][title] for field in ("reliability", "optimal")]
+            means = [f"{one[1]:.2f}, {other[1]:.2f}" for one, other in zip(*both, strict=True)]
+            assert [cell for cell in cells if cell] == means
 
 
 @pytest.mark.parametrize(
