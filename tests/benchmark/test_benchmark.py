@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,13 @@ def test_other_files_are_refused_in_one_line(content, tmp_path, capsys):
 def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
     with pytest.raises(InputError, match=words):
         score_submission(perfect()._replace(task=TASK._replace(**wrong)))
+
+
+def test_the_page_lists_the_arrays_of_an_archive(tmp_path):
+    write_submission(tmp_path / "perfect.npz", perfect())
+    listed = re.findall(r"^\| `(\w+)` \| (?:a|whole) ", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    with np.load(tmp_path / "perfect.npz") as stored:
+        assert sorted(listed) == sorted(stored)
 
 
 @pytest.mark.slow  # it compiles a search for itself
