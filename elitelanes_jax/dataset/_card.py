@@ -7,7 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset.spec import describe_sides
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS
@@ -69,13 +71,11 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
     ]
     asked = about["settings"]
     search = asked["search"]
-    (low, wide), (high, widest) = ((asked["size"][0][end], asked["size"][-1][end]) for end in (0, 1))
-    sides = f"{low} x {wide}" if (low, wide) == (high, widest) else f"{low} x {wide} to {high} x {widest}"
     if asked["camera"] is not None:
-        seen = f"views of a robot on their lanes, {asked['camera']['rows']} x {asked['camera']['columns']} pixels"
+        seen = f"views from a robot on the lanes, {asked['camera']['rows']} x {asked['camera']['columns']} pixels"
         seen += f", of maps drawn with {asked['tile_px']} pixels a tile"
     else:
-        seen = f"of {asked['tile_px']} pixels a tile"
+        seen = f"views from above, {asked['tile_px']} pixels a tile"
     changing = {name: value for name, value in asked["transforms"].items() if value not in (0, False, [1.0, 1.0])}
     whose = (
         "They were given, not evolved."
@@ -104,7 +104,8 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
             "",
             "# Road maps of a miniature city, with labels",
             "",
-            f"{total:,} pictures of {asked['maps']:,} road networks, {sides} tiles: {seen}.",
+            f"{pluralize(total, 'picture')} of {pluralize(asked['maps'], 'road network')}, "
+            f"{describe_sides(asked['size'])} tiles: {seen}.",
             f"{whose} Each pixel has a label. Made by Elite Lanes JAX {about['versions']['elitelanes_jax']}.",
             "",
             "![Some of them](contact-sheet.png)",

@@ -123,15 +123,16 @@ class DatasetSpec(Record):
     def _take_given(self, given: GivenMaps) -> None:
         """Sets the number and the sizes of given maps."""
         defaults = {one.name: one.default for one in fields(self)}
-        if self.search != defaults["search"]:
-            names = [one.name for one in fields(self.search) if getattr(self.search, one.name) != one.default]
+        if names := [name for name, value in self.search.given().items() if value != getattr(defaults["search"], name)]:
             got = ", ".join(names)
             raise InputError(f"maps_from: expected no options of a search, which given maps do not need, got {got}")
         rows, columns = ((min(sides), max(sides)) for sides in zip(*given.sizes, strict=True))
         square = all(height == width for height, width in given.sizes)
-        for name, value in (("maps", len(given.maps)), ("size", (rows,) if square else (rows, columns))):
-            if getattr(self, name) not in (defaults[name], value):
-                raise InputError(f"{name}: expected that of the given maps, {value}, got {getattr(self, name)}")
+        values: dict[str, UserValue] = {"maps": len(given.maps), "size": (rows,) if square else (rows, columns)}
+        for name, value in values.items():
+            tell = describe_sides if name == "size" else str
+            if (asked := getattr(self, name)) not in (defaults[name], value):
+                raise InputError(f"{name}: expected that of the given maps, {tell(value)}, got {tell(asked)}")
             object.__setattr__(self, name, value)
 
     def _check_camera(self) -> None:
@@ -186,6 +187,12 @@ class DatasetSpec(Record):
             "furnish": self.furnish and self.furnish.settings(),
             "objects": self.objects and str(self.objects),
         }
+
+
+def describe_sides(size: Sequence[Sequence[int]]) -> str:
+    """Returns the smallest and the largest size in words, such as 3 x 4 to 5 x 4."""
+    least, most = (f"{size[0][end]} x {size[-1][end]}" for end in (0, 1))
+    return least if least == most else f"{least} to {most}"
 
 
 def maps_by_shape(spec: DatasetSpec) -> dict[tuple[int, int], int]:

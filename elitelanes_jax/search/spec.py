@@ -270,6 +270,10 @@ class SearchSpec(Record):
             self.check_together()
         return self
 
+    def given(self) -> Mapping[str, UserValue]:
+        """Returns the options that were given, by name, without those of the style and the example maps."""
+        return self._given
+
     def on(self, shape: tuple[int, int]) -> "SearchSpec":
         """Returns the search for grids ``(height, width)``. For large grids the options for large maps are merged in.
 

@@ -76,7 +76,10 @@ def test_an_evolved_dataset_has_these_files(evolved):
     assert read_picture(evolved / "contact-sheet.png").shape[1] > 800
     card = (evolved / "README.md").read_text()
     assert card.startswith("---\n") and "license: apache-2.0" in card and "| 12 | 4 | 4 |" in card
-    assert "20 pictures of 20 road networks, 3 x 4 to 4 x 4 tiles" in card and "lane separator" in card
+    assert (
+        "\n20 pictures of 20 road networks, 3 x 4 to 4 x 4 tiles: views from above, 16 pixels a tile.\n" in card
+        and "lane separator" in card
+    )
     assert len(forms) == 20
     assert sorted(sizes) == [(3, 4)] * 10 + [(4, 4)] * 10
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from elitelanes_jax import DatasetSpec, SearchSpec
+from elitelanes_jax import DatasetSpec, InputError, SearchSpec
 from elitelanes_jax.dataset import STANDARD, Transforms
 from elitelanes_jax.dataset.spec import maps_by_shape, maps_by_split
 
@@ -60,6 +60,27 @@ def test_splits_have_their_shares(count, split):
     counts = maps_by_split(DatasetSpec(maps=count, split=split, size=5))
     assert sum(counts) == count
     assert all(abs(got - count * share) <= 1 for got, share in zip(counts, split, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"search": {"evaluations": 9}}, "maps_from: expected no options of a search, .*, got evaluations"),
+        ({"search": {"style": "town"}}, "maps_from: expected no options of a search, .*, got style"),
+        (
+            {"search": {"style": "town", "fill": True, "rules": None}},
+            "maps_from: expected no options of a search, .*, got style, fill",
+        ),
+        ({"size": 5}, "size: expected that of the given maps, 2 x 2 to 2 x 3, got 5 x 5"),
+        ({"size": "3..4 9"}, "size: expected that of the given maps, 2 x 2 to 2 x 3, got 3 x 9 to 4 x 9"),
+        ({"maps": 3}, "maps: expected that of the given maps, 2, got 3"),
+    ],
+)
+def test_given_maps_leave_nothing_to_search(options, message):
+    """Only the options that the user gave are named, not those of a style."""
+    options |= {"search": DatasetSpec().search.replace(**options.pop("search", {}))}
+    with pytest.raises(InputError, match=f"^{message}$"):
+        DatasetSpec(maps_from=[[[6, 3], [12, 9]], [[6, 5, 3], [12, 5, 9]]], split=(1, 0, 0), **options)
 
 
 def test_sizes_share_the_maps():
