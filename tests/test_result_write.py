@@ -32,8 +32,10 @@ def test_a_result_writes_what_generate_writes(key, tmp_path):
     with pytest.raises(InputError, match="out: expected a folder that is new or empty"):
         result.write(tmp_path / "out", 1)
     result.write(tmp_path / "out", 1, force=True, tile_px=16)
-    with pytest.raises(NotEnoughMapsError, match=r"; at_most=True writes those found; .* find more$"):
+    with pytest.raises(NotEnoughMapsError, match=r"; at_most=True writes those found; more seeds find more$"):
         result.write(tmp_path / "none", 10_000)
+    with pytest.raises(NotEnoughMapsError, match="; wider ranges, more seeds or evaluations find more$"):
+        result.write(tmp_path / "none", 10_000, where="crossings=20..")
     with pytest.raises(InputError, match="tile: expected one of .* is it tiles?"):
         result.write(tmp_path / "none", maps=1, tile=1)
     with pytest.raises(InputError, match="path: expected a name that ends in .npz, got town.json"):

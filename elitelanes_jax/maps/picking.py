@@ -89,7 +89,7 @@ def pick(
             result,
             spec.maps,
             spec.at_most,
-            hint="wider ranges or more archives" if search.where else "more archives",
+            hint=None if own else "wider ranges or more archives" if search.where else "more archives",
             exclude=[np.array(grid, np.int8) for grid in spec.unlike],
         )
         runs = [

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import descriptions
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.records import Metrics, TownFeatures, features_without_gaps
@@ -37,9 +38,11 @@ def feature_range(name: str) -> tuple[float, float]:
     """Returns the smallest and the largest value of a feature that searches found at 12 x 12.
 
     The maps have the constraints that `generate` has by default: one component, no dead ends and no empty cells.
-    Raises `InputError` for an unknown name, and so do the other functions of a feature.
+    Raises `InputError` for an unknown name, and for a feature of a town, whose ends are not known; so does
+    `extreme_maps`.
     """
-    check_feature("name", name)
+    if check_feature("name", name) in TOWN_FEATURES:
+        raise InputError(f"name: expected a metric or a share, got {name!r}, a town feature, whose range is not known")
     values = [features[name] for _, features in _measured()]
     return min(values), max(values)
 

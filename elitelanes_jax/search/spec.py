@@ -118,8 +118,11 @@ def parse_weights(weights: UserValue, own: Collection[str] = ()) -> tuple[tuple[
 
 
 def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]:
-    """Reads one map or several, as `as_maps` takes them, each as a tuple of rows."""
-    return tuple(tuple(map(tuple, road_map.codes.tolist())) for road_map in as_maps(initial))
+    """Reads one map or several, as `as_maps` takes them, each as a tuple of rows; only the default, (), has none."""
+    maps = tuple(tuple(map(tuple, road_map.codes.tolist())) for road_map in as_maps(initial))
+    if not maps and not isinstance(initial, tuple):
+        raise InputError("expected at least one map, got none")
+    return maps
 
 
 def _parse_large(large: UserValue, own: Collection[str]) -> dict[str, UserValue]:
@@ -222,7 +225,7 @@ class SearchSpec(Record):
         if not isinstance(plain, Mapping) or set(plain) != set(cls.options()):
             raise InputError(f"search: expected all options of a search, got {shorten(repr(plain))}")
         rest = {"style": none_or(name)(plain["style"]), "large": None}
-        values = {name: value for name, value in plain.items() if name not in rest}
+        values = {name: () if value == [] else value for name, value in plain.items() if name not in rest}
         values = _check_options(values, check_features(values["features"])) | rest
         if (large := plain["large"]) is not None:
             if not isinstance(large, Mapping):

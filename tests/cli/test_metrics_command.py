@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from oracle import measure as oracle
 
+from elitelanes_jax import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.sketch import draw_text
 from elitelanes_jax.network.records import largest_metrics
@@ -45,6 +46,17 @@ def test_ranges_that_are_known():
     }
     assert feature_range("turns")[0] == 4
     assert feature_range("coverage") == (1, 1)
+
+
+@pytest.mark.parametrize("name", describe_features())
+def test_a_feature_that_is_listed_has_a_range_or_says_that_it_has_none(name):
+    for function in (feature_range, extreme_maps):
+        if name in FEATURES:
+            assert len(function(name)) == 2
+        else:
+            words = f"^name: expected a metric or a share, got '{name}', a town feature, whose range is not known$"
+            with pytest.raises(InputError, match=words):
+                function(name)
 
 
 def test_all_are_listed_and_one_is_shown(capsys):

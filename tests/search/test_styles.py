@@ -135,7 +135,7 @@ def in_a_file(given):
         text = "".join(f"{name} = {toml(value)}\n" for name, value in given.items())
     except TypeError:
         return None
-    if "null" in text or {"style", "like", "evaluations", "generations"} & set(given):
+    if "null" in text or given.get("initial") == () or {"style", "like", "evaluations", "generations"} & set(given):
         return None
     Path("other.toml").write_text(text)
     return SearchSpec(style="other.toml")
@@ -234,6 +234,16 @@ def test_what_is_like_given_maps():
     assert settings_like([RING])["where"] == settings_like([np.pad(RING, 2)])["where"]
     with pytest.raises(InputError, match="like: expected maps with roads"):
         SearchSpec(like=[np.zeros((3, 3), int)])
+
+
+@pytest.mark.parametrize("name", ["like", "initial"])
+def test_an_empty_list_of_maps_is_refused(name):
+    for empty in ([], iter([])):
+        with pytest.raises(InputError, match=f"^{name}: expected at least one map, got none$"):
+            evolve(0, **{name: empty})
+    with pytest.raises(InputError, match=f"^large: {name}: " if name == "initial" else "^large: like: expected one of"):
+        SearchSpec(large={name: []})
+    assert SearchSpec(**{name: ()}) == SearchSpec() == plain(SearchSpec())
 
 
 def test_a_given_map_is_none_of_the_chosen_wherever_it_lies():
