@@ -2,11 +2,11 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from elitelanes_jax._util.types import AnyArray, Plain
+from elitelanes_jax._util.types import AnyArray, Numeric, Plain
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 Row = dict[str, Plain]
@@ -23,9 +23,13 @@ def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
     for name, grid in zip(names, grids, strict=True):
         metrics = plain_measure(grid)
         height, width = np.shape(grid)
-        metrics["coverage"] = float(str(metrics["coverage"]))  # the shortest decimal of a float32
-        rows.append({"file": name, "height": height, "width": width} | metrics)
+        rows.append({"file": name, "height": height, "width": width, **shorten_coverage(metrics)})
     return rows
+
+
+def shorten_coverage(metrics: Mapping[str, Numeric]) -> Row:
+    """Returns metrics with the coverage, a float32, as its shortest decimal: 0.8, not 0.800000011920929."""
+    return {name: float(str(np.float32(value))) if name == "coverage" else value for name, value in metrics.items()}
 
 
 def table_to_csv(rows: Sequence[Row]) -> str:

@@ -20,7 +20,7 @@ from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph
-from elitelanes_jax.formats.table import table_to_csv
+from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.spec import SPLITS, PackSpec
@@ -137,7 +137,7 @@ def _write(spec: PackSpec, one: _Packed, folder: Path) -> dict[str, Plain]:
     height, width = one.road_map.codes.shape
     mean = float(np.mean([trip["length"] for trip in trips]))
     about = {"id": one.id, "niche": one.niche, "split": one.split, "height": height, "width": width}
-    return {**about, "lanes": len(graph.edges), "trip": round(mean, 3), **(one.road_map.metrics or {})}
+    return {**about, "lanes": len(graph.edges), "trip": round(mean, 3), **shorten_coverage(one.road_map.metrics or {})}
 
 
 def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Plain]]:

@@ -54,6 +54,11 @@ def test_every_map_is_in_its_niche_in_all_formats(packed):
         assert f"\t{row['id']}.map\t" in scen and (packed / "movingai" / f"{place}.map").is_file()
 
 
+def test_the_table_has_the_shortest_decimals(packed):
+    for row, grid in zip(rows(packed / "maps.csv"), GRIDS, strict=True):
+        assert row["coverage"] == str(np.float32((grid > 0).mean()))
+
+
 @pytest.mark.parametrize("split", [(0.8, 0.1, 0.1), (0.5, 0.5, 0), (1, 0, 0), (0.98, 0.01, 0.01)])
 def test_splits_hold_out_whole_niches(split, tmp_path):
     about = pack(SPEC.replace(to=(), split=split), MAPS, tmp_path / "pack")
