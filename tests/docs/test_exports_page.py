@@ -1,6 +1,7 @@
 """The page on exports: its commands and its program run, and print what it shows; its tables are complete."""
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,16 @@ def test_commands_print_what_is_shown(repository, capsys):
     written = {str(file) for file in Path().rglob("*.*") if file.is_file()}
     assert {f"network/town.{kind}" for kind in ("nod.xml", "edg.xml", "con.xml", "netccfg")} < written
     assert {"exported.yaml", "metrics.csv"} < written
+
+
+def test_commands_for_simulators_run(repository, capsys):
+    page = (ROOT / "docs" / "simulators.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| .*`elitelanes (export map\.json .*?)`", page, re.MULTILINE)
+    shutil.copy("docs/examples/town.json", "map.json")
+    assert len(listed) == 9
+    for command in listed:
+        assert main(command.split()) == 0, command
+        assert Path(command.split()[-1]).exists()
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import re
 import runpy
 import shlex
 import shutil
+import tomllib
 from collections import Counter
 from importlib.util import find_spec
 from itertools import product
@@ -107,6 +108,13 @@ def test_no_two_commands_write_one_output():
     lines = [line for text in PAGES.values() for line in re.findall("^(?:elitelanes|python -m) .*", text, re.MULTILINE)]
     written = [word for line in lines if "--force" not in line for word in re.findall(r" --out (\S+)", line)]
     assert not [name for name, times in Counter(written).items() if times > 1]
+
+
+def test_all_extras_are_listed():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (listed,) = re.findall(r"\| extras \|.*?\n\n", PAGES["docs/install.md"], re.DOTALL)
+    rows = re.findall(r"^\| (`.*?`) \|", listed, re.MULTILINE)
+    assert sorted(name.strip("`") for row in rows for name in row.split(", ")) == sorted(extras)
 
 
 def test_given_cells_on_the_page_are_those_of_the_file():

@@ -1,6 +1,8 @@
 """The moves on networks: each against its definition, written out tile by tile, and what holds of all."""
 
+import re
 from functools import partial
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -82,6 +84,17 @@ def many(move, grid, mate=None, count=3000, seed=0):
 
 def edges(grid):
     return {frozenset(edge) for edge in road_graph(np.asarray(grid)).edges}
+
+
+def test_the_page_has_the_names_of_all_weights():
+    page = (Path(__file__).parents[2] / "docs" / "moves.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([\w=()]+)` \| (.+?) \|", page, re.MULTILINE)
+    names = [name.strip("`") for _, name in rows if name != "-"]
+    assert sorted(names) == sorted(set(MoveWeights.options()) - {"fill_probability", "user_moves"})
+    of_page = dict(rows)
+    for name in names:  # the docstring says which move a weight is of
+        (move,) = re.findall(rf"^ +{name}: weight of `(\w+)`", MoveWeights.__doc__, re.MULTILINE)
+        assert of_page["transplant(displaced=True)" if name == "displaced" else move] == f"`{name}`"
 
 
 def different(varied):
