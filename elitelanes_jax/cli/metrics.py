@@ -17,10 +17,10 @@ def add_metrics(commands: Commands) -> None:
         "metrics",
         _metrics,
         help="list all metrics, or show one",
-        description="Lists all metrics and shares that --where, --axes and --weights name, with their ranges on maps "
-        "of 12 x 12 tiles; or shows one, with maps of its smallest and largest value.",
+        description="Lists all metrics, shares and features of a town that --where, --axes and --weights name, with "
+        "known ranges on maps of 12 x 12 tiles; or shows one, with maps at both ends of its range.",
     )
-    command.add_argument("name", nargs="?", type=checked_by(name), metavar="NAME", help="the metric or share to show")
+    command.add_argument("name", nargs="?", type=checked_by(name), metavar="NAME", help="what to show")
 
 
 def _metrics(options: argparse.Namespace) -> int:
