@@ -218,6 +218,9 @@ def test_chosen_maps_have_a_float_fitness():
         ({"fitness": 3}, "fitness: expected a function of metrics, features, grid or usual, got 3"),
         ({"fitness": lambda turns: turns}, "expected arguments among metrics, features, grid, usual, got 'turns'"),
         ({"fitness": lambda grid: grid}, "it to return an integer or float scalar, got int32 of shape (4, 4)"),
+        ({"fitness": lambda usual: None}, "expected it to return an integer or float scalar, got None"),
+        ({"fitness": lambda usual: 2**40}, "expected it to return an integer or float scalar, got 1099511627776"),
+        ({"fitness": lambda usual, /: usual}, "fitness: expected a function with named arguments, got "),
         ({"fitness": lambda grid: "x"}, "expected it to return an integer or float scalar, got 'x'"),
         ({"fitness": lambda grid: grid[1, 1] > 1}, "integer or float scalar, got bool of shape ()"),
         ({"fitness": lambda metrics: float(metrics.turns)}, "fitness: expected to be a function that JAX can trace"),
@@ -290,6 +293,10 @@ def real(grids):
     return Evaluation(jnp.where(features[:, 1] == 3, jnp.nan, alike / 7), features)
 
 
+def constant(fitness, features, grids):
+    return Evaluation(jnp.full(len(grids), fitness), jnp.full((len(grids), 1), features))
+
+
 COLOURS = (0, 1, 2, 3)
 
 
@@ -343,6 +350,40 @@ def test_what_is_wrong_with_a_problem_is_said(any_types):
             )
     with pytest.raises(InputError, match="evaluate: expected fitness and features of shapes"):
         annealed_ea(Problem((5, 4), evaluate, ("alike",))).init(jax.random.key(0))
+    for fitness, features in ((True, 1), (1, 0.5)):
+        odd = Problem((5, 4), partial(constant, fitness, features), ("alike",))
+        with pytest.raises(InputError, match="evaluate: expected a fitness of numbers and features of whole numbers"):
+            annealed_ea(odd).init(jax.random.key(0))
     many = Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((40, 5, 4), np.int8))
     with pytest.raises(InputError, match="initial: expected at most 32 grids"):
         annealed_ea(many).init(jax.random.key(0))
+
+
+@pytest.mark.parametrize("kind", [jnp.int8, jnp.int16])
+def test_whole_numbers_of_few_bits_are_a_fitness(kind):
+    narrow = Problem((5, 4), partial(constant, kind(1), 1), ("alike",))
+    state = annealed_ea(narrow).init(jax.random.key(0))
+    assert annealed_ea(narrow).elites(state).valid.all()
+
+
+def test_a_state_that_cannot_be_saved_is_refused_before_the_search(tmp_path):
+    def keyed(problem):
+        plain = ea(problem)
+        return plain._replace(
+            init=lambda key: (key, plain.init(key)),
+            step=lambda key, state: ((key, plain.step(key, state[1])[0]), plain.step(key, state[1])[1]),
+            elites=lambda state: plain.elites(state[1]),
+            init_unevaluated=None,
+        )
+
+    options = {"seeds": 2, "generations": 2, "optimizer": keyed, "progress": False}
+    assert len(evolve(0, (4, 4), **options).history.generation) == 2
+    with pytest.raises(InputError, match="state: expected arrays of NumPy's numbers, to be saved, got key<fry>"):
+        evolve(0, (4, 4), checkpoint=tmp_path / "kept", **options)
+    assert not (tmp_path / "kept").exists()
+
+
+@pytest.mark.parametrize(("wrong", "got"), [(0, "got 0"), (8.5, "got 8.5")])
+def test_a_step_evaluates_a_whole_number_of_grids(wrong, got):
+    with pytest.raises(InputError, match=f"optimizer: evaluations_per_step: expected a whole number, 1 or more, {got}"):
+        evolve(0, (4, 4), seeds=1, optimizer=lambda problem: ea(problem)._replace(evaluations_per_step=wrong))

@@ -54,7 +54,7 @@ def level():
         (PsoConfig, {"inertia": -1}, "inertia: expected a number, 0 to 3, got -1"),
         (PsoConfig, {"social": 4}, "social: expected a number, 0 to 3, got 4"),
         (PsoConfig, {"fastest": "fast"}, "fastest: expected a number, 0 to 16, got 'fast'"),
-        (GwoConfig, {"wolves": True}, "wolves: expected a whole number, 1 or more, got True"),
+        (GwoConfig, {"wolves": True}, "wolves: expected a whole number, 2 or more, got True"),
         (GwoConfig, {"horizon": 0}, "horizon: expected a whole number, 1 to 32767, got 0"),
         (GwoConfig, {"horizon": 2**15}, "horizon: expected a whole number, 1 to 32767, got 32768"),
         (GwoConfig, {"omega": "best"}, "omega: expected one of own, worst, got 'best'"),

@@ -136,7 +136,10 @@ def _run_seed(
 
 
 def _check(task: Task, batch: AnyArray) -> Int8[np.ndarray, "B H W"]:
-    codes = np.asarray(batch)
+    try:
+        codes = np.asarray(batch)
+    except ValueError as error:
+        raise InputError(f"search: expected an array of grids, got {shorten(str(error))}") from None
     if codes.ndim != 3 or codes.shape[1:] != task.shape or not len(codes) or codes.dtype.kind not in "iu":
         shape = f"[B, {task.shape[0]}, {task.shape[1]}]"
         raise InputError(f"search: expected grids {shape} of whole numbers, got {codes.dtype} {list(codes.shape)}")

@@ -11,7 +11,7 @@ from jaxtyping import Int8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import unpack
 from elitelanes_jax._util.types import AnyArray
@@ -69,15 +69,15 @@ def read_submission(file: str | Path) -> Submission:
     return Submission(found, grids)
 
 
-def _check(source: str, task: Task, grids: np.ndarray) -> None:
+def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) -> None:
     if grids.nbytes > _MOST_BYTES:
         raise InputError(f"{source}: expected grids of at most {_MOST_BYTES:,} bytes, got {grids.nbytes:,}")
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
     if grids.ndim != 5 or grids.shape[1] != budgets or grids.shape[3:] != task.shape:
         raise InputError(f"{source}: expected grids {shape} for {task.name}, got {list(grids.shape)}")
-    if len(grids) < LEAST_RUNS:
-        raise InputError(f"{source}: expected at least {LEAST_RUNS} runs, got {len(grids)}")
+    if len(grids) < least:
+        raise InputError(f"{source}: expected at least {pluralize(least, 'run')}, got {len(grids)}")
     if not grids.size:
         raise InputError(f"{source}: expected at least one slot in grids, got {list(grids.shape)}")
     if not np.issubdtype(grids.dtype, np.integer):
@@ -94,11 +94,12 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
       ``[R, T]``.
 
     Raises:
-      InputError: for a grid that is better than its niche's certificate.
+      InputError: for grids that do not fit the task, or one that is better than its niche's certificate.
     """
     if not isinstance(submission, Submission):
         raise InputError(f"submission: expected a Submission, got {shorten(repr(submission))}")
-    task, grids = submission
+    task, grids = submission.task, np.asarray(submission.grids)
+    _check("submission", task, grids, least=1)
     counts = measure_grids(grids.reshape(-1, *task.shape))
     measured = {name: values.reshape(grids.shape[:3]) for name, values in counts.items()}
     there = (grids > 0).any(axis=(-1, -2))

@@ -46,16 +46,16 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
     return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1))
 
 
-def _colour(value: UserValue) -> tuple[float, ...]:
+def _colour(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 3:
         raise InputError(f"expected three numbers, 0 to 255, for red, green and blue, got {value!r}")
-    return tuple(real(0, 255)(part) for part in value)
+    return tuple(part if isinstance(part, jax.Array | np.ndarray) else real(0, 255)(part) for part in value)
 
 
-def _pair(value: UserValue) -> tuple[float, ...]:
+def _pair(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise InputError(f"expected two numbers, k1 and k2, got {shorten(repr(value))}")
-    return tuple(real(-10, 10)(part) for part in value)
+    return tuple(part if isinstance(part, jax.Array | np.ndarray) else real(-10, 10)(part) for part in value)
 
 
 @pytree
@@ -182,13 +182,15 @@ def _rays(camera: Camera) -> Rays:
 
 
 def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Array, Array]:
-    """Finds the points that distortion moves to `right` and `down`, by a fixed-point iteration."""
-    there = right, down
+    """Finds the points that distortion moves to `right` and `down`, by Newton's method for their radius."""
+    far = jnp.sqrt(right**2 + down**2)
+    radius = far
     for _ in range(8):
-        square = there[0] ** 2 + there[1] ** 2
-        factor = 1 + k1 * square + k2 * square * square
-        there = right / factor, down / factor
-    return there
+        square = radius * radius
+        slope = jnp.maximum(1 + 3 * k1 * square + 5 * k2 * square * square, 0.05)
+        radius = radius - (radius * (1 + k1 * square + k2 * square * square) - far) / slope
+    factor = jnp.where(far > 0, radius / jnp.where(far > 0, far, 1), 1)
+    return right * factor, down * factor
 
 
 def look(

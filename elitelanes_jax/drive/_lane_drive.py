@@ -131,7 +131,8 @@ class LaneDriveObservation(NamedTuple):
       phi: float32, radians turned to the left of the lane.
       speed: float32, metres a second.
       turn: float32, radians a second.
-      curvature: float32 ``[3]``, 1 / tiles, to the left, at the robot, and 0.25 and 0.5 tile ahead of it.
+      curvature: float32 ``[3]``, 1 / tiles, to the left, at the robot, and 0.25 and 0.5 tile ahead of it, at most on
+        the next tile.
       image: uint8 ``[rows, columns, 3]``, RGB, the camera's picture.
     """
 

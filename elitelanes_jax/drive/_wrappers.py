@@ -205,6 +205,8 @@ def gymnasium_env(
             return _numpy(flatten(observation)), {}
 
         def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
+            if not hasattr(self, "_state"):
+                raise InputError("step: expected a reset before the first step, got none")
             done = go(self._key(), self._state, jnp.asarray(action), params)
             self._state = done.state
             ended = bool(done.terminated), bool(done.truncated)

@@ -100,6 +100,7 @@ def make_rides(
     seconds = check_named("seconds", real(0, unit="seconds, a number", exclusive=True), seconds)
     if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
+    check_named("seed", whole(0, 2**32 - 1), seed)
     furthest = max(int(_PACE * seconds), 1)
     drawing, driving = jax.random.split(jax.random.key(seed))
     levels = make_levels(drawing, check_grid(grid)[None], count, least=min(4, furthest), most=furthest)

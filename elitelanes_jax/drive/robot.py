@@ -60,7 +60,8 @@ class Wheels(NamedTuple):
 
 def still(robot: Robot) -> Wheels:
     """Returns the wheels of a robot at rest."""
-    return Wheels(jnp.float32(0), jnp.float32(0), None if robot.latency is None else jnp.zeros((_DELAYS, 2)))
+    commands = None if robot.latency is None else jnp.zeros((_DELAYS, 2), jnp.float32)
+    return Wheels(jnp.float32(0), jnp.float32(0), commands)
 
 
 def to_wheels(speed: Float[ArrayLike, "..."], turn: Float[ArrayLike, "..."], robot: Robot) -> Float[Array, "... 2"]:
@@ -84,10 +85,10 @@ def drive(
     commands = wheels.commands
     if commands is not None:
         commands = jnp.concatenate([shares[None], commands[:-1]])
-        age = jnp.arange(_DELAYS)
+        age = jnp.arange(_DELAYS, dtype=jnp.float32)
         shares = (jnp.maximum(1 - jnp.abs(age - robot.latency), 0)[:, None] * commands).sum(axis=0)
     if robot.noise is not None:
-        shares = shares + robot.noise * jax.random.normal(key, (2,))
+        shares = shares + robot.noise * jax.random.normal(key, (2,), jnp.float32)
     left = shares[0] * robot.top_speed * (1 - robot.trim)
     right = shares[1] * robot.top_speed * (1 + robot.trim)
     speed, turn = (left + right) / 2, (right - left) / robot.wheel_distance

@@ -32,7 +32,7 @@ class GwoConfig(Record):
     """Options; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over `perturbation` and `horizon`.
 
     Attributes:
-      wolves: the number of wolves, and of grids that a step evaluates; static, a size of arrays.
+      wolves: the number of wolves, and of grids that a step evaluates, at least 2; static, a size of arrays.
       perturbation: the largest perturbation of the first step, in size, 0 to 16. From 1/6 on a code without a vote can
         beat a code with one. The paper calls it small.
       horizon: the number of steps over which the perturbation shrinks linearly to 0, 1 to 32,767.
@@ -40,7 +40,7 @@ class GwoConfig(Record):
         static, it chooses the program.
     """
 
-    wolves: int = static(40, whole(1))
+    wolves: int = static(40, whole(2))
     perturbation: Real[ArrayLike, "..."] = traced(0.35, real(0, 16))
     horizon: Int[ArrayLike, "..."] = traced(200, whole(1, _LONGEST_HORIZON))
     omega: Literal["own", "worst"] = static("own", one_of("own", "worst"))

@@ -112,10 +112,13 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     expected, got = ((len(grids),), (len(grids), len(problem.feature_names))), (fitness.shape, features.shape)
     if expected != got:
         raise InputError(f"evaluate: expected fitness and features of shapes {expected}, got {got}")
+    kinds = fitness.dtype, features.dtype
+    if not (jnp.issubdtype(kinds[0], jnp.number) and jnp.issubdtype(kinds[1], jnp.integer)):
+        raise InputError(f"evaluate: expected a fitness of numbers and features of whole numbers, got {kinds}")
     if jnp.issubdtype(fitness.dtype, jnp.floating):
         fitness = fitness.astype(jnp.float32)
         fitness = jnp.where(jnp.isfinite(fitness), fitness, jnp.inf)
-    return Population(grids, fitness, features)
+    return Population(grids, fitness.astype(jnp.result_type(fitness, jnp.int32)), features.astype(jnp.int32))
 
 
 def unevaluated(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:

@@ -1,6 +1,6 @@
 """Runs an optimiser: many seeds and many generations in one compiled call."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 import jax
@@ -23,10 +23,14 @@ def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on the number and its index alone.
 
     Key i is ``fold_in(key(seed), i)``. `indices` are those of the keys; or their number K, for the first K. Raises
-    `InputError` for another seed.
+    `InputError` for another seed, or other indices than 0 to 2**32 - 1.
     """
     seed = check_named("seed", whole(0, 2**32 - 1), seed)
-    chosen = np.arange(indices) if isinstance(indices, int) else np.array(indices, int)
+    index = whole(0, 2**32 - 1)
+    if isinstance(indices, Iterable) and np.ndim(indices):
+        chosen = np.array([check_named("indices", index, one) for one in indices], np.int64)
+    else:
+        chosen = np.arange(check_named("indices", index, indices))
     if not keys_are_threefry():
         return jax.vmap(partial(jax.random.fold_in, jax.random.key(np.uint32(seed))))(chosen)
     return jax.random.wrap_key_data(jax.device_put(seed_key_data(seed, chosen)))

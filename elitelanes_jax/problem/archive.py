@@ -53,11 +53,12 @@ def insert(
     Args:
       archive: one slot for each of N niches.
       niche: int32 ``[P]``, the index of each grid's niche; or ``[K, P]`` to offer each grid to K niches.
-      found: the P grids.
+      found: the P grids. A fitness that is not finite is refused.
       accept_equal: whether the first in the batch replaces an elite of equal fitness.
 
     Raises:
-      InputError: for another number of indices than of grids, or an index of no niche; not under `jax.jit`.
+      InputError: for another number of indices than of grids, another dtype of fitness than the archive's, or an index
+        of no niche; the last not under `jax.jit`.
     """
     if niche.shape[-1:] != found.fitness.shape:
         raise InputError(f"niche: expected {len(found.fitness)} indices, one for each grid, got {list(niche.shape)}")
@@ -65,7 +66,11 @@ def insert(
     given = np.arange(0) if isinstance(niche, jax.core.Tracer) else np.asarray(niche)
     if given.size and not 0 <= given.min() <= given.max() < niches:
         raise InputError(f"niche: expected indices 0 to {niches - 1}, got {given.min()} to {given.max()}")
+    if (expected := archive.fitness.dtype) != (got := found.fitness.dtype):
+        raise InputError(f"found: expected a fitness of {expected}, as in the archive, got {got}")
     niche, fitness = rounds.reshape(-1), jnp.tile(found.fitness, len(rounds))
+    if jnp.issubdtype(fitness.dtype, jnp.floating):
+        fitness = jnp.where(jnp.isfinite(fitness), fitness, jnp.inf)
     batch = jnp.arange(niche.size, dtype=jnp.int32)
     lowest = archive.fitness.at[niche].min(fitness)
     contends = fitness == lowest[niche]

@@ -107,7 +107,7 @@ def apply_fitness(
         value = fitness(**{name: known[name] for name in arguments})
         try:
             total = jnp.asarray(value)
-        except TypeError:
+        except (TypeError, ValueError, OverflowError):
             raise InputError(f"fitness: expected it to return {_SCALAR}, got {shorten(repr(value), 60)}") from None
         if jnp.issubdtype(total.dtype, jnp.floating):
             return total.astype(jnp.float32)
@@ -186,6 +186,8 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
         parameters = signature(fitness).parameters.values()
     except (TypeError, ValueError):
         raise InputError(f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}") from None
+    if any(one.kind is Parameter.POSITIONAL_ONLY for one in parameters):
+        raise InputError(f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}")
     return tuple(one.name for one in parameters if one.default is Parameter.empty)
 
 
@@ -193,7 +195,7 @@ def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.Shap
     """Returns the shapes and dtypes that a user's function returns; errors of JAX become an `InputError`."""
     try:
         return jax.eval_shape(function, *arguments)
-    except (jax.errors.JAXTypeError, jax.errors.JAXIndexError) as error:
+    except (jax.errors.JAXTypeError, jax.errors.JAXIndexError, OverflowError) as error:
         raise InputError(f"{expected} to be a function that JAX can trace, got: {shorten(str(error), 160)}") from None
 
 

@@ -185,9 +185,9 @@ def road_problem(
 ) -> Problem:
     """Makes the paper's problem: road networks of one size.
 
-    A grid is refused if a feature of the user, their weighted sum or a fitness of the user is out of range or not a
-    number (see `Kernel` and `Fitness`; the sum is at most 2**29). It has the fitness of a vacant slot and becomes no
-    elite.
+    A grid is refused if a feature or the fitness of the user is out of range or not a number (see `Kernel` and
+    `Fitness`), or if the sizes of the weighted features add up to over 2**29. It has the fitness of a vacant slot and
+    becomes no elite.
 
     Args:
       shape: (height, width), each at least 2.

@@ -75,7 +75,8 @@ def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[
     limits = np.array([[-LARGEST], [LARGEST]], np.int32).repeat(len(names), axis=1)
     for name, low, high in where:
         if low is not None:
-            limits[0, names.index(name)] = ceil(low * feature_unit(name))
+            # Thousandths of shares are rounded down.
+            limits[0, names.index(name)] = (floor if name in SHARES else ceil)(low * feature_unit(name))
         if high is not None:
             limits[1, names.index(name)] = floor(high * feature_unit(name))
     return limits

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int8, Int32, Key, UInt32
 
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree
@@ -209,7 +210,8 @@ class Programs:
 
         def find(traced: Traced) -> None:
             optimizer = self._static.optimizer(traced)
-            found["evaluations_per_step"] = int(optimizer.evaluations_per_step)
+            each = check_named("optimizer: evaluations_per_step", whole(1), optimizer.evaluations_per_step)
+            found["evaluations_per_step"] = each
             found["first_generation"] = optimizer.first_generation
 
         jax.eval_shape(find, self._traced)

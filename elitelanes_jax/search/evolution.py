@@ -42,7 +42,7 @@ from elitelanes_jax.problem.ranges import Range, range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint
 from elitelanes_jax.search._devices import choose_devices, cut, divide, join
 from elitelanes_jax.search._programs import MOST, Programs, States, Static, Traced, find_programs
-from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
+from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted, check_can_save
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchOptions, SearchSpec, check_seeds
 
 T = TypeVar("T")
@@ -121,6 +121,7 @@ def evolve(
     if checkpoint is None:
         return _evolve(search, done, inner, None, progress)
     folder = Path(checkpoint)
+    check_can_save(search.programs.states)
     with locked(folder, folder):
         return _evolve(search, done, inner, Checkpoint(folder, _identity(search, done), every), progress)
 

@@ -1,6 +1,6 @@
 """The result of a search, and the file that it is saved in."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -311,10 +311,15 @@ class SearchInterrupted(KeyboardInterrupt):
         return self._make()
 
 
-def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
-    for leaf in state.inner:
+def check_can_save(state: Iterable[AnyArray | jax.ShapeDtypeStruct]) -> None:
+    """Checks that an optimiser's state can be saved; raises `InputError` for keys, for instance."""
+    for leaf in state:
         if jnp.issubdtype(leaf.dtype, jax.dtypes.extended) or leaf.dtype.kind not in "biufc":
             raise InputError(f"state: expected arrays of NumPy's numbers, to be saved, got {leaf.dtype}")
+
+
+def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
+    check_can_save(state.inner)
     inner = {f"inner.{index}": np.asarray(leaf) for index, leaf in enumerate(state.inner)}
     generation, fingerprint = np.asarray(state.generation, np.int32), np.asarray(state.fingerprint, np.uint32)
     return {"generation": generation, "fingerprint": fingerprint} | inner

@@ -279,6 +279,7 @@ def test_a_search_may_end_early_and_faults_are_named():
         (np.zeros((3, 4, 5), int), r"expected grids \[B, 5, 5\] of whole numbers, got int64 \[3, 4, 5\]"),
         (np.zeros((3, 5, 5)), "of whole numbers, got float64"),
         (None, r"got object \[\]"),
+        ([[1, 2], [3]], "expected an array of grids, got "),
         (np.zeros((0, 5, 5), int), r"got int64 \[0, 5, 5\]"),
         (np.full((1, 5, 5), 16), "expected tile codes 0 to 15, got 16 to 16"),
     ):
@@ -295,3 +296,20 @@ def test_a_search_may_end_early_and_faults_are_named():
 
 def iter_once(batch):
     yield batch
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda grids: grids + 256, "expected tile codes 0 to 15 in grids, got 259 to 271"),
+        (lambda grids: grids + 0.4, "expected whole numbers in grids, got float64"),
+        (lambda grids: grids[..., :4], r"expected grids \[R, 2, N, 5, 5\] for 5x5A-100000, got"),
+        (lambda grids: grids[:, :, :0], "expected at least one slot in grids"),
+        (lambda grids: grids[:0], "expected at least 1 run, got 0"),
+        (lambda _: [[1, 2]], r"expected grids \[R, 2, N, 5, 5\] for 5x5A-100000, got \[1, 2\]"),
+    ],
+)
+def test_grids_that_do_not_fit_the_task_get_no_score(change, words):
+    grids = np.asarray(perfect().grids, int)
+    with pytest.raises(InputError, match=f"^submission: {words}"):
+        score_submission(perfect()._replace(grids=change(grids)))

@@ -2,6 +2,7 @@
 
 import cv2
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from driving_oracle import drawn_maps
@@ -79,8 +80,8 @@ def test_labels_and_colours_are_those_of_opencvs_warp(scene):
     assert seen > 30
 
 
-@pytest.mark.parametrize(("distortion", "close"), [(None, 2e-3), ((-0.2, 0.05), 0.02)])
-def test_rays_meet_the_ground_where_points_project_from(distortion, close):
+@pytest.mark.parametrize("distortion", [None, (-0.2, 0.05), (-0.3, 0.09), (0.1, 0.1), (3.0, 0.0)])
+def test_rays_meet_the_ground_where_points_project_from(distortion):
     ahead, left = np.float64(ground_points(Camera(rows=48, columns=64, distortion=distortion))) * TILE
     focal, pitch = 24 / np.tan(np.deg2rad(37.5)), np.deg2rad(19.15)
     seen = np.isfinite(ahead)
@@ -93,7 +94,14 @@ def test_rays_meet_the_ground_where_points_project_from(distortion, close):
     bend = np.array([*(distortion or (0, 0)), 0, 0])
     points = np.stack([-left[seen], down, depth], axis=-1)
     projected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), intrinsic, bend)
-    np.testing.assert_allclose(projected[:, 0], np.stack([columns, rows], axis=1), atol=close)
+    np.testing.assert_allclose(projected[:, 0], np.stack([columns, rows], axis=1), atol=2e-3)
+
+
+def test_parts_of_the_lens_and_of_colours_may_differ_in_a_batch():
+    factors, shades = jnp.array([-0.1, 0.0, 0.1]), jnp.array([0.0, 100.0, 255.0])
+    made = jax.vmap(lambda factor, shade: Camera(distortion=(factor, 0.0), sky=(shade, 0, 0)))(factors, shades)
+    np.testing.assert_array_equal(made.distortion[0], factors)
+    np.testing.assert_array_equal(made.sky[0], shades)
 
 
 def test_light_and_noise_change_colours_alone(scene):

@@ -9,7 +9,8 @@ from conftest import compilations
 from driving_oracle import drawn_maps, pick
 
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, auto_reset, make_levels
-from elitelanes_jax.drive.robot import Robot
+from elitelanes_jax.drive.lanes import Pose
+from elitelanes_jax.drive.robot import Robot, drive, still
 
 SHAPE, COUNT = (4, 5), 16
 ROUGH = Robot(noise=0.1, latency=0.5, trim=0.02)
@@ -127,3 +128,14 @@ def test_no_action_makes_what_is_no_number(name):
         done = step(keys, state, action, params)
         assert all(np.isfinite(part).all() for part in jax.tree.leaves(done))
         state = done.state
+
+
+@pytest.mark.parametrize("robot", [Robot(), Robot(noise=0.1), Robot(latency=0.5)])
+def test_states_keep_their_dtypes_with_numbers_of_64_bits(robot):
+    jax.config.update("jax_enable_x64", True)
+    try:
+        wheels, pose, command = still(robot), Pose(*np.ones(3, np.float32)), np.ones(2, np.float32)
+        after = drive(jax.random.key(0), pose, wheels, command, robot)
+        assert [leaf.dtype for leaf in jax.tree.leaves(after)] == [np.float32] * len(jax.tree.leaves((pose, wheels)))
+    finally:
+        jax.config.update("jax_enable_x64", False)

@@ -35,6 +35,8 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
         make_rides(GRID, policy="nobody")
     with pytest.raises(InputError, match="seconds: expected seconds, a number over 0, got nan"):
         make_rides(GRID, seconds=float("nan"))
+    with pytest.raises(InputError, match="seed: expected a whole number, 0 to 4294967295, got 4294967296"):
+        make_rides(GRID, seed=2**32)
 
 
 def test_trails_and_films_show_the_ride(rides, drawn_tiles):

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import gwo, pso, road_problem
+from elitelanes_jax import InputError, gwo, pso, road_problem
 from elitelanes_jax.network import ROAD_ALPHABET, random_bits
 from elitelanes_jax.network.bits import categorical, random_bits16
 from elitelanes_jax.optimizers import GwoConfig, PsoConfig, evaluate
@@ -99,3 +99,9 @@ def test_the_longest_horizon_with_the_largest_perturbation_stays_in_range():
 def test_the_defaults_are_the_papers():
     assert PsoConfig() == PsoConfig(40, 0.7, 1.5, 1.5, 4.0, 0.1)
     assert (GwoConfig().wolves, GwoConfig().horizon, GwoConfig().omega) == (40, 200, "own")
+
+
+def test_a_pack_has_two_wolves_or_more():
+    with pytest.raises(InputError, match="wolves: expected a whole number, 2 or more, got 1"):
+        GwoConfig(wolves=1)
+    assert gwo(PROBLEM, GwoConfig(wolves=2)).evaluations_per_step == 2

@@ -145,3 +145,15 @@ def test_measures_of_archives_by_hand():
     assert qd_score(fitness, filled, 10).tolist() == [5 + 13 + 0, 9 + 8 + 7]
     assert coverage(filled).tolist() == [0.75, 0.75]
     assert coverage(filled, [True, True, False, False]).tolist() == [1, 0.5]
+
+
+@pytest.mark.parametrize("worse", [np.nan, np.inf, -np.inf])
+def test_a_fitness_that_is_not_finite_takes_no_niche(worse):
+    archive = PROBLEM.empty_archive()._replace(fitness=jnp.full(6, jnp.inf, jnp.float32))
+    features = jnp.zeros((2, len(METRIC_NAMES)), jnp.int32)
+    niche, grids = jnp.zeros(2, jnp.int32), jnp.stack([jnp.full((2, 2), code, jnp.int8) for code in (1, 2)])
+    for fitness, code in (([worse, 1.0], 2), ([worse, worse], 2), ([0.5, worse], 1)):
+        archive = insert(archive, niche, Population(grids, jnp.array(fitness, jnp.float32), features))
+        assert archive.valid.tolist() == [True] + [False] * 5 and archive.grids[0, 0, 0] == code
+    with pytest.raises(InputError, match="found: expected a fitness of int32, as in the archive, got float32"):
+        insert(PROBLEM.empty_archive(), niche, Population(grids, jnp.zeros(2, jnp.float32), features))

@@ -147,3 +147,11 @@ def test_violations_do_not_leave_32_bits():
     features = jnp.full((1, len(METRIC_NAMES)), 2**20 * 1024, jnp.int32)
     nothing = [Range(name, Fraction(0), Fraction(0)) for name in FEATURES]
     assert 0 < int(penalty(features, nothing, (1024, 1024))[0]) <= 2**30
+
+
+def test_a_range_of_a_share_between_thousandths_costs_nothing_within():
+    """Two of six tiles are straight, a share of a third; in thousandths, 333."""
+    grid = np.array([[6, 5, 3], [12, 5, 9]], np.int8)
+    where = [Range("straight_share", Fraction(3333, 10_000), None)]
+    assert satisfies(oracle(grid), where)
+    assert penalty(stack_metrics(measure(grid)), where, grid.shape) == 0
