@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from math import isfinite
 from pathlib import Path
 from typing import NoReturn
 
@@ -67,7 +68,7 @@ def parse_json(text: str) -> Plain:
 
     Other errors are a `ValueError`, or a `RecursionError` for a text that is nested too deeply.
     """
-    return json.loads(text, object_pairs_hook=_object, parse_constant=_refuse)
+    return json.loads(text, object_pairs_hook=_object, parse_constant=_refuse, parse_float=_finite)
 
 
 def _object(pairs: Sequence[tuple[str, Plain]]) -> dict[str, Plain]:
@@ -76,7 +77,11 @@ def _object(pairs: Sequence[tuple[str, Plain]]) -> dict[str, Plain]:
 
 
 def _refuse(number: str) -> NoReturn:
-    raise InputError(f"JSON: expected numbers, got {number}")
+    raise InputError(f"JSON: expected numbers, got {shorten(number)}")
+
+
+def _finite(number: str) -> float:
+    return value if isfinite(value := float(number)) else _refuse(number)  # 1e400 is infinite
 
 
 @contextmanager

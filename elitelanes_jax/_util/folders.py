@@ -72,6 +72,9 @@ def output_folder(
     missing = [parent for parent in out.parents if not parent.exists()]
     mine = done = False
     try:
+        if (mounted := os.path.ismount(out)) or (out.exists() and out.samefile(os.curdir)):
+            got = "a mount" if mounted else "the current one"
+            raise InputError(f"{asked}: expected a folder that can be renamed, got {got}; name a new folder in it")
         with locked(hidden, asked):
             _settle(hidden, out)
             _check_replaceable(asked, out, inputs, foreign, force)
@@ -210,7 +213,7 @@ def remove(path: Path) -> None:
 
 
 def _hidden(out: Path) -> Path:
-    return out.with_name(f".{out.name}-unfinished")
+    return out.parent / f".{out.name}-unfinished"  # the root has no name
 
 
 def _check_replaceable(
@@ -222,9 +225,6 @@ def _check_replaceable(
 ) -> None:
     if out.exists() and not out.is_dir():
         raise InputError(f"{asked}: expected a folder that is new or empty, got a file")
-    if (mounted := os.path.ismount(out)) or (out.exists() and out.samefile(os.curdir)):
-        got = "a mount" if mounted else "the current one"
-        raise InputError(f"{asked}: expected a folder that can be renamed, got {got}; name a new folder in it")
     if not out.exists() or not any(out.iterdir()):
         return
     found = foreign and foreign(out)

@@ -2,8 +2,10 @@
 
 import base64
 import json
+import os
 import re
 import shutil
+import sys
 import zlib
 from dataclasses import replace
 from hashlib import sha256
@@ -111,6 +113,14 @@ def test_hostile_names_stay_text(tmp_path):
     assert values["runs"][0]["labels"] == ["0000<script>"]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode")
+def test_a_folder_whose_name_is_not_utf8_has_a_page(run, tmp_path):
+    folder = tmp_path / os.fsdecode(b"run\xff")
+    shutil.copytree(run, folder)
+    assert main(["explore", str(folder)]) == 0
+    assert "<title>run? " in (folder / "explore.html").read_text(encoding="utf-8")
+
+
 def test_the_page_lets_the_browser_ask_for_nothing(run):
     page = page_of(collect([run]))
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1]
@@ -144,6 +154,7 @@ def other_size(folder):
         (lambda folder: change_json(folder / "run.json", settings={"size": [9, 9]}), "as run.json says, got 5 x 6"),
         (lambda folder: (folder / "run.json").write_text("{"), "run.json: expected the JSON of a run"),
         (lambda folder: (folder / "run.json").write_text("[]"), "run.json: expected the record of a run"),
+        (lambda folder: (folder / "run.json").write_text('{"versions": -1e999}'), "expected numbers, got -1e999"),
         (lambda folder: (folder / "run.json").write_text("[" * 100_000), "run.json: expected the JSON of a run"),
         (lambda folder: (folder / "run.json").unlink(), "expected a folder with run.json, got one without"),
         (lambda folder: (folder / "maps" / "0001" / "map.json").write_text("{}"), 'got no "codes"'),

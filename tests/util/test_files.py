@@ -1,11 +1,12 @@
 """Files that are read up to a limit, and written whole or not at all."""
 
+import re
 from contextlib import ExitStack
 
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.files import check_new, never_replacing, new_file, write_atomic
+from elitelanes_jax._util.files import check_new, never_replacing, new_file, parse_json, write_atomic
 
 
 def names(folder):
@@ -34,6 +35,13 @@ def test_a_file_stays_as_it_was_if_another_cannot_be_written(error, tmp_path):
         fails()
     assert names(tmp_path) == ["file.png"]
     assert (tmp_path / "file.png").read_text() == "mine"
+
+
+@pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e400", "-1E+999", "1" * 400 + ".0"])
+def test_json_has_finite_numbers_alone(number):
+    with pytest.raises(InputError, match=f"^JSON: expected numbers, got {re.escape(number[:70])}"):
+        parse_json(f'{{"a": [{number}]}}')
+    assert parse_json("[1e308, -0.5, 2, 1e-400]") == [1e308, -0.5, 2, 0]
 
 
 def test_two_at_once_may_write_one_file(tmp_path):

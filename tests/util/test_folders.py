@@ -57,6 +57,14 @@ def test_a_folder_that_cannot_be_renamed_is_refused(tmp_path, monkeypatch):
     assert not everything(tmp_path)
 
 
+def test_the_root_is_refused():
+    root = Path(Path.cwd().anchor)
+    with pytest.raises(InputError, match="expected a folder that can be renamed, got a mount; name a new folder in it"):
+        write(root)
+    assert not has_unfinished(root)
+    settle(root)
+
+
 def test_a_link_to_itself_is_refused_before_the_work(tmp_path):
     (tmp_path / "there").symlink_to("here")
     (tmp_path / "here").symlink_to("there")
