@@ -63,7 +63,7 @@ def real(least: float, most: float = float("inf"), *, unit: str = "a number", ex
 
     def check(value: UserValue) -> float:
         number = value
-        if isinstance(value, str) and "_" not in value:
+        if isinstance(value, str) and value.isascii() and "_" not in value:
             with suppress(ValueError):
                 number = float(value)
         within = is_real(number) and least <= number <= most and abs(number) < float("inf")

@@ -12,6 +12,7 @@ from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
+from elitelanes_jax.cli.program import fail
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """The commands of a parser; argparse has no public name for their type."""
@@ -44,7 +45,7 @@ class Parser(argparse.ArgumentParser):
         return found, left
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
+        raise SystemExit(fail(self.prog, message, 2))
 
 
 def checked_by(check: Check) -> Callable[[str], UserValue]:

@@ -1,6 +1,7 @@
 """The pages of a plan, drawn with matplotlib: the map with its measures and its bill, and a check-list."""
 
 import io
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import groupby
@@ -58,7 +59,12 @@ def _draw_plan(plan: Plan, kind: str) -> bytes:
 
     content = io.BytesIO()
     # The same plan gives the same bytes: no dates, no random names. Text stays text.
-    with rc_context({"svg.hashsalt": "plan", "svg.fonttype": "none", "pdf.fonttype": 42}):
+    with (
+        rc_context({"svg.hashsalt": "plan", "svg.fonttype": "none", "pdf.fonttype": 42}),
+        warnings.catch_warnings(),
+    ):
+        # The font draws a box for a character that it lacks.
+        warnings.filterwarnings("ignore", "Glyph .* missing|Matplotlib currently does not support")
         if kind == ".pdf":
             with PdfPages(content, metadata={"CreationDate": None, "Title": "Plan of a map"}) as pages:
                 for page in (_map_page(plan), *_list_pages(plan)):

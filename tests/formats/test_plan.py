@@ -101,6 +101,12 @@ def test_files_hold_the_plan(furnished, tmp_path):
     assert len(re.findall(rb"/Type /Page\b", (tmp_path / "first.pdf").read_bytes())) == 2
 
 
+@pytest.mark.parametrize("kind", ["pdf", "svg", "png"])
+def test_a_character_that_the_font_lacks_is_no_warning(kind, tmp_path):
+    write_plan(RoadMap(RING, objects=[{"kind": "other:\u76f4", "x": 1.0, "y": 1.0}]), tmp_path / f"plan.{kind}")
+    assert kind != "svg" or "\u76f4" in (tmp_path / "plan.svg").read_text(encoding="utf-8")
+
+
 def test_a_large_map_has_a_larger_sheet_and_more_lists(tmp_path):
     grid = np.pad(np.full((14, 14), 15, np.int8), 1)[1:-1, 1:-1]
     write_plan(grid, tmp_path / "plan.pdf")
