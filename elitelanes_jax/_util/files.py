@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from math import isfinite
 from pathlib import Path
+from shutil import copymode
 from typing import NoReturn
 
 from elitelanes_jax._util.checks import check_unique
@@ -89,19 +90,23 @@ def new_file(file: Path) -> Iterator[Path]:
     """Provides a path next to a file for the block to write to; at the end it is renamed to the file.
 
     A reader finds the whole file or none, even after a kill. Two processes may write the same file at once. Missing
-    folders are made, and an existing file is replaced. An `OSError` names `file`, and no part of the file is left.
+    folders are made. An existing file is replaced and keeps its permissions; a symbolic link is followed. An `OSError`
+    names `file`, and no part of the file is left.
     """
-    if not file.name:  # "." has no parent to write a part in
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
-    part = file.with_name(f".{file.stem}-{os.urandom(4).hex()}.part{file.suffix}")
+    target = Path(os.path.realpath(file)) if file.is_symlink() else file
+    # "." has no parent to write a part in. A link that leads to itself stays one.
+    if wrong := errno.EISDIR if not file.name else errno.ELOOP if target.is_symlink() else 0:
+        raise OSError(wrong, os.strerror(wrong), str(file))
+    part = target.with_name(f".{target.stem}-{os.urandom(4).hex()}.part{target.suffix}")
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         yield part
         if _KEPT.get() == file:
             check_new(file)
-        part.replace(file)
+        copy_mode(target, part)
+        part.replace(target)
     except OSError as error:
-        if error.filename not in (None, str(part)) and not file.is_relative_to(error.filename):
+        if error.filename not in (None, str(part)) and not target.is_relative_to(error.filename):
             raise  # the block wrote another file
         if isinstance(error, FileExistsError):  # a parent folder's name is a file's
             error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
@@ -123,9 +128,16 @@ def write_json(file: Path, values: Plain) -> None:
 
 
 def check_new(file: Path) -> None:
-    """Raises `InputError` if a file of this name exists."""
-    if file.exists():
-        raise InputError(f"{file}: expected a new file, got {'a folder' if file.is_dir() else 'an existing one'}")
+    """Raises `InputError` if a file of this name exists, or a symbolic link that leads nowhere."""
+    if file.exists() or file.is_symlink():
+        got = "a folder" if file.is_dir() else "an existing one" if file.exists() else "a link that leads nowhere"
+        raise InputError(f"{file}: expected a new file, got {got}")
+
+
+def copy_mode(old: Path, new: Path) -> None:
+    """Gives a file or folder the permissions of an older one, if there is one and the file system has permissions."""
+    with suppress(OSError):
+        copymode(old, new)
 
 
 @contextmanager

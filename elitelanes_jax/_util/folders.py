@@ -6,8 +6,8 @@ Unfinished work is kept in a hidden folder next to the output folder, ``.NAME-un
 - ``settings.json`` has what the work depends on.
 - ``kept`` has what the next run resumes from.
 - ``files`` has the files so far. At the end the folder is renamed to the output folder.
-- ``replaced`` is the output folder that was there before. If the process is killed before ``files`` has its name, the
-  next run does the rest.
+- ``replaced`` is the output folder that was there before; ``files`` gets its permissions. If the process is killed
+  before ``files`` has its name, the next run does the rest.
 """
 
 import json
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import read_json, unwritable_error, write_json
+from elitelanes_jax._util.files import copy_mode, read_json, unwritable_error, write_json
 from elitelanes_jax._util.types import Plain
 
 _LOCK, _SETTINGS, _KEPT, _FILES, _REPLACED = "lock", "settings.json", "kept", "files", "replaced"
@@ -268,18 +268,23 @@ def _move(hidden: Path, out: Path) -> None:
     if out.exists():
         out.rename(replaced)
     try:
-        (hidden / _FILES).rename(out)
+        _reveal(hidden, out)
     except BaseException:
         if replaced.exists():
             replaced.rename(out)
         raise
 
 
+def _reveal(hidden: Path, out: Path) -> None:
+    copy_mode(hidden / _REPLACED, hidden / _FILES)
+    (hidden / _FILES).rename(out)
+
+
 def _settle(hidden: Path, out: Path) -> None:
     """Does the rest of a run that was killed after its files were complete."""
     if (hidden / _REPLACED).exists():
         if not out.exists():
-            (hidden / _FILES).rename(out)
+            _reveal(hidden, out)
         _clear(hidden, _LOCK)
     elif not (hidden / _FILES).exists():
         _clear(hidden, _LOCK)

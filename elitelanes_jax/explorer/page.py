@@ -10,7 +10,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import check_named, file_named
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.files import never_replacing, write_atomic
+from elitelanes_jax._util.files import check_new, never_replacing, write_atomic
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer._payload import Payload
@@ -84,6 +84,7 @@ def _json(values: object) -> str:
 
 def _check_out(out: Path, force: bool) -> None:
     if not out.exists():
+        check_new(out)  # a link may lead nowhere
         return
     if out.is_dir():
         raise InputError(f"{out}: expected a file for the page, got a folder")

@@ -10,6 +10,7 @@ import zlib
 from dataclasses import replace
 from hashlib import sha256
 from html.parser import HTMLParser
+from stat import S_IMODE
 
 import numpy as np
 import pytest
@@ -181,6 +182,21 @@ def test_a_page_is_replaced_only_by_force_and_other_files_never(tmp_path, capsys
     (tmp_path / "page.html").write_text("<!doctype html>\nmine")
     assert main([*line, "--force"]) == 2
     assert (tmp_path / "page.html").read_text() == "<!doctype html>\nmine"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such links and permissions")
+def test_a_replaced_page_keeps_its_permissions_and_links_stay(tmp_path, capsys):
+    (tmp_path / "map.json").write_text(map_to_json(RoadMap(LOOP)))
+    line = ["explore", str(tmp_path / "map.json"), "--out"]
+    assert main([*line, str(tmp_path / "page.html")]) == 0
+    (tmp_path / "page.html").chmod(0o600)
+    for name, target in (("link.html", "page.html"), ("lost.html", "nowhere.html")):
+        (tmp_path / name).symlink_to(target)
+    assert main([*line, str(tmp_path / "link.html"), "--force"]) == 0
+    assert main([*line, str(tmp_path / "lost.html")]) == main([*line, str(tmp_path / "lost.html"), "--force"]) == 2
+    assert "lost.html: expected a new file, got a link that leads nowhere" in capsys.readouterr().err
+    assert S_IMODE((tmp_path / "page.html").stat().st_mode) == 0o600
+    assert (tmp_path / "link.html").is_symlink() and (tmp_path / "lost.html").is_symlink()
 
 
 def test_a_page_of_another_process_is_not_replaced(tmp_path, monkeypatch):

@@ -1,7 +1,10 @@
 """Files that are read up to a limit, and written whole or not at all."""
 
 import re
+import sys
 from contextlib import ExitStack
+from pathlib import Path
+from stat import S_IMODE
 
 import pytest
 
@@ -19,6 +22,33 @@ def test_the_message_names_the_file_that_cannot_be_written(tmp_path):
         with pytest.raises(OSError, match=f"{why}: '{file}'$"):
             write_atomic(file, b"text")
     assert names(tmp_path) == ["file"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such permissions")
+@pytest.mark.parametrize("mode", [0o600, 0o444])
+def test_a_replaced_file_keeps_its_permissions_and_links_to_it(mode, tmp_path):
+    (tmp_path / "deep").mkdir()
+    file, link = tmp_path / "deep" / "file.txt", tmp_path / "link"
+    link.symlink_to(Path("deep", "file.txt"))
+    write_atomic(link, b"new")  # a link to a new file
+    assert file.read_text() == "new"
+    file.chmod(mode)
+    write_atomic(link, b"newer")
+    assert link.is_symlink() and file.read_text() == "newer" and S_IMODE(file.stat().st_mode) == mode
+    assert names(tmp_path / "deep") == ["file.txt"] and sorted(names(tmp_path)) == ["deep", "link"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no links")
+def test_links_that_lead_nowhere_are_kept(tmp_path):
+    link, loop = tmp_path / "link", tmp_path / "loop"
+    link.symlink_to("nowhere")
+    loop.symlink_to("loop")
+    for file in (link, loop):
+        with pytest.raises(InputError, match="expected a new file, got a link that leads nowhere"):
+            check_new(file)
+    with pytest.raises(OSError, match=f"Too many levels of symbolic links: '{loop}'"):
+        write_atomic(loop, b"text")
+    assert link.is_symlink() and loop.is_symlink() and len(names(tmp_path)) == 2
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt(), InputError("bad")])

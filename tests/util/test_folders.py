@@ -8,6 +8,7 @@ import sys
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
+from stat import S_IMODE
 
 import pytest
 from filelock import FileLock
@@ -142,6 +143,23 @@ def test_a_folder_is_replaced_if_that_is_asked_for(tmp_path):
     refused(out, words, foreign=foreign, force=True, inputs=inputs)
     write(out, foreign=foreign, force=True)
     assert contents(out) == {"one": "new", "sub/two": "new"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such permissions")
+def test_a_folder_keeps_its_permissions(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    out.mkdir(mode=0o700)
+    write(out)
+    assert S_IMODE(out.stat().st_mode) == 0o700
+    out.chmod(0o750)
+    write(out, foreign=foreign, force=True)
+    assert S_IMODE(out.stat().st_mode) == 0o750
+    # After a kill between the renames
+    with monkeypatch.context() as patch, suppress(Killed), output_folder(out, SETTINGS, foreign=foreign, force=True):
+        kill_at(patch, 2)
+    assert not out.exists()
+    settle(out)
+    assert S_IMODE(out.stat().st_mode) == 0o750
 
 
 @pytest.mark.parametrize("when", ["before", "meanwhile"])
