@@ -97,7 +97,8 @@ def new_file(file: Path) -> Iterator[Path]:
     # "." has no parent to write a part in. A link that leads to itself stays one.
     if wrong := errno.EISDIR if not file.name else errno.ELOOP if target.is_symlink() else 0:
         raise OSError(wrong, os.strerror(wrong), str(file))
-    part = target.with_name(f".{target.stem}-{os.urandom(4).hex()}.part{target.suffix}")
+    # Cut, because a name has at most 255 bytes, and a character up to four.
+    part = target.with_name(f".{target.stem[:20]}-{os.urandom(4).hex()}.part{target.suffix[:12]}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield part

@@ -1,6 +1,7 @@
 """Output folders that are complete or do not exist, written by runs that can be killed at any moment and resumed.
 
-Unfinished work is kept in a hidden folder next to the output folder, ``.NAME-unfinished``:
+Unfinished work is kept in a hidden folder next to the output folder, ``.NAME-unfinished``. Of a name longer than 243
+bytes, the start and a digest are in the hidden name. The hidden folder has:
 
 - ``lock`` is held by the process that works. The system releases it when the process ends.
 - ``settings.json`` has what the work depends on.
@@ -15,6 +16,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,9 +74,10 @@ def output_folder(
     missing = [parent for parent in out.parents if not parent.exists()]
     mine = done = False
     try:
-        if (mounted := os.path.ismount(out)) or (out.exists() and out.samefile(os.curdir)):
-            got = "a mount" if mounted else "the current one"
-            raise InputError(f"{asked}: expected a folder that can be renamed, got {got}; name a new folder in it")
+        with suppress(FileNotFoundError, NotADirectoryError):  # the system refuses a name that is too long
+            if (mounted := os.path.ismount(out)) or out.samefile(os.curdir):
+                got = "a mount" if mounted else "the current one"
+                raise InputError(f"{asked}: expected a folder that can be renamed, got {got}; name a new folder in it")
         with locked(hidden, asked):
             _settle(hidden, out)
             _check_replaceable(asked, out, inputs, foreign, force)
@@ -103,7 +106,9 @@ def output_folder(
 
 def has_unfinished(out: str | Path) -> bool:
     """Returns whether the next run for a folder resumes unfinished work."""
-    return _has_work(_hidden(Path(os.path.realpath(out))))
+    with suppress(OSError):  # what cannot be read cannot be resumed
+        return _has_work(_hidden(Path(os.path.realpath(out))))
+    return False
 
 
 def settle(out: str | Path) -> None:
@@ -213,7 +218,10 @@ def remove(path: Path) -> None:
 
 
 def _hidden(out: Path) -> Path:
-    return out.parent / f".{out.name}-unfinished"  # the root has no name
+    name, whole = out.name, os.fsencode(out.name)
+    if len(whole) > 255 - len(".-unfinished"):  # a name has at most 255 bytes
+        name = f"{name[:50]}-{sha256(whole).hexdigest()[:16]}"
+    return out.parent / f".{name}-unfinished"  # the root has no name
 
 
 def _check_replaceable(

@@ -18,10 +18,18 @@ def names(folder):
 
 def test_the_message_names_the_file_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("mine")
-    for file, why in ((tmp_path / "file" / "out", "Not a directory"), (tmp_path / ("a" * 250), "File name too long")):
+    for file, why in ((tmp_path / "file" / "out", "Not a directory"), (tmp_path / ("a" * 256), "File name too long")):
         with pytest.raises(OSError, match=f"{why}: '{file}'$"):
             write_atomic(file, b"text")
     assert names(tmp_path) == ["file"]
+
+
+@pytest.mark.parametrize(
+    "name", ["a" * 250 + ".json", "a." + "b" * 253, "\N{GRINNING FACE}" * 63 + ".x", "." + "a" * 254]
+)
+def test_the_longest_names_are_written(name, tmp_path):
+    write_atomic(tmp_path / name, b"text")
+    assert names(tmp_path) == [name]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such permissions")

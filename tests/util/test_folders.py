@@ -162,6 +162,26 @@ def test_a_folder_keeps_its_permissions(tmp_path, monkeypatch):
     assert S_IMODE(out.stat().st_mode) == 0o750
 
 
+@pytest.mark.parametrize("letter", ["a", "\N{GRINNING FACE}"])
+def test_the_longest_names_are_those_of_folders_too(letter, tmp_path):
+    """Unfinished work for two names that differ only in the end is kept apart, and found again."""
+    whole = (letter * 255).encode()[:252].decode()
+    for out in (tmp_path / f"{whole}{end}" for end in ("xyz", "xyy")):
+        with suppress(KeyboardInterrupt), output_folder(out, SETTINGS) as work:
+            (work.kept / "search").write_text(out.name)
+            raise KeyboardInterrupt
+    for out in (tmp_path / f"{whole}{end}" for end in ("xyz", "xyy")):
+        assert has_unfinished(out)
+        with output_folder(out, SETTINGS) as work:
+            assert contents(work.kept) == {"search": out.name}
+            (work.files / "file").write_text("text")
+    assert {path.name for path in tmp_path.iterdir()} == {f"{whole}xyz", f"{whole}xyy"}
+    too_long = tmp_path / f"{whole}xyz0"
+    with pytest.raises(OSError, match=f"File name too long: '{too_long}'"), output_folder(too_long, SETTINGS):
+        raise AssertionError("not reached")
+    assert not has_unfinished(too_long)
+
+
 @pytest.mark.parametrize("when", ["before", "meanwhile"])
 @pytest.mark.parametrize("name", ["notes.txt", "sub/notes.txt", ".git/HEAD", "sub/link"])
 def test_a_folder_with_anything_else_is_never_replaced(when, name, tmp_path):
