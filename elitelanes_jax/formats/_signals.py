@@ -2,8 +2,11 @@
 
 from collections.abc import Collection, Iterable
 from itertools import count
-from math import hypot, pi
+from math import cos, hypot, pi, sin
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.types import AnyArray
@@ -16,6 +19,8 @@ from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES
 _FAR = 1.5  # tiles from a crossing, where signs no longer belong to it
 _RULES = {"sign_stop": "allway_stop", "trafficlight": "traffic_light"}
 _KINDS = {rule: kind for kind, rule in _RULES.items()}
+_OF_CROSSINGS = ("_stop", "_yield", "_t_light_ahead", "_intersect")  # ends of the names of their signs
+_ASIDE = 0.3  # tiles from a sign towards its road: signs beside straight roads are 0.08 outside their tiles
 _TYPES = {  # of the German road traffic regulations (StVO), and subtypes
     "sign_stop": ("206", "-1"),
     "sign_yield": ("205", "-1"),
@@ -28,6 +33,7 @@ _TYPES = {  # of the German road traffic regulations (StVO), and subtypes
 }
 
 Arrival = tuple[Cell, Cell]  # where a road ends: the tile that it leads to, and the tile before
+_Passage = tuple[complex, complex, bool, Arrival]  # of a lane on a tile: see `_passages`
 
 
 class Signal(NamedTuple):
@@ -54,14 +60,19 @@ def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
     return rules
 
 
-def list_signals(codes: AnyArray, rules: dict[Cell, str], ends: Iterable[Arrival]) -> dict[Arrival, list[Signal]]:
+def list_signals(codes: AnyArray, rules: dict[Cell, str], paths: list[list[Cell]]) -> dict[Arrival, list[Signal]]:
     """Lists the signals at the ends of roads: a sign for the drivers who read it, a light at all ends of its crossing.
 
-    `rules` is the right of way of each crossing. It has signs or lights at all ends if the map has none there.
+    `rules` is the right of way of each crossing. It has signs or lights at all ends if the map has none there. `paths`
+    are the tiles of all roads, with both ends. A sign of a crossing is at the road that leads there with the heading of
+    its reader. Any other sign is at the road beside it; a street name is at the road that it faces.
     """
     numbers, own = count(1), set()
-    found: dict[Arrival, list[Signal]] = {end: [] for end in ends}
+    ways = {(way[-1], way[-2]): way for path in paths for way in (path[::-1], path)}
+    found: dict[Arrival, list[Signal]] = {end: [] for end in ways}
     headings = {end: SIDES.index(SIDE_TOWARDS[end[0][0] - end[1][0], end[0][1] - end[1][1]]) for end in found}
+    passages = _passages(ways)
+    middles = np.array([middle for middle, *_ in passages])
     for thing in _signs(codes):
         tile = _crossing_of(thing, rules)
         if thing.kind in _RULES:
@@ -70,14 +81,49 @@ def list_signals(codes: AnyArray, rules: dict[Cell, str], ends: Iterable[Arrival
             for end in (end for end in found if end[0] == tile):
                 found[end].append(Signal(next(numbers), thing.kind, thing, (1 - headings[end]) * pi / 2))
             continue
-        heading = _heading_of_reader(thing)
-        nearest = min(found, key=lambda end: (end[0] != tile, headings[end] != heading, _distance(thing, end[0])))
-        found[nearest].append(Signal(next(numbers), thing.kind, thing, thing.angle + pi))
+        heading = _heading_of_reader(thing) if thing.kind.endswith(_OF_CROSSINGS) else None
+        arrivals = [end for end in found if (end[0], headings[end]) == (tile, heading)]
+        end = arrivals[0] if arrivals else _end_of_road(thing, passages, middles)
+        found[end].append(Signal(next(numbers), thing.kind, thing, thing.angle + pi))
     for end in found:
         kind = _KINDS.get(rules.get(end[0], ""))
         if kind and end[0] not in own:
             found[end].append(Signal(next(numbers), kind))
     return found
+
+
+def _passages(ways: dict[Arrival, list[Cell]]) -> list[_Passage]:
+    """Lists each lane on each tile: the tile's middle, the direction, whether its road starts there, its road's end."""
+    found: list[_Passage] = []
+    for end, way in ways.items():
+        middles = [complex(column + 0.5, -row - 0.5) for row, column in way]
+        for index, middle in enumerate(middles):
+            ahead = middles[min(index + 1, len(way) - 1)] - middles[max(index - 1, 0)]
+            found.append((middle, ahead / abs(ahead), not index, end))
+    return found
+
+
+def _end_of_road(sign: MapObject, passages: list[_Passage], middles: NDArray[np.complex128]) -> Arrival:
+    """Returns the end of the road at which a sign is, in the direction of its reader.
+
+    If the sign faces the road, this is the direction that has the sign on its right. Numbers are rounded so that a
+    turned map has the same ends.
+    """
+    place, front = complex(sign.x, -sign.y), complex(cos(sign.angle), sin(sign.angle))
+
+    def gaps(*places: complex) -> NDArray[np.float64]:
+        apart = np.array(places)[:, None] - middles
+        return np.hypot(np.maximum(abs(apart.real) - 0.5, 0), np.maximum(abs(apart.imag) - 0.5, 0)).round(6)
+
+    def preference(index: int) -> tuple[float, ...]:
+        middle, ahead, starts, _ = passages[index]
+        right = (1j * (place - middle) / ahead).real
+        return -round((-front / ahead).real, 3), away[0, index], -round(right, 3), starts
+
+    away = gaps(place + _ASIDE * front) if sign.kind == "sign_street_name" else gaps(place)
+    if away.min() and sign.kind != "sign_street_name":  # left of the reader first, because traffic keeps right
+        away = gaps(place - _ASIDE * 1j * front, place + _ASIDE * 1j * front)
+    return passages[min(np.flatnonzero(away.min(0) == away.min()).tolist(), key=preference)][-1]
 
 
 def _signs(codes: AnyArray) -> list[MapObject]:
@@ -116,7 +162,7 @@ def signal_element(signal: Signal, s: float, lane: int, streets: Streets, rows: 
     if signal.kind == "trafficlight":
         about = 'country="OpenDRIVE" type="1000001" subtype="-1" dynamic="yes"'
     return (
-        f'<signal s="{s:.9g}" t="{1.25 * lane * streets.lane:.9g}" id="{signal.number}" name="{signal.kind}" '
+        f'<signal s="{s:.12g}" t="{1.25 * lane * streets.lane:.9g}" id="{signal.number}" name="{signal.kind}" '
         f'orientation="{"-" if lane > 0 else "+"}" {about} value="-1" zOffset="{above:.9g}" height="{high:.9g}" '
         f'width="{wide:.9g}"><validity fromLane="{lane}" toLane="{lane}"/>{place}</signal>'
     )

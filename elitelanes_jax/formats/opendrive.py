@@ -8,6 +8,7 @@ OpenDRIVE allows no junction next to a junction: between adjacent crossings is a
 """
 
 import math
+from itertools import accumulate
 from typing import NamedTuple
 
 from elitelanes_jax._util.types import AnyArray
@@ -68,14 +69,14 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     ends: dict[Arrival, _End] = {}
     for number, path in enumerate(paths, first):
         ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
-    signals = list_signals(codes, rules, ends)
+    signals = list_signals(codes, rules, paths)
     roads: list[str] = []
     for number, path in enumerate(paths, first):
         (row, column), (next_row, next_column) = path[:2]
         name = f"{row}_{column}_{SIDE_TOWARDS[next_row - row, next_column - column].name}"
         both = [junctions[path[end]] for end in (0, -1)]
         pieces = middle(path, links, height)
-        length = sum(piece.length for piece in pieces) * streets.tile
+        *_, length = accumulate(piece.length * streets.tile for piece in pieces)  # to the last digit as in `_element`
         signs = [signal_element(one, 0, 1, streets, height) for one in signals[path[0], path[1]]]
         signs += [signal_element(one, length, -1, streets, height) for one in signals[path[-1], path[-2]]]
         roads.append(_road(number, name, pieces, both, signs, streets))

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from simulator_maps import KNOT, lane_graph
-from test_opendrive import ends_of
+from test_opendrive import ends_of, pose_at
 
+from elitelanes_jax import rotate
 from elitelanes_jax.formats import MapObject, RoadMap, Streets, read_map, to_commonroad, to_lanelet2, to_opendrive
 from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.maps import furnish
+from elitelanes_jax.network.codes import SIDES
 
 BARE = read_map(Path(__file__).parents[2] / "docs" / "examples" / "town.json").codes
 TOWN = furnish(BARE, "signs lights=0.4 trees=3")
@@ -105,3 +107,66 @@ def test_crossings_without_signs_follow_the_right_of_way():
     far = RoadMap(np.pad(KNOT, 3), objects=[sign])
     names = [name for listed in signals_of(to_opendrive(far)).values() for name, _, _ in listed]
     assert names == ["sign_stop"] * 5
+
+
+def signs_on_roads(text):
+    """Each sign with its road's middle, a pose for every metre, and its lane; signals are on their roads."""
+    for road in ET.fromstring(text).iter("road"):
+        pieces = road.findall("planView/geometry")
+        middle = [pose_at(piece, s) for piece in pieces for s in np.arange(0, float(piece.get("length")), 1.0)]
+        for signal in road.iter("signal"):
+            assert 0 <= float(signal.get("s")) <= float(road.get("length"))
+            place = signal.find("positionInertial")
+            if place is not None:
+                x, y, heading = (float(place.get(name)) for name in ("x", "y", "hdg"))
+                yield signal, x + 1j * y, heading, road, middle
+
+
+def test_signs_are_on_the_road_beside_them_and_street_names_on_the_road_that_they_face():
+    named = furnish(BARE, "street_names")
+    for signal, place, heading, road, middle in signs_on_roads(to_opendrive(named)):
+        assert signal.get("name") == "sign_street_name"
+        front = place - 9 * np.exp(1j * heading)
+        assert min(abs(front - there) for there, _ in middle) < 11, road.get("name")
+    straights = [(tuple(tile), side) for tile in np.argwhere((BARE == 5) | (BARE == 10)).tolist() for side in SIDES]
+    count = 0
+    for (row, column), side in straights:
+        if BARE[row, column] & side.bit:
+            for aside in (0.45, 0.58):  # to the right of who drives to that side, on the tile and beside it
+                x, y = column + 0.5 - aside * side.down, row + 0.5 + aside * side.right
+                sign = MapObject("sign_pedestrian", x, y, np.arctan2(side.down, -side.right), 0.18)
+                text = to_opendrive(RoadMap(BARE, objects=[sign]))
+                ((signal, place, heading, _, middle),) = signs_on_roads(text)
+                far, angle = min((abs(place - there), angle) for there, angle in middle)
+                angle += np.pi * (signal.find("validity").get("fromLane") == "1")
+                assert far < 30 * aside + 1 and np.cos(angle - heading) > 0.99, (row, column, side.name)
+                count += 1
+    assert count > 20
+
+
+def test_a_turned_map_has_its_signs_on_the_same_roads():
+    random = np.random.default_rng(0)
+    kinds = ("sign_stop", "sign_parking", "sign_street_name", "sign_no_left_turn", "sign_T_intersect")
+    places = random.uniform(0, BARE.shape[::-1], (200, 2)).tolist()
+    more = [MapObject(kinds[i % 5], *place, random.choice(4) * np.pi / 2, 0.18) for i, place in enumerate(places)]
+    town = RoadMap(BARE, objects=[*furnish(BARE, "signs street_names").objects, *more])
+    width, found = BARE.shape[1], []
+    objects = [one._replace(x=one.y, y=width - one.x, angle=one.angle + np.pi / 2) for one in town.objects]
+    for map_, turn in ((town, 1), (RoadMap(np.array(rotate(BARE)), objects=objects), 1j)):
+        centre = 15 * (map_.codes.shape[1] + 1j * map_.codes.shape[0])
+        found.append(Counter())
+        for signal, place, _, road, _ in signs_on_roads(to_opendrive(map_)):
+            ahead = 1 if signal.get("orientation") == "+" else -1
+            end, angle = ends_of(road)[ahead == 1]
+            values = (place - centre) / turn, (end - centre) / turn, ahead * np.exp(1j * angle) / turn
+            found[-1][signal.get("name"), *(np.round([(v.real, v.imag) for v in values], 1).ravel() + 0.0)] += 1
+    assert found[0] == found[1] and found[0].total() == len(town.objects)
+
+
+@pytest.mark.parametrize("tile", [30.0, 8.43, 0.585, 333.3])
+def test_signals_are_not_beyond_the_end_of_their_road(tile):
+    streets = Streets(tile, tile / 10)
+    for codes in (BARE, KNOT):
+        for road in ET.fromstring(to_opendrive(codes, streets)).iter("road"):
+            length = float(road.get("length"))
+            assert all(float(signal.get("s")) in (0, length) for signal in road.iter("signal"))
