@@ -1,6 +1,7 @@
 """Errors that a user's input can cause, and words for their messages."""
 
 import re
+import reprlib
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -51,3 +52,8 @@ def shorten(text: str, limit: int = 80) -> str:
     """Cuts a text to a number of characters, on one line: arrays have several."""
     text = " ".join(line.strip() for line in text.splitlines()) if "\n" in text else text
     return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def brief(value: UserValue, limit: int = 80) -> str:
+    """Returns a value of a file as a message shows it. YAML's aliases may unfold to a text longer than the memory."""
+    return shorten(reprlib.repr(value), limit)

@@ -14,13 +14,16 @@ from contextlib import suppress
 from math import cos, degrees, isfinite, pi, radians, remainder, sin
 
 from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
 from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
 
 TAG_FAMILY = "36h11"
 """The family of all tags."""
+
+FALSE = [spell(word) for word in ("false", "no", "off") for spell in (str.lower, str.title, str.upper)]
+"""What YAML 1.1 reads as false."""
 
 # As duckietown-world names them.
 _OF_MAP = {"sign_1_way_left": "sign_oneway_left", "sign_1_way_right": "sign_oneway_right"}
@@ -67,7 +70,7 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
     """
     named = dict(enumerate(values)) if isinstance(values, list) else values
     if not isinstance(named, dict):
-        raise InputError(f"objects: expected a list or a table of objects, got {shorten(repr(values))}")
+        raise InputError(f"objects: expected a list or a table of objects, got {brief(values)}")
     return [
         check_named(f"objects: {shorten(str(name), 40)}", _read, value, rows, tile_size)
         for name, value in named.items()
@@ -76,7 +79,7 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
 
 def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     if not isinstance(value, dict) or not isinstance(value.get("kind"), str):
-        raise InputError(f'expected {{"kind": ...}}, got {shorten(repr(value))}')
+        raise InputError(f'expected {{"kind": ...}}, got {brief(value)}')
     given = str(value["kind"])
     kind = _OF_MAP.get(given, given) if given in {*_OF_MAP, *OBJECT_KINDS} else check_kind(OTHER + given)
     x, y, angle = _pose(value, rows, tile_size)
@@ -89,8 +92,7 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     tag = whole_of(table_of(value["tag"], "~TagInstance"), "tag_id") if "tag" in value else None
     if kind == _BLANK and tag in STREET_NAMES:
         kind = _STREET_NAME
-    static = str(value.get("static", True)).lower() not in ("false", "no", "off")
-    return MapObject(kind, x, y, remainder(angle, 2 * pi), height, tag, static)
+    return MapObject(kind, x, y, remainder(angle, 2 * pi), height, tag, value.get("static") not in FALSE)
 
 
 def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[float, float, float]:
@@ -129,14 +131,14 @@ def table_of(value: Plain, name: str) -> dict[str, Plain]:
     """Returns the table under a name; raises an `InputError` that starts with the name if there is none."""
     inner = value.get(name) if isinstance(value, dict) else None
     if not isinstance(inner, dict):
-        raise InputError(f"{name}: expected a table, got {shorten(repr(inner), 40)}")
+        raise InputError(f"{name}: expected a table, got {brief(inner, 40)}")
     return inner
 
 
 def _pair(values: Mapping[str, Plain], name: str, default: tuple[float, float] | None = None) -> tuple[float, float]:
     listed = values.get(name, default)
     if not isinstance(listed, list | tuple) or len(listed) not in (2, 3):
-        raise InputError(f"{name}: expected two numbers, got {shorten(repr(listed), 40)}")
+        raise InputError(f"{name}: expected two numbers, got {brief(listed, 40)}")
     first, second = ({name: one} for one in listed[:2])
     return real_of(first, name), real_of(second, name)
 
@@ -149,9 +151,9 @@ def real_of(values: Mapping[str, Plain], name: str, default: float | None = None
     """
     text = values.get(name, default)
     with suppress(TypeError, ValueError):
-        if "_" not in str(text) and isfinite(number := float(text)):
+        if not isinstance(text, list | dict) and "_" not in str(text) and isfinite(number := float(text)):
             return number
-    raise InputError(f"{name}: expected a number, got {shorten(repr(text), 40)}")
+    raise InputError(f"{name}: expected a number, got {brief(text, 40)}")
 
 
 def whole_of(values: Mapping[str, Plain], name: str) -> int:

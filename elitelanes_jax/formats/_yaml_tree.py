@@ -4,6 +4,7 @@ PyYAML's own loader crashes on deep nesting and follows aliases and merge keys w
 limited, an alias is the value that it names, not a copy, and scalars stay texts: no numbers, dates or objects.
 """
 
+import re
 from collections.abc import Iterable
 
 import yaml
@@ -15,6 +16,7 @@ _DEEPEST = 64
 _TOO_DEEP = f"expected YAML nested up to {_DEEPEST} levels deep, got more"
 _MOST_VALUES = 5 * 2**18  # a map of 1024 x 1024 tiles, and 260,000 other values: 3 s
 _MOST_DIRECTIVES = 16  # libyaml compares each with all before it
+_DIRECTIVE = re.compile(r"(?:^|[\r\n\x85\u2028\u2029])%TAG\b")  # after each line break of YAML 1.1
 
 
 def yaml_tree(text: str) -> Plain:
@@ -28,7 +30,7 @@ def yaml_tree(text: str) -> Plain:
       InputError: if it is not YAML, has several documents, is nested deeper than 64 levels, has over 1.3 million
         values, an alias without its anchor, a repeated key, or a key that is not a text.
     """
-    if text.startswith("%") and text.count("\n%") >= _MOST_DIRECTIVES:
+    if len(_DIRECTIVE.findall(text)) >= _MOST_DIRECTIVES:
         raise InputError(f"expected readable YAML, got {_MOST_DIRECTIVES} directives and more")
     try:
         return _build(yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)))

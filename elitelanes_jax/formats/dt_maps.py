@@ -12,10 +12,10 @@ import numpy as np
 import yaml
 
 from elitelanes_jax._util.checks import check_named, path
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, real_of, table_of, whole_of
+from elitelanes_jax.formats._duckietown_objects import FALSE, TAG_FAMILY, real_of, table_of, whole_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_roads, check_tile_size
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
@@ -62,6 +62,8 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str
         layers["frames"][name] = _frame(_MAP, (i + 0.5) * size, (j + 0.5) * size, turns * pi / 2)
     for index, thing in enumerate(given.objects or ()):
         name = f"{_MAP}/{thing.kind.removeprefix(OTHER)}_{index}"
+        if name in layers["tiles"]:  # of the kind other:tile_0
+            name = f"{_MAP}/other_{name.removeprefix(f'{_MAP}/')}"
         layer, values = _entry(thing)
         layers[layer][name] = values | {"height": thing.height} | ({} if thing.static else {"static": False})
         layers["frames"][name] = _frame(_MAP, thing.x * size, (rows - thing.y) * size, thing.angle)
@@ -117,7 +119,7 @@ def _layer(folder: Path, name: str) -> dict[str, dict[str, Plain]]:
     found = values.get(name) if isinstance(values, dict) else None
     found = {} if found in ("", "~", "null") else found
     if not isinstance(found, dict) or not all(isinstance(one, dict) for one in found.values()):
-        raise InputError(f"{file}: expected a table of tables under {name!r}, got {shorten(repr(found), 40)}")
+        raise InputError(f"{file}: expected a table of tables under {name!r}, got {brief(found, 40)}")
     return found
 
 
@@ -130,29 +132,30 @@ def _frame(relative_to: str | None, x: float, y: float, yaw: float) -> dict[str,
 def _pose(frames: Mapping[str, dict[str, Plain]], name: str, root: str) -> tuple[float, float, float]:
     """Returns x, y and yaw of a frame in the frame of the map."""
     x = y = yaw = 0.0
+    frame: Plain = name
     for _ in range(len(frames) + 1):
-        if name == root:
+        if frame == root:
             return x, y, yaw
-        if name not in frames:
+        if not isinstance(frame, str) or frame not in frames:
             break
-        pose = frames[name].get("pose")
+        pose = frames[frame].get("pose")
         if not isinstance(pose, dict):
-            raise InputError(f"frames: {name}: expected a pose, got {shorten(repr(pose), 40)}")
+            raise InputError(f"frames: {frame}: expected a pose, got {brief(pose, 40)}")
         turn = real_of(pose, "yaw")
         x, y = cos(turn) * x - sin(turn) * y + real_of(pose, "x"), sin(turn) * x + cos(turn) * y + real_of(pose, "y")
-        yaw += turn
-        name = str(frames[name].get("relative_to"))
-    raise InputError(f"frames: expected frames relative to {root}, got one relative to {shorten(name, 40)}")
+        yaw = remainder(yaw + turn, 2 * pi)  # the sum of several may be infinite
+        frame = frames[frame].get("relative_to")
+    raise InputError(f"frames: expected frames relative to {root}, got one relative to {brief(frame, 40)}")
 
 
 def _code(kind: Plain, yaw: float) -> int:
     if kind in _GROUNDS:
         return 0
     turns = round(yaw / (pi / 2))
-    if kind not in _ROADS or abs(yaw - turns * pi / 2) > 0.01:
-        kinds, got = ", ".join((*_ROADS, *_GROUNDS)), shorten(repr(kind), 40)
+    if not isinstance(kind, str) or kind not in _ROADS or abs(yaw - turns * pi / 2) > 0.01:
+        kinds, got = ", ".join((*_ROADS, *_GROUNDS)), brief(kind, 40)
         raise InputError(f"tiles: expected {kinds}, at a right angle, got {got} with yaw {yaw:g}")
-    return int(rotate_codes(_ROADS[str(kind)], turns % 4))
+    return int(rotate_codes(_ROADS[kind], turns % 4))
 
 
 def _entry(thing: MapObject) -> tuple[str, dict[str, Plain]]:
@@ -172,11 +175,12 @@ def _object(
     layer: str, name: str, values: dict[str, Plain], pose: tuple[float, float, float], rows: int, size: float
 ) -> MapObject:
     usual = {"citizens": "duckie", "vehicles": "duckiebot", "ground_tags": "floor_tag"}
-    given = str(values.get("type"))
+    given = values.get("type")
+    given = given if isinstance(given, str) else brief(given, 40)
     kind = usual.get(layer) or (_KIND_OF_SIGN.get(given) if layer == "traffic_signs" else given)
     if kind not in OBJECT_KINDS:
         kind = check_named(f"{layer}: {name}", check_kind, OTHER + given)
     height = real_of(values, "height", OBJECT_KINDS[base_kind(kind)].height)
     tag = whole_of(values, "id") if "id" in values and layer not in ("citizens", "vehicles") else None
-    static = str(values.get("static", True)).lower() != "false"
-    return MapObject(kind, pose[0] / size, rows - pose[1] / size, remainder(pose[2], 2 * pi), height, tag, static)
+    x, y, static = pose[0] / size, rows - pose[1] / size, values.get("static") not in FALSE
+    return MapObject(kind, x, y, remainder(pose[2], 2 * pi), height, tag, static)

@@ -6,14 +6,13 @@ opens: gym-duckietown's ``_get_curve`` and duckietown-world's ``tile_template``.
 only then the tiles of existing maps fit together, and never write it.
 """
 
-import reprlib
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, is_real, real
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import read_objects, write_objects
 from elitelanes_jax.formats._yaml_tree import yaml_tree
@@ -121,12 +120,14 @@ def read_duckietown(text: str) -> tuple[NDArray[np.int8], list[MapObject] | None
         hint = "" if "\n" in text or isinstance(values, dict) else "; read_map reads the map of a file"
         raise InputError(f'expected a Duckietown map, {{"tiles": [[...], ...]}}, got no "tiles"{hint}')
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-        raise InputError(f"tiles: expected rows of kinds of tiles, got {shorten(reprlib.repr(rows))}")
+        raise InputError(f"tiles: expected rows of kinds of tiles, got {brief(rows)}")
     check_sides(rows)  # aliases may name the same row many times
     grid = np.array(check_grid([[_code(tile, y, x) for x, tile in enumerate(row)] for y, row in enumerate(rows)]))
     if not values.get("objects"):
         return grid, None
-    tile_size = check_named("tile_size", real(0.01, 100, unit="metres"), values.get("tile_size", TILE_SIZE))
+    size = values.get("tile_size", TILE_SIZE)
+    text = brief(size) if isinstance(size, list | dict) else size
+    tile_size = check_named("tile_size", real(0.01, 100, unit="metres"), text)
     return grid, read_objects(values["objects"], len(grid), tile_size)
 
 
@@ -135,7 +136,7 @@ def _code(tile: Plain, row: int, column: int) -> int:
     if kind not in _CODE:
         kinds = ", ".join((*_ROADS, *_GROUNDS))
         position = f"at row {row}, column {column}"
-        got = shorten(reprlib.repr(tile))  # reprlib limits the expansion of aliases
+        got = brief(tile)
         raise InputError(f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {got} {position}")
     return _CODE[kind]
 

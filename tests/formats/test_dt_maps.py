@@ -1,6 +1,8 @@
 """The folder of layers of dt-maps: there and back."""
 
 import math
+import re
+import time
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from elitelanes_jax.formats import OBJECT_KINDS, MapObject, read_dt_maps, to_dt_
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 
 ROW = np.array([[*ROAD_ALPHABET, 0]], np.int8)
+BOMB = "[" + ", ".join(["&b0 [x, x]", *(f"&b{i} [*b{i - 1}, *b{i - 1}]" for i in range(1, 25))]) + "]"
 
 
 def write(folder, road_map, **settings):
@@ -40,12 +43,32 @@ def test_frames_are_relative_to_others(tmp_path):
     assert read_dt_maps(tmp_path).objects[1][1:4] == pytest.approx((0.5, 1.25, math.pi / 2 + 0.5), abs=1e-5)
 
 
+def test_no_object_has_the_name_of_a_tile(tmp_path):
+    objects = [MapObject("tree", 1, 1, 0, 0.25), MapObject("other:tile_0", 1.1, 0.9, 1, 0.1)]
+    write(tmp_path, RoadMap([[6, 3], [12, 9]], objects=objects))
+    found = read_dt_maps(tmp_path)
+    assert found.codes.tolist() == [[6, 3], [12, 9]]
+    check_same(found.objects, objects, WRITTEN)
+
+
 def test_dead_ends_and_sizes_are_refused():
     """As for Duckietown's other maps."""
     with pytest.raises(InputError, match="got dead ends at row 0, column 0"):
         to_dt_maps(RoadMap([[2, 8]]))
     with pytest.raises(InputError, match="tile_size: expected metres"):
         to_dt_maps(RoadMap([[6, 3], [12, 9]]), tile_size=0)
+
+
+def test_angles_of_any_size_are_angles(tmp_path):
+    """Two that are as large as a float can be have an infinite sum."""
+    write(tmp_path, RoadMap([[6, 3], [12, 9]]), tile_size=1)
+    frames = tmp_path / "frames.yaml"
+    text = frames.read_text(encoding="utf-8").replace("relative_to: map_0", "relative_to: huge")
+    text = re.sub("yaw: [^}]*", "yaw: 1e308", text)
+    huge = "  huge: {relative_to: map_0, pose: {x: 0, y: 0, yaw: 1e308}}\n"
+    frames.write_text(text + huge, encoding="utf-8")
+    with pytest.raises(InputError, match="at a right angle, got 'curve' with yaw"):
+        read_dt_maps(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -62,6 +85,7 @@ def test_dead_ends_and_sizes_are_refused():
         ("tile_maps", "{x: 1.0, y: 1.0}", "1.0", "tile_size: expected a table, got '1.0'"),
         ("tiles", "i: 1", "i: 0", "tiles: expected one tile in each cell, got several"),
         ("tiles", "i: 1", "i: 0.5", "i: expected a whole number, got 0.5"),
+        ("tiles", "type: curve", "type: [1]", "tiles: expected straight, curve"),
         ("traffic_signs", "type: stop", "type: go on", "kind: expected one of .*got 'other:go on'"),
     ],
 )
@@ -75,6 +99,34 @@ def test_what_cannot_be_read_is_named(tmp_path, layer, old, new, words):
     file.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=words):
         read_dt_maps(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("layer", "old", "new"),
+    [
+        ("tiles", "type: curve", "type: BOMB"),
+        ("tiles", "i: 1", "i: BOMB"),
+        ("frames", "relative_to: map_0", "relative_to: BOMB"),
+        ("frames", "yaw: 1.570796", "yaw: BOMB"),
+        ("frames", "pose: {", "pose: BOMB #"),
+        ("citizens", "{color: yellow, height: 0.08}", "BOMB"),
+        ("traffic_signs", "type: stop", "type: BOMB"),
+        ("traffic_signs", "height: 0.18", "height: BOMB"),
+        ("tile_maps", "x: 1.0", "x: BOMB"),
+    ],
+)
+def test_aliases_are_not_unfolded(tmp_path, layer, old, new):
+    """Unfolded, the texts have 200 MB."""
+    objects = [MapObject("duckie", 1, 1, 0, 0.08), MapObject("sign_stop", 1, 1, 0, 0.18, 1)]
+    write(tmp_path, RoadMap([[6, 3], [12, 9]], objects=objects), tile_size=1)
+    file = tmp_path / f"{layer}.yaml"
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new.replace("BOMB", BOMB)), encoding="utf-8")
+    start = time.perf_counter()
+    with pytest.raises(InputError) as caught:
+        read_dt_maps(tmp_path)
+    assert time.perf_counter() - start < 0.7 and len(str(caught.value)) < 900
 
 
 def test_a_folder_without_layers_is_refused(tmp_path):

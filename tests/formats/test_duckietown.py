@@ -1,6 +1,7 @@
 """Duckietown's map files: there and back, by files that others wrote, and by duckietown-world itself."""
 
 import re
+import time
 from itertools import pairwise
 
 import jax
@@ -112,6 +113,41 @@ def test_messages_are_short_whatever_a_file_unfolds_to():
         with pytest.raises(InputError) as caught:
             from_duckietown(text)
         assert len(str(caught.value)) < 300
+
+
+BOMB = "b0: &b0 [x, x]\n" + "".join(f"b{i}: &b{i} [*b{i - 1}, *b{i - 1}]\n" for i in range(1, 25))
+
+
+@pytest.mark.parametrize(
+    "objects",
+    [
+        "*b24",
+        "[*b24]",
+        "[{kind: *b24}]",
+        *(f"[{{kind: duckie, {place}}}]" for place in ("pos: *b24", "pos: [*b24, 1]", "pose: *b24", "place: *b24")),
+        *(f"[{{kind: sign_stop, pos: [1, 1], {key}: *b24}}]" for key in ("height", "rotate", "tag")),
+        "[{kind: sign_stop, pos: [1, 1], tag: {~TagInstance: *b24}}]",
+        "[{kind: sign_stop, pos: [1, 1], tag: {~TagInstance: {tag_id: *b24}}}]",
+        "[{kind: duckie, attach: {tile: *b24, slot: *b24}}]",
+        "[{kind: duckie, pos: [1, 1]}]\ntile_size: *b24",
+    ],
+)
+def test_aliases_in_objects_are_not_unfolded(objects, tmp_path):
+    """Unfolded, the texts have 200 MB."""
+    file = tmp_path / "map.yaml"
+    file.write_text(f"tiles: [[floor, floor], [floor, floor]]\n{BOMB}objects: {objects}\n")
+    start = time.perf_counter()
+    with pytest.raises(InputError) as caught:
+        read_map(file)
+    assert time.perf_counter() - start < 0.7 and len(str(caught.value)) < 900
+
+
+@pytest.mark.parametrize("first", ["", "#\n", "\n", "a: 1\n...\n", "# \u2028", "\ufeff"])
+def test_directives_are_counted_wherever_they_are(first):
+    """With 20,000 of them, libyaml needs a second; the time grows with the square."""
+    text = first + "".join(f"%TAG !a{number}! t:x\n" for number in range(20_000)) + "---\ntiles: [[floor]]\n"
+    with pytest.raises(InputError, match="expected readable YAML, got 16 directives and more"):
+        from_duckietown(text)
 
 
 @pytest.mark.parametrize(
