@@ -10,7 +10,8 @@ from xml.sax.saxutils import quoteattr
 
 from numpy.typing import ArrayLike
 
-from elitelanes_jax._util.checks import check_named, listed, name
+from elitelanes_jax._util.checks import check_named, listed
+from elitelanes_jax.formats._xml import xml_name
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.formats.streets import lane_graph, lane_points
@@ -92,7 +93,7 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standi
         things="".join(_solid(one, height, number, tile_size) for number, one in enumerate(standing)),
         east=width * tile_size / 2,
         north=height * tile_size / 2,
-        picture=quoteattr(check_named("picture", name, picture)),
+        picture=quoteattr(check_named("picture", xml_name, picture)),
         x=start.real * tile_size,
         y=start.imag * tile_size,
         degrees=degrees(atan2(direction.imag, direction.real)),

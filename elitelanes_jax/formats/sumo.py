@@ -8,15 +8,15 @@ cut in two.
 import math
 from collections.abc import Iterable
 from typing import NamedTuple
-from xml.sax.saxutils import escape
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.checks import name as is_name
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
+from elitelanes_jax.formats._xml import xml_name
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
 from elitelanes_jax.formats.streets import Streets, no_road
 from elitelanes_jax.network.checks import check_grid
@@ -84,14 +84,14 @@ def to_sumo(codes: AnyArray, name: str, streets: Streets = Streets()) -> Sumo:
         _xml("node", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
         _xml("edge", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
         _xml("connection", onward),
-        _settings(escape(check_named("name", is_name, name))),
+        _settings(check_named("name", xml_name, name)),
     )
 
 
 def _settings(name: str) -> str:
     values = {f"{kind}-files": name + suffix for kind, suffix in _SUFFIXES.items()}
     values |= {key: value.format(name=name) for key, value in _SETTINGS.items()}
-    lines = "".join(f'    <{key} value="{value}"/>\n' for key, value in values.items())
+    lines = "".join(f"    <{key} value={quoteattr(value)}/>\n" for key, value in values.items())
     return f"<configuration>\n{lines}</configuration>\n"
 
 

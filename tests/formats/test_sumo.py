@@ -21,6 +21,7 @@ from sumo_drive import convert, drive, elements, points, read, run
 
 from elitelanes_jax import InputError, evolve
 from elitelanes_jax.formats import Streets, to_commonroad, to_lanelet2, to_opendrive, to_sumo
+from elitelanes_jax.formats.mujoco import to_mjcf
 from elitelanes_jax.network.wfc import generate_batch
 
 CITY = generate_batch(np.random.default_rng(0), 1, (9, 12), border="closed").grid[0]
@@ -110,8 +111,18 @@ def test_north_is_up_and_crossings_are_junctions():
 
 
 def test_the_settings_name_the_files_as_xml_has_them():
-    settings = {one.tag: one.get("value") for one in ET.fromstring(to_sumo(RING, "a&b").settings)}
-    assert settings["edge-files"] == "a&b.edg.xml" and settings["output-file"] == "a&b.net.xml"
+    for name in ("a&b", 'a"b', "it's", '"it\'s"', "<a>", "a\nb", "ü日本"):
+        settings = {one.tag: one.get("value") for one in ET.fromstring(to_sumo(RING, name).settings)}
+        assert settings["edge-files"] == f"{name}.edg.xml" and settings["output-file"] == f"{name}.net.xml"
+        assert ET.fromstring(to_mjcf(RING, name)).find("asset/texture[@name='floor']").get("file") == name
+
+
+@pytest.mark.parametrize("name", ["a\x01b", "a\x1f", "\x00", "\udcff", "a\ufffe"])
+def test_names_that_xml_cannot_have_are_refused(name):
+    """A name that is not UTF-8 has surrogates."""
+    for write, argument in ((to_sumo, "name"), (to_mjcf, "picture")):
+        with pytest.raises(InputError, match=f"^{argument}: expected a name without control characters, as in XML"):
+            write(RING, name)
 
 
 @pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, plain_xml])
