@@ -16,7 +16,7 @@ from typing import NoReturn, TextIO
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, NotEnoughMemoryError
 from elitelanes_jax._util.memory import is_out_of_memory
 from elitelanes_jax._util.progress import is_quiet, reporting
-from elitelanes_jax.cli.signals import catch_interrupts
+from elitelanes_jax.cli.signals import catch_interrupts, was_interrupted
 
 INTERRUPTED = 130
 """The exit code after an interruption."""
@@ -29,7 +29,12 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, quiet: bo
     """
     try:
         with reporting(quiet=quiet):
-            return action()
+            try:
+                return action()
+            except Exception:
+                if was_interrupted():
+                    raise KeyboardInterrupt from None
+                raise
     except (InputError, NotEnoughMapsError) as error:
         as_option = re.compile(r"\b(force|force_archive|at_most)=True")
         words = as_option.sub(lambda found: "--" + found[1].replace("_", "-"), str(error))

@@ -9,6 +9,13 @@ from types import FrameType
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 _AGAIN, _SOON = 0.1, 0.001  # seconds
 
+_raised = False  # in the current block of `catch_interrupts`
+
+
+def was_interrupted() -> bool:
+    """Returns whether `catch_interrupts` has raised an exception. Native code of NumPy may make another error of it."""
+    return _raised
+
 
 @contextmanager
 def catch_interrupts() -> Iterator[None]:
@@ -20,7 +27,9 @@ def catch_interrupts() -> Iterator[None]:
     modules such as NumPy's and JAX's would crash or print a traceback; it is raised a millisecond after, before the
     command announces its work.
     """
+    global _raised
     before = {number: signal.getsignal(number) for number in _SIGNALS}
+    _raised = False
     hook = sys.unraisablehook
     repeats = hasattr(signal, "setitimer")  # not on every system
 
@@ -28,7 +37,9 @@ def catch_interrupts() -> Iterator[None]:
         loading = repeats and _is_loading(frame)
         if loading or (repeats and number != signal.SIGALRM):
             signal.setitimer(signal.ITIMER_REAL, _SOON if loading else _AGAIN, _AGAIN)
+        global _raised
         if not loading and not _is_handled():
+            _raised = True
             raise KeyboardInterrupt
 
     def unraisable(lost: "sys.UnraisableHookArgs") -> None:
@@ -48,7 +59,7 @@ def catch_interrupts() -> Iterator[None]:
             signal.setitimer(signal.ITIMER_REAL, 0)
         for number, handler in before.items():
             signal.signal(number, handler)
-        sys.unraisablehook = hook
+        sys.unraisablehook, _raised = hook, False
 
 
 def _is_loading(frame: FrameType | None) -> bool:

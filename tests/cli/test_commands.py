@@ -235,6 +235,22 @@ def test_a_signal_that_is_lost_comes_again(capsys):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_a_signal_that_became_another_error_is_an_interruption(capsys):
+    """As in native code of NumPy that asks an object of JAX for its dtype."""
+
+    class Asked:
+        @property
+        def dtype(self):
+            signal.raise_signal(signal.SIGTERM)
+
+    with catch_interrupts():
+        assert program.guarded("el", lambda: np.result_type(Asked()), "nothing was written") == 130
+    assert capsys.readouterr().err == "el: interrupted; nothing was written\n"
+    with pytest.raises(TypeError), catch_interrupts():
+        program.guarded("el", lambda: np.result_type("no type at all"), "nothing was written")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
 def test_clearing_up_after_a_signal_is_not_disturbed():
     done = []
 
