@@ -34,10 +34,10 @@ def catch_interrupts() -> Iterator[None]:
     repeats = hasattr(signal, "setitimer")  # not on every system
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        global _raised
         loading = repeats and _is_loading(frame)
         if loading or (repeats and number != signal.SIGALRM):
             signal.setitimer(signal.ITIMER_REAL, _SOON if loading else _AGAIN, _AGAIN)
-        global _raised
         if not loading and not _is_handled():
             _raised = True
             raise KeyboardInterrupt

@@ -49,13 +49,18 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
 def _colour(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 3:
         raise InputError(f"expected three numbers, 0 to 255, for red, green and blue, got {value!r}")
-    return tuple(part if isinstance(part, jax.Array | np.ndarray) else real(0, 255)(part) for part in value)
+    return _parts(value, 0, 255)
 
 
 def _pair(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise InputError(f"expected two numbers, k1 and k2, got {shorten(repr(value))}")
-    return tuple(part if isinstance(part, jax.Array | np.ndarray) else real(-10, 10)(part) for part in value)
+    return _parts(value, -10, 10)
+
+
+def _parts(values: UserValue, least: float, most: float) -> tuple[Numeric, ...]:
+    """Checks numbers of an option; arrays, which `jax.vmap` maps, are not checked."""
+    return tuple(one if isinstance(one, jax.Array | np.ndarray) else real(least, most)(one) for one in values)
 
 
 @pytree

@@ -19,7 +19,7 @@ from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.optimizers._mutations import Move, paper_mutation
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
-from elitelanes_jax.problem.archive import Population, vacant_fitness
+from elitelanes_jax.problem.archive import Population, finite_or_vacant, vacant_fitness
 from elitelanes_jax.problem.problem import Problem
 
 _Tree = TypeVar("_Tree")
@@ -106,7 +106,7 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     """Evaluates grids, in their order. A fitness that is not finite becomes that of a vacant slot.
 
     Raises:
-      InputError: if the problem's evaluation has another shape than `Evaluation` says.
+      InputError: if the problem's evaluation has other shapes or kinds of numbers than `Evaluation` says.
     """
     fitness, features = problem.evaluate(grids)
     expected, got = ((len(grids),), (len(grids), len(problem.feature_names))), (fitness.shape, features.shape)
@@ -114,11 +114,11 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
         raise InputError(f"evaluate: expected fitness and features of shapes {expected}, got {got}")
     kinds = fitness.dtype, features.dtype
     if not (jnp.issubdtype(kinds[0], jnp.number) and jnp.issubdtype(kinds[1], jnp.integer)):
-        raise InputError(f"evaluate: expected a fitness of numbers and features of whole numbers, got {kinds}")
-    if jnp.issubdtype(fitness.dtype, jnp.floating):
-        fitness = fitness.astype(jnp.float32)
-        fitness = jnp.where(jnp.isfinite(fitness), fitness, jnp.inf)
-    return Population(grids, fitness.astype(jnp.result_type(fitness, jnp.int32)), features.astype(jnp.int32))
+        raise InputError(
+            f"evaluate: expected a fitness of numbers and features of whole numbers, got {kinds[0]} and {kinds[1]}"
+        )
+    kind = jnp.float32 if jnp.issubdtype(fitness.dtype, jnp.floating) else jnp.int32
+    return Population(grids, finite_or_vacant(fitness.astype(kind)), features.astype(jnp.int32))
 
 
 def unevaluated(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:

@@ -42,6 +42,15 @@ def vacant_fitness(dtype: np.dtype) -> float:
     return np.inf if jnp.issubdtype(dtype, jnp.floating) else VACANT
 
 
+def finite_or_vacant(fitness: Real[Array, " P"]) -> Real[Array, " P"]:
+    """Returns a fitness with that of vacant slots in place of what is not finite."""
+    return (
+        jnp.where(jnp.isfinite(fitness), fitness, vacant_fitness(fitness.dtype))
+        if jnp.issubdtype(fitness.dtype, jnp.floating)
+        else fitness
+    )
+
+
 def insert(
     archive: Population, niche: Int32[Array, "*K P"], found: Population, *, accept_equal: bool = False
 ) -> Population:
@@ -69,8 +78,7 @@ def insert(
     if (expected := archive.fitness.dtype) != (got := found.fitness.dtype):
         raise InputError(f"found: expected a fitness of {expected}, as in the archive, got {got}")
     niche, fitness = rounds.reshape(-1), jnp.tile(found.fitness, len(rounds))
-    if jnp.issubdtype(fitness.dtype, jnp.floating):
-        fitness = jnp.where(jnp.isfinite(fitness), fitness, jnp.inf)
+    fitness = finite_or_vacant(fitness)
     batch = jnp.arange(niche.size, dtype=jnp.int32)
     lowest = archive.fitness.at[niche].min(fitness)
     contends = fitness == lowest[niche]

@@ -184,10 +184,10 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
     """Returns the names of the arguments that a fitness of the user takes."""
     try:
         parameters = signature(fitness).parameters.values()
+        if any(one.kind is Parameter.POSITIONAL_ONLY for one in parameters):
+            raise TypeError("positional only")
     except (TypeError, ValueError):
         raise InputError(f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}") from None
-    if any(one.kind is Parameter.POSITIONAL_ONLY for one in parameters):
-        raise InputError(f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}")
     return tuple(one.name for one in parameters if one.default is Parameter.empty)
 
 

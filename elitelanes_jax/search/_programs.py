@@ -280,7 +280,7 @@ class Programs:
         """
         least = _least_level(device.platform, min(cells, _MOST_CELLS[1]) if program == _START else cells)
         if self._floats:
-            least = LEVELS - 1  # floats are rounded elsewhere at level 0, where products are not fused with sums
+            least = LEVELS - 1  # at level 0 a sum with a product is rounded twice, at higher levels once
         names = [_name(program, device, level) for level in range(least, LEVELS)]
         known = [name for name in names if name in self._programs or name in self._contents]
         return known[-1] if known else names[0]
@@ -341,28 +341,23 @@ class Programs:
         return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
     def _lower(self, name: str) -> jax.stages.Lowered:
+        static, traced = self._static, self._traced
         # Before this thread waits for others that trace: Python 3.11 lets one thread at a time compute `_tree`.
         structure, states = jax.tree.structure(self._tree), self.states
-        with _tracing():
-            return self._lower_with(name, structure, states)
-
-    def _lower_with(
-        self, name: str, structure: Pytree, all_states: tuple[jax.ShapeDtypeStruct, ...]
-    ) -> jax.stages.Lowered:
-        static, traced = self._static, self._traced
-        if name.startswith(_COLLECT):
-            return _collect.lower(static, structure, traced, all_states, self._single)
         device = self._device(name)
         # Arrays for the default device are not bound to it, see `_devices._put`.
         bound = None if device == jax.local_devices()[0] else jax.sharding.SingleDeviceSharding(device)
-        keys, *states = (
+        keys, *part = (
             jax.ShapeDtypeStruct((self._rows, *leaf.shape[1:]), leaf.dtype, sharding=bound)
-            for leaf in (self._keys, *all_states)
+            for leaf in (self._keys, *states)
         )
-        if name.startswith(_START):
-            return _start.lower(static, traced, keys)
         first = jax.ShapeDtypeStruct((), jnp.int32)
-        return _advance.lower(static, structure, traced, keys, tuple(states), first, first)
+        with _tracing():
+            if name.startswith(_COLLECT):
+                return _collect.lower(static, structure, traced, states, self._single)
+            if name.startswith(_START):
+                return _start.lower(static, traced, keys)
+            return _advance.lower(static, structure, traced, keys, tuple(part), first, first)
 
 
 def find_programs(
