@@ -147,5 +147,11 @@ def test_what_is_taken_is_not_blamed():
         name_wrong_arguments(measure)(KEY, colour=3)
 
 
+@pytest.mark.parametrize("key", [KEY, jax.random.split(KEY, 2), 0])
+def test_an_error_in_ones_own_function_is_not_blamed_on_an_argument(key):
+    with pytest.raises(AttributeError, match="no_such_metric"):
+        elitelanes_jax.evolve(key, (3, 4), generations=0, fitness=lambda metrics: metrics.no_such_metric)
+
+
 def test_public_functions_can_be_sent_to_other_processes():
     assert all(pickle.loads(pickle.dumps(one)) is one for one in FUNCTIONS if one.__module__ != interop.__name__)

@@ -127,19 +127,21 @@ def _is_array(value: UserValue, kind: UserValue) -> bool:
     """Returns whether a value is an array of numbers or can be one; the annotation may say how many axes."""
     value, kinds = getattr(value, "codes", value), getattr(kind, "dtypes", ())
     if "prng_key" in kinds:
-        axes = len(kind.dims) + (getattr(value, "dtype", None) == np.uint32)  # a key of the old style is a vector
-        return (_is_key(value) or axes > len(kind.dims)) and value.ndim == axes
+        old = getattr(value, "dtype", None) == np.uint32  # a key of the old style is a vector
+        return (_is_key(value) or old) and _has_axes(kind, value.ndim - old)
     try:
         array = value if hasattr(value, "dtype") else np.asarray(value)
     except ValueError:  # lists of several lengths
         return False
-    sides = getattr(kind, "dims", None)
     kinds = "biuV" if all("int" in one for one in kinds or ("any",)) else "biufV"
     if _is_key(array) or array.dtype.kind not in kinds or (not array.size and array is not value):
         return False
-    if not isinstance(sides, tuple):
-        return True
-    return len(sides) == array.ndim if kind.index_variadic is None else len(sides) - 1 <= array.ndim
+    return not isinstance(getattr(kind, "dims", None), tuple) or _has_axes(kind, array.ndim)
+
+
+def _has_axes(kind: UserValue, axes: int) -> bool:
+    """Returns whether the annotation of an array means a number of axes."""
+    return len(kind.dims) == axes if kind.index_variadic is None else len(kind.dims) - 1 <= axes
 
 
 def _describe(kind: UserValue) -> str:

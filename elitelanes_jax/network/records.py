@@ -121,7 +121,7 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
     """Checks weights; returns them as ints.
 
     Raises `InputError` if one is not a whole number, or the fitness of a grid of the shape might not fit int32 together
-    with other features, which add at most `more` in size.
+    with ranges and other features, which add at most `more` in size.
     """
     if not isinstance(weights, Weights):
         raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
@@ -138,9 +138,12 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
     return exact
 
 
-def largest_side(weights: Weights) -> int:
-    """Returns the longest side of a square grid whose fitness always fits int32; 0 if the weights are too large."""
-    fits = [side for side in range(2, LONGEST_SIDE + 1) if _largest_fitness(weights, (side, side)) < 2**31]
+def largest_side(weights: Weights, more: int = 0) -> int:
+    """Returns the longest side of a square grid whose fitness always fits int32; 0 if the weights are too large.
+
+    Ranges and other features add at most `more` in size.
+    """
+    fits = [side for side in range(2, LONGEST_SIDE + 1) if _largest_fitness(weights, (side, side)) + more < 2**31]
     return max(fits, default=0)
 
 

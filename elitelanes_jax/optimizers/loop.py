@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import Numeric, Pytree
+from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.network.bits import fold_in, threefry
 from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
@@ -73,7 +73,8 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
 def start(optimizer: Optimizer, keys: Key[Array, " S"]) -> Pytree:
     """Returns states for keys ``[S]``, arrays ``[S, ...]``, from which `Optimizer.first_generation` can be run."""
     init = optimizer.init_unevaluated or optimizer.init
-    return over_seeds(lambda key: init(fold_in(key, 0)), keys)
+    states = over_seeds(lambda key: init(fold_in(key, 0)), keys)
+    return check_state(states)
 
 
 def over_seeds(function: Callable[..., Pytree], *trees: Pytree) -> Pytree:
@@ -106,7 +107,9 @@ def advance(
     @partial(jax.jit, inline=True)  # so that it is traced once, for the shapes and for the loop
     def step(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
         def step_one(key: Array, state: Pytree) -> tuple[Pytree, Info]:
-            return optimizer.step(fold_in(key, generation), state)
+            found = optimizer.step(fold_in(key, generation), state)
+            _check_step(state, found)
+            return found
 
         return over_seeds(step_one, keys, states)
 
@@ -117,3 +120,30 @@ def advance(
         return run_if(index <= last, lambda _, carry: step(carry[0], index), (states, nothing))
 
     return lax.scan(generation, states, first + jnp.arange(most))
+
+
+def check_state(state: Pytree) -> Pytree:
+    """Returns what an optimiser's `init` returned; raises `InputError` if it has no array."""
+    if not jax.tree.leaves(state):
+        raise InputError(f"optimizer: expected an init that returns a pytree of arrays, got {state!r}")
+    return state
+
+
+def _check_step(state: Pytree, found: UserValue) -> None:
+    """Raises `InputError` unless a step returned a state like the one that it took, and an `Info` of scalars."""
+    if not isinstance(found, tuple) or len(found) != 2 or not isinstance(found[1], Info):
+        got = f"({', '.join(type(each).__name__ for each in found)})" if isinstance(found, tuple) else repr(found)
+        raise InputError(f"optimizer: expected a step that returns (state, Info), got {shorten(got)}")
+    for name, value in found[1]._asdict().items():
+        if np.shape(value):
+            raise InputError(f"optimizer: expected an Info of scalars, got {name} of shape {np.shape(value)}")
+    if str(jax.tree.structure(state)) != str(jax.tree.structure(found[0])):
+        before, after = (shorten(repr(jax.tree.map(lambda _: 0, each))) for each in (state, found[0]))
+        raise InputError(f"optimizer: expected a step that returns a state as {before}, got one as {after}")
+    for (path, old), new in zip(jax.tree.leaves_with_path(state), jax.tree.leaves(found[0]), strict=True):
+        kinds = [(jnp.asarray(leaf).dtype.name, np.shape(leaf)) for leaf in (old, new)]
+        weak = jnp.asarray(old).weak_type  # of a Python number, which takes any dtype
+        if kinds[0][weak:] != kinds[1][weak:]:
+            texts = [f"{dtype} {list(shape)}" for dtype, shape in kinds]
+            name = f"state{jax.tree_util.keystr(path)}"
+            raise InputError(f"optimizer: expected a step that keeps {name} {texts[0]}, got {texts[1]}")

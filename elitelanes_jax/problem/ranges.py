@@ -90,7 +90,7 @@ def range_penalty(
     A unit is 1 of a whole number, the share of one cell, or the gain of one more tile in a long straight.
 
     Takes features int32 ``[..., F]`` of NumPy or JAX, and limits as `range_limits` returns them, which may be traced.
-    Returns int32 ``[...]`` of the same library.
+    Returns int32 ``[...]`` of the same library, at most 2**30.
     """
     features, names = with_shares(features, feature_names)
     units = {name: (shape[0] * shape[1], SHARE_UNIT) for name in names if feature_unit(name) != 1}

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int8, Int32, Key, UInt32
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, instance, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree
@@ -406,8 +406,12 @@ def _advance(
 def _collect(
     static: Static, structure: Pytree, traced: Traced, states: States, single: bool
 ) -> tuple[MeasuredElites, States]:
-    inner = jax.tree.unflatten(structure, states)
-    measured = as_measured(static, over_seeds(static.optimizer(traced).elites, inner))
+    optimizer = static.optimizer(traced)
+
+    def find(state: Pytree) -> Population:
+        return check_named("optimizer: elites", instance(Population), optimizer.elites(state))
+
+    measured = as_measured(static, over_seeds(find, jax.tree.unflatten(structure, states)))
     return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)
 
 

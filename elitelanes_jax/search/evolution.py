@@ -26,7 +26,7 @@ from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.optimizers.base import Optimizer
-from elitelanes_jax.optimizers.loop import keys_are_threefry, seed_key_data, seed_keys
+from elitelanes_jax.optimizers.loop import check_state, keys_are_threefry, seed_key_data, seed_keys
 from elitelanes_jax.optimizers.presets import (
     PRESETS,
     Config,
@@ -414,7 +414,7 @@ def _digest_optimizer(static: Static, structure: Pytree, numbers: tuple[jax.Shap
 
 def _call_all(static: Static, traced: Traced, key: Array) -> Pytree:
     optimizer = static.optimizer(traced)
-    state = optimizer.init(key)
+    state = check_state(optimizer.init(key))
     return optimizer.step(key, state), optimizer.elites(state), optimizer.evaluations_per_step
 
 

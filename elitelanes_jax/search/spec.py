@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
-from elitelanes_jax._util.checks import check_named, check_unique, flag, name, none_or, one_of, whole
+from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, flag, name, none_or, one_of, whole
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
@@ -338,12 +338,13 @@ class SearchSpec(Record):
         for grid in self.initial:
             if (len(grid), len(grid[0])) != shape:
                 raise InputError(f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}")
+        penalty = LARGEST if self.where else 0  # see `range_penalty`
         try:
-            check_weights(self.all_weights, shape, largest_addend(self.weights, shape))
+            check_weights(self.all_weights, shape, penalty + largest_addend(self.weights, shape))
         except InputError:
             if self.weights:
                 raise
-            side = largest_side(self.all_weights)
+            side = largest_side(self.all_weights, penalty)
             expected = f"grids whose fitness has 32 bits, such as all up to {side} x {side}"
             raise InputError(f"{name}: expected {expected}, got {size}") from None
 

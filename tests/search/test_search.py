@@ -14,7 +14,7 @@ from certified import evolve, same
 from oracle import measure as oracle
 
 from elitelanes_jax import Axis, GenerateSpec, InputError, Optimizer, SearchSpec, Weights, ea, fitness
-from elitelanes_jax.optimizers import PRESETS, EvolutionConfig, MapElitesConfig, seed_keys
+from elitelanes_jax.optimizers import PRESETS, EvolutionConfig, Info, MapElitesConfig, seed_keys
 from elitelanes_jax.search import RunState
 from elitelanes_jax.search.spec import METHODS
 
@@ -151,6 +151,30 @@ def test_an_optimizer_of_ones_own():
     assert rest.state.generation == 20
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"init": lambda key: ()}, r"an init that returns a pytree of arrays, got \(\)"),
+        ({"step": lambda key, state: (state, (3, 4))}, r"that returns \(state, Info\), got \(Population, tuple\)"),
+        ({"step": lambda key, state: None}, r"a step that returns \(state, Info\), got None"),
+        ({"step": lambda key, state: ((state.grids,), Info(3, 4))}, r"a state as Population\(.*, got one as \(0,\)"),
+        (
+            {"step": lambda key, state: (state._replace(grids=state.grids[1:]), Info(3, 4))},
+            r"a step that keeps state\.grids int8 \[4, 3, 4\], got int8 \[3, 3, 4\]",
+        ),
+        ({"step": lambda key, state: (state, Info(state.fitness, 4))}, r"scalars, got best_fitness of shape \(4,\)"),
+        ({"elites": lambda state: state.grids}, "elites: expected Population, got"),
+    ],
+)
+def test_a_wrong_part_of_ones_own_optimizer_is_named(change, message):
+    def make(problem):
+        return ea(problem, EvolutionConfig(population=4, offspring=4))._replace(init_unevaluated=None, **change)
+
+    for key in (KEY, jax.random.split(KEY, 2)):
+        with pytest.raises(InputError, match=f"^optimizer: .*{message}"):
+            evolve(key, (3, 4), optimizer=make, evaluations=40)
+
+
 def test_the_defaults_are_those_of_the_specification():
     result = evolve(KEY, (3, 3), evaluations=64)
     assert result.spec == SearchSpec(evaluations=64)
@@ -259,6 +283,10 @@ def test_progress_is_shown_when_asked_for(capsys):
         ({"weights": Weights(bridges=0.1)}, "weights bridges: expected a whole number, .* got 0.1"),
         ({"rules": "duckietown", "fill": True}, "fill: expected none with the rules of duckietown"),
         ({"weights": {"bridges": 2**30}}, "weights: expected a fitness within int32 for every grid of 5 x 6"),
+        (
+            {"weights": {"bridges": 2**26}, "where": "crossings=2"},
+            "weights: expected a fitness within int32 for every grid of 5 x 6",
+        ),
         ({"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))}, "config: expected plain numbers, got an"),
     ],
 )
