@@ -44,8 +44,8 @@ class Parser(argparse.ArgumentParser):
         super().__init__(prog=program, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
 
     def error(self, message: str) -> NoReturn:
-        """Exits with the message and code 2."""
-        self.exit(2, f"{self.prog}: {message}\n")
+        """Exits with the message, on one line, and code 2."""
+        self.exit(2, f"{self.prog}: " + "\\n".join(message.splitlines()) + "\n")
 
 
 def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:

@@ -90,13 +90,16 @@ def _find_wrong(function: Callable[..., UserValue], args: UserValue, kwargs: Use
     return f"{', '.join(arrays)}: expected shapes that fit, got {shapes}" if len(arrays) > 1 else None
 
 
-def _fits(value: UserValue, kind: UserValue) -> bool:
-    """Returns whether an annotation can mean a value; an unknown annotation means any value."""
+def _fits(value: UserValue, kind: UserValue, batch: bool = False) -> bool:
+    """Returns whether an annotation can mean a value; an unknown annotation means any value.
+
+    In a batch, arrays may have more axes than their annotation says.
+    """
     origin, parts = get_origin(kind), get_args(kind)
     if kind == ArrayLike or hasattr(kind, "dims") or origin in _ARRAYS:
-        return _is_array(value, kind)
+        return _is_array(value, kind, batch)
     if origin in (Union, UnionType):
-        return any(_fits(value, part) for part in parts)
+        return any(_fits(value, part, batch) for part in parts)
     if origin is Literal:
         return any(type(value) is type(part) and value == part for part in parts)
     if isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping):
@@ -116,19 +119,19 @@ def _fits(value: UserValue, kind: UserValue) -> bool:
     if kind is Parameter.empty or not isinstance(kind, type):
         return True
     fields = getattr(kind, "__annotations__", {}) if issubclass(kind, tuple) else {}
-    return isinstance(value, kind) and all(_fits(getattr(value, name), of) for name, of in fields.items())
+    return isinstance(value, kind) and all(_fits(getattr(value, name), of, True) for name, of in fields.items())
 
 
 def _is_key(value: UserValue) -> bool:
     return str(getattr(value, "dtype", "")).startswith("key<")
 
 
-def _is_array(value: UserValue, kind: UserValue) -> bool:
+def _is_array(value: UserValue, kind: UserValue, batch: bool = False) -> bool:
     """Returns whether a value is an array of numbers or can be one; the annotation may say how many axes."""
     value, kinds = getattr(value, "codes", value), getattr(kind, "dtypes", ())
     if "prng_key" in kinds:
         old = getattr(value, "dtype", None) == np.uint32  # a key of the old style is a vector
-        return (_is_key(value) or old) and _has_axes(kind, value.ndim - old)
+        return (_is_key(value) or old) and _has_axes(kind, value.ndim - old, batch)
     try:
         array = value if hasattr(value, "dtype") else np.asarray(value)
     except ValueError:  # lists of several lengths
@@ -136,12 +139,14 @@ def _is_array(value: UserValue, kind: UserValue) -> bool:
     kinds = "biuV" if all("int" in one for one in kinds or ("any",)) else "biufV"
     if _is_key(array) or array.dtype.kind not in kinds or (not array.size and array is not value):
         return False
-    return not isinstance(getattr(kind, "dims", None), tuple) or _has_axes(kind, array.ndim)
+    return not isinstance(getattr(kind, "dims", None), tuple) or _has_axes(kind, array.ndim, batch)
 
 
-def _has_axes(kind: UserValue, axes: int) -> bool:
+def _has_axes(kind: UserValue, axes: int, batch: bool) -> bool:
     """Returns whether the annotation of an array means a number of axes."""
-    return len(kind.dims) == axes if kind.index_variadic is None else len(kind.dims) - 1 <= axes
+    if kind.index_variadic is not None:
+        return len(kind.dims) - 1 <= axes
+    return len(kind.dims) == axes or (batch and len(kind.dims) <= axes)
 
 
 def _describe(kind: UserValue) -> str:

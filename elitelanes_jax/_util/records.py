@@ -7,6 +7,7 @@ A field is one line: its default and its check. The command line makes its optio
 import inspect
 import os
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, field, fields, replace
 from pathlib import Path
@@ -114,9 +115,12 @@ def check_names(names: Iterable[str], known: Iterable[str]) -> None:
 
 
 def descriptions(kind: type) -> dict[str, str]:
-    """Returns the descriptions of a record's fields, by name, from its docstring and those of its bases."""
+    """Returns the descriptions of a record's fields, by name, from its docstring and those of its bases.
+
+    Python's option -OO leaves out docstrings; then all are empty.
+    """
     found: dict[str, str] = {}
     for one in reversed(kind.__mro__):
         listed = inspect.cleandoc(one.__doc__ or "").partition("Attributes:\n")[2]
         found |= dict(re.findall(r"^  (\w+): (.*(?:\n    .*)*)", listed, re.MULTILINE))
-    return {name: " ".join(text.split()) for name, text in found.items()}
+    return defaultdict(str, {name: " ".join(text.split()) for name, text in found.items()})

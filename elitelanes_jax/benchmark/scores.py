@@ -56,9 +56,11 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
 def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``; equal values give equal limits.
 
-    Runs with NaN are ignored. If all runs are NaN, both limits are NaN.
+    Runs with NaN are ignored. If all runs are NaN, both limits are NaN. Raises `InputError` for another shape.
     """
     values = np.asarray(values, float)
+    if values.ndim != 1:
+        raise InputError(f"values: expected one score for each run, shape [R], got shape {list(values.shape)}")
     known = values[~np.isnan(values)]
     if not len(known):
         return float("nan"), float("nan")

@@ -206,4 +206,4 @@ def _help(description: str, default: UserValue) -> str:
         return words
     items = default if isinstance(default, tuple) else (default,)
     shown = ("..".join(map(str, item)) if isinstance(item, tuple) else str(item) for item in items)
-    return f"{words}; by default {' '.join(shown)}"
+    return "; ".join(filter(None, [words, f"by default {' '.join(shown)}"]))

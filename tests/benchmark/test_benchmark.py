@@ -103,6 +103,8 @@ def test_intervals_cover_the_mean_and_leave_out_what_is_no_number():
     np.testing.assert_allclose([low, high], values.mean() + np.array([-half, half]), atol=0.02)
     assert confidence_interval(np.append(values, np.nan)) == (low, high)
     assert confidence_interval(np.ones(3)) == (1, 1)
+    with pytest.raises(InputError, match=r"^values: expected one score for each run, shape \[R\], got shape \[3, 2\]$"):
+        confidence_interval(np.ones((3, 2)))
     assert np.isnan(confidence_interval(np.array([np.nan]))).all()
 
 

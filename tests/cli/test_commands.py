@@ -282,6 +282,12 @@ def test_a_signal_that_is_ignored_stays_ignored():
         signal.signal(signal.SIGHUP, before)
 
 
+def test_without_docstrings():
+    command = [sys.executable, "-OO", "-m", "elitelanes_jax", "dataset", "--help"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "\n  --maps N              by default 1000\n" in shown
+
+
 def test_names_that_the_terminal_cannot_show(tmp_path):
     shutil.copytree(default_tiles(), tmp_path / "tiles")
     (tmp_path / "tiles" / "tileset.toml").write_text('name = "Straßen"', encoding="utf-8")
