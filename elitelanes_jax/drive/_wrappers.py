@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, is_whole, one_of, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, check_names
-from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
+from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._environment import Environment, auto_reset
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
 from elitelanes_jax.drive._levels import make_levels
@@ -31,7 +31,7 @@ _ENVIRONMENTS: dict[str, tuple[Environment, type[RoadNavParams | LaneDriveParams
 
 
 def make(
-    name: str, maps: AnyArray, *, count: int = 256, seed: int = 0, **settings: UserValue
+    name: str, maps: UserValue, *, count: int = 256, seed: int = 0, **settings: UserValue
 ) -> tuple[Environment, RoadNavParams | LaneDriveParams]:
     """Returns an environment and its parameters, with random levels on the maps.
 

@@ -315,7 +315,7 @@ def _move(
     ends = jnp.cumsum(jnp.array([*weights.values(), *(weight for weight, _ in others.values())], jnp.int32))
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        drawn = (randint(bits[0], ends[-1]) >= ends[:-1]).sum()
+        drawn = (randint(bits[0], ends[-1]) >= ends[:-1]).sum(dtype=jnp.int32)
         mate = grid if mate is None else mate
         varied = apply_plan(bits, grid, mate, drawn) if weights else Variation(grid, jnp.zeros(grid.shape, bool))
         for index, (name, (_, move)) in enumerate(others.items(), start=len(weights)):

@@ -178,7 +178,7 @@ def _refitted(
     length = tiles.shape[1]
     around = take(_SOUTH, tiles[0]) * _SHOWN + take(_NORTH, tiles[-1])
     old = tiles[1] | tiles[2] << 4 | tiles[3] << 8
-    index = jnp.arange(length)
+    index = jnp.arange(length, dtype=jnp.int32)
 
     def back(states: Array, column: tuple[Array, Array]) -> tuple[Array, Array]:
         around, at_end = column

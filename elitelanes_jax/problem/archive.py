@@ -91,7 +91,7 @@ def insert(
     def write(into: Array, values: Array) -> Array:
         # XLA would compute grids twice if they were concatenated with themselves.
         for one_round in slots.reshape(rounds.shape):
-            into = into.at[one_round].set(values, mode="drop", unique_indices=True)
+            into = into.at[one_round].set(jnp.asarray(values, into.dtype), mode="drop", unique_indices=True)
         return into
 
     return Population(write(archive.grids, found.grids), lowest, write(archive.features, found.features))

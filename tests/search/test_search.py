@@ -241,11 +241,13 @@ def test_the_best_of_equals_is_the_first_and_never_a_vacant_slot():
     np.testing.assert_array_equal(spoilt.best(), result.elites.grids[place])
 
 
-def test_with_64_bit_numbers_allowed_it_is_the_same():
-    usual = search(KEY, SHAPE, method="ea", generations=12)
+@pytest.mark.parametrize(("method", "preset"), [("ea", "paper"), ("map-elites", "tuned")])
+def test_with_64_bit_numbers_allowed_it_is_the_same(method, preset):
+    options = {"method": method, "preset": preset, "generations": 12}
+    usual = search(KEY, SHAPE, **options)
     jax.config.update("jax_enable_x64", True)
     try:
-        wide = search(jax.random.key(3), SHAPE, method="ea", generations=12)
+        wide = search(jax.random.key(3), SHAPE, **options)
         assert fitness(wide.elites.metrics).dtype == jnp.int32
     finally:
         jax.config.update("jax_enable_x64", False)
