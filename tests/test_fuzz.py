@@ -180,6 +180,7 @@ def hold_limits(name, seconds, folder):
 
         @settings(
             max_examples=50,
+            deadline=None,  # `check` has its own
             phases=[Phase.generate],
             derandomize=False,
             database=None,
