@@ -221,8 +221,9 @@ LAYOUTS = {
         "SPLIT/LAYER/NUMBER.png",
         "# pip install datasets pillow\n"
         "from datasets import load_dataset\n\n"
-        'dataset = load_dataset("imagefolder", data_dir="DIR")\n'
-        'sample = dataset["SPLIT"][0]\n'
+        "# One split at a time: the columns of another may differ. It alone is called train.\n"
+        'samples = load_dataset("imagefolder", data_dir="DIR/SPLIT", split="train")\n'
+        "sample = samples[0]\n"
         'print(sample["image"].size, sample["labels"].getextrema())',
         "SPLIT/metadata.jsonl",
         _imagefolder_rows,

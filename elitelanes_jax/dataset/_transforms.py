@@ -32,7 +32,7 @@ class Transforms(Record):
     Attributes:
       quarter_turns: whether maps are rotated by quarter turns.
       rotation: largest free rotation in degrees, either way, 0 to 180.
-      scale: smallest and largest factor, 0.25 to 4.
+      scale: smallest and largest factor, 0.25 to 4; its logarithm is drawn uniformly.
       perspective: largest shift of each corner, as a share of the map's side, 0 to 0.2: a camera not quite overhead.
       crop: side in pixels of a square window in the map, 16 or more, or 0 for the whole picture.
       light: largest change of brightness, either way, as a share, 0 to 1.
@@ -146,8 +146,9 @@ class Viewpoints(Record):
       pitch: degrees downwards, 0 to 90.
       field_of_view: degrees, from the upper to the lower edge, 1 to 170.
       wobble: largest change of height, pitch and field of view, either way, as a share, 0 to 0.5.
-      lines: largest shift of the white lines, outwards or inwards, in tiles, 0 to 0.08. The middle of the road and the
-        tile's edges stay, and what lies between is stretched: line positions and widths differ between labs.
+      lines: how far from a white line's place the place is that is drawn there, at most, in tiles, 0 to 0.08. With 0.07
+        the lines shift outwards by up to 0.04 and inwards by up to 0.13. The middle of the road and the tile's edges
+        stay, and what lies between is stretched: line positions and widths differ between labs.
     """
 
     rows: int = option(480, whole(16, 4096))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from itertools import product
 from math import floor, prod
 from pathlib import Path
+from typing import Self
 
 from elitelanes_jax._util.checks import instance, is_whole, none_or, one_of, path, whole
 from elitelanes_jax._util.errors import InputError
@@ -119,6 +120,12 @@ class DatasetSpec(Record):
                 f"transforms: expected a crop within the smallest maps, {low} tiles of {self.pixels} pixels at the "
                 f"smallest scale, {smallest:g} pixels, got {self.transforms.crop}"
             )
+
+    def replace(self, **values: UserValue) -> Self:
+        """Returns the record with new values in some fields; given maps determine `maps` and `size` anew."""
+        if self.maps_from is not None:
+            values = {one.name: one.default for one in fields(self) if one.name in ("maps", "size")} | values
+        return super().replace(**values)
 
     def _take_given(self, given: GivenMaps) -> None:
         """Sets the number and the sizes of given maps."""

@@ -73,7 +73,8 @@ class Camera(Record):
       forward: metres ahead of the middle between the wheels.
       pitch: degrees downwards.
       field_of_view: degrees, from the upper to the lower edge.
-      distortion: k1, k2 of the radial distortion x (1 + k1 r² + k2 r⁴), r in focal lengths; None for none.
+      distortion: k1, k2 of the radial distortion x (1 + k1 r² + k2 r⁴), r in focal lengths; None for none. Pixels
+        beyond the largest radius that it reaches show what that one shows.
       light: factor of all colours.
       noise: standard deviation of each colour, of 255; None for none.
       ground: red, green and blue beyond the map.
@@ -187,13 +188,29 @@ def _rays(camera: Camera) -> Rays:
 
 
 def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Array, Array]:
-    """Finds the points that distortion moves to `right` and `down`, by Newton's method for their radius."""
+    """Finds the points that distortion moves to `right` and `down`.
+
+    Their radius is searched up to the first one at which distortion no longer moves points outwards, if there is one.
+    Otherwise distortion is by a factor over 4 / 9. By halving first, as Newton's method alone may leave that range.
+    """
     far = jnp.sqrt(right**2 + down**2)
-    radius = far
-    for _ in range(8):
-        square = radius * radius
-        slope = jnp.maximum(1 + 3 * k1 * square + 5 * k2 * square * square, 0.05)
-        radius = radius - (radius * (1 + k1 * square + k2 * square * square) - far) / slope
+    root = 9 * k1**2 - 20 * k2
+    turn = jnp.sqrt(jnp.maximum(root, 0)) - 3 * k1
+    folds = (root >= 0) & (turn > 0)
+    most = jnp.where(folds, jnp.sqrt(2 / jnp.where(folds, turn, 1)), 9 / 4 * far)
+    low, high = jnp.zeros_like(most), most
+
+    def distorted(radius: Array) -> Array:
+        return radius * (1 + (k1 + k2 * radius**2) * radius**2)
+
+    for _ in range(12):
+        middle = (low + high) / 2
+        beyond = distorted(middle) > far
+        low, high = jnp.where(beyond, low, middle), jnp.where(beyond, middle, high)
+    radius = (low + high) / 2
+    for _ in range(3):
+        slope = jnp.maximum(1 + (3 * k1 + 5 * k2 * radius**2) * radius**2, 1e-6)
+        radius = jnp.clip(radius - (distorted(radius) - far) / slope, low, high)
     factor = jnp.where(far > 0, radius / jnp.where(far > 0, far, 1), 1)
     return right * factor, down * factor
 

@@ -205,14 +205,17 @@ def gymnasium_env(
             return _numpy(flatten(observation)), {}
 
         def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
-            if not hasattr(self, "_state"):
-                raise InputError("step: expected a reset before the first step, got none")
-            done = go(self._key(), self._state, jnp.asarray(action), params)
+            done = go(self._key(), self._begun("step"), jnp.asarray(action), params)
             self._state = done.state
             ended = bool(done.terminated), bool(done.truncated)
             return _numpy(flatten(done.observation)), float(done.reward), *ended, _numpy(done.info._asdict())
 
         def render(self) -> Untyped:
-            return None if draw is None else np.asarray(draw(self._state))
+            return None if draw is None else np.asarray(draw(self._begun("render")))
+
+        def _begun(self, name: str) -> Pytree:
+            if not hasattr(self, "_state"):
+                raise InputError(f"{name}: expected a reset before the first {name}, got none")
+            return self._state
 
     return Env()

@@ -12,9 +12,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped, UInt8
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.objects import OPAQUE
 
 _FINER = 2  # samples a pixel in each direction
+_MOST = 2**16 - 1  # objects of a map
 
 
 class Placed(NamedTuple):
@@ -157,8 +159,11 @@ def paste_objects(
 ) -> tuple[NDArray[np.uint16], list[Seen]]:
     """Pastes objects into the layers of a picture, which are changed: into "image", and 0 into the masks and labels.
 
-    `order` has the objects' indices on the map. Returns what `paste` does, but with these indices.
+    `order` has the objects' indices on the map. Returns what `paste` does, but with these indices. Raises `InputError`
+    for an object beyond the first 65,535, whose index does not fit.
     """
+    if max(order, default=0) >= _MOST:
+        raise InputError(f"objects: expected at most {_MOST:,} in pictures of a map, got {max(order) + 1:,} or more")
     owners, seen = paste(layers["image"], placed, near)
     for name, layer in layers.items():
         if name != "image":

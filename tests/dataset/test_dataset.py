@@ -14,12 +14,13 @@ import pytest
 from folders import files, read_picture
 from given_maps import random_maps, small
 
-from elitelanes_jax import DatasetSpec, InputError, load_tiles, make_dataset, measure, mirror, render, rotate
+from elitelanes_jax import DatasetSpec, InputError, RoadMap, load_tiles, make_dataset, measure, mirror, render, rotate
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import STANDARD
 from elitelanes_jax.dataset._layouts import write_sample
 from elitelanes_jax.dataset._plan import split_maps
 from elitelanes_jax.dataset._views import View, warp
+from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network import canonical_form, plain_measure
 from elitelanes_jax.tiles import LABELS, default_tiles
@@ -155,6 +156,23 @@ def test_hugging_face_datasets_loads_it(evolved, tmp_path, monkeypatch):
             )
             assert sample["codes"] == row["codes"]
             assert sample["transform"]["matrix"] == row["transform"]["matrix"]
+
+
+def test_hugging_face_datasets_loads_each_split_of_maps_that_differ(tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    datasets = pytest.importorskip("datasets")
+    ring, ladder = np.array([[6, 3], [12, 9]]), np.array([[6, 7, 3], [12, 13, 9]])
+    furnished = furnish(RoadMap(np.array([[6, 5, 5, 3], [10, 0, 0, 10], [12, 5, 5, 9]])), "trees=3 duckies=4")
+    maps = [RoadMap(ring, fitness=3, niche=[1, 2], seed=(0, 1)), furnished, RoadMap(ladder, fitness=3.5)]
+    maps.append(RoadMap(np.array([[6, 5, 5, 3], [12, 5, 5, 9]])))
+    make_dataset(small(maps_from=maps, split=(0.5, 0.25, 0.25)), str(tmp_path / "out"))
+    found = []
+    for split in SPLITS:
+        options = {"data_dir": str(tmp_path / "out" / split), "cache_dir": str(tmp_path / "cache"), "split": "train"}
+        loaded = datasets.load_dataset("imagefolder", **options)
+        assert [row["codes"] for row in loaded] == [row["codes"] for row in rows_of(tmp_path / "out", split)]
+        found += loaded["size"]
+    assert sorted(found) == [[2, 2], [2, 3], [2, 4], [3, 4]]
 
 
 def test_given_maps_need_pictures_of_their_tiles(tmp_path):

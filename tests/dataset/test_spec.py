@@ -86,3 +86,10 @@ def test_given_maps_leave_nothing_to_search(options, message):
 def test_sizes_share_the_maps():
     assert maps_by_shape(DatasetSpec(maps=10, size="3..6")) == {(3, 3): 3, (4, 4): 3, (5, 5): 2, (6, 6): 2}
     assert maps_by_shape(DatasetSpec(maps=10, size="3..4 6..7")) == {(3, 6): 3, (3, 7): 3, (4, 6): 2, (4, 7): 2}
+
+
+def test_given_maps_may_be_thin_and_be_replaced():
+    spec = DatasetSpec(maps_from=[[[4, 5, 1]]] * 3, split=(1, 0, 0))
+    assert spec.replace(seed=3) == DatasetSpec(maps_from=[[[4, 5, 1]]] * 3, split=(1, 0, 0), seed=3)
+    assert spec.replace(maps_from=[[[6, 3], [12, 9]]]).maps == 1
+    assert spec.replace(maps_from=None).size == DatasetSpec().size

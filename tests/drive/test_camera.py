@@ -9,7 +9,7 @@ from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, render
 from elitelanes_jax.drive import Camera, Pose, look, make_atlas, movements
-from elitelanes_jax.drive._camera import ground_points
+from elitelanes_jax.drive._camera import _undistort, ground_points
 from elitelanes_jax.drive.lanes import Movement, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.tiles import choose_tiles, scale_tiles
@@ -95,6 +95,19 @@ def test_rays_meet_the_ground_where_points_project_from(distortion):
     points = np.stack([-left[seen], down, depth], axis=-1)
     projected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), intrinsic, bend)
     np.testing.assert_allclose(projected[:, 0], np.stack([columns, rows], axis=1), atol=2e-3)
+
+
+@pytest.mark.parametrize("k1", [-10, -0.5, -0.2, -0.1, 0, 0.1, 10])
+@pytest.mark.parametrize("k2", [-10, -0.1, 0, 0.02, 0.09, 10])
+def test_distortion_is_undone_up_to_where_it_folds(k1, k2):
+    far = np.concatenate([[0], np.geomspace(0.01, 20, 300)])
+    found = np.float64(_undistort(jnp.float32(far), jnp.zeros(301), k1, k2)[0])
+    folds = [root.real for root in np.roots([5 * k2, 3 * k1, 1]) if abs(root.imag) < 1e-9 and root.real > 0]
+    fold = np.sqrt(min(folds, default=np.inf))
+    assert (found <= fold * (1 + 1e-5)).all()
+    again = found * (1 + k1 * found**2 + k2 * found**4)
+    reached = far if np.isinf(fold) else np.minimum(far, fold * (1 + k1 * fold**2 + k2 * fold**4))
+    np.testing.assert_allclose(again, reached, rtol=2e-6, atol=2e-6)
 
 
 def test_parts_of_the_lens_and_of_colours_may_differ_in_a_batch():

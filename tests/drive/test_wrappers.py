@@ -113,6 +113,8 @@ def test_gymnasium_accepts_them(environment, params, levels, seeing):
 
     alone = gymnasium_env(*given, gymnasium, render=render)
     check_env(alone, skip_render_check=True)
+    with pytest.raises(InputError, match="render: expected a reset before the first render"):
+        gymnasium_env(*given, gymnasium, render=render).render()
     with pytest.raises(InputError, match="step: expected a reset before the first step"):
         gymnasium_env(*given, gymnasium).step(alone.action_space.sample())
     alone.reset(seed=1)

@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from itertools import pairwise
+from pathlib import Path
 
 import check_objects
 import numpy as np
@@ -41,6 +42,9 @@ def test_no_rule_is_broken(spec):
     """As a checker finds that reads the file alone."""
     for seed in range(5):
         assert faults(furnish(TOWN, spec, seed=seed)) == []
+
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 
 
 def test_the_checker_finds_what_is_wrong():
@@ -123,6 +127,16 @@ def test_street_names_without_room_are_refused_or_left_out():
     with pytest.raises(InputError, match="unique_tags: expected at most [34] of .* (ST|AVE)"):
         furnish(grid, "street_names unique_tags")
     assert len(furnish(grid, "street_names").objects) == 256
+
+
+def test_tags_of_own_objects_are_in_use():
+    town, own = EXAMPLES / "town.json", {"kind": "sign_stop", "x": 1.5, "y": 1.5, "tag": 1}
+    assert 1 in {one.tag for one in furnish(town, "signs").objects}
+    spec = FurnishSpec(signs="all", objects=[own], unique_tags=True)
+    found = [one.tag for one in furnish(town, spec).objects]
+    assert len(set(found)) == len(found) > 9
+    with pytest.raises(InputError, match="^unique_tags: expected each tag of your own objects once, got 1 twice$"):
+        furnish(town, FurnishSpec(objects=[own, own | {"x": 2.5}], unique_tags=True))
 
 
 OWN = [{"kind": "bus", "x": 1.5, "y": 1.5, "angle": 0.5}, {"kind": "sign_stop", "x": 3.2, "y": 1.4, "tag": 33}]

@@ -43,6 +43,7 @@ def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int) -> tuple[Map
     space, tags = Space(codes), Tags(unique=spec.unique_tags)
     for thing in check_objects(spec.objects, *codes.shape):
         space.add(thing)
+        tags.use(thing)
     found = crossings(codes)
     free = [crossing for crossing in found if has_free_corners(codes, crossing)]
     random = np.random.default_rng([seed, 2**32 - 1])

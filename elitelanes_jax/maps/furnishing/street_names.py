@@ -34,7 +34,14 @@ class Tags:
     def __init__(self, *, unique: bool) -> None:
         """Starts without tags; `unique` refuses to use a number twice."""
         self._unique = unique
-        self._used: dict[tuple[str, int], list[Point]] = defaultdict(list)
+        self._used: dict[int, list[Point]] = defaultdict(list)
+
+    def use(self, thing: MapObject) -> None:
+        """Notes the tag of an object of the user's; raises `InputError` if it must not be used twice and would be."""
+        if thing.tag is not None:
+            if self._unique and self._used[thing.tag]:
+                raise InputError(f"unique_tags: expected each tag of your own objects once, got {thing.tag} twice")
+            self._used[thing.tag].append((thing.x, thing.y))
 
     def give(self, sign: MapObject, numbers: Sequence[int] | None = None) -> MapObject:
         """Returns a sign with the first tag number that is not in use, of `numbers` or of all of its kind.
@@ -44,10 +51,10 @@ class Tags:
         """
         numbers = numbers or SIGN_TAGS[sign.kind]
         tag = max(numbers, key=lambda number: self._distance(sign, [number]))
-        if self._unique and self._used[sign.kind, tag]:
+        if self._unique and self._used[tag]:
             what = STREET_NAMES.get(tag, sign.kind)
             raise InputError(f"unique_tags: expected at most {len(numbers)} of {what}, got more")
-        self._used[sign.kind, tag].append((sign.x, sign.y))
+        self._used[tag].append((sign.x, sign.y))
         return sign._replace(tag=tag)
 
     def name_street(self, signs: Sequence[MapObject]) -> list[MapObject]:
@@ -65,8 +72,8 @@ class Tags:
         return [self.give(sign, numbers) for sign in signs]
 
     def _distance(self, sign: MapObject, numbers: Sequence[int]) -> float:
-        """Returns how far from a sign numbers of its kind are in use; infinity if none is."""
-        uses = (place for number in numbers for place in self._used[sign.kind, number])
+        """Returns how far from a sign numbers are in use; infinity if none is."""
+        uses = (place for number in numbers for place in self._used[number])
         return min((dist((sign.x, sign.y), place) for place in uses), default=inf)
 
 
