@@ -72,6 +72,11 @@ def level():
         (MoveWeights, {"link": -1}, "link: expected a whole number, 0 or more, got -1"),
         (MoveWeights, {"fill_probability": 2}, "fill_probability: expected a number, 0 to 1, got 2"),
         (MoveWeights, NO_MOVES, "link: expected a weight over 0 for at least one move, got none"),
+        (
+            MoveWeights,
+            {"link": 2**30, "corner": 1},
+            "link: .* that add up to at most 1073741824, got",
+        ),
         (Robot, {"dt": -1}, "dt: expected a number over 0, up to 0.1, got -1"),
         (Robot, {"latency": 5}, "latency: expected a number, 0 to 4, got 5"),
         (Camera, {"pitch": 120}, "pitch: expected a number, -90 to 90, got 120"),

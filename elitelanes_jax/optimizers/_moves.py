@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
-from elitelanes_jax._util.checks import check_named, function_of, none_or, real, whole
+from elitelanes_jax._util.checks import LARGEST, check_named, function_of, none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record, option
@@ -93,6 +93,8 @@ class MoveWeights(Record):
         weights = [*(getattr(self, name) for name in KNOWN_MOVES), *(weight for weight, _ in self.user_moves.values())]
         if all(weight is None or (isinstance(weight, int) and weight == 0) for weight in weights):
             raise InputError("link: expected a weight over 0 for at least one move, got none")
+        if (total := sum(weight for weight in weights if isinstance(weight, int))) > LARGEST:
+            raise InputError(f"link: expected weights of moves that add up to at most {LARGEST}, got {total}")
 
     def with_moves(self, moves: UserValue) -> "MoveWeights":
         """Returns the weights with some changed, and with moves of the user.
@@ -226,8 +228,8 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
 def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     """Makes a move, then with the given probability the same change again, rotated by half a turn around the centre.
 
-    A grid that is symmetric under half a turn stays symmetric, unless repair fills. One step then replaces two steps
-    with a worse grid in between.
+    A grid that is symmetric under half a turn stays symmetric, unless repair fills or the move changes the tile at the
+    centre of a grid with odd sides. One step then replaces two steps with a worse grid in between.
     """
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:

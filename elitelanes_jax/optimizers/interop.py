@@ -21,6 +21,7 @@ from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
+from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.problem import Problem
 
@@ -35,8 +36,8 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
       (genotypes int8 ``[B, H, W]``, key) -> (fitness float32 ``[B]`` to be maximised, descriptor float32 ``[B, D]``,
       extra scores). The descriptor is the bin on each axis, a whole number from 0; its nearest centroid in
       `qdax_centroids` is the niche. The extra scores are ``{"features": int32 [B, F]}``, in the order of
-      `Problem.feature_names`. The key is not used, because the evaluation has no noise. Genotypes are not repaired;
-      `Problem.random` and `qdax_moves` return repaired ones.
+      `Problem.feature_names`. The key is not used, because the evaluation has no noise. A refused grid has the fitness
+      -inf and becomes no elite. Genotypes are not repaired; `Problem.random` and `qdax_moves` return repaired ones.
 
     Raises:
       InputError: from the function, for genotypes of another shape or type.
@@ -47,7 +48,9 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
         _check_genotypes(problem, genotypes)
         fitness, features = problem.evaluate(genotypes)
         bins = niche_bins(problem.descriptor(features), problem.axes)
-        return (-fitness).astype(jnp.float32), bins.astype(jnp.float32), {"features": features}
+        refused = fitness >= vacant_fitness(fitness.dtype)
+        fitness = jnp.where(refused, -jnp.inf, (-fitness).astype(jnp.float32))
+        return fitness, bins.astype(jnp.float32), {"features": features}
 
     return score
 
@@ -217,7 +220,8 @@ def ribs_evaluate(problem: Problem) -> Callable[[Untyped], tuple[NDArray[np.floa
 
     Returns:
       Solutions ``[B, H·W]`` (see `ribs_grids`) -> (objective float64 ``[B]`` to be maximised, measures float64
-      ``[B, D]``, the values of the axes' features).
+      ``[B, D]``, the values of the axes' features). pyribs cannot refuse a grid: a refused one has the objective
+      -2147483647.
     """
     grids = ribs_grids(problem)
 
@@ -228,6 +232,6 @@ def ribs_evaluate(problem: Problem) -> Callable[[Untyped], tuple[NDArray[np.floa
 
     def evaluate(solutions: AnyArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         objective, descriptor = scored(grids(solutions))
-        return np.asarray(objective, np.float64), np.asarray(descriptor, np.float64)
+        return np.asarray(objective, np.float64).clip(-(2**31 - 1), None), np.asarray(descriptor, np.float64)
 
     return evaluate

@@ -9,12 +9,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.network.bits import fold_in, threefry
 from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
+from elitelanes_jax.problem.archive import Population
 
 _KIND = "jax_default_prng_impl"  # the setting of JAX, which may differ between threads
 
@@ -127,6 +128,19 @@ def check_state(state: Pytree) -> Pytree:
     if not jax.tree.leaves(state):
         raise InputError(f"optimizer: expected an init that returns a pytree of arrays, got {state!r}")
     return state
+
+
+def check_elites(elites: UserValue, shape: tuple[int, int], features: int) -> Population:
+    """Returns the elites of an optimiser for grids of a shape; raises `InputError` if they do not fit."""
+    check_named("optimizer: elites", instance(Population), elites)
+    slots = np.shape(elites.fitness)[:1]
+    expected = {"grids": (*slots, *shape), "fitness": slots, "features": (*slots, features)}
+    for (name, sides), dtypes in zip(expected.items(), (["int8"], ["int32", "float32"], ["int32"]), strict=True):
+        got = jnp.asarray(getattr(elites, name))
+        if got.dtype.name not in dtypes or got.shape != sides or not slots:
+            kind = f"{' or '.join(dtypes)} {list(sides)}"
+            raise InputError(f"optimizer: elites: expected {name} {kind}, got {got.dtype} {list(got.shape)}")
+    return elites
 
 
 def _check_step(state: Pytree, found: UserValue) -> None:

@@ -14,14 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int8, Int32, Key, UInt32
 
-from elitelanes_jax._util.checks import check_named, instance, whole
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import side_by_side
-from elitelanes_jax._util.types import Plain, Pytree
+from elitelanes_jax._util.types import Plain, Pytree, Untyped
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES, Metrics, Weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
-from elitelanes_jax.optimizers.loop import advance, over_seeds, start
+from elitelanes_jax.optimizers.loop import advance, check_elites, over_seeds, start
 from elitelanes_jax.optimizers.presets import make_optimizer, user_moves
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
@@ -333,7 +333,17 @@ class Programs:
         """The shapes and dtypes of the states of a part, in the optimiser's structure."""
         with _tracing():
             keys = jax.ShapeDtypeStruct((self._rows, *self._keys.shape[1:]), self._keys.dtype)
-            return _start.eval_shape(self._static, self._traced, keys)
+            return self._jitted[_START].eval_shape(self._traced, keys)
+
+    @cached_property
+    def _jitted(self) -> dict[str, Untyped]:
+        """The programs for JAX, which keeps what it traced of them as long as this object is there."""
+        jit = partial(jax.jit, keep_unused=True)
+        return {
+            _START: jit(partial(_start, self._static)),
+            _ADVANCE: jit(partial(_advance, self._static), static_argnames="structure"),
+            _COLLECT: jit(partial(_collect, self._static), static_argnames=("structure", "single")),
+        }
 
     def _device(self, name: str) -> jax.Device:
         """Returns the device of a program. The program that collects runs on the default device."""
@@ -341,7 +351,7 @@ class Programs:
         return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
     def _lower(self, name: str) -> jax.stages.Lowered:
-        static, traced = self._static, self._traced
+        traced = self._traced
         # Before this thread waits for others that trace: Python 3.11 lets one thread at a time compute `_tree`.
         structure, states = jax.tree.structure(self._tree), self.states
         device = self._device(name)
@@ -354,10 +364,10 @@ class Programs:
         first = jax.ShapeDtypeStruct((), jnp.int32)
         with _tracing():
             if name.startswith(_COLLECT):
-                return _collect.lower(static, structure, traced, states, self._single)
+                return self._jitted[_COLLECT].lower(structure, traced, states, self._single)
             if name.startswith(_START):
-                return _start.lower(static, traced, keys)
-            return _advance.lower(static, structure, traced, keys, tuple(part), first, first)
+                return self._jitted[_START].lower(traced, keys)
+            return self._jitted[_ADVANCE].lower(structure, traced, keys, tuple(part), first, first)
 
 
 def find_programs(
@@ -388,12 +398,10 @@ def _find(
     return Programs(static, traced, keys, single, devices, floats, folder)
 
 
-@partial(jax.jit, static_argnames="static", keep_unused=True)
 def _start(static: Static, traced: Traced, keys: KeyData) -> Pytree:
     return start(static.optimizer(traced), static.keys(keys))
 
 
-@partial(jax.jit, static_argnames=("static", "structure"), keep_unused=True)
 def _advance(
     static: Static, structure: Pytree, traced: Traced, keys: KeyData, states: States, first: Array, last: Array
 ) -> tuple[States, Info]:
@@ -402,14 +410,13 @@ def _advance(
     return tuple(jax.tree.leaves(inner)), info
 
 
-@partial(jax.jit, static_argnames=("static", "structure", "single"), keep_unused=True)
 def _collect(
     static: Static, structure: Pytree, traced: Traced, states: States, single: bool
 ) -> tuple[MeasuredElites, States]:
     optimizer = static.optimizer(traced)
 
     def find(state: Pytree) -> Population:
-        return check_named("optimizer: elites", instance(Population), optimizer.elites(state))
+        return check_elites(optimizer.elites(state), static.shape, len(METRIC_NAMES) + len(static.measured))
 
     measured = as_measured(static, over_seeds(find, jax.tree.unflatten(structure, states)))
     return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)

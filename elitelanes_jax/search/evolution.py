@@ -258,7 +258,8 @@ class _Search(NamedTuple):
         """Returns the result of the generations after `first`; states by device, the history in parts."""
         seeds = len(self.keys)
         elites, inner = self.programs.collect(self.traced, join(states, seeds))
-        history = History.joined([History.empty(seeds, dtype=elites.fitness.dtype), *parts])
+        history = History.joined([History.empty(seeds), *parts])
+        history = history._replace(best_fitness=history.best_fitness.astype(elites.fitness.dtype))
         generation = np.array(first + history.generation.size, np.int32)
         if self.single:
             history = history._replace(**{name: getattr(history, name)[0] for name in _OF_SEEDS})
@@ -274,10 +275,10 @@ def _check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "
         if keys_are_threefry():
             return seed_key_data(key, np.arange(count)), "threefry2x32", False
         key = seed_keys(key, count)
-    elif seeds is not None and isinstance(key, jax.Array):
-        raise InputError(f"seeds: expected none with keys, because each key is a seed, got {seeds!r}")
-    if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+    elif not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         raise InputError(f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}")
+    elif seeds is not None:
+        raise InputError(f"seeds: expected none with keys, because each key is a seed, got {seeds!r}")
     if key.ndim > 1 or key.size == 0:
         raise InputError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")
     data = np.asarray(jax.random.key_data(key))
@@ -330,6 +331,9 @@ def prepare(
     if optimizer is None:  # a user's optimiser may make any grids
         with spec.naming_origins():
             _check_ranges(spec.where, shape, spec.repair_fills and spec.fix is None)
+    for name, function in {"optimizer": optimizer, "fitness": fitness, **kernels}.items():
+        if not _is_hashable(function):
+            raise InputError(f"{name}: expected a function with a hash, got {shorten(repr(function))}")
     if fitness is not None:
         check_fitness(fitness, shape, (*METRIC_NAMES, *spec.measured))
     if moves is not None:
@@ -363,6 +367,14 @@ def prepare(
     elif not exact:
         spec = spec.replace(preset=CUSTOM, axes=static.axes)
     return spec, config, static, traced
+
+
+def _is_hashable(value: UserValue) -> bool:
+    try:
+        hash(value)
+    except TypeError:
+        return False
+    return True
 
 
 def _name_of(factory: Callable[..., Optimizer]) -> str:

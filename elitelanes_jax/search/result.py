@@ -85,7 +85,7 @@ class History(NamedTuple):
     def seconds(self) -> float:
         """The time of the generations in seconds, of all seeds together, without compilation."""
         seeds = 1 if self.best_fitness.ndim == 1 else len(self.best_fitness)
-        return float((np.diff(self.evaluations, prepend=0) * seeds / self.evaluations_per_second).sum())
+        return float((self.evaluations / self.generation * seeds / self.evaluations_per_second).sum())
 
     @classmethod
     def empty(cls, *seeds: int, dtype: DTypeLike = np.int32) -> "History":

@@ -26,7 +26,7 @@ from elitelanes_jax.problem.bounds import check_feasible
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, largest_addend
 from elitelanes_jax.problem.fixed_cells import FixedCells, parse_fixed_cells
-from elitelanes_jax.problem.inventory import parse_inventory, parse_numbers, within_inventory
+from elitelanes_jax.problem.inventory import parse_inventory, parse_numbers, within_inventory, without_inventory
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.problem.targets import ExampleValues, parse_targets
@@ -231,6 +231,7 @@ class SearchSpec(Record):
             if not isinstance(large, Mapping):
                 raise InputError(f"large: expected options by their names, got {shorten(repr(large))}")
             values["large"] = cls.from_plain({**plain, **large, "large": None})
+        values["where"] = without_inventory(values["where"], values["inventory"] or ())
         return _empty()._fill(values)
 
     def _resolve(self, given: Mapping[str, UserValue]) -> "SearchSpec":
@@ -262,12 +263,12 @@ class SearchSpec(Record):
     ) -> "SearchSpec":
         """Sets the fields to checked values, or to their defaults; by default, all of them count as given."""
         every = {name: values.get(name, default) for name, default in _DEFAULTS.items()}
+        label = every["style"] and Style(every["style"], {})
+        given = every | {"style": label} if given is None else given
         if every["inventory"] is not None:
             where = within_inventory(every["where"], every["inventory"])
             added = {f"where {item.name}": "inventory" for item in where if item not in every["where"]}
             every, origins = every | {"where": where}, {**(origins or {}), **added}
-        label = every["style"] and Style(every["style"], {})
-        given = every | {"style": label} if given is None else given
         vars(self).update(every, _given=given, _origins=origins or {})
         with self.naming_origins():
             self.check_together()
@@ -284,6 +285,7 @@ class SearchSpec(Record):
         """
         chosen = self.large if self.large is not None and min(shape) >= LARGE else self
         values = {name: getattr(chosen, name) for name in _DEFAULTS} | {"large": None}
+        values["where"] = without_inventory(chosen.where, chosen.inventory or ())
         return _empty()._fill(values, origins=self._origins)._keep_inputs({}, *self.inputs)
 
     @contextmanager

@@ -115,6 +115,18 @@ def test_evosax_decodes_the_largest_logit_and_minimises_ours(problem, evaluate):
         task.eval(jax.random.key(0), solutions[:, 1:], state)
 
 
+@pytest.mark.parametrize("refused", [2**30, jnp.nan])
+def test_refused_grids_have_the_worst_score(refused):
+    problem = road_problem(SHAPE, AXES, fitness=lambda usual, metrics: jnp.where(metrics.turns > 9, refused, usual))
+    grids = problem.random(jax.random.key(0), 8)
+    bad = np.array([oracle(grid)["turns"] > 9 for grid in grids])
+    assert bad.any() and not bad.all()
+    fitness = np.asarray(qdax_scoring_fn(problem)(grids, jax.random.key(0))[0])
+    np.testing.assert_array_equal(np.isneginf(fitness), bad)
+    objective, _ = ribs_evaluate(problem)(np.asarray(grids).reshape(8, -1))
+    np.testing.assert_array_equal(objective == -(2**31) + 1, bad)
+
+
 def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
     decode, score = ribs_grids(problem), ribs_evaluate(problem)
     whole = np.asarray(grids)

@@ -1,5 +1,6 @@
 """Programs in files: a later process loads them, and finds the same; files that are of no use are replaced."""
 
+import gc
 import json
 import os
 import random
@@ -9,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from functools import partial
 from threading import Thread
 
@@ -46,6 +48,20 @@ def folder(tmp_path, monkeypatch):
     yield tmp_path / "cache" / "executables"
     _programs._find.cache_clear()
     jax.config.update("jax_compilation_cache_dir", before)
+
+
+def test_forgotten_programs_leave_nothing(folder):
+    class Doubled:
+        def __call__(self, usual):
+            return usual * 2
+
+    fitness = Doubled()
+    known = weakref.ref(fitness)
+    run(fitness=fitness)
+    del fitness
+    _programs._find.cache_clear()
+    gc.collect()
+    assert known() is None
 
 
 def in_a_new_process(monkeypatch):

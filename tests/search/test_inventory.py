@@ -45,6 +45,10 @@ def test_an_inventory_narrows_the_ranges_and_leaves_cells_empty():
     assert not SearchSpec(inventory=SHELF).repair_fills
     assert spec.replace(inventory=None) == SearchSpec(style="town", where=["turns=6..20", "straights=3..8"])
     assert SearchSpec.from_plain(json.loads(json.dumps(spec.to_plain()))) == spec.replace()
+    for other in (spec.on((6, 6)), SearchSpec.from_plain(spec.to_plain())):
+        assert other.where == spec.where
+        assert {item.name: item.high for item in other.replace(inventory={"turn": 15}).where}["turns"] == 15
+        assert "crossings4" not in {item.name for item in other.replace(inventory=None).where}
     like = SearchSpec(like=[[6, 5, 3], [10, 0, 10], [12, 5, 9]], inventory=SHELF)
     assert {"turn_share", "turns"} <= {item.name for item in like.where}
 

@@ -1,7 +1,7 @@
 """`evolve`: one call from a key to road networks."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from inspect import signature
 
@@ -164,6 +164,14 @@ def test_an_optimizer_of_ones_own():
         ),
         ({"step": lambda key, state: (state, Info(state.fitness, 4))}, r"scalars, got best_fitness of shape \(4,\)"),
         ({"elites": lambda state: state.grids}, "elites: expected Population, got"),
+        (
+            {"elites": lambda state: state._replace(features=state.features[:, :5])},
+            r"elites: expected features int32 \[4, 19\], got int32 \[4, 5\]",
+        ),
+        (
+            {"elites": lambda state: state._replace(fitness=state.fitness.astype(jnp.float16))},
+            r"elites: expected fitness int32 or float32 \[4\], got float16 \[4\]",
+        ),
     ],
 )
 def test_a_wrong_part_of_ones_own_optimizer_is_named(change, message):
@@ -173,6 +181,39 @@ def test_a_wrong_part_of_ones_own_optimizer_is_named(change, message):
     for key in (KEY, jax.random.split(KEY, 2)):
         with pytest.raises(InputError, match=f"^optimizer: .*{message}"):
             evolve(key, (3, 4), optimizer=make, evaluations=40)
+
+
+def test_an_optimizer_may_report_a_fitness_of_another_type(tmp_path):
+    def make(problem):
+        inner = ea(problem, EvolutionConfig(population=4, offspring=4))
+
+        def step(key, state):
+            state, info = inner.step(key, state)
+            return state, info._replace(best_fitness=info.best_fitness.astype(jnp.float32))
+
+        return inner._replace(step=step)
+
+    search = partial(evolve, 0, (3, 4), seeds=1, optimizer=make, checkpoint=tmp_path)
+    search(generations=2)
+    assert search(generations=4).history.best_fitness.dtype == np.int32
+
+
+def test_the_time_of_a_continued_run_is_its_own():
+    first = evolve(0, (3, 4), seeds=2, generations=20)
+    history = evolve(0, (3, 4), seeds=2, generations=2, state=first.state).history
+    np.testing.assert_allclose(history.seconds, (32 * 2 / history.evaluations_per_second).sum())
+
+
+def test_functions_need_a_hash():
+    @dataclass
+    class Scaled:
+        factor: int = 2
+
+        def __call__(self, usual):
+            return usual * self.factor
+
+    with pytest.raises(InputError, match=r"^fitness: expected a function with a hash, got .*Scaled\(factor=2\)$"):
+        evolve(0, (3, 4), generations=1, fitness=Scaled())
 
 
 def test_the_defaults_are_those_of_the_specification():
