@@ -36,7 +36,8 @@ def repair(
         crossings. A stub is continued straight ahead if the grid does not end there. Every grid at least two tiles wide
         can be filled.
       fixed: bool ``[H, W]``, tiles that do not change: they decide over all others, and filling adds no connection to
-        them. Their neighbours may then have fewer than two. None by default.
+        them. Their neighbours may then have fewer than two. Two fixed neighbours that disagree are linked, and a fixed
+        tile's connection across the border is removed. None by default.
 
     Returns:
       int8 ``[H, W]``.
@@ -98,8 +99,8 @@ def _mender(cells: PackedCells, fill: bool) -> Callable[..., UInt32[Array, " N"]
 
     @mend.def_vmap
     def _(axis_size: int, batched: list[bool], *words: Array) -> tuple[Array, bool]:
-        flat = (array.reshape(-1) for array in batch_all(axis_size, batched, words))
-        return mend(*flat).reshape(axis_size, -1), True
+        arrays = batch_all(axis_size, batched, words)
+        return mend(*(array.reshape(-1) for array in arrays)).reshape(arrays[0].shape), True
 
     return mend
 

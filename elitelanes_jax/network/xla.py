@@ -47,6 +47,8 @@ def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     This loop has no round (or one that changes nothing), which XLA cannot know. It reads and writes one number, so that
     it hardly adds to the program. On a GPU each look at the condition would wait for the processor.
     """
+    if not array.size:
+        return array
     info = jnp.finfo if jnp.issubdtype(array.dtype, jnp.floating) else jnp.iinfo
     most = np.array(info(array.dtype).max, array.dtype)
 

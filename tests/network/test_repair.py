@@ -86,6 +86,13 @@ def test_what_holds_after_repair_holds_at_every_size(shape):
             assert not metrics.off_alphabet.any()
 
 
+def test_no_grids_are_repaired_to_none():
+    none = np.zeros((2, 0, 3, 4), np.int8)
+    for fill in (False, True):
+        assert jax.vmap(jax.vmap(lambda grid, fill=fill: repair(grid, fill=fill)))(none).shape == none.shape
+    assert jax.vmap(jax.vmap(measure))(none).turns.shape == none.shape[:2]
+
+
 def test_bad_masks_and_thin_grids_to_fill_are_refused():
     with pytest.raises(InputError, match="fill: expected a grid of at least 2 x 2, got 1 x 3"):
         repair([[5, 5, 5]], fill=True)

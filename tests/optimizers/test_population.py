@@ -8,7 +8,7 @@ import numpy as np
 
 from elitelanes_jax import road_problem
 from elitelanes_jax.optimizers import EvolutionConfig, Move, Variation, random_population
-from elitelanes_jax.optimizers._population import breed, survivors, tournament
+from elitelanes_jax.optimizers._population import breed, evaluate, survivors, tournament
 from elitelanes_jax.problem import Population
 
 PROBLEM = road_problem((4, 5))
@@ -58,6 +58,12 @@ def test_the_first_population_is_sorted_and_repaired():
     first = random_population(PROBLEM, jax.random.key(5), 30)
     assert (jnp.diff(first.fitness) >= 0).all()
     np.testing.assert_array_equal(first.grids, jax.vmap(PROBLEM.repair)(first.grids, jnp.zeros_like(first.grids, bool)))
+
+
+def test_no_grids_are_evaluated_to_none():
+    problem = road_problem((4, 5), "symmetry:3", fill=True)
+    none = evaluate(problem, problem.random(jax.random.key(0), 0))
+    assert none.grids.shape == (0, 4, 5) and none.fitness.shape == (0,) and len(none.features) == 0
 
 
 def test_the_defaults_are_the_papers():
