@@ -9,7 +9,7 @@ import pytest
 from certified import evolve
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, run
+from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, road_problem, run
 from elitelanes_jax.network import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
@@ -20,6 +20,7 @@ from elitelanes_jax.optimizers import (
     random_move,
     seed_keys,
 )
+from elitelanes_jax.optimizers import evaluate as score
 from elitelanes_jax.optimizers._moves import KNOWN_MOVES
 from elitelanes_jax.problem import Axis, Evaluation
 
@@ -124,12 +125,29 @@ def test_values_out_of_range_are_refused():
     for refused, options in (
         ((3, 6, 12), {"features": features, "weights": {"weighed": -1000}}),
         ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -(2**29) - 1, metrics.turns)}),
+        ((6,), {"features": {"odd": lambda grid: jnp.where(grid[1, 1] == 6, 2**28 + 1, 0)}, "weights": {"odd": 2}}),
         ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -jnp.inf, 1.0 * metrics.turns)}),
     ):
         result = evolve(jax.random.key(3), SHAPE, generations=5, **options, **PAPER)
         grids, _ = elites(result)
         assert len(grids) and not np.isin(grids[:, 1, 1], refused).any()
         assert result.history.refused.sum() > 0
+
+
+@pytest.mark.parametrize("large", [np.int64(2**40), np.uint64(2**63), np.array(-(2**40))])
+def test_large_numbers_of_numpy_are_refused(large):
+    for options in ({"fitness": lambda grid: large}, {"features": {"mine": lambda grid: large}, "axes": "mine:2"}):
+        problem = road_problem(SHAPE, **options)
+        assert not score(problem, jnp.zeros((2, *SHAPE), jnp.int8)).valid.any()
+
+
+def test_an_error_of_the_user_is_not_blamed_on_jax():
+    def fails(grid):
+        raise OverflowError("mine")
+
+    for options in ({"fitness": fails}, {"features": {"mine": fails}}):
+        with pytest.raises(OverflowError, match="^mine"):
+            evolve(0, SHAPE, seeds=1, generations=1, **options)
 
 
 @methods(slow=SLOW | {("ea", "tuned"), ("map-elites", "paper"), ("pso", "paper"), ("gwo", "paper")})
@@ -219,6 +237,7 @@ def test_chosen_maps_have_a_float_fitness():
         ({"fitness": lambda turns: turns}, "expected arguments among metrics, features, grid, usual, got 'turns'"),
         ({"fitness": lambda grid: grid}, "it to return an integer or float scalar, got int32 of shape (4, 4)"),
         ({"fitness": lambda usual: None}, "expected it to return an integer or float scalar, got None"),
+        ({"features": {"mine": lambda grid: 2**40}}, "mine to return an integer scalar, got 1099511627776"),
         ({"fitness": lambda usual: 2**40}, "expected it to return an integer or float scalar, got 1099511627776"),
         ({"fitness": lambda usual, /: usual}, "fitness: expected a function with named arguments, got "),
         ({"fitness": lambda grid: "x"}, "expected it to return an integer or float scalar, got 'x'"),
@@ -350,10 +369,16 @@ def test_what_is_wrong_with_a_problem_is_said(any_types):
             )
     with pytest.raises(InputError, match="evaluate: expected fitness and features of shapes"):
         annealed_ea(Problem((5, 4), evaluate, ("alike",))).init(jax.random.key(0))
-    for fitness, features in ((True, 1), (1, 0.5)):
+    for fitness, features in ((True, 1), (1, 0.5), (1j, 1)):
         odd = Problem((5, 4), partial(constant, fitness, features), ("alike",))
-        with pytest.raises(InputError, match="evaluate: expected a fitness of numbers and features of whole numbers"):
+        with pytest.raises(
+            InputError, match="evaluate: expected a fitness of real numbers and features of whole numbers"
+        ):
             annealed_ea(odd).init(jax.random.key(0))
+    for returned in (None, np.zeros(2), ([0, 0], [[0], [0]]), (np.zeros(2), np.zeros((2, 1), int), 0)):
+        other = Problem((5, 4), lambda grids, returned=returned: returned, ("alike",))
+        with pytest.raises(InputError, match="^evaluate: expected a tuple of two arrays, fitness and features, got "):
+            score(other, np.zeros((2, 5, 4), np.int8))
     many = Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((40, 5, 4), np.int8))
     with pytest.raises(InputError, match="initial: expected at most 32 grids"):
         annealed_ea(many).init(jax.random.key(0))

@@ -12,6 +12,7 @@ from elitelanes_jax import (
     DatasetSpec,
     GenerateSpec,
     InputError,
+    Problem,
     Result,
     RoadMap,
     SearchSpec,
@@ -274,6 +275,36 @@ WRONG = {
     r"file: expected a path, got 'a\x00b'": lambda: read_map("a\0b"),
     "count: expected a whole number, 0 or more, got -2": lambda: truncate(POPULATION, count=-2),
     "niche: expected indices 0 to 1, got -1 to 0": lambda: insert(POPULATION, np.array([0, -1]), POPULATION),
+    "found: expected grids of shape [4, 4] each, as in the archive, got [5, 4]": lambda: insert(
+        POPULATION, [0, 1], POPULATION._replace(grids=np.zeros((2, 5, 4), np.int8))
+    ),
+    "found: expected features of shape [3] each, as in the archive, got [2]": lambda: insert(
+        POPULATION, [0, 1], POPULATION._replace(features=np.zeros((2, 2), np.int32))
+    ),
+    "feature_weights: expected 2 numbers, one for each of measured, got shape [3]": lambda: road_problem(
+        (4, 4), measured=["symmetry", "signable"], feature_weights=np.arange(3)
+    ),
+    "measured: expected features that may be weighed, got the share turn_share": lambda: road_problem(
+        (4, 4), measured=["turn_share"], feature_weights=np.arange(1)
+    ),
+    "dtype: expected that of a fitness, int32 or float32, got bool": lambda: road_problem((4, 4)).empty_archive(bool),
+    "dtype: expected that of a fitness, int32 or float32, got int8": lambda: road_problem((4, 4)).empty_archive("int8"),
+    "initial: expected whole numbers of shape [N, 4, 4], got int8 [4, 4]": lambda: road_problem(
+        (4, 4), initial=np.zeros((4, 4), np.int8)
+    ),
+    "initial: expected whole numbers of shape [N, 4, 4], got int8 [2, 5, 5]": lambda: road_problem(
+        (4, 4), initial=np.zeros((2, 5, 5), np.int8)
+    ),
+    "initial: expected tile codes 0 to 15, got 99 to 99": lambda: road_problem(
+        (4, 4), initial=np.full((1, 4, 4), 99, np.int8)
+    ),
+    "repair: expected a function of grid, dirty, raster, got one of (grid)": lambda: Problem(
+        (4, 4), print, repair=lambda grid: grid
+    ),
+    "repair: expected a function of grid, raster=False, got one of (grid, mask, rows)": lambda: Problem(
+        (4, 4), print, repair=lambda grid, mask, rows: grid
+    ),
+    "keys: expected at least one, got none": lambda: run(ea(road_problem((4, 4))), seed_keys(0, 0), 1),
     "features: expected shape [..., 19], got [2, 1]": lambda: road_problem((4, 4)).niche(np.zeros((2, 1), int)),
 }
 

@@ -143,15 +143,16 @@ def function(value: UserValue) -> Callable[..., UserValue]:
     return value
 
 
-def function_of(*arguments: str) -> Check:
-    """Makes a check of a function: that it can be called with these arguments, by position."""
+def function_of(*arguments: str, **named: UserValue) -> Check:
+    """Makes a check of a function: that it can be called with these arguments, by position or by name."""
 
     def check(value: UserValue) -> UserValue:
         try:
-            signature(value).bind(*arguments)
+            signature(value).bind(*arguments, **named)
         except TypeError:
+            expected = ", ".join((*arguments, *(f"{name}={given}" for name, given in named.items())))
             got = shorten(str(signature(value)))
-            raise InputError(f"expected a function of {', '.join(arguments)}, got one of {got}") from None
+            raise InputError(f"expected a function of {expected}, got one of {got}") from None
         except ValueError:  # some built-in functions do not say
             pass
         return value

@@ -88,6 +88,7 @@ def _run(
     seeds: int | Iterable[int],
 ) -> list[Submission]:
     """Runs a search for each seed. `split` returns the index of a task and grids from what the search yields."""
+    seeds = seeds.tolist() if hasattr(seeds, "tolist") else seeds  # an array of no axes is a number
     listed = list(seeds if isinstance(seeds, Iterable) else range(check_named("seeds", whole(1), seeds)))
     if not listed or any(not is_whole(seed) or seed < 0 for seed in listed):
         raise InputError(f"seeds: expected a number or several, 0 or more, got {shorten(repr(seeds))}")

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int8, Key, Real, UInt32
 
 from elitelanes_jax._util.checks import check_named, one_of, real, whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import randint, random_bits
@@ -108,14 +108,19 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     Raises:
       InputError: if the problem's evaluation has other shapes or kinds of numbers than `Evaluation` says.
     """
-    fitness, features = problem.evaluate(grids)
+    evaluation = problem.evaluate(grids)
+    if not isinstance(evaluation, tuple) or [hasattr(part, "dtype") for part in evaluation] != [True, True]:
+        words = "expected a tuple of two arrays, fitness and features"
+        raise InputError(f"evaluate: {words}, got {shorten(repr(evaluation))}")
+    fitness, features = evaluation
     expected, got = ((len(grids),), (len(grids), len(problem.feature_names))), (fitness.shape, features.shape)
     if expected != got:
         raise InputError(f"evaluate: expected fitness and features of shapes {expected}, got {got}")
     kinds = fitness.dtype, features.dtype
-    if not (jnp.issubdtype(kinds[0], jnp.number) and jnp.issubdtype(kinds[1], jnp.integer)):
+    is_real = jnp.issubdtype(kinds[0], jnp.number) and not jnp.issubdtype(kinds[0], jnp.complexfloating)
+    if not (is_real and jnp.issubdtype(kinds[1], jnp.integer)):
         raise InputError(
-            f"evaluate: expected a fitness of numbers and features of whole numbers, got {kinds[0]} and {kinds[1]}"
+            f"evaluate: expected a fitness of real numbers and features of whole numbers, got {kinds[0]} and {kinds[1]}"
         )
     kind = jnp.float32 if jnp.issubdtype(fitness.dtype, jnp.floating) else jnp.int32
     return Population(grids, finite_or_vacant(fitness.astype(kind)), features.astype(jnp.int32))

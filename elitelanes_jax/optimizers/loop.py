@@ -65,6 +65,8 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
         raise InputError(f"optimizer: expected an Optimizer, got {type(optimizer).__name__}")
     if np.ndim(keys) != 1 + (getattr(keys, "dtype", None) == np.uint32):  # a key of the old style is a vector
         raise InputError(f"keys: expected keys [S], such as those of seed_keys, got {shorten(repr(keys))}")
+    if not np.shape(keys)[0]:
+        raise InputError("keys: expected at least one, got none")
     check_named("generations", whole(0), generations)
     first = optimizer.first_generation
     states, info = advance(optimizer, keys, start(optimizer, keys), first, generations, most=generations + 1 - first)

@@ -3,6 +3,7 @@
 Mouret and Clune, "Illuminating search spaces by mapping elites", 2015; paper, section "Behavior Descriptors".
 """
 
+from math import prod
 from typing import NamedTuple
 
 import jax
@@ -66,17 +67,23 @@ def insert(
       accept_equal: whether the first in the batch replaces an elite of equal fitness.
 
     Raises:
-      InputError: for another number of indices than of grids, another dtype of fitness than the archive's, or an index
-        of no niche; the last not under `jax.jit`.
+      InputError: for another number of indices than of grids, another dtype of fitness or other shapes of grids and
+        features than the archive's, or an index of no niche; the last not under `jax.jit`.
     """
+    archive, found = (Population(*map(jnp.asarray, each)) for each in (archive, found))
+    given = np.arange(0) if isinstance(niche, jax.core.Tracer) else np.asarray(niche)
+    niche = jnp.asarray(niche)
     if niche.shape[-1:] != found.fitness.shape:
         raise InputError(f"niche: expected {len(found.fitness)} indices, one for each grid, got {list(niche.shape)}")
-    rounds, niches = niche.reshape(-1, len(found.grids)), archive.fitness.size
-    given = np.arange(0) if isinstance(niche, jax.core.Tracer) else np.asarray(niche)
+    rounds, niches = niche.reshape(prod(niche.shape[:-1]), niche.shape[-1]), archive.fitness.size
     if given.size and not 0 <= given.min() <= given.max() < niches:
         raise InputError(f"niche: expected indices 0 to {niches - 1}, got {given.min()} to {given.max()}")
     if (expected := archive.fitness.dtype) != (got := found.fitness.dtype):
         raise InputError(f"found: expected a fitness of {expected}, as in the archive, got {got}")
+    for part in ("grids", "features"):
+        sizes, own = ([*getattr(each, part).shape[1:]] for each in (archive, found))
+        if own != sizes:
+            raise InputError(f"found: expected {part} of shape {sizes} each, as in the archive, got {own}")
     niche, fitness = rounds.reshape(-1), jnp.tile(found.fitness, len(rounds))
     fitness = finite_or_vacant(fitness)
     batch = jnp.arange(niche.size, dtype=jnp.int32)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, listed, split_settings
+from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, is_whole, listed, split_settings
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -141,6 +141,8 @@ def _check_axis(axis: UserValue, features: Collection[str] | None) -> Axis:
         raise InputError(f"axes: expected axes such as 'straight_share:10', got {shorten(repr(given))}")
     source = f"axes {given!r}" if isinstance(given, str) else f"axes {axis.metric!r}"
     check_feature(source, axis.metric, features)
+    whole: dict[str, UserValue] = {name: int(value) for name, value in axis._asdict().items() if is_whole(value)}
+    axis = axis._replace(**whole)  # NumPy's numbers would not be written to JSON
     bins, width, start, target = axis[1:]
     if not all(type(number) is int for number in (bins, width, start)) or bins < 1 or width < 0:
         got = f"bins {shorten(repr(bins))}, width {shorten(repr(width))}, start {shorten(repr(start))}"

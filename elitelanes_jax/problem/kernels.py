@@ -59,7 +59,9 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
         if not callable(kernel):
             raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
         check_named(f"features: {name}", function_of("grid"), kernel)
-        made = _traced(f"features: expected {name}", kernel, jax.ShapeDtypeStruct(shape, jnp.int8))
+        made = _traced(
+            f"features: expected {name}", partial(_apply_kernel, name, kernel), jax.ShapeDtypeStruct(shape, jnp.int8)
+        )
         kind = getattr(made, "dtype", None)
         if kind is None or made.shape or not jnp.issubdtype(kind, jnp.integer):
             raise InputError(f"features: expected {name} to return an integer scalar, got {_described(made)}")
@@ -105,10 +107,7 @@ def apply_fitness(
             "usual": usual,
         }
         value = fitness(**{name: known[name] for name in arguments})
-        try:
-            total = jnp.asarray(value)
-        except (TypeError, ValueError, OverflowError):
-            raise InputError(f"fitness: expected it to return {_SCALAR}, got {shorten(repr(value), 60)}") from None
+        total = _as_array(f"fitness: expected it to return {_SCALAR}", value)
         if jnp.issubdtype(total.dtype, jnp.floating):
             return total.astype(jnp.float32)
         return _clipped(total) if jnp.issubdtype(total.dtype, jnp.integer) else total  # `check_fitness` refuses others
@@ -127,7 +126,7 @@ def measure_features(
     units = np.eye(len(names), dtype=np.int32)
 
     def measure_one(grid: Array) -> Array:
-        values = {name: _clipped(jnp.asarray(kernels[name](grid))) for name in users}
+        values = {name: _clipped(_apply_kernel(name, kernels[name], grid)) for name in users}
         if len(users) < len(names):
             values |= measure_town(grid, detour="mean_detour" in names)._asdict()
         return sum((values[name] * unit for name, unit in zip(names, units, strict=True)), jnp.int32(0))
@@ -175,9 +174,23 @@ def _measure(grids: Int8[Array, "P H W"], names: tuple[str, ...]) -> Int32[Array
     return measure_features(grids, names, {})
 
 
-def _clipped(value: Integer[Array, ""]) -> Int32[Array, ""]:
+def _apply_kernel(name: str, kernel: Kernel, grid: Int8[Array, "H W"]) -> AnyArray:
+    return _as_array(f"features: expected {name} to return an integer scalar", kernel(grid))
+
+
+def _as_array(expected: str, value: UserValue) -> AnyArray:
+    """Returns a user's value as an array; whole numbers of NumPy as they are, because JAX would cut off upper bits."""
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "iu":
+        return value
+    try:
+        return jnp.asarray(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{expected}, got {shorten(repr(value), 60)}") from None
+
+
+def _clipped(value: Integer[Array | np.ndarray | np.generic, ""]) -> Int32[Array, ""]:
     kind = jnp.iinfo(value.dtype)
-    return jnp.clip(value, max(kind.min, -LARGEST), min(kind.max, LARGEST)).astype(jnp.int32)
+    return jnp.asarray(value.clip(max(kind.min, -LARGEST), min(kind.max, LARGEST)).astype(np.int32))
 
 
 def arguments_of(fitness: Fitness) -> tuple[str, ...]:
@@ -195,7 +208,7 @@ def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.Shap
     """Returns the shapes and dtypes that a user's function returns; errors of JAX become an `InputError`."""
     try:
         return jax.eval_shape(function, *arguments)
-    except (jax.errors.JAXTypeError, jax.errors.JAXIndexError, OverflowError) as error:
+    except (jax.errors.JAXTypeError, jax.errors.JAXIndexError) as error:
         raise InputError(f"{expected} to be a function that JAX can trace, got: {shorten(str(error), 160)}") from None
 
 

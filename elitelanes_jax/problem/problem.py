@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real
 from numpy.typing import DTypeLike
 
-from elitelanes_jax._util.checks import LARGEST, check_named, flag, function, instance, listed, none_or
+from elitelanes_jax._util.checks import LARGEST, check_named, flag, function, function_of, instance, listed, none_or
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.network.bits import random_grids
@@ -24,7 +24,7 @@ from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metri
 from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.xla import materialize
-from elitelanes_jax.problem.archive import Population, vacant_fitness
+from elitelanes_jax.problem.archive import VACANT, Population, vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, resolve_axes
 from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, columns_for
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
@@ -57,11 +57,12 @@ class Problem:
       feature_names: the names of the F columns of features.
       axes: axes of the descriptor space; MAP-Elites needs at least one.
       alphabet: the codes, among 0 to 15, that new tiles are drawn from.
-      repair: (grid, dirty, raster) -> grid, applied to every new grid; the last two are optional. See
-        `elitelanes_jax.network.repair`. By default a code outside the alphabet becomes one of its K codes, the one at
-        index code mod K.
+      repair: (grid, dirty, raster) -> grid, applied to every new grid; the last two are optional, and `raster` is also
+        given by name. See `elitelanes_jax.network.repair`. By default a code outside the alphabet becomes one of its K
+        codes, the one at index code mod K.
       penalties: features int32 ``[..., F]`` -> int32 ``[...]``, the part of the fitness that no reward lowers; by
-        default 0. The tuned MAP-Elites uses it alone in some cycles.
+        default 0. The tuned MAP-Elites with `require_feasible`, as in its preset `irregular`, counts a niche as vacant
+        until this is 0 there.
       initial: int8 ``[N, H, W]``, grids that every run starts from, or None.
       fill: whether `repair` leaves nothing to fill, so that moves need not. Otherwise moves may apply the repair of
         roads.
@@ -83,12 +84,16 @@ class Problem:
         """Checks the fields and sets the defaults.
 
         Raises:
-          InputError: for a bad shape or alphabet, or an axis whose feature is no column.
+          InputError: for a bad shape or alphabet, an axis whose feature is no column, a repair without these arguments,
+            or initial grids of another shape or with other codes.
         """
         shape, alphabet = check_shape(self.shape, new=True), check_alphabet(self.alphabet)
         names = tuple(check_named("feature_names", listed(str), self.feature_names))
         for part in ("evaluate", "repair", "penalties"):
             check_named(part, function if part == "evaluate" else none_or(function), getattr(self, part))
+        for check in (function_of("grid", "dirty", "raster"), function_of("grid", raster=False)):
+            check_named("repair", none_or(check), self.repair)
+        check_named("initial", none_or(_check_initial), self.initial, shape)
         axes = resolve_axes(self.axes, shape, names) if not isinstance(self.axes, tuple | list) or self.axes else ()
         known = {*names, *(share for share, (part, whole) in SHARES.items() if {part, *whole} <= set(names))}
         for axis in axes:
@@ -113,8 +118,15 @@ class Problem:
         return prod(axis.bins for axis in self.axes)
 
     def empty_archive(self, dtype: DTypeLike = jnp.int32, *, copies: int = 1) -> Population:
-        """Returns a number of archives of vacant slots, end to end, for a fitness of a dtype."""
+        """Returns a number of archives of vacant slots, end to end, for a fitness of a dtype.
+
+        Raises:
+          InputError: for a dtype that does not hold the fitness of vacant slots, or if there are no axes.
+        """
         slots, kind = copies * self.niches, jnp.dtype(dtype)
+        whole = jnp.issubdtype(kind, jnp.integer) and jnp.iinfo(kind).max >= VACANT
+        if not (whole or jnp.issubdtype(kind, jnp.floating)):
+            raise InputError(f"dtype: expected that of a fitness, int32 or float32, got {kind}")
         return Population(
             grids=jnp.zeros((slots, *self.shape), jnp.int8),
             fitness=jnp.full(slots, vacant_fitness(kind), kind),
@@ -155,6 +167,17 @@ class Problem:
 
     def niche(self, features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
         return niche_index(self.descriptor(features), self.axes)
+
+
+def _check_initial(initial: UserValue, shape: tuple[int, int]) -> None:
+    """Checks grids to start from; the codes of traced ones are unknown."""
+    array = initial if isinstance(initial, jax.Array) else np.asarray(initial)
+    if array.ndim != 3 or array.shape[1:] != shape or not jnp.issubdtype(array.dtype, jnp.integer):
+        expected = f"whole numbers of shape [N, {shape[0]}, {shape[1]}]"
+        raise InputError(f"expected {expected}, got {array.dtype} {[*array.shape]}")
+    codes = np.arange(0) if isinstance(array, jax.core.Tracer) else np.asarray(array)
+    if codes.size and not 0 <= codes.min() <= codes.max() <= 15:
+        raise InputError(f"expected tile codes 0 to 15, got {codes.min()} to {codes.max()}")
 
 
 def _to_alphabet(
@@ -199,14 +222,15 @@ def road_problem(
       where: ranges of features, as `parse_ranges` takes them; the distance from them adds to the fitness.
       limits: the same as an array that may be traced, see `range_limits`; replaces `where`.
       measured: the names of K features to measure beside the metrics; features of axes and ranges may be omitted.
-      feature_weights: int ``[K]``, weights of these features in the fitness; may be traced. By default 0.
+      feature_weights: int ``[K]``, weights of these features in the fitness, in the order of `measured`; may be traced.
+        By default 0.
       features: kernels of the user's features, by name.
       fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of ranges is added.
       fix: cells that never change, as `parse_fixed_cells` takes them.
       initial: int8 ``[N, H, W]``, grids that every run starts from.
 
     Raises:
-      InputError: for a bad shape, alphabet, axis, range or cell.
+      InputError: for a bad shape, alphabet, axis, range, cell or initial grid, or another number of weights than K.
     """
     shape = check_shape(shape, new=True)
     check_named("weights", instance(Weights), weights)
@@ -214,11 +238,21 @@ def road_problem(
     alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
     axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape, features)
     ranges, fix = parse_ranges(where, features), None if fix is None else parse_fixed_cells(fix)
+    measured = tuple(measured)
     feature_names = columns_for((axis.metric for axis in axes), measured, (item.name for item in ranges))
     if ranges and limits is None:
         limits = range_limits(ranges, feature_names)
     others = feature_names[len(METRIC_NAMES) :]
+    if feature_weights is not None and np.shape(feature_weights) != (len(measured),):
+        got = f"shape {[*np.shape(feature_weights)]}"
+        raise InputError(f"feature_weights: expected {len(measured)} numbers, one for each of measured, got {got}")
+    if feature_weights is not None and (shares := {*measured} - {*feature_names}):
+        raise InputError(f"measured: expected features that may be weighed, got the share {min(shares)}")
     users = np.array([feature_names.index(name) for name in others if name in features], int)
+    # The column of each weight; where they are in order, a slice, so that XLA gathers nothing.
+    weighed = np.array([feature_names.index(name) for name in measured if feature_weights is not None], int)
+    columns_weighed = np.s_[len(METRIC_NAMES) :] if measured == others else weighed
+    own = np.array([place for place, name in enumerate(measured) if name in features], int)
     allowed = (*alphabet, *KINDS["end"], *KINDS["empty"])
     fixed = None if fix is None else fix.fixed
 
@@ -230,7 +264,7 @@ def road_problem(
     def weigh(features: Array, weights: Weights, least: int | None = None) -> Array:
         total = weighted_sum(unstack_metrics(features, shape[0] * shape[1]), weights)
         if feature_weights is not None:
-            addends = features[..., len(METRIC_NAMES) :] * feature_weights
+            addends = features[..., columns_weighed] * feature_weights
             total += addends.clip(least).sum(axis=-1, dtype=jnp.int32)
         return total
 
@@ -242,8 +276,7 @@ def road_problem(
         if users.size:
             refused |= (jnp.abs(features[..., users]) >= LARGEST).any(axis=-1)
         if users.size and feature_weights is not None:
-            weights = jnp.asarray(feature_weights)[users - len(METRIC_NAMES)].astype(jnp.float32)
-            refused |= jnp.abs(features[..., users] * weights).sum(axis=-1) > LARGEST_FITNESS
+            refused |= _sum_exceeds(LARGEST_FITNESS, features[..., weighed[own]], jnp.asarray(feature_weights)[own])
         if fitness is not None and total.dtype == jnp.float32:
             refused |= ~jnp.isfinite(total)
         elif fitness is not None:
@@ -275,3 +308,15 @@ def road_problem(
     return Problem(
         shape, evaluate, feature_names, axes, alphabet, repair_grid, penalties, initial, fill=fill, fixed=fixed
     )
+
+
+def _sum_exceeds(most: int, values: Int32[Array, "... K"], weights: Int32[Array, " K"]) -> Bool[Array, "..."]:
+    """Returns whether the sizes of weighted values add up to over `most`, at most 2**29; exact, in 32 bits."""
+    sizes = jnp.abs(weights).astype(jnp.uint32)
+    # A larger value gives an addend that exceeds `most` too.
+    least = most // jnp.maximum(sizes, 1) + 1
+    addends = jnp.minimum(jnp.abs(values).astype(jnp.uint32), least) * sizes
+    total = jnp.zeros(values.shape[:-1], jnp.uint32)
+    for column in range(weights.size):
+        total = jnp.minimum(total + addends[..., column], most + 1)
+    return total > most

@@ -287,8 +287,11 @@ def test_a_search_may_end_early_and_faults_are_named():
     ):
         with pytest.raises(InputError, match=f"^search: .*{words}"):
             run(task, lambda task, rng, batch=batch: iter_once(batch), 1)
-    with pytest.raises(InputError, match="^seeds: expected a whole number, 1 or more, got 0"):
-        run(task, walk, 0)
+    for seeds in (0, np.array(0)):
+        with pytest.raises(InputError, match="^seeds: expected a whole number, 1 or more, got 0"):
+            run(task, walk, seeds)
+    for seeds in (2, np.array(2), np.arange(2)):
+        assert len(run(task, lambda task, rng: iter_once(task.witnesses), seeds).grids) == 2
     for search in (3, iter([]), lambda task, rng: 3):
         with pytest.raises(InputError, match="^search: expected a generator function, which yields grids, got "):
             run("5x5A-10000", search)

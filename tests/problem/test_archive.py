@@ -78,6 +78,19 @@ def test_ties():
     assert archive.valid.sum() == 1
 
 
+def test_archives_and_niches_of_numpy(any_types):
+    archive = PROBLEM.empty_archive()
+    grids, features = np.full((2, 2, 2), 3, np.int8), np.zeros((2, len(METRIC_NAMES)), np.int32)
+    found = Population(grids, np.array([4, 5], np.int32), features)
+    expected = insert(archive, jnp.array([1, 3]), jax.tree.map(jnp.asarray, found))
+    for niche in ([1, 3], np.array([1, 3])):
+        inserted = insert(jax.tree.map(np.asarray, archive), niche, found)
+        jax.tree.map(np.testing.assert_array_equal, inserted, expected)
+    none = jax.tree.map(lambda array: array[:0], found)
+    for niche in (np.zeros(0, int), np.zeros((2, 0), int)):
+        jax.tree.map(np.testing.assert_array_equal, insert(archive, niche, none), archive)
+
+
 @given(some_batches(), st.data())
 def test_several_niches_are_a_batch_joined_to_itself(batches, data):
     niches = st.lists(st.integers(0, 11), min_size=2, max_size=2)
@@ -116,6 +129,8 @@ def test_the_papers_niches():
 def test_axes_are_read_and_checked():
     for axes, expected in (
         ([Axis("bridges", 3)], Axis("bridges", 3, 24)),
+        ({"bridges": np.int64(3)}, Axis("bridges", 3, 24)),
+        ([Axis("bridges", np.int8(3), np.uint8(2), np.int64(1), np.int32(0))], Axis("bridges", 3, 2, 1, 0)),
         ("cyclomatic:25", Axis("cyclomatic", 25, 1)),
         (["straight_share:10"], Axis("straight_share", 10, 100)),
         ("crossings:8:3", Axis("crossings", 8, 3)),

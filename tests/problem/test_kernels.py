@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from certified import evolve
 
-from elitelanes_jax import InputError, Result, SearchSpec
+from elitelanes_jax import InputError, Result, SearchSpec, random_grids, road_problem
 from elitelanes_jax.network import METRIC_NAMES, measure_town
 from elitelanes_jax.problem.kernels import digest
+from elitelanes_jax.problem.problem import _sum_exceeds
 
 SHAPE, PAPER = (5, 5), {"preset": "paper"}
 
@@ -67,6 +68,26 @@ def test_a_weight_is_what_a_unit_adds():
     grids = {grid.tobytes(): int(fitness) for grid, fitness in zip(*np_elites(usual), strict=True)}
     for grid, fitness in zip(*np_elites(weighed), strict=True):
         assert int(fitness) == grids[grid.tobytes()] - 7 * grid[0].sum()
+
+
+@pytest.mark.parametrize("measured", [["signable", "row_sum"], ["row_sum", "turns", "signable"], ["row_sum"], []])
+def test_weights_are_those_of_the_measured_in_their_order(measured):
+    grids, axes = random_grids(jax.random.key(0), 8, SHAPE), "signable:5"
+    usual, weighed = (
+        road_problem(SHAPE, axes, measured=measured, features=FEATURES, feature_weights=weights).evaluate(grids)
+        for weights in (None, 1 + np.arange(len(measured)))
+    )
+    towns = jax.vmap(measure_town)(grids)
+    values = {"signable": towns.signable, "row_sum": jax.vmap(row_sum)(grids)}
+    values["turns"] = usual.features[:, METRIC_NAMES.index("turns")]
+    added = sum(((1 + place) * values[name] for place, name in enumerate(measured)), np.zeros(8, int))
+    np.testing.assert_array_equal(weighed.fitness - usual.fitness, added)
+
+
+def test_the_limit_of_weighted_features_is_exact():
+    values = jnp.array([[2**28, 0], [2**28 + 1, 0], [-1, 1], [0, -(2**30)], [2**28 - 1, 2]], jnp.int32)
+    assert _sum_exceeds(2**29, values, jnp.array([2, 1])).tolist() == [False, True, False, True, False]
+    assert _sum_exceeds(2**29, values, jnp.array([-(2**31), 0])).tolist() == [True, True, True, False, True]
 
 
 def np_elites(result):
