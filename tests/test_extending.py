@@ -155,7 +155,7 @@ def test_a_search_may_refuse_all_grids(which):
     result = search(which, fitness=lambda grid: jnp.nan, generations=3)
     assert not result.elites.valid.any() and result.maps() == []
     assert (result.history.refused > 0).all()
-    assert (result.history.elite_count == 0).all() == (which[0] == "map-elites")
+    assert (result.history.elite_count == 0).all()
 
 
 @methods([("map-elites", "tuned"), ("ea", "tuned")], slow={("ea", "tuned")})

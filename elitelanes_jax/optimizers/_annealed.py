@@ -148,7 +148,7 @@ def _make_optimizer(problem: Problem, config: AnnealingConfig, mates: _Mates) ->
         chains = select(restart | accepted, children, chains)
         cycle_best = select(restart | (children.fitness < cycle_best.fitness), children, cycle_best)
         best = select(children.fitness < best.fitness, children, best)
-        info = Info(best.fitness.min(), jnp.int32(count), count_refused(children))
+        info = Info(best.fitness.min(), best.valid.sum(dtype=jnp.int32), count_refused(children))
         return AnnealedState(chains, cycle_best, best, cooling.after(grows=True)), info
 
     return Optimizer(init, step, elites=lambda state: state.best, evaluations_per_step=count)

@@ -80,8 +80,8 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
         moved = jnp.argmax(mean * UNIT + 3 * multiply(symmetric_uniform(key, shape), size), axis=1)
         pack = evaluate(problem, jax.vmap(problem.repair_raster)(codes[moved]))
         leaders = truncate(leaders, pack, count=2)
-        info = Info(leaders.fitness[0], jnp.int32(config.wolves + 2), count_refused(pack))
-        return GwoState(pack, leaders, steps + 1), info
+        state = GwoState(pack, leaders, steps + 1)
+        return state, Info(leaders.fitness[0], elites(state).valid.sum(dtype=jnp.int32), count_refused(pack))
 
     def elites(state: GwoState) -> Population:
         return concatenate(state.leaders, state.pack)

@@ -97,7 +97,7 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
         parents = tournament(bits[:, : config.tournament], state)
         offspring = breed(problem, mutation, bits[:, config.tournament :], parents)
         state = survivors(config, state, offspring)
-        return state, Info(state.fitness[0], jnp.int32(config.population), count_refused(offspring))
+        return state, Info(state.fitness[0], state.valid.sum(dtype=jnp.int32), count_refused(offspring))
 
     return Optimizer(init, step, elites=lambda state: state, evaluations_per_step=config.offspring)
 

@@ -100,7 +100,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
         better = found.fitness < best.fitness
         best_position = jnp.where(better[:, None, None, None], position, best_position)
         best = select(better, found, best)
-        info = Info(best.fitness.min(), jnp.int32(config.particles), count_refused(found))
+        info = Info(best.fitness.min(), best.valid.sum(dtype=jnp.int32), count_refused(found))
         return PsoState(position, velocity, best_position, best), info
 
     return Optimizer(init, step, elites=lambda state: state.best, evaluations_per_step=config.particles)

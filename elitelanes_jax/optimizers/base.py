@@ -19,7 +19,8 @@ class Info(NamedTuple):
 
     Attributes:
       best_fitness: the lowest fitness among the elites after the step.
-      elite_count: int32, the number of elites: filled niches of an archive, or all grids that the method keeps.
+      elite_count: int32, the number of elites: filled niches of an archive, or the grids that the method keeps. A
+        refused grid is none.
       refused: int32, the number of grids of the step whose evaluation was out of range or not a number.
     """
 
