@@ -298,10 +298,10 @@ WRONG = {
     "initial: expected tile codes 0 to 15, got 99 to 99": lambda: road_problem(
         (4, 4), initial=np.full((1, 4, 4), 99, np.int8)
     ),
-    "repair: expected a function of grid, dirty, raster, got one of (grid)": lambda: Problem(
+    "repair: expected a function of grid, dirty, raster=False, got one of (grid)": lambda: Problem(
         (4, 4), print, repair=lambda grid: grid
     ),
-    "repair: expected a function of grid, raster=False, got one of (grid, mask, rows)": lambda: Problem(
+    "repair: expected a function of grid, dirty, raster=False, got one of (grid, mask, rows)": lambda: Problem(
         (4, 4), print, repair=lambda grid, mask, rows: grid
     ),
     "keys: expected at least one, got none": lambda: run(ea(road_problem((4, 4))), seed_keys(0, 0), 1),

@@ -58,7 +58,7 @@ def confidence_interval(values: ArrayLike) -> tuple[float, float]:
 
     Runs with NaN are ignored. If all runs are NaN, both limits are NaN. Raises `InputError` for another shape.
     """
-    values = np.asarray(values, float)
+    values = np.atleast_1d(np.asarray(values, float))
     if values.ndim != 1:
         raise InputError(f"values: expected one score for each run, shape [R], got shape {list(values.shape)}")
     known = values[~np.isnan(values)]

@@ -66,18 +66,21 @@ def _has_devices() -> bool:
 def leave(main: Callable[[], int]) -> NoReturn:
     """Runs a program's main function as the program. An interruption outside of `guarded` prints nothing."""
     _complete_streams()
-    with catch_interrupts():
-        try:
-            code = main()
-        except KeyboardInterrupt:
-            code = INTERRUPTED
-        except SystemExit as stop:
-            code = stop.code if isinstance(stop.code, int) else 0
-        for stream in (sys.stdout, sys.stderr):
-            _flush(stream)
-        if code == INTERRUPTED:
-            os._exit(code)  # the interpreter's own exit crashes while a thread compiles
-    raise SystemExit(code)
+    try:
+        with catch_interrupts():
+            try:
+                code = main()
+            except KeyboardInterrupt:
+                code = INTERRUPTED
+            except SystemExit as stop:
+                code = stop.code if isinstance(stop.code, int) else 0
+            for stream in (sys.stdout, sys.stderr):
+                _flush(stream)
+            if code == INTERRUPTED:
+                os._exit(code)  # the interpreter's own exit crashes while a thread compiles
+        raise SystemExit(code)
+    except KeyboardInterrupt:  # while the block ended
+        os._exit(INTERRUPTED)
 
 
 def program_name() -> str:

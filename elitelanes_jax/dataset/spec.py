@@ -122,7 +122,10 @@ class DatasetSpec(Record):
             )
 
     def replace(self, **values: UserValue) -> Self:
-        """Returns the record with new values in some fields; given maps determine `maps` and `size` anew."""
+        """Returns the record with new values in some fields; given maps determine `maps` and `size` anew.
+
+        Without the maps that were given, both have their defaults again.
+        """
         if self.maps_from is not None:
             values = {one.name: one.default for one in fields(self) if one.name in ("maps", "size")} | values
         return super().replace(**values)

@@ -139,7 +139,7 @@ def _make_optimizer(problem: Problem, config: AnnealingConfig, mates: _Mates) ->
         def make_child(grid: Array, mate: Array, fresh: Array, move_bits: Array) -> Array:
             varied = move.apply(move_bits, grid, mate)
             new = random_grid(problem, fresh)
-            return problem.repair(jnp.where(restart, new, varied.grid), varied.dirty, restart)
+            return problem.repair(jnp.where(restart, new, varied.grid), varied.dirty, raster=restart)
 
         grids = jax.vmap(make_child)(chains.grids, mates(bits, state), bits.fresh, bits.move)
         children = evaluate(problem, grids)

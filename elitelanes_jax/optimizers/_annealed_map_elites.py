@@ -198,7 +198,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         starts = cooling.step < 0
         varied = Variation(select(starts, chains.grids, varied.grid), varied.dirty & ~starts[:, None, None])
         raster = begins & cycles.restarts | starts & in_raster_order
-        children = evaluate(problem, repair(select(begins, first, varied.grid), varied.dirty, raster))
+        children = evaluate(problem, repair(select(begins, first, varied.grid), varied.dirty, raster=raster))
         pursued = partial(_pursued_fitness, problem, cycles)
         accepted = metropolis_accepts(bits.accept, temperature, pursued(chains), pursued(children))
         chains = select(begins | accepted, children, chains)

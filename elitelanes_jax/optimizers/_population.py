@@ -109,7 +109,7 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
       InputError: if the problem's evaluation has other shapes or kinds of numbers than `Evaluation` says.
     """
     evaluation = problem.evaluate(grids)
-    if not isinstance(evaluation, tuple) or [hasattr(part, "dtype") for part in evaluation] != [True, True]:
+    if not isinstance(evaluation, tuple | list) or [hasattr(part, "dtype") for part in evaluation] != [True, True]:
         words = "expected a tuple of two arrays, fitness and features"
         raise InputError(f"evaluate: {words}, got {shorten(repr(evaluation))}")
     fitness, features = evaluation

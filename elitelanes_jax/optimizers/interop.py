@@ -21,7 +21,7 @@ from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
-from elitelanes_jax.problem.archive import vacant_fitness
+from elitelanes_jax.optimizers._population import evaluate as evaluate_all
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.problem import Problem
 
@@ -46,11 +46,10 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
 
     def score(genotypes: Array, key: Key[Array, ""]) -> tuple[Array, Array, dict[str, Array]]:
         _check_genotypes(problem, genotypes)
-        fitness, features = problem.evaluate(genotypes)
-        bins = niche_bins(problem.descriptor(features), problem.axes)
-        refused = fitness >= vacant_fitness(fitness.dtype)
-        fitness = jnp.where(refused, -jnp.inf, (-fitness).astype(jnp.float32))
-        return fitness, bins.astype(jnp.float32), {"features": features}
+        found = evaluate_all(problem, genotypes)
+        bins = niche_bins(problem.descriptor(found.features), problem.axes)
+        fitness = jnp.where(found.valid, (-found.fitness).astype(jnp.float32), -jnp.inf)
+        return fitness, bins.astype(jnp.float32), {"features": found.features}
 
     return score
 
@@ -220,18 +219,20 @@ def ribs_evaluate(problem: Problem) -> Callable[[Untyped], tuple[NDArray[np.floa
 
     Returns:
       Solutions ``[B, H·W]`` (see `ribs_grids`) -> (objective float64 ``[B]`` to be maximised, measures float64
-      ``[B, D]``, the values of the axes' features). pyribs cannot refuse a grid: a refused one has the objective
-      -2147483647.
+      ``[B, D]``, the values of the axes' features). pyribs cannot refuse a grid: a refused one has the lowest
+      objective, -2147483647 or that of float32.
     """
     grids = ribs_grids(problem)
 
     @jax.jit
     def scored(batch: Array) -> tuple[Array, Array]:
-        fitness, features = problem.evaluate(batch)
-        return -fitness, problem.descriptor(features)
+        found = evaluate_all(problem, batch)
+        is_float = jnp.issubdtype(found.fitness.dtype, jnp.floating)
+        lowest = np.finfo(np.float32).min if is_float else -(2**31 - 1)
+        return jnp.where(found.valid, -found.fitness, lowest), problem.descriptor(found.features)
 
     def evaluate(solutions: AnyArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         objective, descriptor = scored(grids(solutions))
-        return np.asarray(objective, np.float64).clip(-(2**31 - 1), None), np.asarray(descriptor, np.float64)
+        return np.asarray(objective, np.float64), np.asarray(descriptor, np.float64)
 
     return evaluate

@@ -137,23 +137,26 @@ def check_elites(elites: UserValue, shape: tuple[int, int], features: int) -> Po
     check_named("optimizer: elites", instance(Population), elites)
     slots = np.shape(elites.fitness)[:1]
     expected = {"grids": (*slots, *shape), "fitness": slots, "features": (*slots, features)}
-    for (name, sides), dtypes in zip(expected.items(), (["int8"], ["int32", "float32"], ["int32"]), strict=True):
-        got = jnp.asarray(getattr(elites, name))
-        if got.dtype.name not in dtypes or got.shape != sides or not slots:
-            kind = f"{' or '.join(dtypes)} {list(sides)}"
-            raise InputError(f"optimizer: elites: expected {name} {kind}, got {got.dtype} {list(got.shape)}")
-    return elites
+    arrays = [jnp.asarray(array) for array in elites]
+    for (name, sides), array in zip(expected.items(), arrays, strict=True):
+        fits = (
+            array.dtype in (jnp.int32, jnp.float32) if name == "fitness" else jnp.issubdtype(array.dtype, jnp.integer)
+        )
+        if not fits or array.shape != sides or not slots:
+            kind = f"{'int32 or float32' if name == 'fitness' else 'whole numbers'} {list(sides)}"
+            raise InputError(f"optimizer: elites: expected {name} {kind}, got {array.dtype} {list(array.shape)}")
+    return Population(arrays[0].astype(jnp.int8), arrays[1], arrays[2].astype(jnp.int32))
 
 
 def _check_step(state: Pytree, found: UserValue) -> None:
     """Raises `InputError` unless a step returned a state like the one that it took, and an `Info` of scalars."""
-    if not isinstance(found, tuple) or len(found) != 2 or not isinstance(found[1], Info):
+    if not isinstance(found, tuple) or len(found) != 2 or not set(Info._fields) <= {*getattr(found[1], "_fields", ())}:
         got = f"({', '.join(type(each).__name__ for each in found)})" if isinstance(found, tuple) else repr(found)
         raise InputError(f"optimizer: expected a step that returns (state, Info), got {shorten(got)}")
-    for name, value in found[1]._asdict().items():
-        if np.shape(value):
+    for name in Info._fields:
+        if np.shape(value := getattr(found[1], name)):
             raise InputError(f"optimizer: expected an Info of scalars, got {name} of shape {np.shape(value)}")
-    if str(jax.tree.structure(state)) != str(jax.tree.structure(found[0])):
+    if jax.tree.structure(state) != jax.tree.structure(found[0]):  # type: ignore[operator]
         before, after = (shorten(repr(jax.tree.map(lambda _: 0, each))) for each in (state, found[0]))
         raise InputError(f"optimizer: expected a step that returns a state as {before}, got one as {after}")
     for (path, old), new in zip(jax.tree.leaves_with_path(state), jax.tree.leaves(found[0]), strict=True):

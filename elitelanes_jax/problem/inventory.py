@@ -54,13 +54,6 @@ def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
     return tuple((kind, counts.get(kind, 0)) for kind in COUNTED)
 
 
-def without_inventory(where: Iterable[Range], inventory: Iterable[tuple[str, int]]) -> tuple[Range, ...]:
-    """Returns ranges without the upper limits that `within_inventory` sets."""
-    limits = {COUNTED[kind]: count for kind, count in inventory}
-    others = [item._replace(high=None) if item.high == limits.get(item.name) else item for item in where]
-    return tuple(item for item in others if item[1:] != (None, None))
-
-
 def within_inventory(where: Iterable[Range], inventory: Iterable[tuple[str, int]]) -> tuple[Range, ...]:
     """Returns ranges with the upper limits that an inventory sets: a map needs at most the tiles that there are."""
     ranges = {item.name: item for item in where}

@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real
 from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.checks import LARGEST, check_named, flag, function, function_of, instance, listed, none_or
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.checks import check_shape
@@ -57,9 +57,9 @@ class Problem:
       feature_names: the names of the F columns of features.
       axes: axes of the descriptor space; MAP-Elites needs at least one.
       alphabet: the codes, among 0 to 15, that new tiles are drawn from.
-      repair: (grid, dirty, raster) -> grid, applied to every new grid; the last two are optional, and `raster` is also
-        given by name. See `elitelanes_jax.network.repair`. By default a code outside the alphabet becomes one of its K
-        codes, the one at index code mod K.
+      repair: (grid, dirty, raster) -> grid, applied to every new grid; the last two are optional, and `raster` is given
+        by name. See `elitelanes_jax.network.repair`. By default a code outside the alphabet becomes one of its K codes,
+        the one at index code mod K.
       penalties: features int32 ``[..., F]`` -> int32 ``[...]``, the part of the fitness that no reward lowers; by
         default 0. The tuned MAP-Elites with `require_feasible`, as in its preset `irregular`, counts a niche as vacant
         until this is 0 there.
@@ -91,7 +91,7 @@ class Problem:
         names = tuple(check_named("feature_names", listed(str), self.feature_names))
         for part in ("evaluate", "repair", "penalties"):
             check_named(part, function if part == "evaluate" else none_or(function), getattr(self, part))
-        for check in (function_of("grid", "dirty", "raster"), function_of("grid", raster=False)):
+        for check in (function_of("grid", "dirty", raster=False), function_of("grid", raster=False)):
             check_named("repair", none_or(check), self.repair)
         check_named("initial", none_or(_check_initial), self.initial, shape)
         axes = resolve_axes(self.axes, shape, names) if not isinstance(self.axes, tuple | list) or self.axes else ()
@@ -171,9 +171,14 @@ class Problem:
 
 def _check_initial(initial: UserValue, shape: tuple[int, int]) -> None:
     """Checks grids to start from; the codes of traced ones are unknown."""
-    array = initial if isinstance(initial, jax.Array) else np.asarray(initial)
+    expected = f"whole numbers of shape [N, {shape[0]}, {shape[1]}]"
+    try:
+        array = initial if hasattr(initial, "dtype") else jnp.asarray(initial)
+    except (TypeError, ValueError):
+        raise InputError(f"expected {expected}, got {shorten(repr(initial))}") from None
+    if not array.size:
+        return
     if array.ndim != 3 or array.shape[1:] != shape or not jnp.issubdtype(array.dtype, jnp.integer):
-        expected = f"whole numbers of shape [N, {shape[0]}, {shape[1]}]"
         raise InputError(f"expected {expected}, got {array.dtype} {[*array.shape]}")
     codes = np.arange(0) if isinstance(array, jax.core.Tracer) else np.asarray(array)
     if codes.size and not 0 <= codes.min() <= codes.max() <= 15:

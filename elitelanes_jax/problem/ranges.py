@@ -90,7 +90,7 @@ def range_penalty(
     A unit is 1 of a whole number, the share of one cell, or the gain of one more tile in a long straight.
 
     Takes features int32 ``[..., F]`` of NumPy or JAX, and limits as `range_limits` returns them, which may be traced.
-    Returns int32 ``[...]`` of the same library, at most 2**30.
+    Returns int32 ``[...]`` of the same library, at most `largest_penalty`.
     """
     features, names = with_shares(features, feature_names)
     units = {name: (shape[0] * shape[1], SHARE_UNIT) for name in names if feature_unit(name) != 1}
@@ -100,8 +100,18 @@ def range_penalty(
     distance = distance.clip(None, LARGEST // factor) * factor
     # Processors divide by a constant many times as fast as by numbers that differ between columns.
     steps = sum((divisor == one) * ((distance + one - 1) // one) for one in sorted({*divisor.tolist()}))
-    steps = steps.clip(None, LARGEST // (_STEEPNESS * len(names)))
+    steps = steps.clip(None, _most_steps(len(names)))
     return _STEEPNESS * steps.sum(axis=-1, dtype=np.int32)
+
+
+def largest_penalty(ranges: int, feature_names: Sequence[str]) -> int:
+    """Returns the most that `range_penalty` returns for a number of ranges."""
+    return ranges * _STEEPNESS * _most_steps(len(feature_names) + len(SHARES))
+
+
+def _most_steps(columns: int) -> int:
+    """Returns the most units of distance in one column that count, so that all columns together fit 32 bits."""
+    return LARGEST // (_STEEPNESS * columns)
 
 
 def satisfies(features: Mapping[str, AnyArray], where: Iterable[Range]) -> Bool[np.ndarray, "..."]:

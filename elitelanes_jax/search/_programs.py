@@ -52,6 +52,9 @@ States: TypeAlias = tuple[Array | np.ndarray, ...]
 MOST = 256
 """The largest number of generations of one call."""
 
+# The searches whose programs stay in memory. Each takes about 18 MB.
+_MOST_SEARCHES = 64
+
 _START, _ADVANCE, _COLLECT = "start", "advance", "collect"
 
 # The most cells that searches evaluate with a program of level 0 and of level 1, see `compile_program`. For 12 x 12
@@ -333,17 +336,7 @@ class Programs:
         """The shapes and dtypes of the states of a part, in the optimiser's structure."""
         with _tracing():
             keys = jax.ShapeDtypeStruct((self._rows, *self._keys.shape[1:]), self._keys.dtype)
-            return self._jitted[_START].eval_shape(self._traced, keys)
-
-    @cached_property
-    def _jitted(self) -> dict[str, Untyped]:
-        """The programs for JAX, which keeps what it traced of them as long as this object is there."""
-        jit = partial(jax.jit, keep_unused=True)
-        return {
-            _START: jit(partial(_start, self._static)),
-            _ADVANCE: jit(partial(_advance, self._static), static_argnames="structure"),
-            _COLLECT: jit(partial(_collect, self._static), static_argnames=("structure", "single")),
-        }
+            return _jitted(self._static)[_START].eval_shape(self._traced, keys)
 
     def _device(self, name: str) -> jax.Device:
         """Returns the device of a program. The program that collects runs on the default device."""
@@ -351,7 +344,7 @@ class Programs:
         return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
     def _lower(self, name: str) -> jax.stages.Lowered:
-        traced = self._traced
+        traced, jitted = self._traced, _jitted(self._static)
         # Before this thread waits for others that trace: Python 3.11 lets one thread at a time compute `_tree`.
         structure, states = jax.tree.structure(self._tree), self.states
         device = self._device(name)
@@ -364,10 +357,10 @@ class Programs:
         first = jax.ShapeDtypeStruct((), jnp.int32)
         with _tracing():
             if name.startswith(_COLLECT):
-                return self._jitted[_COLLECT].lower(structure, traced, states, self._single)
+                return jitted[_COLLECT].lower(structure, traced, states, self._single)
             if name.startswith(_START):
-                return self._jitted[_START].lower(traced, keys)
-            return self._jitted[_ADVANCE].lower(structure, traced, keys, tuple(part), first, first)
+                return jitted[_START].lower(traced, keys)
+            return jitted[_ADVANCE].lower(structure, traced, keys, tuple(part), first, first)
 
 
 def find_programs(
@@ -383,7 +376,7 @@ def find_programs(
     return _find(static, structure, shapes, single, tuple(devices), floats, find_folder(), settings_of_thread())
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=_MOST_SEARCHES)
 def _find(
     static: Static,
     structure: Pytree,
@@ -396,6 +389,17 @@ def _find(
 ) -> Programs:
     traced, keys = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*each) for each in shapes])
     return Programs(static, traced, keys, single, devices, floats, folder)
+
+
+@lru_cache(maxsize=_MOST_SEARCHES)
+def _jitted(static: Static) -> dict[str, Untyped]:
+    """Returns the programs for JAX, which keeps what it traced of them as long as they are kept here."""
+    jit = partial(jax.jit, keep_unused=True)
+    return {
+        _START: jit(partial(_start, static)),
+        _ADVANCE: jit(partial(_advance, static), static_argnames="structure"),
+        _COLLECT: jit(partial(_collect, static), static_argnames=("structure", "single")),
+    }
 
 
 def _start(static: Static, traced: Traced, keys: KeyData) -> Pytree:

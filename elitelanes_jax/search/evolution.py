@@ -331,7 +331,7 @@ def prepare(
     if optimizer is None:  # a user's optimiser may make any grids
         with spec.naming_origins():
             _check_ranges(spec.where, shape, spec.repair_fills and spec.fix is None)
-    for name, function in {"optimizer": optimizer, "fitness": fitness, **kernels}.items():
+    for name, function in [("optimizer", optimizer), ("fitness", fitness), *kernels.items()]:
         if not _is_hashable(function):
             raise InputError(f"{name}: expected a function with a hash, got {shorten(repr(function))}")
     if fitness is not None:

@@ -85,7 +85,8 @@ class History(NamedTuple):
     def seconds(self) -> float:
         """The time of the generations in seconds, of all seeds together, without compilation."""
         seeds = 1 if self.best_fitness.ndim == 1 else len(self.best_fitness)
-        return float((self.evaluations / self.generation * seeds / self.evaluations_per_second).sum())
+        start = self.evaluations[:1] * (1 - 1 / self.generation[:1])  # of the first generation, also of a continued run
+        return float((np.diff(self.evaluations, prepend=start) * seeds / self.evaluations_per_second).sum())
 
     @classmethod
     def empty(cls, *seeds: int, dtype: DTypeLike = np.int32) -> "History":

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
-from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, flag, name, none_or, one_of, whole
+from elitelanes_jax._util.checks import check_named, check_unique, flag, name, none_or, one_of, whole
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
@@ -26,8 +26,8 @@ from elitelanes_jax.problem.bounds import check_feasible
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, largest_addend
 from elitelanes_jax.problem.fixed_cells import FixedCells, parse_fixed_cells
-from elitelanes_jax.problem.inventory import parse_inventory, parse_numbers, within_inventory, without_inventory
-from elitelanes_jax.problem.ranges import Range, parse_ranges
+from elitelanes_jax.problem.inventory import parse_inventory, parse_numbers, within_inventory
+from elitelanes_jax.problem.ranges import Range, largest_penalty, parse_ranges
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.problem.targets import ExampleValues, parse_targets
 from elitelanes_jax.search.like import settings_like
@@ -191,6 +191,7 @@ class SearchSpec(Record):
     alphabet: tuple[int, ...] | None = option(None, none_or(check_alphabet))
     large: "SearchSpec | None" = option(None, none_or(_parse_large), after="features")
     _given: Mapping[str, UserValue] = field(init=False, repr=False, compare=False)
+    _where: tuple[Range, ...] = field(init=False, repr=False, compare=False)  # without the limits of the inventory
     _origins: Mapping[str, str] = field(init=False, repr=False, compare=False)  # of the style or `like`
 
     def __init__(self, **given: Unpack[SpecOptions]) -> None:
@@ -231,7 +232,6 @@ class SearchSpec(Record):
             if not isinstance(large, Mapping):
                 raise InputError(f"large: expected options by their names, got {shorten(repr(large))}")
             values["large"] = cls.from_plain({**plain, **large, "large": None})
-        values["where"] = without_inventory(values["where"], values["inventory"] or ())
         return _empty()._fill(values)
 
     def _resolve(self, given: Mapping[str, UserValue]) -> "SearchSpec":
@@ -265,11 +265,12 @@ class SearchSpec(Record):
         every = {name: values.get(name, default) for name, default in _DEFAULTS.items()}
         label = every["style"] and Style(every["style"], {})
         given = every | {"style": label} if given is None else given
+        own = every["where"]
         if every["inventory"] is not None:
             where = within_inventory(every["where"], every["inventory"])
             added = {f"where {item.name}": "inventory" for item in where if item not in every["where"]}
             every, origins = every | {"where": where}, {**(origins or {}), **added}
-        vars(self).update(every, _given=given, _origins=origins or {})
+        vars(self).update(every, _given=given, _where=own, _origins=origins or {})
         with self.naming_origins():
             self.check_together()
         return self
@@ -284,8 +285,7 @@ class SearchSpec(Record):
         All its options count as given.
         """
         chosen = self.large if self.large is not None and min(shape) >= LARGE else self
-        values = {name: getattr(chosen, name) for name in _DEFAULTS} | {"large": None}
-        values["where"] = without_inventory(chosen.where, chosen.inventory or ())
+        values = {name: getattr(chosen, name) for name in _DEFAULTS} | {"large": None, "where": chosen._where}
         return _empty()._fill(values, origins=self._origins)._keep_inputs({}, *self.inputs)
 
     @contextmanager
@@ -340,7 +340,7 @@ class SearchSpec(Record):
         for grid in self.initial:
             if (len(grid), len(grid[0])) != shape:
                 raise InputError(f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}")
-        penalty = LARGEST if self.where else 0  # see `range_penalty`
+        penalty = largest_penalty(len(self.where), (*METRIC_NAMES, *self.measured))
         try:
             check_weights(self.all_weights, shape, penalty + largest_addend(self.weights, shape))
         except InputError:
@@ -406,7 +406,7 @@ class SearchSpec(Record):
         """Returns plain values for JSON, from which `from_plain` makes the same specification."""
         plain = {name: getattr(self, name) for name in _DEFAULTS} | {
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
-            "where": [str(item) for item in self.where],
+            "where": [str(item) for item in self._where],
             "weights": dict(self.weights),
             "inventory": None if self.inventory is None else dict(self.inventory),
             "targets": {target.name: list(target.values) for target in self.targets},

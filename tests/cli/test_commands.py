@@ -204,6 +204,18 @@ def test_a_run_that_is_told_to_end_leaves_nothing(name, loads, later, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_a_signal_after_the_work_prints_nothing():
+    program = (
+        "import os, signal\n"
+        "from elitelanes_jax.cli import program, signals\n"
+        "ends = lambda which, *times: os.kill(os.getpid(), signal.SIGINT) if times == (0,) else None\n"
+        "signals.signal.setitimer = ends\n"
+        "program.leave(lambda: 0)\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (130, "")
+
+
 def test_a_signal_that_is_lost_comes_again(capsys):
     """Python only prints an exception in a callback of the garbage collector, and native code may drop one."""
 

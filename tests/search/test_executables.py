@@ -41,6 +41,7 @@ def arrays(result):
 def folder(tmp_path, monkeypatch):
     """The folder of the files, empty at first; no search knows the programs of an earlier one."""
     jax.clear_caches()
+    _programs._jitted.cache_clear()
     monkeypatch.setattr(_executables, "LOADED", time.time_ns())  # somebody may edit sources during the tests
     before = jax.config.values["jax_compilation_cache_dir"]
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "cache"))
@@ -60,6 +61,7 @@ def test_forgotten_programs_leave_nothing(folder):
     run(fitness=fitness)
     del fitness
     _programs._find.cache_clear()
+    _programs._jitted.cache_clear()
     gc.collect()
     assert known() is None
 
@@ -67,6 +69,7 @@ def test_forgotten_programs_leave_nothing(folder):
 def in_a_new_process(monkeypatch):
     """As in a new process, no program is known; from here on none may be traced."""
     _programs._find.cache_clear()
+    _programs._jitted.cache_clear()
     for name in ("_start", "_advance", "_collect"):
         monkeypatch.setattr(_programs, name, None)
 

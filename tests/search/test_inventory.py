@@ -49,6 +49,10 @@ def test_an_inventory_narrows_the_ranges_and_leaves_cells_empty():
         assert other.where == spec.where
         assert {item.name: item.high for item in other.replace(inventory={"turn": 15}).where}["turns"] == 15
         assert "crossings4" not in {item.name for item in other.replace(inventory=None).where}
+    equal = SearchSpec(inventory=SHELF, where=["crossings=..5", f"turns=..{SHELF['turn']}"])
+    for other in (equal.on((8, 8)), SearchSpec.from_plain(equal.to_plain())):
+        assert other == equal
+        assert [item.name for item in other.replace(inventory=None).where] == ["crossings", "turns"]
     like = SearchSpec(like=[[6, 5, 3], [10, 0, 10], [12, 5, 9]], inventory=SHELF)
     assert {"turn_share", "turns"} <= {item.name for item in like.where}
 
