@@ -221,7 +221,7 @@ LAYOUTS = {
         "SPLIT/LAYER/NUMBER.png",
         "# pip install datasets pillow\n"
         "from datasets import load_dataset\n\n"
-        "# One split at a time: the columns of another may differ. It alone is called train.\n"
+        "# Each split alone, because their columns may differ. Alone, a split is called train.\n"
         'samples = load_dataset("imagefolder", data_dir="DIR/SPLIT", split="train")\n'
         "sample = samples[0]\n"
         'print(sample["image"].size, sample["labels"].getextrema())',

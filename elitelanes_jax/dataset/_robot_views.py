@@ -42,7 +42,7 @@ class Viewpoint(NamedTuple):
       size: (rows, columns) of the picture.
       sky: its colour, RGB.
       tile_px: side of a tile of the rendered map in pixels.
-      lines: tiles from a white line's usual place inwards to the place that is drawn there.
+      lines: the stretch of a tile at its white lines, in tiles; positive if they shift outwards.
       about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and ``camera``.
     """
 
@@ -229,7 +229,7 @@ def above_horizon(viewpoint: Viewpoint) -> Bool[NDArray, "rows columns"]:
 
 
 def _shift_lines(places: NDArray[_F], tile_px: int, lines: float) -> NDArray[_F]:
-    """Shifts coordinates away from the middle of each tile, by `lines` tiles where the white line usually is."""
+    """Shifts coordinates away from the middle of each tile, by `lines` tiles at the usual place of the white line."""
     if not lines:
         return places
     sides = np.sin(places * (2 * np.pi / tile_px)) * np.float32(lines * tile_px / np.sin(2 * np.pi * _WHITE_LINE))

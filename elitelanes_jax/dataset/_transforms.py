@@ -146,9 +146,9 @@ class Viewpoints(Record):
       pitch: degrees downwards, 0 to 90.
       field_of_view: degrees, from the upper to the lower edge, 1 to 170.
       wobble: largest change of height, pitch and field of view, either way, as a share, 0 to 0.5.
-      lines: how far from a white line's place the place is that is drawn there, at most, in tiles, 0 to 0.08. With 0.07
-        the lines shift outwards by up to 0.04 and inwards by up to 0.13. The middle of the road and the tile's edges
-        stay, and what lies between is stretched: line positions and widths differ between labs.
+      lines: largest stretch of a tile at its white lines, in tiles, 0 to 0.08. With 0.07 the lines shift outwards by up
+        to 0.04 and inwards by up to 0.13. The middle of the road and the tile's edges stay. Positions and widths of
+        lines differ between labs.
     """
 
     rows: int = option(480, whole(16, 4096))

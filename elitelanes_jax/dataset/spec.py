@@ -122,9 +122,9 @@ class DatasetSpec(Record):
             )
 
     def replace(self, **values: UserValue) -> Self:
-        """Returns the record with new values in some fields; given maps determine `maps` and `size` anew.
+        """Returns the record with new values in some fields.
 
-        Without the maps that were given, both have their defaults again.
+        If maps were given, `maps` and `size` are determined anew: by the given maps, or by the defaults without them.
         """
         if self.maps_from is not None:
             values = {one.name: one.default for one in fields(self) if one.name in ("maps", "size")} | values

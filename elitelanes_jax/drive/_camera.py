@@ -74,7 +74,7 @@ class Camera(Record):
       pitch: degrees downwards.
       field_of_view: degrees, from the upper to the lower edge.
       distortion: k1, k2 of the radial distortion x (1 + k1 r² + k2 r⁴), r in focal lengths; None for none. Pixels
-        beyond the largest radius that it reaches show what that one shows.
+        farther out than any point is moved show the farthest point.
       light: factor of all colours.
       noise: standard deviation of each colour, of 255; None for none.
       ground: red, green and blue beyond the map.
@@ -190,8 +190,8 @@ def _rays(camera: Camera) -> Rays:
 def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Array, Array]:
     """Finds the points that distortion moves to `right` and `down`.
 
-    Their radius is searched up to the first one at which distortion no longer moves points outwards, if there is one.
-    Otherwise distortion is by a factor over 4 / 9. By halving first, as Newton's method alone may leave that range.
+    Their radius is found by halving a range, and then by Newton's method, which alone may leave the range. The range
+    ends where distortion begins to move larger radii inwards. If it never does, its factor is over 4 / 9.
     """
     far = jnp.sqrt(right**2 + down**2)
     root = 9 * k1**2 - 20 * k2

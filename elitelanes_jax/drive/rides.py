@@ -51,7 +51,7 @@ _HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
 _MOST_SEEN = 32  # objects in a view
 _BITS = 4  # of the fraction of a pixel
 _SIGHT_PX = 128  # of a tile in the pictures that a policy observes
-_PACE = 0.46  # tiles a second: the expert drives more, also in left turns
+_PACE = 0.46  # tiles a second: the expert is faster, also in left turns
 
 
 class Rides(NamedTuple):
@@ -83,7 +83,7 @@ def make_rides(
     seed: int = 0,
     tiles: TileSet | None = None,
 ) -> Rides:
-    """Drives on a map from random starts to random goals, which the expert reaches in time if that is 2.2 s or more.
+    """Drives on a map from random starts to random goals. From 2.2 seconds on, the expert reaches all of them in time.
 
     Args:
       grid: codes ``[H, W]``, or a `RoadMap`.

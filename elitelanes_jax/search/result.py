@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
-from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.checks import check_named, file_named, is_whole, none_or, whole
 from elitelanes_jax._util.checks import path as checked_path
@@ -89,10 +88,10 @@ class History(NamedTuple):
         return float((np.diff(self.evaluations, prepend=start) * seeds / self.evaluations_per_second).sum())
 
     @classmethod
-    def empty(cls, *seeds: int, dtype: DTypeLike = np.int32) -> "History":
-        """Returns a history without generations: of one key alone, or of `seeds` seeds. The fitness has the `dtype`."""
+    def empty(cls, *seeds: int) -> "History":
+        """Returns a history without generations: of one key alone, or of `seeds` seeds."""
         none, counts = np.arange(0), np.zeros((*seeds, 0), np.int32)
-        return cls(none, none, np.zeros((*seeds, 0), dtype), counts, np.zeros(0), counts)
+        return cls(none, none, counts, counts, np.zeros(0), counts)
 
     @classmethod
     def joined(cls, parts: "Sequence[History]") -> "History":

@@ -37,7 +37,7 @@ class Tags:
         self._used: dict[int, list[Point]] = defaultdict(list)
 
     def use(self, thing: MapObject) -> None:
-        """Notes the tag of an object of the user's; raises `InputError` if it must not be used twice and would be."""
+        """Notes the tag of an object of the user's; raises `InputError` if it is in use and tags must be unique."""
         if thing.tag is not None:
             if self._unique and self._used[thing.tag]:
                 raise InputError(f"unique_tags: expected each tag of your own objects once, got {thing.tag} twice")
