@@ -23,6 +23,7 @@ from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billbo
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.network.bits import seed_key
 
 
 def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
@@ -287,7 +288,7 @@ def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: 
     height, width = grid.shape
     index = jnp.arange(height)[:, None] + 2 * jnp.arange(width)
     tiles = sight.tiles[grid.astype(jnp.int32), index % sight.tiles.shape[1]]
-    key = jax.random.key(0)
+    key = seed_key(0)
     for part in (pose.x, pose.y, pose.theta) if sight.camera.noise is not None else ():
         key = jax.random.fold_in(key, jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32))
     return look(key, pose, tiles, sight.atlas, sight.camera, objects, sight.billboards)

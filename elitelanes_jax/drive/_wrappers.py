@@ -23,6 +23,7 @@ from elitelanes_jax.drive._environment import Environment, auto_reset
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
 from elitelanes_jax.drive._levels import make_levels
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
+from elitelanes_jax.network.bits import seed_key
 
 _ENVIRONMENTS: dict[str, tuple[Environment, type[RoadNavParams | LaneDriveParams]]] = {
     "RoadNav": (RoadNav, RoadNavParams),
@@ -47,7 +48,7 @@ def make(
     """
     environment, params = _ENVIRONMENTS[check_named("name", one_of(*_ENVIRONMENTS), name)]
     check_names(settings, params.options())
-    key = jax.random.key(check_named("seed", whole(0, 2**32 - 1), seed))
+    key = seed_key(check_named("seed", whole(0, 2**32 - 1), seed))
     return environment, params(make_levels(key, maps, count), **settings)
 
 
@@ -89,7 +90,7 @@ def _action_space(environment: Environment, spaces: Untyped) -> Untyped:
 
 
 def _observation_space(environment: Environment, params: Pytree, spaces: Untyped) -> Untyped:
-    seen = jax.eval_shape(lambda key: flatten(environment.reset(key, params)[0]), jax.random.key(0))
+    seen = jax.eval_shape(lambda key: flatten(environment.reset(key, params)[0]), seed_key(0))
     if seen.dtype == jnp.uint8:
         return spaces.Box(0, 255, seen.shape, np.uint8)
     return spaces.Box(-np.inf, np.inf, seen.shape)
@@ -197,7 +198,7 @@ def gymnasium_env(
         observation_space = _observation_space(environment, params, gymnasium.spaces)
 
         def _key(self) -> Array:
-            return jax.random.key(int(self.np_random.integers(2**31)))
+            return seed_key(int(self.np_random.integers(2**31)))
 
         def reset(self, *, seed: int | None = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
             super().reset(seed=seed)

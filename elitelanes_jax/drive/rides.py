@@ -28,6 +28,7 @@ from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive.lanes import Movement, Pose, lane_point, linked
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.road_map import RoadMap, read_map
+from elitelanes_jax.network.bits import seed_key
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render, scale_tiles
@@ -102,7 +103,7 @@ def make_rides(
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     check_named("seed", whole(0, 2**32 - 1), seed)
     furthest = max(int(_PACE * seconds), 1)
-    drawing, driving = jax.random.split(jax.random.key(seed))
+    drawing, driving = jax.random.split(seed_key(seed))
     levels = make_levels(drawing, check_grid(grid)[None], count, least=min(4, furthest), most=furthest)
     steps, params = max(round(seconds * _RATE), 1), LaneDriveParams(levels)
     if (camera := getattr(policy, "camera", None)) is not None:
@@ -274,7 +275,7 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 
 @jax.jit
 def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera, things: Pytree, billboards: Pytree) -> Pytree:
-    return jax.vmap(lambda pose: look(jax.random.key(0), pose, cells, atlas, camera, things, billboards).image)(poses)
+    return jax.vmap(lambda pose: look(seed_key(0), pose, cells, atlas, camera, things, billboards).image)(poses)
 
 
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:

@@ -24,7 +24,15 @@ def check_key(key: UserValue) -> None:
         raise InputError(f"key: expected a jax.random.key, got {shorten(repr(key))}")
 
 
+THREEFRY = "threefry2x32"
+"""The kind of key that JAX makes by default."""
+
 _PARTITIONABLE = "jax_threefry_partitionable"  # a setting of JAX, on by default
+
+
+def seed_key(seed: int) -> Key[Array, ""]:
+    """Returns the key of a whole number, 0 to 2**32 - 1: the same whatever kind of key JAX is set to make."""
+    return jax.random.key(np.uint32(seed), impl=THREEFRY)
 
 
 def random_bits(key: Key[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:
@@ -41,11 +49,11 @@ def fold_in(key: Key[Array, ""], number: Int[ArrayLike, ""]) -> Key[Array, ""]:
     if not _is_threefry(key):
         return jax.random.fold_in(key, number)
     data = threefry(jax.random.key_data(key), jnp.asarray(number, jnp.uint32))
-    return jax.random.wrap_key_data(materialize(jnp.stack(data)), impl="threefry2x32")
+    return jax.random.wrap_key_data(materialize(jnp.stack(data)), impl=THREEFRY)
 
 
 def _is_threefry(key: Key[Array, ""]) -> bool:
-    return jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and str(jax.random.key_impl(key)) == "threefry2x32"
+    return jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and str(jax.random.key_impl(key)) == THREEFRY
 
 
 def threefry(

@@ -12,19 +12,18 @@ from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 from elitelanes_jax._util.checks import check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
-from elitelanes_jax.network.bits import fold_in, threefry
+from elitelanes_jax.network.bits import THREEFRY, fold_in, threefry
 from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.problem.archive import Population
-
-_KIND = "jax_default_prng_impl"  # the setting of JAX, which may differ between threads
 
 
 def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on the number and its index alone.
 
-    Key i is ``fold_in(key(seed), i)``. `indices` are those of the keys; or their number K, for the first K. Raises
-    `InputError` for another seed, or other indices than 0 to 2**32 - 1.
+    Key i is ``fold_in(key(seed, impl="threefry2x32"), i)``, whatever kind of key JAX is set to make. `indices` are
+    those of the keys; or their number K, for the first K. Raises `InputError` for another seed, or other indices than
+    0 to 2**32 - 1.
     """
     seed = check_named("seed", whole(0, 2**32 - 1), seed)
     index = whole(0, 2**32 - 1)
@@ -32,18 +31,11 @@ def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
         chosen = np.array([check_named("indices", index, one) for one in indices], np.int64)
     else:
         chosen = np.arange(check_named("indices", index, indices))
-    if not keys_are_threefry():
-        return jax.vmap(partial(jax.random.fold_in, jax.random.key(np.uint32(seed))))(chosen)
-    return jax.random.wrap_key_data(jax.device_put(seed_key_data(seed, chosen)))
-
-
-def keys_are_threefry() -> bool:
-    """Returns whether new keys are of JAX's default kind."""
-    return getattr(jax.config, _KIND) == "threefry2x32"
+    return jax.random.wrap_key_data(jax.device_put(seed_key_data(seed, chosen)), impl=THREEFRY)
 
 
 def seed_key_data(seed: int, indices: Int[np.ndarray, " K"]) -> UInt32[np.ndarray, "K 2"]:
-    """Returns the data of `seed_keys`, for JAX's default kind of key and checked arguments.
+    """Returns the data of `seed_keys`, for checked arguments.
 
     In NumPy, because JAX needs a quarter of a second to trace, lower and load the same.
     """

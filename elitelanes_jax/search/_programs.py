@@ -18,6 +18,7 @@ from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, Untyped
+from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES, Metrics, Weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
@@ -118,7 +119,7 @@ class Static(NamedTuple):
     measured: tuple[str, ...]
     kernels: tuple[tuple[str, Kernel], ...]  # of the user's features that are needed
     fitness: Fitness | None
-    impl: str = "threefry2x32"  # of the keys
+    impl: str = THREEFRY  # of the keys
     digests: Digests = ()  # of the user's functions, by name
 
     def optimizer(self, traced: Traced) -> Optimizer:

@@ -22,11 +22,12 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
+from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.optimizers.base import Optimizer
-from elitelanes_jax.optimizers.loop import check_state, keys_are_threefry, seed_key_data, seed_keys
+from elitelanes_jax.optimizers.loop import check_state, seed_key_data
 from elitelanes_jax.optimizers.presets import (
     PRESETS,
     Config,
@@ -272,12 +273,10 @@ def _check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "
     if is_whole(key):
         key = check_named("key", whole(0, 2**32 - 1), key)
         count = check_named("seeds", check_seeds, SEEDS if seeds is None else seeds)
-        if keys_are_threefry():
-            return seed_key_data(key, np.arange(count)), "threefry2x32", False
-        key = seed_keys(key, count)
-    elif not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        return seed_key_data(key, np.arange(count)), THREEFRY, False
+    if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         raise InputError(f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}")
-    elif seeds is not None:
+    if seeds is not None:
         raise InputError(f"seeds: expected none with keys, because each key is a seed, got {seeds!r}")
     if key.ndim > 1 or key.size == 0:
         raise InputError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")

@@ -252,13 +252,15 @@ def test_a_whole_number_is_the_commands_seed():
 
 
 @pytest.mark.parametrize("kind", ["threefry2x32", "rbg"])
-def test_seeds_have_the_keys_of_jax(kind):
+def test_seeds_have_the_usual_keys_of_jax_whatever_kind_is_set(kind):
     with jax.default_prng_impl(kind):
         for seed in (0, 7, 2**31, 2**32 - 1):
             keys = seed_keys(seed, [0, 1, 12, 2**31])
-            base = jax.random.key(np.uint32(seed))
+            base = jax.random.key(np.uint32(seed), impl="threefry2x32")
             for key, index in zip(keys, [0, 1, 12, 2**31], strict=True):
                 assert key == jax.random.fold_in(base, np.uint32(index))
+        found = search(7, SHAPE, seeds=2, generations=3, method="ea")
+    chex.assert_trees_all_equal(found.elites, search(seed_keys(7, 2), SHAPE, generations=3, method="ea").elites)
     assert seed_keys(3, 0).shape == (0,)
 
 
