@@ -10,7 +10,7 @@ from oracle import CERTIFICATES
 import elitelanes_jax
 from elitelanes_jax import Weights
 
-_FLAWS = ("dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns")
+FLAWS = ("dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns")
 
 
 @cache
@@ -26,7 +26,7 @@ def certificates():
 def better_than_certified(elites):
     """The (cyclomatic number, fitness) of flawless networks that are better than certified, or certified not to be."""
     metrics = {name: np.asarray(values) for name, values in elites.metrics._asdict().items()}
-    flawless = np.asarray(elites.valid) & (metrics["components"] == 1) & (sum(metrics[name] for name in _FLAWS) == 0)
+    flawless = np.asarray(elites.valid) & (metrics["components"] == 1) & (sum(metrics[name] for name in FLAWS) == 0)
     filled = metrics["empty_cells"] == 0
     counts = metrics | {"components": metrics["components"] - 1}
     fitness = sum(weight * counts[name] for name, weight in Weights()._asdict().items() if name != "constant")

@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -29,8 +30,8 @@ def known_to_jax(*options: str) -> str:
 # one has compiled another only loads. A test runs a program a few times, so compiling sooner is worth more than speed:
 # without optimisation and MLIR it takes half the time, for the same results. Slow proofs compile as users do.
 if "PYTEST_XDIST_WORKER" not in os.environ:
-    folder = tempfile.TemporaryDirectory(prefix="elitelanes-tests-", ignore_cleanup_errors=True)
-    os.environ["XDG_CACHE_HOME"] = folder.name
+    cache = tempfile.TemporaryDirectory(prefix="elitelanes-tests-", ignore_cleanup_errors=True)
+    os.environ["XDG_CACHE_HOME"] = cache.name
     if "slow" not in sys.argv:
         os.environ["XLA_FLAGS"] = known_to_jax(
             "--xla_backend_optimization_level=0",
@@ -58,7 +59,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax.search._programs import _find
-from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+from elitelanes_jax.tiles.tileset import TileSet, default_tiles, load_tiles
 
 # Examples are few enough for CI and the same every time; compilation of a new shape may take its time.
 settings.register_profile("ci", max_examples=100, deadline=None, derandomize=True)
@@ -91,6 +92,14 @@ def real_tiles() -> TileSet:
     if not REAL_TILES.is_dir():
         pytest.skip("the photographed tiles are not here")
     return load_tiles(REAL_TILES)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A copy of four drawn tiles that may be spoilt."""
+    for name in ("turn_1", "straight_1", "crossing3_1", "crossing4_1"):
+        shutil.copytree(default_tiles() / name, tmp_path / "tiles" / name)
+    return tmp_path / "tiles"
 
 
 @pytest.fixture

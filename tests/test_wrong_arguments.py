@@ -20,7 +20,6 @@ from elitelanes_jax import (
     ea,
     evolve,
     explore,
-    generate,
     load_tiles,
     random_grids,
     read_map,
@@ -116,13 +115,11 @@ def found():
 
 WRONG = {
     "seed: expected a whole number, 0 to": lambda: GenerateSpec(seed=-1),
-    "nowhere: expected a folder of tile pictures, got none": lambda: generate(GenerateSpec(tiles="nowhere"), "out"),
     "transforms: expected some of none, standard": lambda: DatasetSpec(transforms="luck"),
     "fill: expected True or False, got 'no'": lambda: SearchSpec(fill="no"),
     "weights: expected NAME=N with one of components": lambda: SearchSpec(weights=[3]),
     "where 'cyclomatic=200..': expected a range with some": lambda: evolve(0, where="cyclomatic=200.."),
     "quarter_turns: expected a whole number": lambda: rotate(GRID, "x"),
-    "key: expected a whole number, a jax.random.key or": lambda: evolve("a", seeds=1),
     "optimizer: expected a function from a problem to an Optimizer": lambda: evolve(0, (4, 4), optimizer="ea"),
     "optimizer: expected a function that returns an Optimizer, got int": lambda: evolve(
         0, (4, 4), optimizer=lambda problem: 3
@@ -140,7 +137,6 @@ WRONG = {
     ),
     "policy: expected two numbers": lambda: make_rides(RING, policy=lambda seen: [0, 0, 0], seconds=0.1),
     "path: expected a name, got 3": lambda: Result.load(3),
-    "maps_from: map 0: grid: expected two dimensions": lambda: DatasetSpec(maps_from=[3]),
     "grid: expected rows of tile codes, got 'town.json'; read_map reads": lambda: to_opendrive("town.json"),
     "shape: expected (height, width), two whole numbers": lambda: to_gltf((3,), b"\x89PNG\r\n\x1a\n"),
     "picture: expected the content of a PNG file, got b'no picture'": lambda: to_gltf((2, 2), b"no picture"),
@@ -207,9 +203,6 @@ WRONG = {
     "seed: expected a whole number, 0 to 4294967295, got 1.5": lambda: searched().save("out", seed=1.5),
     "axes 'turns': expected at least one bin, of a width of at least 1, got 4 of width 0": lambda: niche_index(
         np.zeros((3, 1), np.int32), (Axis("turns", 4),)
-    ),
-    "state: expected one to continue from, got that of a result that was saved without its state": lambda: evolve(
-        0, (2, 2), seeds=1, state=searched().state._replace(inner=())
     ),
     "images, labels: expected uint8, got float64 and uint8": lambda: make_atlas(
         np.zeros((4, 2, 2, 3)), np.zeros((4, 2, 2), np.uint8)

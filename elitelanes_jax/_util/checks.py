@@ -53,6 +53,13 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
     return check
 
 
+SEED = whole(0, 2**32 - 1)
+"""Checks for a seed."""
+
+TILE_PX = whole(16, 512)
+"""Checks for the side of a tile in pixels."""
+
+
 def real(least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False) -> Check:
     """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`."""
     limit = f" over {least:g}" if exclusive else f", {least:g}"
@@ -95,6 +102,13 @@ def name(value: UserValue) -> str:
     if not isinstance(value, str) or not value.strip():
         raise InputError(f"expected a name, got {shorten(repr(value))}")
     return value
+
+
+def xml_name(value: UserValue) -> str:
+    """Checks for a text that is not blank, of characters that XML 1.0 allows (section 2.2)."""
+    if re.search(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name(value)):
+        raise InputError(f"expected a name without control characters, as in XML, got {shorten(repr(value))}")
+    return str(value)
 
 
 def path(value: UserValue) -> Path:

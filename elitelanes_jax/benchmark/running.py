@@ -118,9 +118,7 @@ def _run_seed(
         index, grids = split(batch)
         task = tasks[index]
         codes = _check(task, grids)
-        counts = measure_grids(codes)
-        counting = counts["flawless"] & ((not task.fill) | (counts["empty_cells"] == 0))
-        measured = Measured(counts["fitness"], counts["cyclomatic"], counting)
+        measured = Measured(**measure_grids(codes, fill=task.fill))
         for number, (code, value, niche, good) in enumerate(zip(codes, *measured, strict=True), start=1):
             if good and value < lowest[index][niche]:
                 elites[index][niche], lowest[index][niche] = code, value

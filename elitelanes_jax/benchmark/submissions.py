@@ -100,20 +100,16 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
         raise InputError(f"submission: expected a Submission, got {shorten(repr(submission))}")
     task, grids = submission.task, np.asarray(submission.grids)
     _check("submission", task, grids, least=1)
-    counts = measure_grids(grids.reshape(-1, *task.shape))
-    measured = {name: values.reshape(grids.shape[:3]) for name, values in counts.items()}
-    there = (grids > 0).any(axis=(-1, -2))
-    counting = there & measured["flawless"]
-    if task.fill:
-        counting &= measured["empty_cells"] == 0
-    beyond = np.argwhere(counting & ~np.isin(measured["cyclomatic"], task.cyclomatic))
+    found = measure_grids(grids.reshape(-1, *task.shape), fill=task.fill)
+    measured = {name: values.reshape(grids.shape[:3]) for name, values in found.items()}
+    beyond = np.argwhere(measured["counts"] & ~np.isin(measured["cyclomatic"], task.cyclomatic))
     if len(beyond):
         index = tuple(beyond[0].tolist())
         got = f"one at {measured['cyclomatic'][index]}, {_slot(index)}"
         raise InputError(f"grids: expected none in niches that are certified to be empty, got {got}: please report it")
     best = np.full((*grids.shape[:2], len(task.cyclomatic)), np.inf)
     for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
-        here = counting & (measured["cyclomatic"] == cyclomatic)
+        here = measured["counts"] & (measured["cyclomatic"] == cyclomatic)
         best[..., niche] = np.where(here, measured["fitness"], np.inf).min(axis=-1, initial=np.inf)
         better = np.argwhere(here & (measured["fitness"] < optimum))
         if len(better):
@@ -127,34 +123,33 @@ def _slot(index: tuple[int, ...]) -> str:
     return f"run {index[0]}, {BUDGETS[index[1]]:,} evaluations, slot {index[2]}"
 
 
-def measure_grids(grids: Int8[np.ndarray, "P H W"]) -> dict[str, np.ndarray]:
-    """Measures grids batch by batch, so that memory and compilation do not depend on their number."""
+def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> dict[str, np.ndarray]:
+    """Returns what `Measured` has, batch by batch, so that memory and compilation do not depend on the number."""
     batches = []
     for start in range(0, len(grids), _BATCH):
         batch = grids[start : start + _BATCH].astype(np.int8)
         filler = np.zeros((min(_BATCH, 1 << (len(batch) - 1).bit_length()) - len(batch), *batch.shape[1:]), np.int8)
-        part = _measurer()(np.concatenate([batch, filler]))
+        part = _measurer()(np.concatenate([batch, filler]), fill)
         batches.append({name: np.asarray(values)[: len(batch)] for name, values in part.items()})
     return {name: np.concatenate([part[name] for part in batches]) for name in batches[0]}
 
 
 @cache
-def _measurer() -> Callable[[AnyArray], dict[str, AnyArray]]:
+def _measurer() -> Callable[[AnyArray, bool], dict[str, AnyArray]]:
     import jax
 
     from elitelanes_jax.network.fitness import fitness
     from elitelanes_jax.network.metrics import measure
 
     @jax.jit
-    def measure_batch(batch: AnyArray) -> dict[str, AnyArray]:
+    def measure_batch(batch: AnyArray, fill: AnyArray) -> dict[str, AnyArray]:
         found = jax.vmap(measure)(batch)
         flaws = found.dead_ends + found.boundary_violations + found.mismatches
         flaws += found.adjacent_crossings + found.adjacent_turns
         return {
             "fitness": fitness(found),
             "cyclomatic": found.cyclomatic,
-            "empty_cells": found.empty_cells,
-            "flawless": (found.components == 1) & (flaws == 0),
+            "counts": (found.components == 1) & (flaws == 0) & (~fill | (found.empty_cells == 0)),
         }
 
     return measure_batch

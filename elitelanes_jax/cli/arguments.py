@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
-from elitelanes_jax._util.checks import Check, folder, path, whole
+from elitelanes_jax._util.checks import TILE_PX, Check, folder, path, whole
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
@@ -119,7 +119,7 @@ _SHARED: dict[str, dict[str, Untyped]] = {
     },
     "--tiles": {"type": checked_by(path), "metavar": "DIR", "help": "tile pictures; by default the package's own"},
     "--tile-px": {
-        "type": checked_by(whole(16, 512)),
+        "type": checked_by(TILE_PX),
         "default": 64,
         "metavar": "N",
         "help": "side of a tile in pixels; by default %(default)s",

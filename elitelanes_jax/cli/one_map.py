@@ -5,7 +5,7 @@ import sys
 import textwrap
 from dataclasses import replace
 
-from elitelanes_jax._util.checks import check_named, file_named, name, one_of, path, real, whole
+from elitelanes_jax._util.checks import SEED, check_named, file_named, name, one_of, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, never_replacing
 from elitelanes_jax._util.folders import output_folder
@@ -13,7 +13,7 @@ from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, chec
 from elitelanes_jax.cli.program import say
 from elitelanes_jax.formats.road_map import read_map
 
-_SEED = checked_by(whole(0, 2**32 - 1))
+_SEED = checked_by(SEED)
 
 
 def add_show(commands: Commands) -> None:

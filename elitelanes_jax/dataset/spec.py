@@ -7,7 +7,7 @@ from math import floor, prod
 from pathlib import Path
 from typing import Self
 
-from elitelanes_jax._util.checks import instance, is_whole, none_or, one_of, path, whole
+from elitelanes_jax._util.checks import SEED, TILE_PX, instance, is_whole, none_or, one_of, path, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
@@ -86,13 +86,13 @@ class DatasetSpec(Record):
     format: str = option("imagefolder", one_of(*LAYOUTS), "NAME")
     transforms: Transforms = option(STANDARD, parse_transforms, "NAME[=VALUE]", flag="transform", many=True)
     camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
-    seed: int = option(0, whole(0, 2**32 - 1), "N")
+    seed: int = option(0, SEED, "N")
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
     search: SearchSpec = option(SearchSpec(evaluations=100_000), instance(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     objects: Path | None = option(None, none_or(path), "DIR")
-    tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
+    tile_px: int | None = option(None, none_or(TILE_PX), "N")
 
     def check_together(self) -> None:
         """Checks the number of maps against sizes and splits, given cells against sizes, and the crop."""

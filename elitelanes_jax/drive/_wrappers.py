@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key, UInt8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, is_whole, one_of, whole
+from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, check_names
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
@@ -48,7 +48,7 @@ def make(
     """
     environment, params = _ENVIRONMENTS[check_named("name", one_of(*_ENVIRONMENTS), name)]
     check_names(settings, params.options())
-    key = seed_key(check_named("seed", whole(0, 2**32 - 1), seed))
+    key = seed_key(check_named("seed", SEED, seed))
     return environment, params(make_levels(key, maps, count), **settings)
 
 

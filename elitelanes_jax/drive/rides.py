@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, instance, real, whole
+from elitelanes_jax._util.checks import SEED, check_named, instance, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
@@ -101,7 +101,7 @@ def make_rides(
     seconds = check_named("seconds", real(0, unit="seconds, a number", exclusive=True), seconds)
     if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
-    check_named("seed", whole(0, 2**32 - 1), seed)
+    check_named("seed", SEED, seed)
     furthest = max(int(_PACE * seconds), 1)
     drawing, driving = jax.random.split(seed_key(seed))
     levels = make_levels(drawing, check_grid(grid)[None], count, least=min(4, furthest), most=furthest)

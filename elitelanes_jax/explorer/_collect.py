@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import TILE_PX, check_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
@@ -44,7 +44,7 @@ def collect(
         for a bad tile set. The message names the file.
     """
     given: UserValue = what
-    check_named("tile_px", whole(16, 512), tile_px)
+    check_named("tile_px", TILE_PX, tile_px)
     if _is_result(given):
         given = {"result": given}
     if isinstance(given, RoadMap | str | Path):

@@ -4,9 +4,9 @@ import math
 from itertools import pairwise
 from typing import NamedTuple
 
-from elitelanes_jax.formats.graph import Cell
+from elitelanes_jax.formats.graph import Cell, side_towards
 from elitelanes_jax.formats.streets import AHEAD, Streets, Way, middle_of_side
-from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES
+from elitelanes_jax.network.codes import SIDES
 
 # From the border of a crossing to its junction, in tiles, if the next tile is a crossing too. Where its lanes turn they
 # are 0.0002 tiles out of place, 6 mm on tiles of 30 m.
@@ -27,7 +27,7 @@ def middle(path: list[Cell], links: dict[Cell, list[Cell]], height: int) -> list
 
     It also leads to the middle of a dead end at an end of the path, and between adjacent crossings into both.
     """
-    headings = [SIDES.index(SIDE_TOWARDS[b[0] - a[0], b[1] - a[1]]) for a, b in pairwise(path)]
+    headings = [SIDES.index(side_towards(*pair)) for pair in pairwise(path)]
     leads = [0.5 if len(links[tile]) == 1 else 0.0 for tile in (path[0], path[-1])]
     if len(path) == 2 and not any(leads):
         leads = [_INSET, _INSET]

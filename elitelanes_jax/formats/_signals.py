@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.graph import Cell, linked_tiles
+from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.streets import Streets
-from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES
+from elitelanes_jax.network.codes import SIDES
 
 _FAR = 1.5  # tiles from a crossing, where signs no longer belong to it
 _RULES = {"sign_stop": "allway_stop", "trafficlight": "traffic_light"}
@@ -70,7 +70,7 @@ def list_signals(codes: AnyArray, rules: dict[Cell, str], paths: list[list[Cell]
     numbers, own = count(1), set()
     ways = {(way[-1], way[-2]): way for path in paths for way in (path[::-1], path)}
     found: dict[Arrival, list[Signal]] = {end: [] for end in ways}
-    headings = {end: SIDES.index(SIDE_TOWARDS[end[0][0] - end[1][0], end[0][1] - end[1][1]]) for end in found}
+    headings = {(tile, before): SIDES.index(side_towards(before, tile)) for tile, before in found}
     passages = _passages(ways)
     middles = np.array([middle for middle, *_ in passages])
     for thing in _signs(codes):

@@ -16,10 +16,10 @@ from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import read_objects, write_objects
 from elitelanes_jax.formats._yaml_tree import yaml_tree
-from elitelanes_jax.formats.graph import linked_tiles
+from elitelanes_jax.formats.graph import linked_tiles, side_towards
 from elitelanes_jax.formats.objects import MapObject, check_objects
 from elitelanes_jax.network.checks import check_grid, check_sides
-from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, rotate_codes
+from elitelanes_jax.network.codes import CONNECTIONS, rotate_codes
 
 TILE_SIZE = 0.585
 """The side of Duckietown's tiles in metres."""
@@ -164,6 +164,6 @@ def without_dead_ends(codes: ArrayLike) -> NDArray[np.int8]:
             links[other].remove(tile)
             ends += [other] * (len(links[other]) < 2)
     left = np.zeros_like(grid)
-    for (row, column), others in links.items():
-        left[row, column] = sum(SIDE_TOWARDS[other[0] - row, other[1] - column].bit for other in others)
+    for tile, others in links.items():
+        left[tile] = sum(side_towards(tile, other).bit for other in others)
     return left

@@ -7,13 +7,18 @@ from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import KIND_OF, SIDES
+from elitelanes_jax.network.codes import KIND_OF, SIDE_TOWARDS, SIDES, Side
 
 if TYPE_CHECKING:
     import networkx
 
 Cell = tuple[int, int]
 """A cell of a grid: row and column, from the north-west corner."""
+
+
+def side_towards(cell: Cell, neighbour: Cell) -> Side:
+    """Returns the side of a cell that faces a neighbour."""
+    return SIDE_TOWARDS[neighbour[0] - cell[0], neighbour[1] - cell[1]]
 
 
 def linked_tiles(codes: ArrayLike) -> dict[Cell, list[Cell]]:

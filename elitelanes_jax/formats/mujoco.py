@@ -10,8 +10,7 @@ from xml.sax.saxutils import quoteattr
 
 from numpy.typing import ArrayLike
 
-from elitelanes_jax._util.checks import check_named, listed
-from elitelanes_jax.formats._xml import xml_name
+from elitelanes_jax._util.checks import check_named, listed, xml_name
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.formats.streets import lane_graph, lane_points

@@ -14,9 +14,8 @@ from typing import NamedTuple
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._pieces import Piece, across, back, middle
 from elitelanes_jax.formats._signals import Arrival, Signal, list_signals, rights_of_way, signal_element
-from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
+from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards, walk_roads
 from elitelanes_jax.formats.streets import BACK, Streets, Way, lanes
-from elitelanes_jax.network.codes import SIDE_TOWARDS
 
 # On the equator, on the central meridian of UTM's zone 32.
 _GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
@@ -72,8 +71,8 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     signals = list_signals(codes, rules, paths)
     roads: list[str] = []
     for number, path in enumerate(paths, first):
-        (row, column), (next_row, next_column) = path[:2]
-        name = f"{row}_{column}_{SIDE_TOWARDS[next_row - row, next_column - column].name}"
+        row, column = path[0]
+        name = f"{row}_{column}_{side_towards(*path[:2]).name}"
         both = [junctions[path[end]] for end in (0, -1)]
         pieces = middle(path, links, height)
         *_, length = accumulate(piece.length * streets.tile for piece in pieces)  # to the last digit as in `_element`

@@ -13,14 +13,13 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
-from elitelanes_jax.formats._xml import xml_name
-from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
+from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards, walk_roads
 from elitelanes_jax.formats.streets import Streets, no_road
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS
+from elitelanes_jax.network.codes import CONNECTIONS
 
 _SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
 _SETTINGS = {
@@ -149,7 +148,7 @@ def _id(node: Cell) -> str:
 
 
 def _edge_id(node: Cell, neighbour: Cell) -> str:
-    return f"{_id(node)}_{SIDE_TOWARDS[neighbour[0] - node[0], neighbour[1] - node[1]].name}"
+    return f"{_id(node)}_{side_towards(node, neighbour).name}"
 
 
 def _xml(name: str, elements: Iterable[str]) -> str:

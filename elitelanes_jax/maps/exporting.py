@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from elitelanes_jax import formats
-from elitelanes_jax._util.checks import name, none_or, one_of, path, real, whole
+from elitelanes_jax._util.checks import TILE_PX, name, none_or, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
@@ -149,7 +149,7 @@ class FormatOptions(Record):
     speed: float | None = option(None, none_or(real(0)), "M/S")
     right_of_way: str | None = option(None, _name, "HOW")
     tiles: Path | None = option(None, none_or(path), "DIR")
-    tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
+    tile_px: int | None = option(None, none_or(TILE_PX), "N")
     cells: int | None = option(None, none_or(whole(5, 256)), "N")
 
     def given(self) -> dict[str, UserValue]:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from elitelanes_jax._util.checks import check_unique, flag, instance, none_or, one_of, path, real, whole
+from elitelanes_jax._util.checks import SEED, TILE_PX, check_unique, flag, instance, none_or, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, nested, option
 from elitelanes_jax._util.types import Plain, UserValue
@@ -75,10 +75,10 @@ class GenerateSpec(Record):
     maps: int = option(16, whole(1), "N")
     at_most: bool = option(False, flag, "")
     seeds: int = option(SEEDS, check_seeds, "N")
-    seed: int = option(0, whole(0, 2**32 - 1), "N")
+    seed: int = option(0, SEED, "N")
     search: SearchSpec = option(SearchSpec(), instance(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
-    tile_px: int = option(64, whole(16, 512), "N")
+    tile_px: int = option(64, TILE_PX, "N")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     part: tuple[int, int] | None = option(None, none_or(parse_part), "K/N")
 
@@ -135,9 +135,9 @@ class PickSpec(Record):
     rules: str | None = option(None, none_or(one_of(*RULES)), "NAME")
     axes: tuple[Axis, ...] | None = option(None, none_or(lambda axes: parse_axes(axes, None)), "NAME:BINS", many=True)
     unlike: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
-    seed: int = option(0, whole(0, 2**32 - 1), "N")
+    seed: int = option(0, SEED, "N")
     tiles: Path | None = option(None, none_or(path), "DIR")
-    tile_px: int = option(64, whole(16, 512), "N")
+    tile_px: int = option(64, TILE_PX, "N")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
 
     def to_plain(self) -> dict[str, Plain]:
@@ -170,7 +170,7 @@ class PackSpec(Record):
     to: tuple[str, ...] = option((), _check_formats, "FORMAT", many=True)
     split: tuple[float, float, float] = option((0.8, 0.1, 0.1), parse_split, ("TRAIN", "VALIDATION", "TEST"))
     trips: int = option(100, whole(1, 100_000), "N")
-    seed: int = option(0, whole(0, 2**32 - 1), "N")
+    seed: int = option(0, SEED, "N")
     formats: FormatOptions = nested(FormatOptions())
 
     def check_together(self) -> None:

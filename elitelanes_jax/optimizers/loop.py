@@ -9,7 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 
-from elitelanes_jax._util.checks import check_named, instance, whole
+from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.network.bits import THREEFRY, fold_in, threefry
@@ -25,7 +25,7 @@ def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     those of the keys; or their number K, for the first K. Raises `InputError` for another seed, or other indices than
     0 to 2**32 - 1.
     """
-    seed = check_named("seed", whole(0, 2**32 - 1), seed)
+    seed = check_named("seed", SEED, seed)
     index = whole(0, 2**32 - 1)
     if isinstance(indices, Iterable) and np.ndim(indices):
         chosen = np.array([check_named("indices", index, one) for one in indices], np.int64)

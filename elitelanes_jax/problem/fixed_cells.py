@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import path
+from elitelanes_jax._util.checks import is_whole, path
 from elitelanes_jax._util.errors import InputError, reason, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.types import Plain, UserValue
@@ -69,9 +69,7 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
         raise InputError(f"{name}: {error}") from None
     for row, column in np.ndindex(*shape):
         code = rows[row][column]
-        if code is not None and (
-            isinstance(code, bool) or not isinstance(code, int | np.integer) or not 0 <= code <= 15
-        ):
+        if code is not None and not (is_whole(code) and 0 <= code <= 15):
             got = f"{shorten(reprlib.repr(code))} at row {row}, column {column}"
             raise InputError(f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}")
     codes = np.array([[-1 if code is None else code for code in row] for row in rows], int)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key, UInt32
 
-from elitelanes_jax._util.checks import check_named, flag, instance, is_whole, none_or, real, whole
+from elitelanes_jax._util.checks import SEED, check_named, flag, instance, is_whole, none_or, real
 from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten
 from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
@@ -271,7 +271,7 @@ class _Search(NamedTuple):
 def _check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S B"], str, bool]:
     """Returns the data of the keys, their implementation, and whether there was one key alone."""
     if is_whole(key):
-        key = check_named("key", whole(0, 2**32 - 1), key)
+        key = check_named("key", SEED, key)
         count = check_named("seeds", check_seeds, SEEDS if seeds is None else seeds)
         return seed_key_data(key, np.arange(count)), THREEFRY, False
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
 
-from elitelanes_jax._util.checks import check_named, file_named, is_whole, none_or, whole
+from elitelanes_jax._util.checks import SEED, check_named, file_named, is_whole, none_or, whole
 from elitelanes_jax._util.checks import path as checked_path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
@@ -243,7 +243,7 @@ class Result:
           OSError: that names the file, if it cannot be written.
         """
         file = check_named("path", file_named(".npz"), path)
-        seed = check_named("seed", none_or(whole(0, 2**32 - 1)), seed)
+        seed = check_named("seed", none_or(SEED), seed)
         elites = self.elites._asdict()
         arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
         arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites

@@ -40,18 +40,18 @@ class Choice(NamedTuple):
     rejected: dict[str, int]  # the number of elites that violate a constraint, by reason
     alike: int  # the number of elites that equal another elite, or an excluded map, when rotated or mirrored
 
-    def describe(self, wanted: int) -> str:
-        """Returns a sentence: how many of the `wanted` maps were found, and the reasons against the other elites."""
+    def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
+        """Returns how many of the `wanted` maps were found, the reasons against the other elites, and what finds more.
+
+        That is `hint`, and `at_most` if some can be written.
+        """
         reasons = [f"{count} {reason}" for reason, count in self.rejected.items()]
         if self.alike:
             reasons.append(f"{self.alike} like another when rotated or mirrored")
         found = f"found {len(self.maps)} of {pluralize(wanted, 'map')} among {pluralize(self.found, 'elite')}"
-        return f"{found} ({', '.join(reasons)})" if reasons else found
-
-    def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
-        """Returns what `describe` returns, and what finds more maps: `hint`, and `at_most` if some can be written."""
+        against = f" ({', '.join(reasons)})" if reasons else ""
         at_most = "; at_most=True writes those found" if writable and self.maps else ""
-        return f"{self.describe(wanted)}{at_most}; {hint} find more"
+        return f"{found}{against}{at_most}; {hint} find more"
 
     def hint(self, method: str, shape: tuple[int, int]) -> str:
         """Returns what finds more maps ``(height, width)`` with a method."""

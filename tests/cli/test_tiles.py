@@ -6,19 +6,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 from folders import files, read_picture
 
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.tiles.tileset import default_tiles
-
-
-@pytest.fixture
-def folder(tmp_path):
-    """A copy of four drawn tiles that may be spoilt."""
-    for name in ("turn_1", "straight_1", "crossing3_1", "crossing4_1"):
-        shutil.copytree(default_tiles() / name, tmp_path / "tiles" / name)
-    return tmp_path / "tiles"
 
 
 def bare(folder):

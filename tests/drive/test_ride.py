@@ -74,11 +74,7 @@ def test_the_command_writes_a_film_and_refuses_what_is_there(tmp_path, capsys):
     assert [frame.shape[:2] for frame in frames] == [(240, 680)] * 2
     assert main([*command, str(tmp_path / "ride.mp4")]) == 2
     assert "expected a new file, got an existing one" in capsys.readouterr().err
-    (tmp_path / "park.json").write_text('{"codes": [[0, 0], [0, 0]]}')
-    command[1] = str(tmp_path / "park.json")
-    assert main([*command, str(tmp_path / "none.png")]) == 2
-    assert "park.json: grids[0]: expected a map with a lane" in capsys.readouterr().err
-    assert {file.name for file in tmp_path.iterdir()} == {"city.json", "park.json", "ride.gif", "ride.mp4"}
+    assert {file.name for file in tmp_path.iterdir()} == {"city.json", "ride.gif", "ride.mp4"}
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
@@ -153,7 +149,6 @@ def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
         ("1 / 0", "policy.py: expected a program that runs, got ZeroDivisionError: division by zero"),
         ("raise SystemExit(0)", "policy.py: expected a program that runs, got SystemExit: 0 (line 1 of"),
         ("def act(seen): exit()", "policy: expected an action, got SystemExit: None (line 1 of"),
-        ("def act(seen): return seen.speeed", "policy: expected an action, got AttributeError"),
         ("def act(seen): return 1", "policy: expected two numbers, for the left and the right wheel, got shape ()"),
         ("def act(seen): return 0.5, float('nan')", "policy: expected two finite numbers, got 0.5 and nan"),
         ("def act(seen): return 0, 0\nact.camera = 3", "--policy: expected Camera, got 3"),
@@ -162,7 +157,4 @@ def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
         command = ["drive", str(tmp_path / "city.json"), "--policy", str(tmp_path / "policy.py"), "--seconds", "0.1"]
         assert main([*command, "--out", str(tmp_path / "ride.png"), "--rides", "1"]) == 2
         assert message in capsys.readouterr().err
-    command[3] = str(tmp_path / "none.py")
-    assert main([*command, "--out", str(tmp_path / "ride.png")]) == 2
-    assert "none.py: expected a readable file" in capsys.readouterr().err
     assert {file.name for file in tmp_path.iterdir()} == {"city.json", "policy.py"}

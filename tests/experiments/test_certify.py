@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
-from certified import better_than_certified
+from certified import FLAWS, better_than_certified, certificates
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from integer_programme import solve
@@ -22,15 +22,10 @@ certify = pytest.importorskip("experiments.search.certify", reason="no such syst
 RECORDS = {
     (one["height"], one["width"], one["fill"]): one for one in json.loads(CERTIFICATES.read_text())["certificates"]
 }
-FLAWS = ("dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns")
 
 
 def by_niche(record, name):
     return {niche["cyclomatic"]: niche[name] for niche in record["niches"]}
-
-
-def certificate(height, width, fill):
-    return by_niche(RECORDS[height, width, fill], "optimum")
 
 
 def networks(height, width, fill):
@@ -77,7 +72,7 @@ def test_enumeration_finds_the_same(height, width, fill):
     if fill:
         here &= (grids[:, :height, :width] > 0).all(axis=(1, 2))
     niches = np.unique(cyclomatic[here]).tolist()
-    assert certificate(height, width, fill) == {k: values[here & (cyclomatic == k)].min() for k in niches}
+    assert certificates()[height, width, fill] == {k: values[here & (cyclomatic == k)].min() for k in niches}
     assert networks(height, width, fill) == {k: (here & (cyclomatic == k)).sum() for k in niches}
 
 
@@ -109,22 +104,22 @@ def test_all_sizes_are_there_and_agree_with_each_other():
     assert set(RECORDS) >= set(certify.SIZES)
     for height, width, fill in RECORDS:
         if fill and (height, width, False) in RECORDS:
-            some = certificate(height, width, False)
-            assert all(some[niche] <= value for niche, value in certificate(height, width, True).items())
+            some = certificates()[height, width, False]
+            assert all(some[niche] <= value for niche, value in certificates()[height, width, True].items())
         larger = RECORDS.get((height, width + 1, False))
         if not fill and larger:  # a network may lie in a corner of a larger grid
             some = by_niche(larger, "optimum")
-            assert all(some[niche] <= value for niche, value in certificate(height, width, False).items())
+            assert all(some[niche] <= value for niche, value in certificates()[height, width, False].items())
     for fill, optima in OPTIMA.items():  # proven before, by another programme
         for side, value in optima.items():
-            assert (side, side, fill) not in RECORDS or min(certificate(side, side, fill).values()) == value
+            assert (side, side, fill) not in RECORDS or min(certificates()[side, side, fill].values()) == value
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("side", "fill"), [(5, True), (5, False), (6, True), (6, False)])
 def test_integer_programming_proves_the_same(side, fill):
     """Proofs that end within five minutes count."""
-    certified, proven = certificate(side, side, fill), set()
+    certified, proven = certificates()[side, side, fill], set()
     for cyclomatic in range(1, max(certified) + 2):
         value = solve(side, side, fill, cyclomatic, seconds=300)
         assert value in (None, certified.get(cyclomatic, np.inf))
@@ -162,7 +157,7 @@ def witnesses(height, width, fill):
 
 
 def test_the_checker_says_when_a_certificate_is_wrong():
-    grids, optima = witnesses(5, 5, True), certificate(5, 5, True)
+    grids, optima = witnesses(5, 5, True), certificates()[5, 5, True]
     assert check(optima, grids, fill=True) == ({number: [value] for number, value in optima.items()}, [])
     first = min(optima)
     faults = check({first: optima[first] + 2}, grids, fill=True)[1]

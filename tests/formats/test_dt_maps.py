@@ -71,6 +71,16 @@ def test_angles_of_any_size_are_angles(tmp_path):
         read_dt_maps(tmp_path)
 
 
+def write_spoilt(folder, layer, old, new):
+    """Writes a map with a duckie and a sign, and changes a piece of one file."""
+    objects = [MapObject("duckie", 1, 1, 0, 0.08), MapObject("sign_stop", 1, 1, 0, 0.18, 1)]
+    write(folder, RoadMap([[6, 3], [12, 9]], objects=objects), tile_size=1)
+    file = folder / f"{layer}.yaml"
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("layer", "old", "new", "words"),
     [
@@ -91,12 +101,7 @@ def test_angles_of_any_size_are_angles(tmp_path):
 )
 def test_what_cannot_be_read_is_named(tmp_path, layer, old, new, words):
     """One message names the folder or the file."""
-    objects = [MapObject("duckie", 1, 1, 0, 0.08), MapObject("sign_stop", 1, 1, 0, 0.18, 1)]
-    write(tmp_path, RoadMap([[6, 3], [12, 9]], objects=objects), tile_size=1)
-    file = tmp_path / f"{layer}.yaml"
-    text = file.read_text(encoding="utf-8")
-    assert old in text
-    file.write_text(text.replace(old, new), encoding="utf-8")
+    write_spoilt(tmp_path, layer, old, new)
     with pytest.raises(InputError, match=words):
         read_dt_maps(tmp_path)
 
@@ -117,12 +122,7 @@ def test_what_cannot_be_read_is_named(tmp_path, layer, old, new, words):
 )
 def test_aliases_are_not_unfolded(tmp_path, layer, old, new):
     """Unfolded, the texts have 200 MB."""
-    objects = [MapObject("duckie", 1, 1, 0, 0.08), MapObject("sign_stop", 1, 1, 0, 0.18, 1)]
-    write(tmp_path, RoadMap([[6, 3], [12, 9]], objects=objects), tile_size=1)
-    file = tmp_path / f"{layer}.yaml"
-    text = file.read_text(encoding="utf-8")
-    assert old in text
-    file.write_text(text.replace(old, new.replace("BOMB", BOMB)), encoding="utf-8")
+    write_spoilt(tmp_path, layer, old, new.replace("BOMB", BOMB))
     start = time.perf_counter()
     with pytest.raises(InputError) as caught:
         read_dt_maps(tmp_path)

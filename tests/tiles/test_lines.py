@@ -9,7 +9,7 @@ import pytest
 
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.tiles._lines import misplaced_lines
-from elitelanes_jax.tiles.tileset import MASKS, default_tiles, inspect_tiles
+from elitelanes_jax.tiles.tileset import MASKS, inspect_tiles
 
 CROSSINGS, OTHERS = ("crossing3_1", "crossing4_1"), ("turn_1", "straight_1", "end_1")
 
@@ -71,13 +71,6 @@ def test_a_road_is_in_the_middle_and_in_one_piece(drawn_tiles):
 def test_a_set_may_do_without_separators(drawn_tiles):
     without = [tile._replace(yellow=np.zeros_like(tile.yellow)) for tile in drawn_tiles.tiles]
     assert misplaced_lines(without) == []
-
-
-@pytest.fixture
-def folder(tmp_path):
-    for name in ("turn_1", "straight_1", "crossing3_1", "crossing4_1"):
-        shutil.copytree(default_tiles() / name, tmp_path / "tiles" / name)
-    return tmp_path / "tiles"
 
 
 def test_check_names_tile_and_mask(folder, capsys):

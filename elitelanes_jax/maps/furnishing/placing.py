@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import SEED, check_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import MapObject, check_objects
@@ -36,7 +36,7 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> Roa
     """
     road_map = as_map(source)
     asked: FurnishSpec = check_named("furnish", parse_furnish, spec)
-    return replace(road_map, objects=_objects(road_map.codes, asked, check_named("seed", whole(0, 2**32 - 1), seed)))
+    return replace(road_map, objects=_objects(road_map.codes, asked, check_named("seed", SEED, seed)))
 
 
 def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int) -> tuple[MapObject, ...]:

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.graph import Cell, linked_tiles
+from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.maps.furnishing.space import make_object
-from elitelanes_jax.network.codes import CORNERS, SIDE_TOWARDS, SIDES
+from elitelanes_jax.network.codes import CORNERS, SIDES
 
 # From the corner of the crossing, in tiles along both sides of the cell next to it. Signs of human-made maps have 0.04
 # to 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the second sign clear of the first one.
@@ -32,8 +32,8 @@ _TOPOLOGY = {0: "sign_T_intersect", 1: "sign_left_T_intersect", 3: "sign_right_T
 def crossings(codes: NDArray[np.int8]) -> dict[Cell, list[int]]:
     """Returns the sides, as indices of `SIDES`, by which each crossing is linked, in the order of rows."""
     return {
-        (row, column): [SIDES.index(SIDE_TOWARDS[other[0] - row, other[1] - column]) for other in others]
-        for (row, column), others in linked_tiles(codes).items()
+        tile: [SIDES.index(side_towards(tile, other)) for other in others]
+        for tile, others in linked_tiles(codes).items()
         if len(others) > 2
     }
 
