@@ -18,7 +18,7 @@ Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """The commands of a parser; argparse has no public name for their type."""
 
 
-COMPILING = """The first search of a size and method compiles for 5 to 20 seconds. Compiled
+COMPILING = """The first search of a size and method compiles for 2 to 15 seconds. Compiled
 programs are kept in ~/.cache/elitelanes_jax (or in XDG_CACHE_HOME);
 JAX_COMPILATION_CACHE_DIR names another folder."""
 """The end of the help of commands that search."""

@@ -153,7 +153,7 @@ def add_furnish(commands: Commands) -> None:
     )
     named = checked_by(file_named(".json"))
     command.add_argument("--out", type=named, required=True, metavar="FILE", help="a new map file, .json")
-    command.add_argument("--seed", type=_SEED, default=0, metavar="N", help="of the places; by default 0")
+    command.add_argument("--seed", type=_SEED, default=0, metavar="N", help="seed of the places; by default 0")
 
 
 def _furnish(options: argparse.Namespace) -> int:

@@ -140,7 +140,7 @@ class FormatOptions(Record):
       right_of_way: at a network's crossings: allway_stop (the default), priority, right_before_left, traffic_light
       tiles: folder of the tile pictures of a floor; by default the package's own
       tile_px: side of a tile in a floor's picture, in pixels; by default 64
-      cells: cells of a robot's map along a tile's side, 5 or more; by default 39 for nav2, 5 for movingai
+      cells: cells of a robot's map along a tile's side, 5 to 256; by default 39 for nav2, 5 for movingai
     """
 
     tile_size: float | None = option(None, _metres, "METRES")

@@ -160,7 +160,7 @@ class PackSpec(Record):
     """A pack: maps for other programs, in splits, with trips to drive on them.
 
     Attributes:
-      to: formats of the maps, besides our own
+      to: formats of the maps besides our own: all of elitelanes export except csv
       split: shares of the maps for training, validation and test. All maps of a niche are in one split
       trips: number of starts and goals on each map
       seed: seed of the splits and of the trips

@@ -1,21 +1,21 @@
-"""Command lines and what each gives. The lines are data: a file ``*.cases`` for each command, beside this one.
+"""Command lines and what each prints and writes. The lines are data: a file ``*.cases`` for each command.
 
-A case is a line that starts with ``$``, as one would type it after ``elitelanes``, and lines that say what it gives:
+A case is a line that starts with ``$``, followed by what a user types after ``elitelanes``, and lines that say what it
+does:
 
-    err TEXT         a piece of what it says on standard error; its exit status is then 2, if nothing else is said
-    out TEXT         a piece of what it says on standard output
-    file PATTERN     files that it writes; ``*`` also stands for folders
-    changed PATTERN  files that were there, and are others afterwards
-    exit STATUS      its exit status, 0 unless said
-    # TEXT           nothing
+    err TEXT         standard error contains the text; the exit status is then 2, unless another is named
+    out TEXT         standard output contains the text
+    file PATTERN     files that it writes; ``*`` also matches folders
+    changed PATTERN  existing files that it changes
+    exit STATUS      the exit status; 0 by default
+    # TEXT           a comment
 
-Each line runs in a folder of its own, in which there is what it names: a file of ``inputs/``, or a thing of `things`.
-Every line also has to keep what all lines promise. One that fails says so in a line that begins with the program's name
-(`tiles check` in a line for each fault), prints nothing else, and writes nothing. One that is interrupted says at most
-that. One that goes well says nothing on
-standard error. All files that are written are named, and those that were there stay as they were.
+Each line runs in a folder of its own, with the files that it names: from ``inputs/``, or one of `things`. These rules
+hold for every line. A line that fails prints one line, which begins with the program's name (`tiles check` prints one
+for each fault), nothing else, and writes nothing. An interrupted line prints at most that. A line that succeeds prints
+nothing on standard error. All files that it writes are named, and all other files stay as they are.
 
-A line that starts with ``%`` is one for a shell, in which ``elitelanes`` is the program: a process of its own.
+A line that starts with ``%`` runs in a shell, in which ``elitelanes`` is the program: a process of its own.
 """
 
 import os
