@@ -179,12 +179,17 @@ def test_amounts_are_counts_or_shares():
     assert [thing.static for thing in walking] == [False] * 3
 
 
-def test_only_asked_for_objects_are_in_lanes():
-    """Objects in lanes are in the middle of one, in the direction of traffic."""
-    for thing in furnish(TOWN, "lane_robots=6", seed=2).objects:
-        right = (math.sin(thing.angle), math.cos(thing.angle))
-        across = [(thing.x % 1 - 0.5, right[0]), (thing.y % 1 - 0.5, right[1])]
-        assert any(abs(offset - 0.2 * part) < 1e-5 for offset, part in across if abs(part) > 0.9)
+@pytest.mark.parametrize(("code", "across"), [(5, math.sin), (10, math.cos)])
+def test_only_asked_for_objects_are_in_lanes(code, across):
+    """Objects in lanes are on straight tiles, in the middle of the right-hand lane, along the road."""
+    town = furnish(TOWN, "lane_robots=6 lane_duckies=4", seed=2)
+    things = [thing for thing in town.objects if TOWN[math.floor(thing.y)][math.floor(thing.x)] == code]
+    for thing in things:
+        assert abs(across(thing.angle)) < 1e-5
+        offset = (thing.x % 1 - 0.5) * math.sin(thing.angle) + (thing.y % 1 - 0.5) * math.cos(thing.angle)
+        assert abs(offset - 0.2) < 1e-5  # to the right
+    assert len({round(thing.angle, 3) for thing in things}) == 2
+    assert all(TOWN[math.floor(thing.y)][math.floor(thing.x)] in (5, 10) for thing in town.objects)
 
 
 def test_tags_are_reused_far_away_or_refused():

@@ -62,7 +62,7 @@ def _kerbs(codes: NDArray[np.int8]) -> NDArray[np.int64]:
 
 def _straights(codes: NDArray[np.int8]) -> NDArray[np.int64]:
     """Lists the straight tiles: (row, column, whether the road leads from west to east)."""
-    return np.stack([*np.nonzero(np.isin(codes, (5, 10))), codes[np.isin(codes, (5, 10))] == 10], axis=-1)
+    return np.stack([*np.nonzero(np.isin(codes, (5, 10))), codes[np.isin(codes, (5, 10))] == 5], axis=-1)
 
 
 def _in_a_block(spot: list[int], random: np.random.Generator) -> Place:
