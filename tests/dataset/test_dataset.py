@@ -13,16 +13,19 @@ import numpy as np
 import pytest
 from folders import files, read_picture
 from given_maps import random_maps, small
+from jax.random import key_data
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, load_tiles, make_dataset, measure, mirror, render, rotate
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import STANDARD
 from elitelanes_jax.dataset._layouts import write_sample
-from elitelanes_jax.dataset._plan import split_maps
+from elitelanes_jax.dataset._plan import _Size, split_maps
 from elitelanes_jax.dataset._views import View, warp
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network import canonical_form, plain_measure
+from elitelanes_jax.optimizers import seed_keys
+from elitelanes_jax.search import SearchSpec
 from elitelanes_jax.tiles import LABELS, default_tiles
 
 # The searches of all tests of the command are one compiled program for each size.
@@ -232,6 +235,12 @@ def test_each_niche_is_split_in_the_same_shares():
     for niche in range(5):
         part = np.bincount(splits[niche * 40 : niche * 40 + 40], minlength=3)
         assert np.abs(part - (32, 4, 4)).max() <= 1
+
+
+def test_each_round_evolves_other_seeds():
+    size = _Size(5, SearchSpec(), (5, 5), 9, Path())
+    rounds = np.concatenate([key_data(size._keys(number)) for number in range(3)])
+    np.testing.assert_array_equal(rounds, key_data(seed_keys(5, 48)))
 
 
 def test_fewer_maps_than_asked_for_end_the_command(tmp_path, capsys):

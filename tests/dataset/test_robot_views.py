@@ -12,12 +12,14 @@ from given_maps import random_maps
 from pages import blocks
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
+from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels, stand
 from elitelanes_jax.dataset._transforms import Viewpoints
 from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.drive._camera import Camera, look, make_atlas
 from elitelanes_jax.drive.lanes import Movement, Pose, lane_curvature, lane_errors, lane_pose
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import choose_tiles, render, scale_tiles
 
 TOWN = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 15, 11], [12, 5, 13, 9]], np.int8)
@@ -127,6 +129,16 @@ def test_the_card_loads_arrays(layout, camera, tmp_path, capsys, monkeypatch):
             assert {"d", "phi", "curvature", "nearest", "pose", "movement", "camera", "transform"} <= set(row)
             assert row["pixels"] == [24, 32]
         assert len({tuple(row["pose"].values()) for row in found["rows"]}) == 4
+
+
+def test_of_two_tags_on_one_spot_the_last_one_is_in_front():
+    """As in pictures from above, and behind all that stands."""
+    grid = np.array([[6, 3], [12, 9]], np.int8)
+    things = [MapObject(kind, 1.0, 1.0, 0.0, height) for kind, height in (("floor_tag", 0.0), ("cone", 0.08)) * 2]
+    for seed in range(20):
+        viewpoint = draw_viewpoint(np.random.default_rng(seed), Viewpoints(), grid, 64)
+        _, order, _ = stand(things, load_objects().choose(things), viewpoint, 64)
+        assert order in ([0, 2], [0, 2, 1, 3])
 
 
 def test_a_map_without_lanes_has_no_view():

@@ -42,6 +42,17 @@ def test_a_variation_changes_the_picture_alone_and_the_same_way_each_time(name, 
     assert (varied.layers["image"] != plain.layers["image"]).any()
 
 
+def test_each_sample_varies_in_its_own_way(drawn_tiles):
+    def warmth(index):
+        plain, warm = (
+            draw_sample(RoadMap(LOOP), drawn_tiles, index, tile_px=16, transforms=Transforms(**values)).layers["image"]
+            for values in ({}, {"warmth": 0.5})
+        )
+        return warm[..., 0].mean() / plain[..., 0].mean()
+
+    assert len({round(warmth(index), 2) for index in range(4)}) == 4
+
+
 @given(st.integers(0, 10**6))
 @settings(max_examples=20)
 def test_a_background_covers_nothing_else(seed):
@@ -87,6 +98,8 @@ def test_compression_loses_more_when_it_is_stronger():
     image = cv2.GaussianBlur(image_of(), (0, 0), 2)
     lost = [np.abs(compress(rng(3), image, most).astype(int) - image).mean() for most in (0.1, 0.5, 1)]
     assert 0 < lost[0] < lost[1] < lost[2] < 30
+    red = np.full((40, 60, 3), (200, 90, 40), np.uint8)
+    assert np.abs(compress(rng(3), red, 1).astype(int) - red).max() < 20
 
 
 def test_lines_move_outwards():

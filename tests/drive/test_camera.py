@@ -8,7 +8,7 @@ import pytest
 from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, render
-from elitelanes_jax.drive import Camera, Pose, look, make_atlas, movements
+from elitelanes_jax.drive import Camera, Pose, look, look_around, make_atlas, make_sight, movements
 from elitelanes_jax.drive._camera import _undistort, ground_points
 from elitelanes_jax.drive.lanes import Movement, lane_point
 from elitelanes_jax.drive.robot import TILE
@@ -134,6 +134,18 @@ def test_light_and_noise_change_colours_alone(scene):
     )
     np.testing.assert_array_equal(both.labels[1], plain.labels)
     np.testing.assert_array_equal(both.image[0], plain.image)
+
+
+def test_pictures_of_a_code_alternate_and_noise_depends_on_the_pose():
+    """From straight above the middle of a map of one code, whose three pictures have a shade each."""
+    shades = np.arange(16, dtype=np.uint8).repeat(8 * 8 * 3).reshape(16, 8, 8, 3) // 4 * 60
+    camera = Camera(height=2.0, forward=0.0, pitch=90.0, rows=45, columns=45, field_of_view=60.0, noise=2.0)
+    sight = make_sight(shades, shades[..., 0], {0: [(0, 0)], 15: [(1, 0), (2, 0), (3, 0)]}, camera)
+    poses = [Pose(*jnp.array([2.5, 2.5, theta])) for theta in (np.pi / 2, np.pi / 2, np.pi / 2 + 1e-4)]
+    first, again, other = (np.asarray(look_around(pose, np.full((5, 5), 15), sight).image) for pose in poses)
+    cells = np.rint(first[11:34:11, 11:34:11, 0] / 60)
+    assert set(cells.flat) == {1, 2, 3} and np.diff(cells).all() and np.diff(cells, axis=0).all()
+    assert (first == again).all() and (first != other).mean() > 0.5
 
 
 def test_faults_are_named():

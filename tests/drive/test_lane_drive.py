@@ -6,11 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from driving_oracle import drawn_maps
+from driving_oracle import drawn_maps, pick
 
-from elitelanes_jax.drive import LaneDrive, LaneDriveParams, Pose, lane_pose, make_levels, pure_pursuit
+from elitelanes_jax.drive import LaneDrive, LaneDriveParams, Pose, lane_pose, make_levels, make_objects, pure_pursuit
+from elitelanes_jax.drive.lanes import lane_point
 from elitelanes_jax.drive.robot import TILE, Robot, drive, still, to_wheels
-from elitelanes_jax.formats import without_dead_ends
+from elitelanes_jax.formats import MapObject, RoadMap, without_dead_ends
 
 SHAPE, COUNT = (4, 5), 16
 
@@ -102,6 +103,50 @@ def test_the_figures_of_the_lane_are_those_of_lane_pose(params, rides):
     np.testing.assert_array_equal(rides.info.own_lane[at][going], np.asarray(found.own_lane)[going])
     ahead = rides.reached.curvature[at][going][:, 0]
     np.testing.assert_allclose(ahead, np.array([-1 / 0.3, 0, 1 / 0.7])[movement.turn[going]], rtol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def short():
+    """The parameters of a road of three tiles, the state in the middle one, and that before its goal is reached."""
+    params = LaneDriveParams(make_levels(jax.random.key(0), [[[4, 5, 1]]]), start_d=0.0, start_phi=0.0)
+    _, state = LaneDrive.reset(jax.random.key(0), params)
+    return params, state, *drive_on(params, state)
+
+
+def drive_on(params, state):
+    """Drives straight on: the state before the last step of the episode, and that step."""
+    terminated = False
+    while not terminated:
+        before, done = state, LaneDrive.step(jax.random.key(1), state, jnp.array([0.5, 0.5]), params)
+        state, terminated = done.state, done.terminated
+    return before, done
+
+
+def test_the_road_is_left_with_either_side_of_the_robot(short):
+    """On a straight road, 0.222 m from its middle to the white line on either side."""
+    params, state, *_ = short
+    for edge, inwards in ((-0.222 + 0.075, 0.005), (0.222 - 0.075, -0.005)):
+        for d, left in ((edge / TILE + 0.2 + inwards, False), (edge / TILE + 0.2 - inwards, True)):
+            beside = state._replace(pose=lane_point(state.movement, 0.5, d))
+            assert LaneDrive.step(jax.random.key(1), beside, jnp.zeros(2), params).info.off_road == left
+
+
+def test_a_dead_end_that_is_no_goal_ends_the_episode_where_it_is_entered(short):
+    params, state, _, done = short
+    assert done.info.success and not done.info.off_road
+    _, done = drive_on(params, state._replace(goal=state.goal._replace(column=2 - state.goal.column)))
+    assert done.info.off_road and not done.info.success and 0.5 < abs(float(done.state.pose.x) - 1.5) < 0.54
+
+
+def test_a_goal_that_is_reached_with_a_collision_is_none(short):
+    """The object is touched in the step that enters the goal's tile, and not before."""
+    params, _, before, done = short
+    x, y, theta = (float(part) for part in done.state.pose)
+    reach = (0.075 + MapObject("duckie", 0, 0, 0, 0.08).radius) / TILE - 0.005
+    thing = MapObject("duckie", x + reach * np.cos(theta), y, 0.0, 0.08)
+    objects = pick(make_objects([RoadMap([[4, 5, 1]], objects=[thing])]), 0)
+    done = LaneDrive.step(jax.random.key(1), before._replace(objects=objects), jnp.array([0.5, 0.5]), params)
+    assert done.info.collision and done.terminated and not done.info.success
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from oracle import OPPOSITE
 
 from elitelanes_jax import InputError, render
-from elitelanes_jax.drive import Pose, lane_pose, movements
+from elitelanes_jax.drive import Pose, lane_pose, movements, random_pose
 from elitelanes_jax.drive.lanes import LANE_OFFSET, Movement, lane_errors, lane_length, lane_point, linked, on_road
 from elitelanes_jax.network.movements import MOVEMENTS
 
@@ -122,6 +122,16 @@ def test_a_given_movement_is_measured_by_also_from_outside_its_tile(grid):
     for nowhere in (Movement(-1, 0, 0, 0), Movement(*SHAPE, 0, 0)):
         lost = lane_pose(grid, start, nowhere)
         assert not lost.found and lost.d == lost.phi == lost.s == 0 and not lost.own_lane
+
+
+def test_random_poses_are_on_lanes(grid):
+    """Without an offset: on the centre of a movement that there is; all movements come."""
+    keys = jax.random.split(jax.random.key(0), 2000)
+    poses = jax.jit(jax.vmap(lambda key: random_pose(key, grid, offset=0.0, heading=0.0)))(keys)
+    found = jax.jit(jax.vmap(lane_pose, in_axes=(None, 0)))(grid, poses)
+    assert found.found.all() and np.abs(found.d).max() < 1e-4
+    drawn = set(zip(*(np.asarray(part).tolist() for part in found.movement), strict=True))
+    assert drawn == set(map(tuple, np.argwhere(np.asarray(movements(grid))).tolist()))
 
 
 def test_off_the_grid_there_is_no_road(grid, locate):

@@ -1,6 +1,7 @@
 """Rides to look at: trails lie on the lanes, a film has a frame for each step, the command writes whole files."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import jax
@@ -10,6 +11,7 @@ import pytest
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import Camera, look_around, make_sight
+from elitelanes_jax.drive import rides as rides_module
 from elitelanes_jax.drive.lanes import Pose, on_road
 from elitelanes_jax.drive.rides import film, load_policy, make_rides, trails, write_film
 from elitelanes_jax.formats import MapObject, RoadMap
@@ -70,8 +72,9 @@ def test_the_command_writes_a_film_and_refuses_what_is_there(tmp_path, capsys):
     reader = cv2.VideoCapture(str(tmp_path / "ride.mp4"))
     assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == 4 and reader.get(cv2.CAP_PROP_FPS) == 30
     assert main([*command, str(tmp_path / "ride.gif")]) == 0
-    frames = cv2.imreadanimation(str(tmp_path / "ride.gif"))[1].frames
-    assert [frame.shape[:2] for frame in frames] == [(240, 680)] * 2
+    animation = cv2.imreadanimation(str(tmp_path / "ride.gif"))[1]
+    assert [frame.shape[:2] for frame in animation.frames] == [(240, 680)] * 2
+    assert [*animation.durations] == [100] * 2
     assert main([*command, str(tmp_path / "ride.mp4")]) == 2
     assert "expected a new file, got an existing one" in capsys.readouterr().err
     assert {file.name for file in tmp_path.iterdir()} == {"city.json", "ride.gif", "ride.mp4"}
@@ -122,6 +125,19 @@ def test_a_policy_of_ones_own_drives(rides):
     assert own.success.all()
     np.testing.assert_array_equal([own.x[0, 0], own.y[0, 0]], [rides.x[0, 0], rides.y[0, 0]])
     assert (own.x[0, own.steps[0] :] == own.x[0, -1]).all()
+
+
+def test_a_ride_that_has_ended_reaches_no_goal(monkeypatch):
+    """The first one leaves the road, then enters its goal's tile, while the second one goes on."""
+    ended, reached = np.array([[True, False], [True, True]]), np.array([[False, False], [True, False]])
+
+    def go(keys, step, states, *_):
+        info = SimpleNamespace(success=reached[step - 1])
+        return SimpleNamespace(observation=None, state=states, info=info, terminated=ended[step - 1])
+
+    monkeypatch.setattr(rides_module, "_go", go)
+    made = make_rides(GRID, 2, seconds=2 / 30)
+    assert made.success.tolist() == [False, False] and made.steps.tolist() == [1, 2]
 
 
 def test_a_policy_with_a_camera_sees_its_picture_alone(drawn_tiles):
