@@ -53,6 +53,9 @@ def test_lanelets_are_the_movements(grid):
             assert all(abs(a[-1] - b[0]) < 1e-4 for a, b in zip(sides[number], sides[other], strict=True))
         for other in refs(one, "adjacentLeft"):
             assert sides[other][0] == sides[number][0][::-1]
+    steps = nx.single_source_shortest_path_length(graph, lanes[1])
+    goal = root.find("planningProblem/goalState/position/lanelet").get("ref")
+    assert steps[lanes[int(goal)]] == max(steps.values())
     two = sum(road_graph(grid).degree(lane[:2]) == 2 for lane in graph)
     assert sum(len(refs(one, "adjacentLeft")) for one in lanelets.values()) == two
 

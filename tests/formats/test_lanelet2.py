@@ -5,10 +5,12 @@ import xml.etree.ElementTree as ET
 from itertools import pairwise
 
 import networkx as nx
+import numpy as np
 import pytest
+from scipy.integrate import quad
 from simulator_maps import BATCHES, BLOCK, KNOT, distances, lane_graph, maps, name, on_any_roads
 
-from elitelanes_jax.formats.lanelet2 import to_lanelet2
+from elitelanes_jax.formats.lanelet2 import _on_earth, to_lanelet2
 from elitelanes_jax.formats.streets import Streets
 
 
@@ -90,6 +92,17 @@ def test_at_three_arms_the_third_gives_way():
         ("yield", "0_1_south_left"),
         ("yield", "0_1_south_right"),
     }
+
+
+def test_places_are_on_the_meridian_of_the_ellipsoid():
+    """The integral of its radius of curvature, to a few micrometres at a hundred kilometres."""
+    major, square = 6378137, 2 / 298.257223563 - 1 / 298.257223563**2
+    for north in (1.0, 1000.0, 100_000.0):
+        (latitude,), (longitude,) = _on_earth(np.array([north * 1j]))
+        length, _ = quad(
+            lambda angle: major * (1 - square) / (1 - square * np.sin(angle) ** 2) ** 1.5, 0, np.radians(latitude)
+        )
+        assert 0.9996 * length == pytest.approx(north, abs=2e-5) and longitude == 9
 
 
 # From here on by Lanelet2 itself: make simulators.

@@ -80,9 +80,12 @@ def test_each_approach_has_its_signs_and_lights():
 
 def test_crossings_follow_their_signs_and_lights_in_all_networks():
     lights, arms = lit(TOWN), Counter(approach[:2] for approach in approaches(BARE))
-    nodes = {one.get("id"): one.get("type") for one in ET.fromstring(to_sumo(TOWN, "town").nodes)}
-    kinds = {tile: nodes[f"{tile[0]}_{tile[1]}"] for tile in arms}
-    assert kinds == {tile: "traffic_light" if tile in lights else "allway_stop" for tile in arms}
+    stop = [one for one in furnish(BARE, "signs").objects if one.kind == "sign_stop"]
+    for both in ((), (*TOWN.objects, *stop), (*stop, *TOWN.objects)):  # lights overrule signs
+        town = RoadMap(BARE, objects=both) if both else TOWN
+        nodes = {one.get("id"): one.get("type") for one in ET.fromstring(to_sumo(town, "town").nodes)}
+        kinds = {tile: nodes[f"{tile[0]}_{tile[1]}"] for tile in arms}
+        assert kinds == {tile: "traffic_light" if tile in lights else "allway_stop" for tile in arms}
     count = sum(arms[tile] for tile in lights)
     lanelet2 = ET.fromstring(to_lanelet2(TOWN))
     rules = Counter(tag.get("v") for tag in lanelet2.iterfind("relation/tag[@k='subtype']"))

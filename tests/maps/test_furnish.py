@@ -114,6 +114,9 @@ def test_the_signs_of_a_road_have_one_street_name():
     assert Counter(sides) == {"west": 2, "east": 2, "middle": 1}
     assert len(set(zip(sides, names, strict=True))) == len(set(names)) == 3
     assert len({sign.tag for sign in signs}) == 5
+    tags = Counter(STREET_NAMES.values())
+    for name, count in Counter(names).items():
+        assert tags[name] == min(number for number in tags.values() if number >= count), "no longer name than it needs"
     assert faults(furnish(RING, "signs street_names")) == []
 
 
@@ -175,8 +178,18 @@ def test_amounts_are_counts_or_shares():
     """Whole numbers are exact; shares are of the cells without road."""
     found = Counter(thing.kind for thing in furnish(TOWN, "duckies=6 trees=0.5 lane_robots=2 lane_duckies=3").objects)
     assert found == {"duckie": 9, "tree": 2, "duckiebot": 2}
+    lit = Counter(thing.kind for thing in furnish(TOWN, "lights=0.75 trees=0.45").objects)
+    assert lit == {"trafficlight": 4, "tree": 2}, "the nearest whole numbers of 3.75 and 1.8"
+    with pytest.raises(InputError, match="trees: expected a number that fits, got 1, of which 0 fit"):
+        furnish(np.full((2, 2), 15), "trees=1")
     walking = furnish(TOWN, "crossing_duckies=3").objects
     assert [thing.static for thing in walking] == [False] * 3
+
+
+def test_each_amount_has_places_of_its_own():
+    """Though cones and duckies are drawn on the same spots."""
+    places = [[(one.x, one.y) for one in furnish(TOWN, what).objects] for what in ("cones=4", "duckies=4")]
+    assert not set(places[0]) & set(places[1])
 
 
 @pytest.mark.parametrize(("code", "across"), [(5, math.sin), (10, math.cos)])

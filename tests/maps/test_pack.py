@@ -12,8 +12,10 @@ from folders import files
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirror, read_map, rotate
 from elitelanes_jax.drive import movements
 from elitelanes_jax.drive.lanes import Movement, lane_length
+from elitelanes_jax.formats.streets import lane_graph
 from elitelanes_jax.maps import PackSpec, exporting, pack
 from elitelanes_jax.maps.given import parse_given
+from elitelanes_jax.maps.packing import _split, _trips
 from elitelanes_jax.network import plain_measure, wfc
 
 GRIDS = wfc.generate_batch(np.random.default_rng(0), 16, (6, 7), border="closed").grid
@@ -74,6 +76,28 @@ def test_splits_hold_out_whole_niches(split, tmp_path):
         assert all(table[one]["split"] == name for one in ids)
         assert bool(ids) == bool(share) and abs(len(ids) - share * len(MAPS)) <= 3
         assert about["splits"].get(name, {"maps": 0})["maps"] == len(ids)
+
+
+def test_a_large_niche_counts_with_all_its_maps():
+    """Half of the maps are in one niche, which is drawn early: they fill one half, and all others the other one."""
+    maps = [RoadMap(grid, niche=[max(number - 7, 0)]) for number, grid in enumerate(GRIDS)]
+    packed = _split(SPEC.replace(split=(0.5, 0.5, 0), seed=3), maps)
+    (large,) = {one.split for one in packed[:8]}
+    assert [one.split for one in packed].count(large) <= 9, "one is drawn before it"
+
+
+def test_another_seed_gives_other_splits_and_trips():
+    one, other = (_split(SPEC.replace(seed=seed), MAPS) for seed in (0, 1))
+    assert [each.id for each in one] == [each.id for each in other]
+    assert [each.split for each in one] != [each.split for each in other]
+    graph = lane_graph(GRIDS[0])
+    assert _trips(SPEC, one[0], graph) != _trips(SPEC.replace(seed=1), one[0], graph)
+
+
+def test_no_trip_ends_where_it_starts():
+    (ring,) = _split(SPEC.replace(split=(1, 0, 0)), [RoadMap(np.array([[6, 3], [12, 9]]))])
+    trips = _trips(SPEC.replace(trips=50), ring, lane_graph(ring.road_map.codes))
+    assert len(trips) == 50 and min(trip["length"] for trip in trips) > 0
 
 
 def test_trips_are_as_long_as_shortest_ways(packed):

@@ -1,16 +1,19 @@
 """Choosing maps from archives of earlier searches."""
 
 import json
+import shutil
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import PickSpec, Result, evolve, measure, read_map
+from elitelanes_jax import PickSpec, Result, SearchSpec, evolve, measure, read_map
 from elitelanes_jax import pick as pick_maps
 from elitelanes_jax.cli.main import main
+from elitelanes_jax.maps.picking import _search
 from elitelanes_jax.network import canonical_form
+from elitelanes_jax.tiles import default_tiles
 
 SMALL = ["--size", "5", "6", "--maps", "6", "--generations", "5", "--tile-px", "16", "--quiet"]
 SMALL += ["--method", "ea", "--preset", "paper"]
@@ -74,6 +77,22 @@ def test_other_axes_spread_the_maps_otherwise(searched, tmp_path):
     chosen = maps(tmp_path / "out")
     assert [road_map.descriptor for road_map in chosen] == [{"turns": road_map.metrics["turns"]} for road_map in chosen]
     assert len({tuple(road_map.niche) for road_map in chosen}) == 4
+
+
+def test_only_maps_that_the_tiles_can_draw_are_picked(searched, tmp_path):
+    """From a search whose tiles had crossings, with a set that has no four-way one."""
+    tiles = tmp_path / "tiles"
+    shutil.copytree(default_tiles(), tiles, ignore=shutil.ignore_patterns("crossing4*"))
+    archive = searched / "one" / "archive.npz"
+    assert (Result.load(archive).elites.grids == 15).any()
+    assert pick(archive, "--maps", 3, "--at-most", "--tiles", tiles, out=tmp_path / "out") == 0
+    assert maps(tmp_path / "out") and not any((road_map.codes == 15).any() for road_map in maps(tmp_path / "out"))
+
+
+def test_axes_of_ones_own_replace_the_targets_of_the_search():
+    town = SearchSpec(style="town")
+    assert _search(PickSpec(), town).targets == town.targets != ()
+    assert _search(PickSpec(axes="turns:5"), town).targets == ()
 
 
 def test_archives_of_maps_of_other_sizes_are_refused(searched, tmp_path, capsys):

@@ -46,6 +46,13 @@ def test_a_tile_of_another_size_gives_the_same_masks(drawn_tiles):
         assert (mask & given).sum() >= 0.97 * (mask | given).sum(), name
 
 
+def test_specks_are_no_tape():
+    image = np.full((384, 384, 3), 60, np.uint8)
+    image[100:115, 100:115] = image[200:260, 100:110] = 220, 30, 30
+    red = propose_masks(image)["red"]
+    assert not red[100:115].any() and red[205:255, 102:108].all()
+
+
 def test_ranges_are_what_decides():
     """Patches of one colour each on a grey ground; hues that go on over the end."""
     image = np.full((96, 96, 3), 60, np.uint8)

@@ -134,6 +134,17 @@ def write(place, text):
     (place / "object.toml").write_text(text)
 
 
+def test_a_digest_is_of_all_that_a_picture_shows(own):
+    digests = []
+    for height, tag in ((0.1, 0.05), (0.2, 0.05), (0.1, 0.06)):
+        write(own, f'kind = "duckie"\nheight = {height}\nfootprint = [0.1, 0.1]\ntag = [0.05, {tag}]')
+        digests.append(load_objects(own.parent).digest)
+    pixels = cv2.imread(str(own / "image.png"), cv2.IMREAD_UNCHANGED)
+    pixels[len(pixels) // 2, pixels.shape[1] // 2, 0] ^= 1
+    cv2.imwrite(str(own / "image.png"), pixels)
+    assert len({*digests, load_objects(own.parent).digest}) == 4
+
+
 TOMLS = {
     'kind = "duck"\nheight = 1\nfootprint = [1, 1]': "kind: expected one of",
     'kind = "duckie"\nheight = 1': "expected the keys .*, got no footprint",
