@@ -132,6 +132,11 @@ def test_alone_in_a_batch_under_jit_and_nested_vmap(shape):
             assert outer or value == getattr(last, name)[inner]
 
 
+@pytest.mark.parametrize("length", [64, 65])
+def test_the_longest_straights_of_small_and_of_wide_counters(length):
+    assert measure(np.full((1, length), 5)).straight_score == length**2
+
+
 def test_types_and_shapes():
     types = {name: array.dtype for name, array in measure(np.zeros((3, 3), np.int32))._asdict().items()}
     assert types.pop("coverage") == jnp.float32

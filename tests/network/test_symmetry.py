@@ -60,6 +60,11 @@ def test_canonical_forms_tell_all_small_grids_apart(any_types, alphabet):
     assert len({canonical_form(grid) for grid in codes}) == fixed // 8
 
 
+def test_grids_of_other_shapes_have_other_forms():
+    forms = {shape: canonical_form(np.zeros(shape, int)) for shape in ((1, 4), (4, 1), (2, 2))}
+    assert forms[1, 4] == forms[4, 1] != forms[2, 2]
+
+
 def test_under_jit_and_vmap():
     codes = np.random.default_rng(1).integers(0, 16, (5, 3, 4)).astype(np.int8)
     for image in (rotate, mirror):

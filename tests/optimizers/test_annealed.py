@@ -4,13 +4,19 @@ Tests share sizes and settings where they can: each further one is a program mor
 """
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from certified import certificates, evolve
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax.optimizers import seed_keys
+from elitelanes_jax import Optimizer, annealed_gwo, annealed_pso, road_problem
+from elitelanes_jax.network import random_bits
+from elitelanes_jax.optimizers import AnnealedGwoConfig, AnnealedPsoConfig, AnnealingConfig, _annealed, seed_keys
+from elitelanes_jax.optimizers._annealed import AnnealedState
+from elitelanes_jax.optimizers._annealing import Cooling, StepBits
+from elitelanes_jax.problem.archive import Population
 
 METHODS = ("ea", "map-elites", "pso", "gwo")
 
@@ -18,6 +24,33 @@ METHODS = ("ea", "map-elites", "pso", "gwo")
 every_method = pytest.mark.parametrize(
     "method", [pytest.param(method, marks=[] if method == "map-elites" else [pytest.mark.slow]) for method in METHODS]
 )
+
+
+def test_swarms_copy_from_whom_their_options_say(monkeypatch):
+    """Two islands of four chains: their grids are 0 to 7, and their best ones 10 to 17."""
+    monkeypatch.setattr(_annealed, "_make_optimizer", lambda problem, config, mates: Optimizer(mates, None, None, 0))
+    fitness, none = jnp.array([5, 3, 1, 7, 2, 9, 4, 6], jnp.int32), jnp.zeros((8, 0), jnp.int32)
+    own, best = (
+        Population(jnp.arange(first, first + 8, dtype=jnp.int8)[:, None, None], fitness, none) for first in (0, 10)
+    )
+
+    def shares(method, config):
+        mates, bits = method(road_problem((9, 9)), config).init, random_bits(jax.random.key(0), (6000, 8))
+        state = AnnealedState(own, best, best, Cooling.first(AnnealingConfig(), (9, 9)))
+        drawn = jax.vmap(lambda mate: mates(StepBits(mate, mate, mate, mate[:, None], mate[:, None]), state))(bits)
+        return [dict(zip(*np.unique(drawn[:, chain], return_counts=True), strict=True)) for chain in (0, 5)]
+
+    for method, config, expected in (
+        (
+            annealed_pso,
+            AnnealedPsoConfig(cognitive=0.3, social=0.5),
+            ({10: 0.3, 12: 0.5, 0: 0.2}, {15: 0.3, 14: 0.5, 5: 0.2}),
+        ),
+        (annealed_gwo, AnnealedGwoConfig(leaders=2), ({12: 0.5, 11: 0.5}, {14: 0.5, 16: 0.5})),
+        (annealed_gwo, AnnealedGwoConfig(leaders=9), [{first + n: 0.25 for n in range(4)} for first in (10, 14)]),
+    ):
+        for found, wanted in zip(shares(method, config), expected, strict=True):
+            assert found == pytest.approx({number: 6000 * share for number, share in wanted.items()}, abs=200)
 
 
 @pytest.mark.slow

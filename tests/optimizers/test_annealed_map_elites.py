@@ -11,8 +11,9 @@ import pytest
 from certified import evolve
 
 from elitelanes_jax import Axis, Weights, annealed_map_elites, fitness, measure, repair, road_problem
-from elitelanes_jax.network import random_grids
+from elitelanes_jax.network import random_bits, random_grids
 from elitelanes_jax.optimizers import AnnealedMapElitesConfig, AnnealingConfig
+from elitelanes_jax.optimizers._annealed_map_elites import Cycle, _Bits, _draw_mates, _Groups
 from elitelanes_jax.problem import tuned_axes
 from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.rules import RULES
@@ -118,6 +119,16 @@ def test_niches_with_flawed_elites_are_pursued_as_vacant_ones():
     assert True in pursued
 
 
+def test_a_vacant_niche_gives_no_mate():
+    problem, config = road_problem(SHAPE), AnnealedMapElitesConfig(elite_mate=1.0)
+    archives, zero = problem.empty_archive(copies=5), jnp.zeros(CHAINS, jnp.int32)
+    cycle = Cycle(jnp.zeros((CHAINS, len(problem.axes)), jnp.int32), zero > 0, zero, zero)
+    bits = _Bits.of(random_bits(KEY, (CHAINS, 12)))
+    others = random_grids(KEY, CHAINS, SHAPE)
+    mates = _draw_mates(_Groups.of(problem, CHAINS, False), config, bits, cycle, archives, others)
+    np.testing.assert_array_equal(mates, others)
+
+
 def test_penalties_are_the_fitness_without_rewards():
     grids = np.random.default_rng(5).integers(0, 16, (40, 5, 6)).astype(np.int8)
     weights = Weights(turns=-7, tiles=3, constant=11)
@@ -127,6 +138,10 @@ def test_penalties_are_the_fitness_without_rewards():
     evaluation = problem.evaluate(jnp.asarray(grids))
     expected = evaluation.fitness - fitness(jax.vmap(measure)(jnp.asarray(grids)), rewards)
     np.testing.assert_array_equal(problem.penalties(evaluation.features), expected)
+    more = road_problem((5, 6), measured=("signable", "crossings3"), feature_weights=np.array([-5, 3]))
+    features = more.evaluate(jnp.asarray(grids)).features
+    added = more.penalties(features) - road_problem((5, 6)).penalties(features[:, :-2])
+    np.testing.assert_array_equal(added, 3 * features[:, -1])
 
 
 def test_a_step_from_grids_that_are_not_evaluated_is_generation_0():

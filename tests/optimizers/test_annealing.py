@@ -8,6 +8,7 @@ import pytest
 from elitelanes_jax.network.bits import exponential, random_bits
 from elitelanes_jax.network.xla import UNIT
 from elitelanes_jax.optimizers._annealing import AnnealingConfig, Cooling, metropolis_accepts, random_grid
+from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.descriptor import tuned_axes
 from elitelanes_jax.problem.problem import road_problem
 
@@ -18,6 +19,16 @@ def test_worse_grids_are_accepted_as_metropolis_says():
         share = np.asarray(metropolis_accepts(bits, jnp.int32(temperature), jnp.int32(0), jnp.int32(worse))).mean()
         assert share == pytest.approx(np.exp(-worse / (temperature / 16)), abs=0.01)
     assert metropolis_accepts(bits, jnp.int32(1), jnp.int32(7), jnp.int32(7)).all()
+
+
+@pytest.mark.parametrize("refused", [jnp.int32(VACANT), jnp.float32(jnp.inf)])
+def test_a_refused_grid_gives_way_to_any_and_is_accepted_instead_of_another_alone(refused):
+    bits, hot = random_bits(jax.random.key(0), (100,)), jnp.int32(16 * 4000)
+    for other in (-(2**29), -5, 7, 2**29):
+        value = jnp.asarray(other, refused.dtype)
+        assert metropolis_accepts(bits, hot, refused, value).all()
+        assert not metropolis_accepts(bits, hot, value, refused).any()
+    assert metropolis_accepts(bits, hot, refused, refused).all()
 
 
 def test_exponential_numbers_have_their_quantiles():
@@ -40,6 +51,7 @@ def test_cycles_cool_and_grow():
     assert temperatures[0] > temperatures[8] == min(temperatures[:9])
     assert 16 * 18 <= temperatures[8] <= 16 * 25
     assert temperatures[9] == 16 * 60
+    assert Cooling.first(config, (6, 24)).temperature(60, 18, (6, 24)) == 2 * temperatures[0], "by the longer side"
 
 
 def test_a_cycle_begins_with_random_grids_of_the_alphabet():

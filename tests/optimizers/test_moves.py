@@ -15,7 +15,9 @@ from oracle import road_graph
 from elitelanes_jax.network import mirror, random_bits, repair, rotate
 from elitelanes_jax.network.codes import CONNECTIONS
 from elitelanes_jax.optimizers import (
+    Move,
     MoveWeights,
+    Variation,
     clear_block,
     lay_straight,
     mirror_block,
@@ -213,9 +215,19 @@ def test_a_window_gets_each_other_valid_window_with_the_same_links_out(empty):
                 expected.add(result.tobytes())
     seen = different(many(refit_window(empty=empty), grid, count=4000))
     assert {varied.tobytes() for varied, _ in seen} - {grid.tobytes()} == expected
+    changed = {dirty.tobytes() for varied, dirty in seen if (varied != grid).any()}
+    assert not changed & {dirty.tobytes() for varied, dirty in seen if (varied == grid).all()}
     assert all(dirty.sum() == 9 and block_of(dirty) for _, dirty in seen)
     for varied, _ in seen:
         assert oracle(varied)["mismatches"] == 0
+
+
+def test_the_tile_at_the_centre_is_the_one_that_the_move_made():
+    centre = np.pad([[True]], 1)
+    stub = Move(0, lambda bits, grid, mate=None: Variation(jnp.where(centre, 8, grid).astype(jnp.int8), centre))
+    grid, bits = jnp.zeros((3, 3), jnp.int8), jnp.zeros(1, jnp.uint32)
+    varied = with_symmetric_copy(1.0, stub).apply(bits, grid)
+    np.testing.assert_array_equal(varied.grid, 8 * centre)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -99,6 +99,26 @@ def test_no_strip_disturbs_its_neighbours(shape):
                         assert fits(int(grid[row, column]), int(grid[row + down, column + right]), forth, back)
 
 
+def test_another_filling_is_drawn_where_one_was_asked_for_and_there_is_one():
+    bits = random_bits(jax.random.key(2), (400, refit_strip().bits))
+    bits = bits.at[:, 0].set(bits[:, 0] | 2)
+    varied, dirty = jax.tree.map(np.asarray, refitted(bits, jnp.asarray(repair(TWO_RINGS)), 0.5, empty=True, whole=1.0))
+    changes = {}
+    for one, strip in zip(varied, dirty, strict=True):
+        changes.setdefault(strip.tobytes(), set()).add(bool((one != np.asarray(repair(TWO_RINGS))).any()))
+    assert {True} in changes.values() and {True, False} not in changes.values()
+
+
+def test_straight_strips_go_straight_on():
+    """Links to the next column as to the one before: more often if they are asked for."""
+    field = np.zeros((3, 12), np.int8)
+    shares = []
+    for straight in (0.0, 1.0):
+        east = np.array([one & EAST > 0 for one, _ in drawn(field, count=300, straight=straight, whole=1.0).values()])
+        shares.append((east[:, :, 1:] == east[:, :, :-1]).all(axis=1).mean())
+    assert shares[0] < 0.7 and shares[0] + 0.15 < shares[1]
+
+
 def test_grids_of_two_lines_do_not_change():
     grid = np.array(repair(np.array([[6, 5, 3], [12, 5, 9]], np.int8)))
     ((same, dirty),) = drawn(grid, empty=True, whole=0.5, count=50).values()

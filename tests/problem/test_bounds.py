@@ -131,6 +131,7 @@ def test_messages_say_the_bound():
             "expected a range that maps of 4 x 4 tiles with cyclomatic=2 can",
         ),
         ({"where": "straight_share=0.8.."}, "expected a range with some of 0..0.75, which"),
+        ({"where": ["box_share=0.9..", "box_fill=0.9..", "tiles=..12"], "fill": False}, "where 'tiles=..12': expected"),
         ({"alphabet": [3, 5, 6, 9, 10]}, r"alphabet: expected the turns \(3, 6, 9, 12\), which every map has, got no"),
     ):
         with pytest.raises(InputError, match=message.replace("..", r"\.\.")):
@@ -140,6 +141,14 @@ def test_messages_say_the_bound():
 def test_bounds_of_large_grids_take_no_time():
     for shape in ((12, 12), (1024, 2), (1024, 1024)):
         check_feasible(shape, parse_ranges(["cyclomatic=1..", "straight_share=0.1.."]))
+
+
+@pytest.mark.parametrize("name", ["crowded_crossings", "unlinked_neighbours"])
+def test_one_of_the_rules_alone_leaves_no_room_for_signs(name):
+    """A full grid has no unlinked neighbours."""
+    assert find_bounds((3, 3), {name: 0}).of("signable") == (0, 1)
+    full = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]])
+    assert measure_town(full).signable == plain_measure(full)["unlinked_neighbours"] == 0
 
 
 def test_crossings_that_keep_the_rules_have_room_for_signs():

@@ -16,7 +16,7 @@ from elitelanes_jax import InputError, measure
 from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.network.metrics import stack_metrics
 from elitelanes_jax.problem import SHARES
-from elitelanes_jax.problem.features import FEATURES, with_shares
+from elitelanes_jax.problem.features import FEATURES, default_width, with_shares
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges, range_limits, range_penalty, satisfies
 
@@ -64,6 +64,19 @@ def test_the_farther_from_a_range_the_more_it_costs():
     assert (np.diff(cost[:11]) < 0).all()
     assert (cost[10:21] == 0).all()
     assert (np.diff(cost[20:]) > 0).all()
+
+
+def test_scores_cost_as_much_as_tiles_of_a_street():
+    """On 12 x 12 tiles: the 12th straight of a street adds 23 to its score, and two crossings side by side score 8."""
+    for name, unit in (("straight_score", 24), ("adjacent_crossing_score", 8), ("crossings", 1)):
+        values = jnp.zeros((3, len(METRIC_NAMES)), jnp.int32)
+        values = values.at[:, METRIC_NAMES.index(name)].set(jnp.array([100, 100 - unit, 100 - 3 * unit]))
+        assert penalty(values, parse_ranges([f"{name}=100.."]), (12, 12)).tolist() == [0, 480, 3 * 480]
+
+
+def test_default_bins_reach_half_of_what_there_may_be():
+    widths = [default_width(name, 6, (4, 9)) for name in ("turns", "straight_score", "turn_share", "cyclomatic")]
+    assert widths == [3, 27, 167, 1]
 
 
 @pytest.mark.usefixtures("any_types")

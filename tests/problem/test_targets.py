@@ -79,5 +79,7 @@ def test_features_with_equal_targets_are_measured_by_the_candidates():
     targets = [ExampleValues("a", (2.0,)), ExampleValues("b", (7.0,))]
     features = np.array([[2.0, 9.0], [2.5, 7.0], [2.0, 7.0], [4.0, 7.0]])
     assert int(np.argmin(SupportPoints(features, targets).losses())) == 2
+    unlike = np.array([[3.0, 7.0], [2.0, 9.0], [2.2, 40.0], [2.0, -20.0]])  # in b two hardly count, in a one does
+    assert int(np.argmin(SupportPoints(unlike, targets).losses())) == 1
     assert SupportPoints(np.full((3, 2), 5.0), targets).losses().tolist() == pytest.approx([np.hypot(3, 2)] * 3)
     assert SupportPoints(np.empty((0, 2)), targets).losses().size == 0
