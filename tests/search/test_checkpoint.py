@@ -74,6 +74,7 @@ def test_a_finished_search_is_not_run_again_and_a_larger_budget_goes_on(kept, wh
         patch.setattr(Programs, "advance", None)
         same(run(checkpoint=folder), whole)
     assert (folder / "result.npz").read_bytes() == before
+    same(run(checkpoint=folder, style="paper"), whole)  # which says the same by another name
     more = run(checkpoint=folder, generations=140)
     same(more, run(generations=140))
 
@@ -215,6 +216,8 @@ def test_checkpoints_come_as_often_as_asked_for_and_take_little_of_the_time(tmp_
     assert not seldom.due
     clock[0] = 133.1
     assert seldom.due
+    (tmp_path / "result.npz").touch()
+    assert Checkpoint(tmp_path, {}, 20).keeps_interrupted, "one that is there is kept up to date"
 
 
 SMALL = GenerateSpec(size=SHAPE, seeds=3, maps=2, tile_px=16, search=SearchSpec(**run.keywords))

@@ -121,6 +121,7 @@ def test_maps_that_hardly_differ_come_last():
     for original, copy in zip(originals, copies, strict=True):
         assert len({canonical_form(original), canonical_form(copy)} & first) == 1
     assert len(found.choose(6).maps) == 6
+    assert len(found.choose(6, min_difference=(0.15,)).maps) == 3
 
 
 def test_niches_that_lie_apart_come_first(evolved):

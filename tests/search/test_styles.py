@@ -227,6 +227,12 @@ def test_what_is_like_given_maps():
             value = values[part] / values["tiles"] if part else values[item.name] / feature_unit(item.name)
             assert item.low <= value <= item.high, item
     assert plain(spec) == spec
+    square = np.pad(np.array([[6, 3], [12, 9]], np.int8), 1)
+    long = np.array([[6, *[5] * 10, 3], [12, *[5] * 10, 9]], np.int8)
+    rings = [plain_town(grid)["loops_per_tile"] / 1000 for grid in (square, long)]
+    assert rings == [0.25, 0.041]
+    found = settings_like([square, long])["where"]["loops_per_tile"]
+    assert found == (0.0, 0.303), "a quarter of the range on either side, and none below 0"
     full = SearchSpec(like=[np.full((3, 3), 15)])
     assert full.rules is None and full.repair_fills
     crowded = [[6, 7, 3, 0], [14, 15, 11, 0], [12, 15, 15, 3], [0, 12, 13, 9]]
