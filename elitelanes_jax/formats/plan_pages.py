@@ -26,6 +26,8 @@ _ROWS, _COLUMNS = 56, 3  # lines and columns of a page of the check-list
 _GROUND, _ROAD, _INK, _FAINT = "#f3f5ee", "#c4c8ce", "#1d2026", "#6d737d"
 _STOP, _SIGN, _THING = "#c01722", "#1f5fbf", "#3d7a3a"
 _BOX = "\N{BALLOT BOX}"
+# Objects on roads must hide tape and labels, or they disappear. Matplotlib draws lines at 2 and text at 3.
+_OBJECTS, _ARROWS, _NUMBERS = 4, 5, 6
 
 
 def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE_SIZE) -> Plan:
@@ -155,15 +157,15 @@ def _draw_object(ax: Untyped, thing: MapObject, index: int, x: float, y: float, 
     is_sign = thing.kind.startswith("sign_") or thing.kind == "trafficlight"
     colour = _STOP if thing.kind == "sign_stop" else _SIGN if is_sign else _THING
     if thing.is_round:
-        ax.add_patch(Circle((x, y), length, facecolor=colour, lw=0))
+        ax.add_patch(Circle((x, y), length, facecolor=colour, lw=0, zorder=_OBJECTS))
     else:
         corners = [(length, width), (length, -width), (-length, -width), (-length, width)]
         points = [(x + a * east - b * south, y + a * south + b * east) for a, b in corners]
-        ax.add_patch(Polygon(points, facecolor=colour, lw=0))
+        ax.add_patch(Polygon(points, facecolor=colour, lw=0, zorder=_OBJECTS))
         reach = length + 0.07 * scale
-        _arrow(ax, (x, y), (x + reach * east, y + reach * south), "-|>", colour)
-    size = min(6.5, 0.11 * scale)
-    _write(ax, x, y, str(index), size=size, color="white", weight="bold", ha="center", va="center_baseline")
+        _arrow(ax, (x, y), (x + reach * east, y + reach * south), "-|>", colour, zorder=_ARROWS)
+    style = {"size": min(6.5, 0.11 * scale), "color": "white", "weight": "bold", "zorder": _NUMBERS}
+    _write(ax, x, y, str(index), ha="center", va="center_baseline", **style)
 
 
 def _bill(plan: Plan) -> list[list[str]]:
@@ -259,6 +261,8 @@ def _label(ax: Untyped, x: float, y: float, words: str, **style: Untyped) -> Non
     _write(ax, x, y, words, ha="center", va="center", bbox=box, linespacing=1.05, **style)
 
 
-def _arrow(ax: Untyped, start: tuple[float, float], end: tuple[float, float], style: str, colour: str = _INK) -> None:
+def _arrow(
+    ax: Untyped, start: tuple[float, float], end: tuple[float, float], style: str, colour: str = _INK, zorder: int = 3
+) -> None:
     ends = {"arrowstyle": style, "shrinkA": 0, "shrinkB": 0}
-    ax.annotate("", end, start, arrowprops={**ends, "lw": 0.8, "color": colour})
+    ax.annotate("", end, start, arrowprops={**ends, "lw": 0.8, "color": colour}, zorder=zorder)

@@ -4,6 +4,7 @@ import re
 import sys
 from math import pi
 
+import cv2
 import numpy as np
 import pytest
 from conftest import grids
@@ -99,6 +100,21 @@ def test_files_hold_the_plan(furnished, tmp_path):
         assert f"{tile.row},{tile.column}" in words
     assert {"turn 90°", "1.755 m", "1 x stop, tag 25", "1 x duckie", "4 x turn"} <= set(words)
     assert len(re.findall(rb"/Type /Page\b", (tmp_path / "first.pdf").read_bytes())) == 2
+
+
+@pytest.mark.parametrize("kind", ["duckie", "floor_tag"])
+def test_objects_on_roads_hide_tape_and_labels(kind, tmp_path):
+    def green(x, y):
+        """Counts the pixels of an object on the ring."""
+        thing = {"kind": kind, "x": x, "y": y} | ({"tag": 3} if kind == "floor_tag" else {})
+        write_plan(RoadMap(RING, objects=[thing]), tmp_path / "plan.png")
+        picture = cv2.imread(str(tmp_path / "plan.png")).astype(int)
+        return (np.abs(picture[..., ::-1] - [0x3D, 0x7A, 0x3A]).max(axis=-1) < 8).sum()
+
+    on_ground, on_label, on_tape = green(1.5, 1.5), green(0.5, 1.5), green(1.5, 0.09)
+    assert on_ground > 100
+    assert on_label == pytest.approx(on_ground, rel=0.1)
+    assert on_tape == pytest.approx(on_ground, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", ["pdf", "svg", "png"])
