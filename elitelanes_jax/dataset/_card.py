@@ -156,23 +156,31 @@ def sample_sheet(
     """Draws pictures of samples next to their labels in colour, uint8 ``[., ., 3]``, RGB.
 
     Each of `samples` has the files of its image and its labels in the folder of the dataset, and lines of text. `shape`
-    is the height of the shown pictures divided by their width.
+    is the height of a cell of the sheet divided by its width. Pictures keep their proportions.
     """
-    pictures, height = [], round(_SHEET_PX * shape)
+    pictures, height = [], max(1, round(_SHEET_PX * shape))
     for image, labels, _ in samples:
-        colours = np.array(LABEL_COLOURS, np.uint8)[_fit(out / labels, height, cv2.INTER_NEAREST)]
-        shown = _fit(out / image, height, cv2.INTER_AREA)
-        gap = np.full((height, 4, 3), _GROUND, np.uint8)
-        pictures.append(np.concatenate([shown, gap, colours], axis=1))
+        colours = np.array(LABEL_COLOURS, np.uint8)[_fit(out / labels, shape, cv2.INTER_NEAREST)]
+        shown = _fit(out / image, shape, cv2.INTER_AREA)
+        high, wide = shown.shape[:2]
+        top, left = (height - high) // 2, (_SHEET_PX - wide) // 2
+        pair = np.full((height, 2 * _SHEET_PX + 4, 3), _GROUND, np.uint8)
+        pair[top : top + high, left : left + wide] = shown
+        pair[top : top + high, -_SHEET_PX:][:, left : left + wide] = colours
+        pictures.append(pair)
     return contact_sheet(title, pictures, [lines for *_, lines in samples])
 
 
-def _fit(file: Path, height: int, interpolation: int) -> NDArray[np.uint8]:
-    """Reads a picture of the dataset and scales it to the sheet's width and a height, RGB or grey."""
+def _fit(file: Path, shape: float, interpolation: int) -> NDArray[np.uint8]:
+    """Reads a picture of the dataset, RGB or grey, and scales it to the largest size that a cell of the sheet holds."""
     picture = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None:
         raise OSError(0, "cannot be read as a picture", str(file))
-    shown = np.asarray(cv2.resize(picture, (_SHEET_PX, height), interpolation=interpolation), np.uint8)
+    height, width = picture.shape[:2]
+    # No side is rounded up to more than the cell's.
+    wide, high = _SHEET_PX * min(1, shape * width / height), _SHEET_PX * shape * min(1, height / (shape * width))
+    size = max(1, round(wide)), max(1, round(high))
+    shown = np.asarray(cv2.resize(picture, size, interpolation=interpolation), np.uint8)
     return shown[..., ::-1] if shown.ndim == 3 else shown
 
 

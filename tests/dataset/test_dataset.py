@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import killed_runs
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from jax.random import key_data
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, load_tiles, make_dataset, measure, mirror, render, rotate
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import STANDARD
+from elitelanes_jax.dataset._card import sample_sheet
 from elitelanes_jax.dataset._layouts import write_sample
 from elitelanes_jax.dataset._plan import _Size, split_maps
 from elitelanes_jax.dataset._views import View, warp
@@ -26,7 +28,7 @@ from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network import canonical_form, plain_measure
 from elitelanes_jax.optimizers import seed_keys
 from elitelanes_jax.search import SearchSpec
-from elitelanes_jax.tiles import LABELS, default_tiles
+from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, default_tiles
 
 # The searches of all tests of the command are one compiled program for each size.
 SEARCH = ["--preset", "paper", "--evaluations", "2000", "--tile-px", "16"]
@@ -86,6 +88,29 @@ def test_an_evolved_dataset_has_these_files(evolved):
     )
     assert len(forms) == 20
     assert sorted(sizes) == [(3, 4)] * 10 + [(4, 4)] * 10
+
+
+@pytest.mark.parametrize(
+    ("size", "shape", "where"),
+    [
+        ((30, 66), 1, (65, 174, 0, 240)),
+        ((66, 30), 1, (0, 240, 65, 174)),
+        ((50, 50), 1, (0, 240, 0, 240)),
+        ((61, 79), 61 / 79, (0, 185, 0, 240)),
+        ((16, 1536), 16 / 1536, (0, 2, 0, 240)),
+    ],
+)
+def test_a_sheet_keeps_the_proportions_of_pictures(size, shape, where, tmp_path):
+    cv2.imwrite(str(tmp_path / "image.png"), np.full((*size, 3), (30, 20, 10), np.uint8))
+    cv2.imwrite(str(tmp_path / "labels.png"), np.full(size, 3, np.uint8))
+    sheet = sample_sheet(tmp_path, [("image.png", "labels.png", ["one"])], "title", shape)
+    y, x = 3 * 28, 28  # the first cell
+    cell = sheet[y : y + round(240 * shape), x : x + 2 * 240 + 4]
+    top, bottom, left, right = where
+    expected = np.full_like(cell, 236)
+    expected[top:bottom, left:right] = (10, 20, 30)
+    expected[top:bottom, 244 + left : 244 + right] = LABEL_COLOURS[3]
+    np.testing.assert_array_equal(cell, expected)
 
 
 def test_labels_are_those_of_the_tiles_in_the_record(evolved):
