@@ -120,7 +120,8 @@ class Sight(NamedTuple):
     Attributes:
       camera: its options.
       atlas: of the tile set.
-      tiles: int32 ``[16, V]``, the atlas' tiles for each code. The pictures of a code alternate from cell to cell.
+      tiles: int32 ``[16, V]``, the atlas' tiles for each code. A cell shows the one at ``(row + 2 * column) % V``. If V
+        is even, a code with two pictures shows the same one all along a row.
       billboards: the pictures of objects, of `make_billboards`; None to see none.
     """
 

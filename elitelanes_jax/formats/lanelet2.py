@@ -16,7 +16,8 @@ from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, Way, bounds, giving_way, lanes
 from elitelanes_jax.network.movements import TURNS
 
-# Of the ellipsoid WGS 84. The first terms of UTM's series are exact to a micrometre within a hundred kilometres.
+# Of the ellipsoid WGS 84. UTM's series end at the third power of _N. The error is under a micrometre up to 7 km from
+# the origin, and under 14 micrometres up to 100 km.
 _N = 1 / (2 * 298.257223563 - 1)
 _RADIUS = 0.9996 * 6378137 / (1 + _N) * (1 + _N**2 / 4 + _N**4 / 64)
 _BETA = (_N / 2 - 2 * _N**2 / 3 + 37 * _N**3 / 96, _N**2 / 48 + _N**3 / 15, 17 * _N**3 / 480)
