@@ -21,7 +21,7 @@ from elitelanes_jax.dataset._transforms import (
 )
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.given import GivenMaps, parse_given
-from elitelanes_jax.maps.spec import SPLITS, parse_split
+from elitelanes_jax.maps.spec import SPLITS, check_furnishable, parse_split
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.search.spec import SearchSpec
 
@@ -95,7 +95,7 @@ class DatasetSpec(Record):
     tile_px: int | None = option(None, none_or(TILE_PX), "N")
 
     def check_together(self) -> None:
-        """Checks the number of maps against sizes and splits, given cells against sizes, and the crop."""
+        """Checks the number of maps against sizes and splits, given cells against sizes, objects, and the crop."""
         if self.maps_from is not None:
             self._take_given(self.maps_from)
         shapes = self.shapes
@@ -110,6 +110,9 @@ class DatasetSpec(Record):
                 few = "maps" if self.maps_from is None else "maps_from"
                 expected = f"enough for one in the {name}, {share:g} of them"
                 raise InputError(f"{few}: expected {expected}, got {self.maps}; a split of 1 0 0 trains on all")
+        if self.furnish is not None and self.maps_from is None:
+            for shape in shapes:
+                check_furnishable(self.furnish, self.search, shape)
         if self.camera is not None:
             self._check_camera()
         self._check_pixels()

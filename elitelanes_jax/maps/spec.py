@@ -53,6 +53,24 @@ def parse_part(part: UserValue) -> tuple[int, int]:
         raise InputError(f"expected a part such as 3/10, from 1/10 on, got {shorten(repr(part), 40)}") from None
 
 
+def check_furnishable(furnish: FurnishSpec, search: SearchSpec, shape: tuple[int, int]) -> None:
+    """Checks that every map ``(height, width)`` of a search can have the objects, as far as its settings tell."""
+    search = search.on(shape)
+    all_signable = any(item.name == "signable" and item.low == 1 for item in search.where)
+    if furnish.signs == "all" and not all_signable and search.rules != "duckietown":
+        raise InputError(
+            "furnish: expected rules=duckietown or where signable=1 with signs at every crossing, got neither; "
+            "signs=possible leaves out crossings that have a road at a corner"
+        )
+    # Fixed cells may be empty, or leave free cells empty between them.
+    if furnish.on_blocks and search.repair_fills and search.fix is None:
+        asked = " ".join(f"{name}={amount:g}" for name, amount in furnish.on_blocks.items())
+        raise InputError(
+            f"furnish: expected rules=duckietown or a style such as town with {asked}, got a search whose maps have no "
+            "cells without road; a share below 1 places as many as fit"
+        )
+
+
 @dataclass(frozen=True)
 class GenerateSpec(Record):
     """A folder of generated maps.
@@ -89,15 +107,11 @@ class GenerateSpec(Record):
         return range(self.seeds * (index - 1) // count, self.seeds * index // count)
 
     def check_together(self) -> None:
-        """Checks the search on maps of the size, and that every part has a seed."""
+        """Checks the search on maps of the size, their objects, and that every part has a seed."""
         if self.part is not None and self.part[1] > self.seeds:
             raise InputError(f"part: expected at most {self.seeds} parts, one for each seed, got {self.part[1]}")
-        all_signable = any(item.name == "signable" and item.low == 1 for item in self.search.where)
-        if self.furnish and self.furnish.signs == "all" and not all_signable and self.search.rules != "duckietown":
-            raise InputError(
-                "furnish: expected rules=duckietown or where signable=1 with signs at every crossing, got neither; "
-                "signs=possible leaves out crossings that have a road at a corner"
-            )
+        if self.furnish is not None:
+            check_furnishable(self.furnish, self.search, self.size)
         self.search.check_on(self.size)
         self.search.check_maps(self.size)
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -93,3 +94,26 @@ def test_given_maps_may_be_thin_and_be_replaced():
     assert spec.replace(seed=3) == DatasetSpec(maps_from=[[[4, 5, 1]]] * 3, split=(1, 0, 0), seed=3)
     assert spec.replace(maps_from=[[[6, 3], [12, 9]]]).maps == 1
     assert spec.replace(maps_from=None).size == DatasetSpec().size
+
+
+def test_objects_without_room_are_refused_unless_cells_may_be_empty():
+    with pytest.raises(InputError, match="^furnish: expected rules=duckietown or a style .* with trees=3, got"):
+        DatasetSpec(furnish="trees=3")
+    free = [{"rules": "duckietown"}, {"style": "town"}, {"fill": False}, {"inventory": {"straight": 200}}]
+    for search in (*free, {"fill": True, "inventory": {"straight": 200}}):
+        make = partial(DatasetSpec, size=14, furnish="trees=3 lane_duckies=2", search=SearchSpec(**search))
+        if search in free:
+            make()
+        else:
+            with pytest.raises(InputError, match="with trees=3, got a search"):
+                make()
+    DatasetSpec(size=2, furnish="trees=3", search=SearchSpec(fix=[[None, None], [None, None]]))
+    DatasetSpec(furnish="trees=0.5 lane_duckies=2 lane_robots=1 signs=possible")
+
+
+def test_signs_at_every_crossing_need_maps_that_can_have_them():
+    with pytest.raises(InputError, match="^furnish: expected rules=duckietown or where signable=1 with signs"):
+        DatasetSpec(furnish="signs")
+    DatasetSpec(furnish="signs", search=SearchSpec(style="town"))
+    DatasetSpec(furnish="signs", search=SearchSpec(where=["signable=1"]))
+    DatasetSpec(furnish="signs", maps_from=[[[6, 3], [12, 9]]], split=(1, 0, 0))

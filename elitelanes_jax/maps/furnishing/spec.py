@@ -80,6 +80,12 @@ class FurnishSpec(Record):
         """Returns the settings by name, as JSON has them."""
         return self.values() | {"objects": [object_values(thing) for thing in self.objects]}
 
+    @property
+    def on_blocks(self) -> dict[str, float]:
+        """The numbers of objects, by setting, that a map without empty cells has no room for. Shares are left out."""
+        amounts = {name: getattr(self, name) for name, one in self.options().items() if one.metavar == "AMOUNT"}
+        return {name: amount for name, amount in amounts.items() if amount >= 1 and not name.startswith("lane_")}
+
 
 EVERYTHING = FurnishSpec(
     signs="possible",
