@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, instance, path, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import read_json, write_atomic, write_json
-from elitelanes_jax._util.folders import compare_settings, output_folder, remove, settle
+from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import count_cores, side_by_side
@@ -132,7 +132,7 @@ def make_dataset(
                 raise
     inputs: list[str | Path] = [*(own.paths if own else ()), *spec.inputs]
     with output_folder(
-        out, identity, inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
+        out, _of_maps(identity), inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:
         try:
             first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
@@ -140,17 +140,25 @@ def make_dataset(
             words = f"{pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
             announce(f"making a dataset of {words}")
             maps = evolve_maps(spec, search, work.kept) if own is None else own.maps
-            splits = np.repeat(split_maps(spec, maps), spec.views)
-            drawing = _Drawing(spec, maps, tiles, objects, splits, work.files, work.kept / "records")
-            waiting = [index for index in range(len(splits)) if not drawing.record(index).exists()]
-            with Progress("drawing", len(splits), "pictures", done=len(splits) - len(waiting)) as bar:
-                calls = (partial(drawing.draw, index) for index in waiting)
-                with _one_thread_each():
-                    side_by_side(calls, workers=workers, ended=lambda _: bar.count())
-            return _finish(drawing, identity)
         except (InputError, NotEnoughMapsError):  # the next run has other settings
             remove(work.kept)
             raise
+        _resume_pictures(out, work, identity, force)
+        splits = np.repeat(split_maps(spec, maps), spec.views)
+        drawing = _Drawing(spec, maps, tiles, objects, splits, work.files, work.kept / "records")
+        waiting = [index for index in range(len(splits)) if not drawing.record(index).exists()]
+        with Progress("drawing", len(splits), "pictures", done=len(splits) - len(waiting)) as bar:
+            calls = (partial(drawing.draw, index) for index in waiting)
+            try:
+                with _one_thread_each():
+                    side_by_side(calls, workers=workers, ended=lambda _: bar.count())
+            except InputError as error:  # the objects do not fit
+                _delete_pictures(work)
+                if own is not None:
+                    raise
+                hint = "the maps are kept for the same command with other objects"
+                raise InputError(f"{error}; {hint}") from None
+        return _finish(drawing, identity)
 
 
 def _check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
@@ -191,6 +199,32 @@ def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None, objects:
     if objects is not None:
         identity["object_set"] = {"name": objects.name, "pictures": objects.digest}
     return json.loads(json.dumps(identity))
+
+
+def _of_maps(identity: dict[str, Plain]) -> dict[str, Plain]:
+    """Returns what an unfinished dataset has to have in common with the next run: all but the objects."""
+    settings = {name: value for name, value in identity["settings"].items() if name != "furnish"}
+    return {name: value for name, value in identity.items() if name != "object_set"} | {"settings": settings}
+
+
+def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], force: bool) -> None:
+    """Checks that the pictures so far have the objects of this run; with `force` deletes others."""
+    file = work.kept / "pictures.json"
+    if file.exists():
+        try:
+            hint = "use force=True to draw all pictures anew"
+            compare_settings(out, file, identity | {"object_set": identity.get("object_set")}, hint)
+        except InputError:
+            if not force:
+                raise
+            _delete_pictures(work)
+    write_json(file, identity)
+
+
+def _delete_pictures(work: Unfinished) -> None:
+    """Deletes the pictures so far, and keeps the maps. A picture with a record counts as drawn, so records go first."""
+    for entry in (work.kept / "records", *work.files.iterdir(), work.kept / "pictures.json"):
+        remove(entry)
 
 
 @contextmanager

@@ -291,6 +291,48 @@ def test_a_full_disk_is_one_line_of_the_command(tmp_path, small_files_only, evol
     assert files(out) == files(evolved)
 
 
+def furnished(what):
+    search = SearchSpec(fill=False, where=["empty_cells=2.."], preset="paper", evaluations=2000)
+    return DatasetSpec(maps=4, size=4, split=(1, 0, 0), tile_px=16, search=search, furnish=what)
+
+
+def test_maps_are_kept_for_other_objects_if_some_do_not_fit(tmp_path, monkeypatch):
+    out, kept = tmp_path / "out", "; the maps are kept for the same command with other objects$"
+    with pytest.raises(InputError, match=f"^furnish: map .: houses: expected a number that fits, got 99, .* fit{kept}"):
+        make_dataset(furnished("houses=99"), out)
+    with monkeypatch.context() as patch:
+        patch.setattr("elitelanes_jax.dataset._plan.evolve", interrupt)
+        with pytest.raises(InputError, match=f"duckies: .*{kept}"):
+            make_dataset(furnished("duckies=999"), out)
+        make_dataset(furnished("duckies=1"), out)
+        for name in ("duckies=1", None):
+            with pytest.raises(KeyboardInterrupt):
+                make_dataset(furnished(name), tmp_path / f"new-{name}")
+    make_dataset(furnished("duckies=1"), tmp_path / "expected")
+    assert files(out) == files(tmp_path / "expected")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["expected", "out"]
+
+
+def test_pictures_with_other_objects_are_not_resumed(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            make_dataset(furnished("duckies=1"), out)
+        patch.setattr("elitelanes_jax.dataset._plan.evolve", interrupt)
+        with pytest.raises(InputError, match=r"out: expected results with duckies 2.*, got .* 1.*; use force=True to"):
+            make_dataset(furnished("duckies=2"), out)
+        with pytest.raises(InputError, match=r"out: expected results with furnish None, got .*; use force=True"):
+            make_dataset(furnished(None), out)
+    make_dataset(furnished(None), out, force=True)
+    make_dataset(furnished(None), tmp_path / "expected")
+    assert files(out) == files(tmp_path / "expected")
+
+
+def interrupt(*_, **__):
+    raise KeyboardInterrupt
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
 @pytest.mark.parametrize("what", ["dataset", pytest.param("evolved", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kills", [6, pytest.param(99, marks=pytest.mark.slow)])
