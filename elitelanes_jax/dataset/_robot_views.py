@@ -17,7 +17,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._transforms import Viewpoints
 from elitelanes_jax.drive.lanes import LANE_OFFSET
-from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats.objects import NEAR, MapObject
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import list_movements
@@ -30,6 +30,8 @@ _F = TypeVar("_F", np.float32, np.float64)
 _HORIZONS = ((115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235))
 _FINER = 2  # samples per pixel in each direction
 _WHITE_LINE = 0.09  # tiles from the tile's edge
+_ROBOT = Robot().width / 2  # metres, the radius of a robot
+_TRIES = 64  # to draw a pose where the robot touches no object
 _LEVELS = 6  # the number of sizes of the map: whole, a half, a quarter and so on
 
 
@@ -54,23 +56,64 @@ class Viewpoint(NamedTuple):
     about: dict[str, Plain]
 
 
+class _Place(NamedTuple):
+    """A pose on a lane: of the metadata, with x and y in tiles, angles in radians, and the curvature in 1 / tile."""
+
+    movement: dict[str, int]
+    d: float
+    phi: float
+    curvature: float
+    x: float
+    y: float
+    theta: float
+
+
 def draw_viewpoint(
-    rng: np.random.Generator, viewpoints: Viewpoints, codes: Int[NDArray, "H W"], tile_px: int
+    rng: np.random.Generator,
+    viewpoints: Viewpoints,
+    codes: Int[NDArray, "H W"],
+    tile_px: int,
+    objects: Sequence[MapObject] = (),
 ) -> Viewpoint:
     """Draws a pose on the lanes of a map, and its camera; raises `InputError` for a map without a lane.
 
     The movement is drawn uniformly from all movements of the map; the position along it, the offset and the angle are
-    uniform too.
+    uniform too. If the robot would touch an object, another pose is drawn, at most 64 times.
     """
     lanes = list_movements(codes)
     if not len(lanes):
         raise InputError("maps: expected lanes for the camera, got a map without any")
-    row, column, heading, turn = (int(part) for part in lanes[rng.integers(len(lanes))])
-    along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
+    place = _draw_place(rng, viewpoints, lanes)
     lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
     sky = _HORIZONS[rng.integers(len(_HORIZONS))]
     lines = float(rng.uniform(-1, 1) * viewpoints.lines)
+    # These draws come last, so that objects elsewhere change nothing.
+    tries = 0
+    while tries < _TRIES and _touches(place, objects):
+        place, tries = _draw_place(rng, viewpoints, lanes), tries + 1
 
+    height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
+    view = float(min(viewpoints.field_of_view * wide, 175))
+    on_lane = {"d": place.d, "phi": place.phi, "curvature": place.curvature}
+    x, y, theta = place.x, place.y, place.theta
+    camera = {"height": height, "forward": viewpoints.forward, "pitch": pitch, "field_of_view": view}
+    about = {
+        **on_lane,
+        "pose": {"x": x, "y": y, "theta": theta},
+        "nearest": _nearest(lanes, x, y, theta) or on_lane,
+        "movement": place.movement,
+        "camera": camera | {"sky": sky} | ({"lines": lines} if viewpoints.lines else {}),
+    }
+    size = (viewpoints.rows, viewpoints.columns)
+    to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
+    onto_ground = np.array([[1, 0, -viewpoints.forward], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
+    matrix = project(camera, size) @ onto_ground @ to_robot
+    return Viewpoint(matrix, size, sky, tile_px, lines, about)
+
+
+def _draw_place(rng: np.random.Generator, viewpoints: Viewpoints, lanes: Int[NDArray, "N 4"]) -> _Place:
+    row, column, heading, turn = (int(part) for part in lanes[rng.integers(len(lanes))])
+    along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
     d, phi = beside * viewpoints.offset, np.radians(turned * viewpoints.heading)
     bend = turn - 1  # to the left
     radius = 0.5 + LANE_OFFSET * bend
@@ -83,23 +126,16 @@ def draw_viewpoint(
     y = row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
     theta = np.arctan2(-ahead_y, ahead_x) + angle + phi
     theta = float(np.pi - (np.pi - theta) % (2 * np.pi))
+    movement = {"row": row, "column": column, "heading": heading, "turn": turn}
+    return _Place(movement, float(d), float(phi), bend / radius, float(x), float(y), theta)
 
-    height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
-    view = float(min(viewpoints.field_of_view * wide, 175))
-    on_lane = {"d": float(d), "phi": float(phi), "curvature": bend / radius}
-    camera = {"height": height, "forward": viewpoints.forward, "pitch": pitch, "field_of_view": view}
-    about = {
-        **on_lane,
-        "pose": {"x": float(x), "y": float(y), "theta": theta},
-        "nearest": _nearest(lanes, x, y, theta) or on_lane,
-        "movement": {"row": row, "column": column, "heading": heading, "turn": turn},
-        "camera": camera | {"sky": sky} | ({"lines": lines} if viewpoints.lines else {}),
-    }
-    size = (viewpoints.rows, viewpoints.columns)
-    to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
-    onto_ground = np.array([[1, 0, -viewpoints.forward], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
-    matrix = project(camera, size) @ onto_ground @ to_robot
-    return Viewpoint(matrix, size, sky, tile_px, lines, about)
+
+def _touches(place: _Place, objects: Sequence[MapObject]) -> bool:
+    """Returns whether a robot touches an object, as in `LaneDrive`. Tags on the floor are not touched."""
+    return any(
+        thing.height > 0 and np.hypot(thing.x - place.x, thing.y - place.y) * TILE <= thing.radius + _ROBOT
+        for thing in objects
+    )
 
 
 def _nearest(lanes: Int[NDArray, "N 4"], x: float, y: float, theta: float) -> dict[str, Plain]:

@@ -122,6 +122,14 @@ def test_a_share_is_visible_of_what_is_cut_off_or_hidden(drawn_tiles):
     assert not seen(at("tree", -0.5, 0, 0.1))
 
 
+def test_the_camera_is_in_no_object(drawn_tiles):
+    pose = draw_sample(RoadMap(TOWN), drawn_tiles, 0, tile_px=PX, camera=VIEWS).record["pose"]
+    robot = MapObject("duckiebot", pose["x"], pose["y"], pose["theta"], 0.12)
+    road_map = RoadMap(TOWN, objects=[robot])
+    moved = draw_sample(road_map, drawn_tiles, 0, tile_px=PX, camera=VIEWS, objects=load_objects()).record["pose"]
+    assert np.hypot(moved["x"] - robot.x, moved["y"] - robot.y) * TILE > robot.radius + 0.075
+
+
 SPEC = {"split": (0.5, 0, 0.5), "views": 3, "camera": ("rows=60", "columns=80"), "tile_px": 32, "seed": 1}
 
 

@@ -17,8 +17,11 @@ from elitelanes_jax.dataset._transforms import Viewpoints
 from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.drive._camera import Camera, look, make_atlas
+from elitelanes_jax.drive._objects import make_objects, touches
 from elitelanes_jax.drive.lanes import Movement, Pose, lane_curvature, lane_errors, lane_pose
 from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import choose_tiles, render, scale_tiles
 
@@ -144,3 +147,27 @@ def test_of_two_tags_on_one_spot_the_last_one_is_in_front():
 def test_a_map_without_lanes_has_no_view():
     with pytest.raises(InputError, match="expected lanes for the camera"):
         draw_viewpoint(np.random.default_rng(0), SMALL, np.array([[4, 1], [0, 0]], np.int8), PX)
+
+
+def test_the_robot_touches_no_object():
+    """As `LaneDrive` finds. Poses that touch no object are those of the map without objects, to the bit."""
+    things = (*furnish(TOWN, "lane_robots=4 lane_duckies=4").objects, MapObject("floor_tag", 1.5, 0.7, 0.0, 0.0))
+    objects = jax.tree.map(lambda part: part[0], make_objects([RoadMap(TOWN, objects=things)]))
+    touching = jax.jit(lambda pose: touches(objects, pose, pose, 0.075))
+    moved = 0
+    for number, plain in enumerate(viewpoints(200)):
+        drawn = draw_viewpoint(np.random.default_rng(number), SMALL, TOWN, PX, things)
+        assert not touching(Pose(**drawn.about["pose"]))
+        if touching(Pose(**plain.about["pose"])):
+            moved += 1
+            assert drawn.about["camera"] == plain.about["camera"]
+        else:
+            assert drawn.about == plain.about
+            np.testing.assert_array_equal(drawn.matrix, plain.matrix)
+    assert 10 < moved < 190
+
+
+def test_a_map_full_of_objects_has_views():
+    full = [MapObject("building", column + 0.5, row + 0.5, 0.0, 1.0) for row in range(4) for column in range(4)]
+    drawn = draw_viewpoint(np.random.default_rng(0), SMALL, TOWN, PX, full)
+    assert drawn.about["pose"] != viewpoints(1)[0].about["pose"]
