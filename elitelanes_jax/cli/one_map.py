@@ -122,7 +122,8 @@ def _plan(options: argparse.Namespace) -> int:
         words = str(error).replace("file: ", "--out: ", 1).replace("map: ", f"{options.map}: ", 1)
         raise type(error)(words) from None
     tape = ", ".join(f"{metres:.2f} m {colour}" for colour, metres in plan.tape.items())
-    say(f"{len(plan.placed)} tiles on {plan.floor[0]:g} x {plan.floor[1]:g} m, tape {tape}, in {options.out}")
+    tiles = pluralize(len(plan.placed), "tile")
+    say(f"{tiles} on {plan.floor[0]:g} x {plan.floor[1]:g} m, tape {tape}, in {options.out}")
     return 0
 
 

@@ -73,6 +73,8 @@ OBJECT_KINDS: dict[str, ObjectKind] = {
 OTHER = "other:"
 """What the kind of an object begins with if it is not one of `OBJECT_KINDS`."""
 
+_OTHER_KIND = re.compile(OTHER + r"\w[\w.-]{0,63}")
+
 
 class MapObject(NamedTuple):
     """An object of a map.
@@ -142,10 +144,12 @@ def base_kind(kind: str) -> str:
 
 def check_kind(kind: UserValue) -> str:
     """Returns the name of a kind of object; raises an `InputError` for an unknown one."""
-    if isinstance(kind, str) and re.fullmatch(OTHER + r"\w[\w.-]{0,63}", kind):
+    if isinstance(kind, str) and _OTHER_KIND.fullmatch(kind):
         return kind
     if not isinstance(kind, str) or kind not in OBJECT_KINDS:
         hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
+        if not hint and isinstance(kind, str) and _OTHER_KIND.fullmatch(OTHER + kind):
+            hint = f"; is it {OTHER}{kind}?"
         raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}")
     return kind
 

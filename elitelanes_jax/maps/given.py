@@ -22,12 +22,14 @@ class GivenMaps:
       digest: of all fields of all maps.
       paths: the files and folders they were read from.
       names: of the maps in messages: the index, and the file if there is one.
+      left_out: the number of other maps, which are the same as one of these when rotated or mirrored.
     """
 
     maps: tuple[RoadMap, ...] = field(compare=False, repr=False)
     digest: str
     paths: tuple[Path, ...] = field(default=(), compare=False, repr=False)
     names: tuple[str, ...] = field(default=(), compare=False, repr=False)
+    left_out: int = field(default=0, compare=False, repr=False)
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
@@ -59,7 +61,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
     names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
     measured = tuple(map(_measured, maps, names))
     digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
-    return GivenMaps(measured, digest, tuple(paths), tuple(names))
+    return GivenMaps(measured, digest, tuple(paths), tuple(names), len(found) - len(maps))
 
 
 def _maps_of(source: UserValue) -> list[tuple[str, UserValue]]:

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance, path
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic, write_json
 from elitelanes_jax._util.folders import foreign_file, output_folder
 from elitelanes_jax._util.packages import installed_versions
-from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph
@@ -93,6 +93,9 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         write_json(work.files / RECORD, about)
         write_atomic(work.files / "README.md", _card(spec, about, rows).encode())
         write_atomic(work.files / SUMS, "".join(_sums(work.files)).encode())
+    if maps.left_out:
+        total = pluralize(len(packed) + maps.left_out, "map")
+        announce(f"{maps.left_out} of {total} left out: the same as another one when rotated or mirrored")
     return about
 
 

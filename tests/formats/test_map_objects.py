@@ -56,6 +56,7 @@ def test_footprints_follow_the_height():
         ({"kind": "duckie"}, "objects: expected a list"),
         ([3], "objects: object 0: expected"),
         ([{"kind": "dukie", "x": 0, "y": 0}], "kind: expected one of .*is it duckie"),
+        ([{"kind": "helicopter", "x": 0, "y": 0}], "got 'helicopter'; is it other:helicopter"),
         ([OBJECTS[0], {"kind": "cone", "x": 3.1, "y": 0}], "object 1: x: expected tiles from -1 to 3, got 3.1"),
         ([{"kind": "cone", "x": 10**309, "y": 0}], "object 0: x: expected tiles from -1 to 3, got 10000"),
         ([{"kind": "cone", "x": 0}], "object 0: y: .*got None"),
