@@ -11,9 +11,10 @@ from math import ceil, isqrt, prod
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.codes import KINDS, SIDES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.records import features_without_gaps, largest_metrics, largest_town_feature
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, feature_unit
@@ -129,10 +130,13 @@ def check_feasible(
         raise InputError(f"alphabet: expected the turns {KINDS['turn']}, which every map has, got no {min(missing)}")
     if fix is not None:
         _check_fixed(fix, rules)
+        _check_room(fix, filled)
     if where:
-        constraints = map_constraints(rules, filled=filled and fix is None)
-        bounds = find_bounds(shape, {name: value for name, value, _ in constraints})
-        check_ranges(where, bounds, f"maps of {shape[0]} x {shape[1]} tiles")
+        lacking = [kind for kind in COUNTED if alphabet is not None and not {*KINDS[kind]} & {*alphabet}]
+        limits = {name: value for name, value, _ in map_constraints(rules, filled=filled and fix is None)}
+        bounds = find_bounds(shape, limits | dict.fromkeys((COUNTED[kind] for kind in lacking), 0))
+        without = f" without {' and '.join(lacking)}" if lacking else ""
+        check_ranges(where, bounds, f"maps of {shape[0]} x {shape[1]} tiles{without}")
 
 
 def _check_fixed(fix: FixedCells, rules: str | None) -> None:
@@ -146,6 +150,53 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
         for name in RULES[rules].forbidden:
             if metrics[name]:
                 raise InputError(f"fix: expected cells that keep the rules of {rules}, got {name} {metrics[name]}")
+
+
+def _check_room(fix: FixedCells, filled: bool) -> None:
+    """Checks that roads can pass through the cells that need one, and connect them.
+
+    `filled` says whether each free cell needs one; a free cell without any neighbour to link stays empty.
+    """
+    fixed = fix.fixed
+    codes = np.where(fixed, fix.grid, 15)
+    ways = {(row, column): _ways(codes, row, column) for row, column in np.argwhere(codes).tolist()}
+    ways = {cell: beside for cell, beside in ways.items() if beside or fixed[cell]}
+    needed = [cell for cell in ways if filled or fixed[cell]]
+    dead = [cell for cell, beside in ways.items() if len(beside) < 2]
+    if filled and dead:
+        row, column = dead[0]
+        raise InputError(
+            f"fix: expected two neighbours for a road in every free cell, got one at row {row}, column {column}; "
+            "with rules, an inventory or fill=False it may stay empty"
+        )
+    while dead:
+        cell = dead.pop()
+        for other in ways.pop(cell):
+            ways[other].discard(cell)
+            if len(ways[other]) == 1:
+                dead.append(other)
+    reached, ahead = set(), needed[:1] or [*ways][:1]
+    while ahead:
+        cell = ahead.pop()
+        if cell not in reached and cell in ways:
+            reached.add(cell)
+            ahead += ways[cell]
+    if not reached:
+        raise InputError("fix: expected cells that leave room for a loop of roads, got none")
+    if apart := [cell for cell in needed if cell not in reached]:
+        way = " to ".join(f"row {row}, column {column}" for row, column in (needed[0], apart[0]))
+        raise InputError(f"fix: expected cells whose roads can be connected, got no way from {way}")
+
+
+def _ways(codes: NDArray[np.int8], row: int, column: int) -> set[tuple[int, int]]:
+    """Returns the neighbours to which a cell can have a road, if free cells have all sides."""
+    height, width = codes.shape
+    beside = {(row + side.down, column + side.right): side for side in SIDES if codes[row, column] & side.bit}
+    return {
+        (down, right)
+        for (down, right), side in beside.items()
+        if 0 <= down < height and 0 <= right < width and codes[down, right] & side.opposite
+    }
 
 
 def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:

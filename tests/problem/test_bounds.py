@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from elitelanes_jax import GenerateSpec, InputError, SearchSpec
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
-from elitelanes_jax.network import measure_town, plain_measure
+from elitelanes_jax.network import measure_town, plain_measure, repair
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.records import features_without_gaps
 from elitelanes_jax.problem import SHARES
 from elitelanes_jax.problem.bounds import check_feasible, check_ranges, find_bounds
 from elitelanes_jax.problem.features import FEATURES, feature_unit
+from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import map_constraints
 
@@ -132,10 +133,65 @@ def test_messages_say_the_bound():
         ),
         ({"where": "straight_share=0.8.."}, "expected a range with some of 0..0.75, which"),
         ({"where": ["box_share=0.9..", "box_fill=0.9..", "tiles=..12"], "fill": False}, "where 'tiles=..12': expected"),
+        (
+            {"alphabet": [3, 5, 6, 9, 10, 12, 15], "where": "crossings3=1.."},
+            "with 0, which maps of 4 x 4 tiles without",
+        ),
         ({"alphabet": [3, 5, 6, 9, 10]}, r"alphabet: expected the turns \(3, 6, 9, 12\), which every map has, got no"),
     ):
         with pytest.raises(InputError, match=message.replace("..", r"\.\.")):
             GenerateSpec(size=(4, 4), search=SearchSpec(**options))
+
+
+FREE = None
+POCKET = [[FREE, FREE, FREE], [FREE, 0, 0], [FREE, FREE, FREE]]
+STUB = [[FREE, FREE, 0], [FREE, FREE, FREE], [0, 0, FREE]]
+ENCLOSED = [[FREE, FREE, 0], [FREE, FREE, 0], [0, 0, FREE]]
+HALVES = [[FREE, FREE, 0, FREE, FREE]] * 2
+RINGS = [[6, 3, 0, 6, 3], [12, 9, 0, 12, 9]]
+RING = [[6, 3, FREE, FREE], [12, 9, FREE, FREE]]
+
+
+@pytest.mark.parametrize(
+    ("cells", "message", "passes_unfilled"),
+    [
+        (POCKET, "in every free cell, got one at row 0, column 2", False),
+        (STUB, "in every free cell, got one at row 2, column 2", True),
+        ([[0, 0], [0, 0]], "room for a loop of roads, got none", False),
+        (HALVES, "no way from row 0, column 0 to row 0, column 3", True),
+        (RINGS, "no way from row 0, column 0 to row 0, column 3", False),
+        (RING, "no way from row 0, column 0 to row 0, column 2", True),
+    ],
+)
+def test_fixed_cells_leave_room_for_a_network(cells, message, passes_unfilled):
+    shape, fix = (len(cells), len(cells[0])), parse_fixed_cells(cells)
+    with pytest.raises(InputError, match=message):
+        check_feasible(shape, fix=fix)
+    if passes_unfilled:
+        check_feasible(shape, fix=fix, filled=False)
+    else:
+        with pytest.raises(InputError, match="fix: expected cells"):
+            check_feasible(shape, fix=fix, filled=False)
+
+
+def test_an_enclosed_cell_stays_empty():
+    check_feasible((3, 3), fix=parse_fixed_cells(ENCLOSED))
+    grid = repair(np.zeros((3, 3), np.int8), fill=True, fixed=parse_fixed_cells(ENCLOSED).fixed)
+    np.testing.assert_array_equal(grid, [[6, 3, 0], [12, 9, 0], [0, 0, 0]])
+
+
+@pytest.mark.parametrize("filled", [True, False])
+@pytest.mark.parametrize("shape", [(2, 3), (3, 3)])
+def test_any_cells_of_a_map_can_be_fixed(shape, filled):
+    random = np.random.default_rng(5)
+    maps = [grid for grid, metrics in repaired_grids(shape) if is_map(metrics, None, False)]
+    for grid in maps:
+        # Cells without a road that are not fixed may only stay empty if nothing fills them.
+        fixed = (random.random(shape) < random.random()) | (filled & (grid == 0))
+        codes = np.where(fixed, grid, -1).tolist()
+        rows = [[None if code < 0 else code for code in row] for row in codes]
+        check_feasible(shape, fix=parse_fixed_cells(rows), filled=filled)
+    assert maps
 
 
 def test_bounds_of_large_grids_take_no_time():
