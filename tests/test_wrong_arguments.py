@@ -26,7 +26,14 @@ from elitelanes_jax import (
     road_problem,
     rotate,
 )
-from elitelanes_jax.benchmark import compute_scores, find_task, run_tasks
+from elitelanes_jax.benchmark import (
+    Submission,
+    compute_scores,
+    find_task,
+    run_tasks,
+    score_submission,
+    write_submission,
+)
 from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.drive import (
     LaneDrive,
@@ -70,6 +77,7 @@ from elitelanes_jax.optimizers import (
     seed_keys,
     truncate,
 )
+from elitelanes_jax.optimizers.interop import qdax_scoring_fn
 from elitelanes_jax.problem import Population, extreme_maps, insert, niche_index, with_town_features
 from elitelanes_jax.tiles import (
     png_of,
@@ -170,6 +178,7 @@ WRONG = {
         *begin(RoadNav, RoadNavParams), 1.7, RoadNavParams(levels())
     ),
     "best: expected shape [..., 2] for 5x5A-10000, got [2, 9]": lambda: compute_scores(TASK, np.zeros((2, 9))),
+    "best: expected numbers, infinite in vacant niches, got nan": lambda: compute_scores(TASK, np.full((1, 2), np.nan)),
     "best: expected no fitness below the optimum": lambda: compute_scores(TASK, TASK.optimum[None] - [[0, 1]]),
     "name: expected a metric, or a share such as straight_share, got 'bridge'; is it bridges?": lambda: extreme_maps(
         "bridge"
@@ -213,6 +222,11 @@ WRONG = {
     "pose: expected Pose, got Pose(x='a', y=0, theta=0)": lambda: lane_pose(GRID, Pose("a", 0, 0)),
     "scale: expected a number over 0, up to 100, got -1": lambda: write_text(
         np.zeros((9, 9, 3), np.uint8), "text", (0, 0), -1, (0, 0, 0)
+    ),
+    "seeds: expected each seed once, got 7 2 times": lambda: run_tasks([TASK], print, [7, 7]),
+    "submission: task: expected Task, got '5x5A-10000'": lambda: score_submission(Submission(TASK.name, np.zeros(5))),
+    "file: expected a name that ends in .npz, got a.json": lambda: write_submission(
+        "a.json", Submission(TASK, np.zeros((10, 1, 1, 5, 5), np.int8))
     ),
     "seeds: expected a number or several, 0 or more, got []": lambda: run_tasks([TASK], print, []),
     "progress: expected True or False, got 'no'": lambda: evolve(0, progress="no"),
@@ -276,6 +290,39 @@ WRONG = {
     ),
     "feature_weights: expected 2 numbers, one for each of measured, got shape [3]": lambda: road_problem(
         (4, 4), measured=["symmetry", "signable"], feature_weights=np.arange(3)
+    ),
+    "feature_weights: expected whole numbers, got float64": lambda: road_problem(
+        (4, 4), measured=["signable"], feature_weights=[0.9]
+    ),
+    "weights: expected a fitness within int32 for every grid of 4 x 4": lambda: road_problem(
+        (4, 4), measured=["edges"], feature_weights=np.array([2**28])
+    ),
+    "features: expected names of letters, digits and _ that no other feature has, got 'turns'": lambda: road_problem(
+        (4, 4), measured=["turns"], features={"turns": lambda grid: grid[0, 0]}
+    ),
+    "features: expected a to return an integer scalar, got int8 of shape (4,)": lambda: road_problem(
+        (4, 4), "a:3:1", features={"a": lambda grid: grid[0]}
+    ),
+    "measured: expected a list of str, got 'signable'": lambda: road_problem((4, 4), measured="signable"),
+    "measured: expected a metric, or a share such as": lambda: road_problem((4, 4), measured=["signabel"]),
+    "fitness: expected it to return an integer or float scalar, got": lambda: road_problem(
+        (4, 4), fitness=lambda grid: grid[0]
+    ),
+    "fix: expected cells of a map of 4 x 4, got 2 x 2": lambda: road_problem((4, 4), fix=[[6, 3], [12, 9]]),
+    "axes: expected features of the problem, ones, got one; is it ones?": lambda: Problem(
+        (4, 4), road_problem((4, 4)).evaluate, ("ones",), axes="one:3"
+    ),
+    "feature_names: expected each name once, got a 2 times": lambda: Problem(
+        (4, 4), road_problem((4, 4)).evaluate, ("a", "a")
+    ),
+    "fixed: expected bool [4, 4], got": lambda: Problem(
+        (4, 4), road_problem((4, 4)).evaluate, fixed=np.zeros((3, 4), bool)
+    ),
+    "config: expected none with an optimizer, got AnnealingConfig": lambda: evolve(
+        0, (4, 4), optimizer=annealed_ea, config=AnnealingConfig()
+    ),
+    "problem: axes: expected a problem with at least one axis": lambda: qdax_scoring_fn(
+        Problem((4, 4), road_problem((4, 4)).evaluate)
     ),
     "measured: expected features that may be weighed, got the share turn_share": lambda: road_problem(
         (4, 4), measured=["turn_share"], feature_weights=np.arange(1)

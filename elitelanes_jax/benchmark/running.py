@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Int8
 
-from elitelanes_jax._util.checks import check_named, function_of, is_whole, listed, whole
+from elitelanes_jax._util.checks import check_named, check_unique, function_of, is_whole, listed, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission, measure_grids
@@ -92,6 +92,7 @@ def _run(
     listed = list(seeds if isinstance(seeds, Iterable) else range(check_named("seeds", whole(1), seeds)))
     if not listed or any(not is_whole(seed) or seed < 0 for seed in listed):
         raise InputError(f"seeds: expected a number or several, 0 or more, got {shorten(repr(seeds))}")
+    check_unique("seeds", "seed", map(str, listed))
     if callable(search):
         check_named("search", function_of("task", "generator"), search)
     generators = (

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.benchmark.tasks import Task
-from elitelanes_jax.problem.archive import coverage
+from elitelanes_jax.problem.archive import VACANT, coverage
 
 _RESAMPLES = 10_000
 
@@ -34,18 +34,21 @@ class Scores(NamedTuple):
 def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     """Computes the scores of archives on a task with F feasible niches.
 
-    `best` is ``[..., F]`` with at least one more axis, the lowest fitness in each niche; infinite if it is vacant.
-    Raises `InputError` for another shape, or a fitness below the proven optimum of its niche.
+    `best` is ``[..., F]`` with at least one more axis, the lowest fitness in each niche; infinite, or that of a vacant
+    slot, if it is vacant. Raises `InputError` for another shape, NaN, or a fitness below the proven optimum of its
+    niche.
     """
     check_named("task", instance(Task), task)
     best = np.asarray(best)
     if best.ndim < 2 or best.shape[-1] != len(task.optimum):
         raise InputError(f"best: expected shape [..., {len(task.optimum)}] for {task.name}, got {list(best.shape)}")
-    if (beyond := np.isfinite(best) & (best < task.optimum)).any():
+    if np.isnan(best).any():
+        raise InputError("best: expected numbers, infinite in vacant niches, got nan")
+    if (beyond := best < task.optimum).any():
         (*_, niche) = np.argwhere(beyond)[0]
         value, least = best[beyond][0], task.optimum[niche]
         raise InputError(f"best: expected no fitness below the optimum, {least} in niche {niche}, got {value:g}")
-    filled = np.isfinite(best)
+    filled = best < VACANT
     nearness = np.where(filled, np.maximum(np.where(filled, best, 0) / task.optimum, 0), 0)
     total, count = nearness.sum(axis=-1), filled.sum(axis=-1)
     precision = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Int8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, instance
-from elitelanes_jax._util.errors import InputError, pluralize, shorten
+from elitelanes_jax._util.checks import check_named, file_named, instance
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import unpack
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.benchmark.scores import Scores, compute_scores
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
 
@@ -42,14 +42,14 @@ def write_submission(file: str | Path, submission: Submission) -> None:
     """Writes a raw archive as an ``.npz``.
 
     Raises:
-      InputError: if the grids do not fit the task, or for another type.
+      InputError: if the grids do not fit the task, for another type, or a file with the suffix of another format.
     """
-    check_named("submission", instance(Submission), submission)
-    grids = np.asarray(submission.grids)
+    _check_fields(submission)
+    out, grids = check_named("file", file_named(".npz"), file), np.asarray(submission.grids)
     _check(str(file), submission.task, grids)
     content = io.BytesIO()
     np.savez_compressed(content, version=VERSION, task=submission.task.name, grids=grids)
-    write_atomic(Path(file), content.getvalue())
+    write_atomic(out, content.getvalue())
 
 
 def read_submission(file: str | Path) -> Submission:
@@ -67,6 +67,11 @@ def read_submission(file: str | Path) -> Submission:
         raise InputError(f"{file}: {error}") from None
     _check(str(file), found, grids)
     return Submission(found, grids)
+
+
+def _check_fields(submission: UserValue) -> None:
+    check_named("submission", instance(Submission), submission)
+    check_named("submission: task", instance(Task), submission.task)
 
 
 def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) -> None:
@@ -96,8 +101,7 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
     Raises:
       InputError: for grids that do not fit the task, or one that is better than its niche's certificate.
     """
-    if not isinstance(submission, Submission):
-        raise InputError(f"submission: expected a Submission, got {shorten(repr(submission))}")
+    _check_fields(submission)
     task, grids = submission.task, np.asarray(submission.grids)
     _check("submission", task, grids, least=1)
     found = measure_grids(grids.reshape(-1, *task.shape), fill=task.fill)

@@ -202,7 +202,7 @@ def transplant(*, displaced: bool = False) -> Move:
 def refit_window(*, empty: bool = True) -> Move:
     """Replaces a window of 3 x 3 tiles by another valid window that has the same links to the tiles around it.
 
-    The windows come from a table (see `valid_windows`), are about equally likely, and may have `empty` cells. If no
+    The windows come from a table, are about equally likely, and may have `empty` cells. If no
     other window fits, the grid does not change.
     """
     return _move({_plan_refit: 1}, empty=empty)
@@ -216,7 +216,7 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
     """
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        varied = move.apply(bits[:-1], grid, mate)
+        varied = Variation(*move.apply(bits[:-1], grid, mate))
         happens = bernoulli(bits[-1], probability)
         filled = repair(*varied, fill=True, fixed=fixed)
         # A filled grid has no mismatch that dirty tiles could decide.

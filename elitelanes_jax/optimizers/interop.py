@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.faces import name_wrong_arguments
-from elitelanes_jax._util.types import AnyArray, Untyped
+from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.optimizers._population import evaluate as evaluate_all
@@ -42,7 +42,7 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
     Raises:
       InputError: from the function, for genotypes of another shape or type.
     """
-    check_named("problem", instance(Problem), problem)
+    _check_niches(problem)
 
     def score(genotypes: Array, key: Key[Array, ""]) -> tuple[Array, Array, dict[str, Array]]:
         _check_genotypes(problem, genotypes)
@@ -52,6 +52,11 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
         return fitness, bins.astype(jnp.float32), {"features": found.features}
 
     return score
+
+
+def _check_niches(problem: UserValue) -> None:
+    check_named("problem", instance(Problem), problem)
+    check_named("problem", lambda one: one.niches, problem)
 
 
 def _check_genotypes(problem: Problem, genotypes: Array) -> None:
@@ -175,7 +180,7 @@ def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
       ``solution_dim``, H·W; ``dims``, the bins of each axis; and ``ranges``, from the start of the first bin to the end
       of the last one.
     """
-    check_named("problem", instance(Problem), problem)
+    _check_niches(problem)
     return {
         "solution_dim": prod(problem.shape),
         "dims": [axis.bins for axis in problem.axes],

@@ -23,7 +23,7 @@ class Axis(NamedTuple):
     Attributes:
       metric: the name of the feature.
       bins: the number of bins.
-      width: the width of a bin, for a share in thousandths; 0 for `default_width` on the grid's shape.
+      width: the width of a bin, for a share in thousandths; 0 for one by the grid's shape.
       start: the value at which the first bin starts.
       target: the bin whose niches are sought; niches in other bins are stepping stones. By default all are sought.
     """
@@ -109,7 +109,7 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     check_named("axes", listed(Axis), axes)
     for axis in axes:
         if axis.bins < 1 or axis.width < 1:
-            got = f"{axis.bins} of width {axis.width}; `resolve_axes` replaces width 0"
+            got = f"{axis.bins} of width {axis.width}"
             raise InputError(f"axes {axis.metric!r}: expected at least one bin, of a width of at least 1, got {got}")
     if np.shape(descriptor)[-1:] != (len(axes),):
         raise InputError(f"descriptor: expected shape [..., {len(axes)}], got {list(np.shape(descriptor))}")

@@ -15,6 +15,8 @@ from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
+from elitelanes_jax._util.checks import check_unique
+from elitelanes_jax._util.checks import name as check_name
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.records import METRIC_NAMES, TOWN_PARTS, TOWN_RATIOS, TownFeatures, largest_town_feature
@@ -101,6 +103,18 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
             f"{suggest(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
         )
     return str(name)
+
+
+def check_features(features: UserValue) -> tuple[str, ...]:
+    """Checks the names of the user's own features, which no other feature may have."""
+    if isinstance(features, str) or not isinstance(features, Iterable):
+        raise InputError(f"features: expected names, got {shorten(repr(features))}")
+    names = check_unique("features", "name", map(check_name, features))
+    for one in names:
+        if not one.isidentifier() or one in (*FEATURES, *TOWN_FEATURES, "constant"):
+            expected = "names of letters, digits and _ that no other feature has"
+            raise InputError(f"features: expected {expected}, got {shorten(repr(one), 40)}")
+    return tuple(names)
 
 
 def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:

@@ -77,6 +77,13 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     return FixedCells(shape, tuple(None if code < 0 else code for code in codes.ravel().tolist()))
 
 
+def check_fits(cells: FixedCells, shape: tuple[int, int]) -> None:
+    """Raises `InputError` for fixed cells of grids of another shape."""
+    if cells.shape != shape:
+        expected, got = (f"{rows} x {columns}" for rows, columns in (shape, cells.shape))
+        raise InputError(f"fix: expected cells of a map of {expected}, got {got}")
+
+
 def _read_rows(file: str | Path) -> Plain:
     try:
         content = read_json(file)

@@ -20,7 +20,7 @@ from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for, with_shares
+from elitelanes_jax.problem.features import TOWN_FEATURES, check_features, columns_for, with_shares
 
 if TYPE_CHECKING:
     from jax.extend import core
@@ -38,7 +38,7 @@ It takes any of these arguments, by name:
 
 - ``metrics``: the `Metrics` of the grid.
 - ``features``: a dictionary of all features that the search measures, by name: metrics, shares in thousandths, the
-  user's, and the town features that the search names.
+  user's, and the town features that axes, ranges or weights of the search name.
 - ``grid``: int8 ``[H, W]``.
 - ``usual``: int32, the weighted sum of features that is the fitness by default.
 
@@ -46,6 +46,7 @@ It returns an integer scalar, at most 2**29 in size, or a float scalar, converte
 value, such as NaN, is refused, see `road_problem`.
 """
 
+_ARGUMENTS = ("metrics", "features", "grid", "usual")  # of a fitness
 _SCALAR = "an integer or float scalar"
 
 
@@ -55,6 +56,7 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
         return {}
     if not isinstance(features, Mapping):
         raise InputError(f"features: expected kernels by name, got {shorten(repr(features))}")
+    check_features(features)
     for name, kernel in features.items():
         if not callable(kernel):
             raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
@@ -75,8 +77,8 @@ def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Seq
             f"fitness: expected a function of metrics, features, grid or usual, got {shorten(repr(fitness))}"
         )
     for argument in arguments_of(fitness):
-        if argument not in ("metrics", "features", "grid", "usual"):
-            raise InputError(f"fitness: expected arguments among metrics, features, grid, usual, got {argument!r}")
+        if argument not in _ARGUMENTS:
+            raise InputError(f"fitness: expected arguments among {', '.join(_ARGUMENTS)}, got {argument!r}")
     features = jax.ShapeDtypeStruct((1, len(feature_names)), jnp.int32)
     grids, usual = jax.ShapeDtypeStruct((1, *shape), jnp.int8), jax.ShapeDtypeStruct((1,), jnp.int32)
     made = _traced("fitness: expected", partial(apply_fitness, fitness, feature_names), grids, features, usual)
@@ -201,7 +203,7 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
             raise TypeError("positional only")
     except (TypeError, ValueError):
         raise InputError(f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}") from None
-    return tuple(one.name for one in parameters if one.default is Parameter.empty)
+    return tuple(one.name for one in parameters if one.default is Parameter.empty or one.name in _ARGUMENTS)
 
 
 def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct) -> Pytree:

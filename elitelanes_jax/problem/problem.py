@@ -1,6 +1,6 @@
 """A problem: the grids that an optimiser may make, and how they are evaluated."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import prod
@@ -13,23 +13,41 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real
 from numpy.typing import DTypeLike
 
-from elitelanes_jax._util.checks import LARGEST, check_named, flag, function, function_of, instance, listed, none_or
-from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import Numeric, UserValue
+from elitelanes_jax._util.checks import (
+    LARGEST,
+    check_named,
+    check_unique,
+    flag,
+    function,
+    function_of,
+    instance,
+    listed,
+    none_or,
+)
+from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
 from elitelanes_jax.network.fitness import fitness as weighted_sum
 from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
-from elitelanes_jax.network.records import METRIC_NAMES, Weights
+from elitelanes_jax.network.records import METRIC_NAMES, Weights, check_weights
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.xla import materialize
 from elitelanes_jax.problem.archive import VACANT, Population, vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, resolve_axes
-from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, columns_for
-from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
-from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, arguments_of, measure_features
-from elitelanes_jax.problem.ranges import parse_ranges, range_limits, range_penalty
+from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, check_feature, columns_for, largest_addend
+from elitelanes_jax.problem.fixed_cells import check_fits, parse_fixed_cells
+from elitelanes_jax.problem.kernels import (
+    Fitness,
+    Kernel,
+    apply_fitness,
+    arguments_of,
+    check_fitness,
+    check_kernels,
+    measure_features,
+)
+from elitelanes_jax.problem.ranges import largest_penalty, parse_ranges, range_limits, range_penalty
 
 
 class Evaluation(NamedTuple):
@@ -85,20 +103,25 @@ class Problem:
 
         Raises:
           InputError: for a bad shape or alphabet, an axis whose feature is no column, a repair without these arguments,
-            or initial grids of another shape or with other codes.
+            fixed cells of another shape, or initial grids of another shape or with other codes.
         """
         shape, alphabet = check_shape(self.shape, new=True), check_alphabet(self.alphabet)
         names = tuple(check_named("feature_names", listed(str), self.feature_names))
+        check_unique("feature_names", "name", names)
+        check_named("fill", flag, self.fill)
         for part in ("evaluate", "repair", "penalties"):
             check_named(part, function if part == "evaluate" else none_or(function), getattr(self, part))
         for check in (function_of("grid", "dirty", raster=False), function_of("grid", raster=False)):
             check_named("repair", none_or(check), self.repair)
         check_named("initial", none_or(_check_initial), self.initial, shape)
-        axes = resolve_axes(self.axes, shape, names) if not isinstance(self.axes, tuple | list) or self.axes else ()
+        if self.fixed is not None and (str(getattr(self.fixed, "dtype", "")) != "bool" or self.fixed.shape != shape):
+            raise InputError(f"fixed: expected bool [{shape[0]}, {shape[1]}], got {shorten(repr(self.fixed))}")
+        axes = resolve_axes(self.axes, shape, None) if not isinstance(self.axes, tuple | list) or self.axes else ()
         known = {*names, *(share for share, (part, whole) in SHARES.items() if {part, *whole} <= set(names))}
         for axis in axes:
             if axis.metric not in known:
-                raise InputError(f"axes: expected features of the problem, {', '.join(names)}, got {axis.metric}")
+                hint = suggest(axis.metric, known)
+                raise InputError(f"axes: expected features of the problem, {', '.join(names)}, got {axis.metric}{hint}")
         for field, value in (("shape", shape), ("alphabet", alphabet), ("axes", axes), ("feature_names", names)):
             object.__setattr__(self, field, value)
         if self.repair is None:
@@ -150,7 +173,7 @@ class Problem:
         given = len(self.initial)
         if given > count:
             raise InputError(f"initial: expected at most {count} grids, the number a run starts from, got {given}")
-        return grids.at[:given].set(jnp.asarray(self.initial))
+        return grids.at[:given].set(jnp.asarray(self.initial, jnp.int8))
 
     def drawn(self, count: int) -> Bool[np.ndarray, " count"]:
         """Returns which of the grids that a run starts from are random ones. The initial ones come first."""
@@ -219,40 +242,46 @@ def road_problem(
 
     Args:
       shape: (height, width), each at least 2.
-      axes: axes of the descriptor space, as `resolve_axes` takes them; by default `paper_axes`.
+      axes: axes of the descriptor space, such as ``"cyclomatic:8"`` or several `Axis`; by default `paper_axes`.
       alphabet: the codes to draw from, by default all tiles with two or more connections. A repaired grid may hold
         others: `dead_ends` and `coverage` count stubs and empty cells, `off_alphabet` any other code.
       weights: weights of the metrics in the fitness; may be traced.
       fill: whether repair also fills (see `elitelanes_jax.network.repair`).
-      where: ranges of features, as `parse_ranges` takes them; the distance from them adds to the fitness.
-      limits: the same as an array that may be traced, see `range_limits`; replaces `where`.
+      where: ranges of features, such as ``{"bridges": (0, 3)}``; the distance from them adds to the fitness.
+      limits: the same as an array that may be traced: the least and the greatest value of each feature and then of each
+        share that follows from them; replaces `where`.
       measured: the names of K features to measure beside the metrics; features of axes and ranges may be omitted.
       feature_weights: int ``[K]``, weights of these features in the fitness, in the order of `measured`; may be traced.
         By default 0.
       features: kernels of the user's features, by name.
       fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of ranges is added.
-      fix: cells that never change, as `parse_fixed_cells` takes them.
+      fix: cells that never change: rows of codes, with None for a free cell, or the path of a JSON file with them.
       initial: int8 ``[N, H, W]``, grids that every run starts from.
 
     Raises:
-      InputError: for a bad shape, alphabet, axis, range, cell or initial grid, or another number of weights than K.
+      InputError: for a bad shape, alphabet, axis, range, feature, kernel, fitness, cell or initial grid, another number
+        of weights than K, or weights with which a fitness might not fit int32, if they are not traced.
     """
     shape = check_shape(shape, new=True)
     check_named("weights", instance(Weights), weights)
     check_named("fill", flag, fill)
     alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
+    features = check_kernels(features, shape)
     axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape, features)
     ranges, fix = parse_ranges(where, features), None if fix is None else parse_fixed_cells(fix)
-    measured = tuple(measured)
+    if fix is not None:
+        check_fits(fix, shape)
+    measured = measured if isinstance(measured, str) else tuple(measured)
+    measured = tuple(check_feature("measured", one, features) for one in check_named("measured", listed(str), measured))
     feature_names = columns_for((axis.metric for axis in axes), measured, (item.name for item in ranges))
     if ranges and limits is None:
         limits = range_limits(ranges, feature_names)
     others = feature_names[len(METRIC_NAMES) :]
-    if feature_weights is not None and np.shape(feature_weights) != (len(measured),):
-        got = f"shape {[*np.shape(feature_weights)]}"
-        raise InputError(f"feature_weights: expected {len(measured)} numbers, one for each of measured, got {got}")
-    if feature_weights is not None and (shares := {*measured} - {*feature_names}):
-        raise InputError(f"measured: expected features that may be weighed, got the share {min(shares)}")
+    if feature_weights is not None:
+        feature_weights = _check_feature_weights(feature_weights, measured)
+    _check_total(shape, weights, measured, feature_weights, largest_penalty(len(ranges), feature_names))
+    if fitness is not None:
+        check_fitness(fitness, shape, feature_names)
     users = np.array([feature_names.index(name) for name in others if name in features], int)
     # The column of each weight; where they are in order, a slice, so that XLA gathers nothing.
     weighed = np.array([feature_names.index(name) for name in measured if feature_weights is not None], int)
@@ -313,6 +342,31 @@ def road_problem(
     return Problem(
         shape, evaluate, feature_names, axes, alphabet, repair_grid, penalties, initial, fill=fill, fixed=fixed
     )
+
+
+def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyArray:
+    """Checks the weights of the measured features; returns them as an array."""
+    array = weights if hasattr(weights, "dtype") else np.asarray(weights)
+    if array.shape != (len(measured),):
+        got = f"shape {[*array.shape]}"
+        raise InputError(f"feature_weights: expected {len(measured)} numbers, one for each of measured, got {got}")
+    if not jnp.issubdtype(array.dtype, jnp.integer):
+        raise InputError(f"feature_weights: expected whole numbers, got {array.dtype}")
+    for name in measured:
+        if name in SHARES:
+            raise InputError(f"measured: expected features that may be weighed, got the share {name}")
+    return array
+
+
+def _check_total(
+    shape: tuple[int, int], weights: Weights, measured: Sequence[str], feature_weights: AnyArray | None, penalty: int
+) -> None:
+    """Checks that a fitness with these weights and a penalty fits int32; traced weights are unknown."""
+    if any(isinstance(one, jax.core.Tracer) for one in (*weights, feature_weights)):
+        return
+    others = {} if feature_weights is None else dict(zip(measured, np.asarray(feature_weights).tolist(), strict=True))
+    both = {name: getattr(weights, name) + weight for name, weight in others.items() if name in METRIC_NAMES}
+    check_weights(weights._replace(**both), shape, penalty + largest_addend(others.items(), shape))
 
 
 def _sum_exceeds(most: int, values: Int32[Array, "... K"], weights: Int32[Array, " K"]) -> Bool[Array, "..."]:

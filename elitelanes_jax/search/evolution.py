@@ -312,6 +312,8 @@ def prepare(
         if not callable(optimizer):
             expected = "a function from a problem to an Optimizer (method= takes names)"
             raise InputError(f"optimizer: expected {expected}, got {shorten(repr(optimizer))}")
+        if config is not None:
+            raise InputError(f"config: expected none with an optimizer, got {shorten(repr(config), 60)}")
         spec = spec if spec.method in METHODS else spec.replace(method="map-elites", preset="tuned")
     elif config is not None:
         if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(config)):

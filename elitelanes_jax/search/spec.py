@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
-from elitelanes_jax._util.checks import check_named, check_unique, flag, name, none_or, one_of, whole
+from elitelanes_jax._util.checks import check_named, flag, name, none_or, one_of, whole
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
@@ -24,8 +24,8 @@ from elitelanes_jax.network.records import (
 )
 from elitelanes_jax.problem.bounds import check_feasible
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
-from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, largest_addend
-from elitelanes_jax.problem.fixed_cells import FixedCells, parse_fixed_cells
+from elitelanes_jax.problem.features import TOWN_FEATURES, check_features, columns_for, largest_addend
+from elitelanes_jax.problem.fixed_cells import FixedCells, check_fits, parse_fixed_cells
 from elitelanes_jax.problem.inventory import parse_inventory, parse_numbers, within_inventory
 from elitelanes_jax.problem.ranges import Range, largest_penalty, parse_ranges
 from elitelanes_jax.problem.rules import RULES
@@ -96,18 +96,6 @@ _NOT_OF_LARGE = (*_NOT_OF_STYLES, "large")
 def check_method(method: UserValue) -> str:
     """Checks the name of a method: one of `METHODS`, or `CUSTOM`, which `SearchSpec.check_on` refuses for a search."""
     return method if isinstance(method, str) and method == CUSTOM else one_of(*METHODS)(method)
-
-
-def check_features(features: UserValue) -> tuple[str, ...]:
-    """Checks the names of the user's own features, which no other feature may have."""
-    if isinstance(features, str) or not isinstance(features, Iterable):
-        raise InputError(f"features: expected names, got {shorten(repr(features))}")
-    names = check_unique("features", "name", map(name, features))
-    for one in names:
-        if not one.isidentifier() or one in (*FEATURES, *TOWN_FEATURES, *Weights._fields):
-            expected = "names of letters, digits and _ that no other feature has"
-            raise InputError(f"features: expected {expected}, got {shorten(repr(one), 40)}")
-    return tuple(names)
 
 
 def parse_weights(weights: UserValue, own: Collection[str] = ()) -> tuple[tuple[str, int], ...]:
@@ -330,9 +318,8 @@ class SearchSpec(Record):
             expected = f"one of {', '.join(METHODS[self.method])}, or evolve's argument config"
             raise InputError(f"preset: expected {expected}, got {CUSTOM!r}")
         size = f"{shape[0]} x {shape[1]}"
-        if self.fix is not None and self.fix.shape != shape:
-            rows, columns = self.fix.shape
-            raise InputError(f"fix: expected cells of a map of {size}, got {rows} x {columns}")
+        if self.fix is not None:
+            check_fits(self.fix, shape)
         most = LONGEST_DETOUR if "mean_detour" in self.measured else LONGEST_TOWN
         if set(self.measured) & set(TOWN_FEATURES) and max(shape) > most:
             what = "the mean detour" if most == LONGEST_DETOUR else "the features of a town"

@@ -96,6 +96,11 @@ def test_scores_are_what_they_are_said_to_be(above):
     assert scores.precision == pytest.approx(sum(near) / len(near)) if near else np.isnan(scores.precision)
 
 
+def test_the_fitness_of_a_vacant_slot_fills_no_niche():
+    scores = compute_scores(TASK, np.array([[np.iinfo(np.int32).max, TASK.optimum[1]]]))
+    assert (scores.coverage, scores.precision, scores.optimal) == (0.5, 1, 0.5)
+
+
 def test_intervals_cover_the_mean_and_leave_out_what_is_no_number():
     values = np.random.default_rng(1).random(20)
     low, high = confidence_interval(values)

@@ -64,6 +64,13 @@ def moved(mix, bits, grid, mate):
     return varied, repair(*varied), repair(*varied, fill=True), repair(*filled), both, never
 
 
+def test_a_move_may_return_a_tuple():
+    move = Move(1, lambda bits, grid, mate: (grid ^ 15, grid > 0))
+    found = with_fill(0.0, move).apply(jnp.zeros(2, jnp.uint32), jnp.array([[6, 3], [12, 9]], jnp.int8))
+    np.testing.assert_array_equal(found.grid, [[9, 12], [3, 6]])
+    assert found.dirty.all()
+
+
 def random_moves(shape, mix, count=60):
     """Random grids and mates of any codes, and what `moved` makes of them."""
     rng = np.random.default_rng([7, *shape])
