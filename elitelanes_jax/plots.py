@@ -49,7 +49,7 @@ def road_map(
       ax: to draw on.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), a width out of its range, a mask of another shape, or without
+      InputError: for a bad grid, a width out of its range, a mask of another shape, or without
         matplotlib.
     """
     codes = np.asarray(check_grid(grid))

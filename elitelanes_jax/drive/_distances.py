@@ -23,7 +23,7 @@ def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
     """Returns which nodes a grid has: a tile has the node of a heading if it is linked to the tile behind it.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid.
     """
     links = linked(grid)
     return jnp.stack([links & side.opposite > 0 for side in SIDES], axis=-1)
@@ -40,7 +40,7 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
       goal: a node. If the grid does not have it, all distances are `UNREACHABLE`.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or a goal that is no `LaneNode`.
+      InputError: for a bad grid, or a goal that is no `LaneNode`.
     """
     return _distances(check_grid(grid), check_named("goal", single(LaneNode), goal))
 

@@ -55,7 +55,7 @@ def random_level(
       most: tiles from the start to the goal; more if no node is within `least` and `most`.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid.
     """
     links = linked(grid)
     width = links.shape[1]

@@ -149,7 +149,7 @@ def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
     """Returns which movements each tile of a grid has, by the heading when it is entered and the turn.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid.
     """
     return jnp.asarray(MOVEMENTS)[linked(grid)]
 
@@ -211,7 +211,7 @@ def random_pose(
       heading: largest angle from the lane's direction in radians, either way.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid.
     """
     exists = movements(grid)
     count = jnp.cumsum(exists.reshape(-1))
@@ -245,7 +245,7 @@ def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None
         equal ones the first heading clockwise from north is used, then right before straight before left.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or a pose that is not a `Pose`.
+      InputError: for a bad grid, or a pose that is not a `Pose`.
     """
     return _lane_pose(check_grid(grid), check_named("pose", single(Pose), pose), movement)
 

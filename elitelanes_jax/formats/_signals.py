@@ -49,7 +49,7 @@ def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
     """Returns the right of way of each crossing: by lights or stop signs of a `RoadMap`, otherwise of its streets.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or `streets` that are not `Streets`.
+      InputError: for a bad grid, or `streets` that are not `Streets`.
     """
     check_named("streets", instance(Streets), streets)
     rules = {tile: streets.right_of_way for tile, others in linked_tiles(codes).items() if len(others) > 2}

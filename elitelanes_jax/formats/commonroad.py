@@ -37,7 +37,7 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
       problem: from lanelet 1 to a lanelet that is farthest from there.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
+      InputError: for a bad grid, one without any road, or bad measures.
     """
     rights = rights_of_way(codes, streets)
     ways, after, links = lanes(codes)

@@ -66,7 +66,7 @@ def to_duckietown(
         whole centimetres work at any extent, 0.585 up to 37 tiles a side.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), object or size, or tiles with one connection, which Duckietown
+      InputError: for a bad grid, object or size, or tiles with one connection, which Duckietown
         lacks; the message names them, and `without_dead_ends` removes them.
     """
     grid = check_roads(codes)
@@ -153,7 +153,7 @@ def without_dead_ends(codes: ArrayLike) -> NDArray[np.int8]:
       int8 ``[H, W]``; zeros if all roads lead nowhere.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid.
     """
     grid = np.asarray(check_grid(codes))
     links = linked_tiles(grid)

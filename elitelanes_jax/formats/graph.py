@@ -46,7 +46,7 @@ def tile_graph(codes: ArrayLike) -> "networkx.Graph":
       int, and `kind`, a name of `codes.KINDS`. Edges are the links: neighbours that both connect to each other.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or without NetworkX.
+      InputError: for a bad grid, or without NetworkX.
     """
     nx = import_optional("networkx", "graphs need NetworkX")
     grid = np.asarray(check_grid(codes))

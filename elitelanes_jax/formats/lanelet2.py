@@ -39,7 +39,7 @@ def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
       enter their tile, and the turn, such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
+      InputError: for a bad grid, one without any road, or bad measures.
     """
     rules = rights_of_way(codes, streets)
     ways, _, links = lanes(codes)

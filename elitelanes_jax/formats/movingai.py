@@ -43,7 +43,7 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
       cells: along a tile's side, 5 to 256; with 5 the road is 3 wide.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without a road, a bad name, or a bad number of cells, or over
+      InputError: for a bad grid, one without a road, a bad name, or a bad number of cells, or over
         2**25 in all.
     """
     if "\t" in check_named("name", is_name, name) or len(name.splitlines()) > 1:

@@ -81,7 +81,7 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standi
         mean colours that do not move. They grow with the tiles.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without a lane, or a bad name, size or object.
+      InputError: for a bad grid, one without a lane, or a bad name, size or object.
     """
     check_tile_size(tile_size, 0.1, 1000)
     height, width = check_grid(codes).shape

@@ -53,7 +53,7 @@ def road_cells(codes: ArrayLike, cells: int, most: int) -> NDArray[np.bool_]:
     With 5 `cells` or more along a tile's side, cells of neighbours that are not linked do not touch.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), `cells` that are not 5 to 256, or over `most` in all.
+      InputError: for a bad grid, `cells` that are not 5 to 256, or over `most` in all.
     """
     cells = check_named("cells", whole(5, 256), cells)
     links = linked_codes(np.asarray(check_grid(codes)))
@@ -75,7 +75,7 @@ def to_nav2(codes: ArrayLike, image: str, tile_size: float = TILE_SIZE, cells: i
       cells: pixels along a tile's side, 5 to 256; by default 1.5 cm each.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without a lane, a bad setting, or over 2**30 pixels.
+      InputError: for a bad grid, one without a lane, a bad setting, or over 2**30 pixels.
     """
     check_tile_size(tile_size, most=1000)
     road = road_cells(codes, cells, _MOST_PIXELS)

@@ -52,7 +52,7 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
       side by which they enter and their turn, such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
+      InputError: for a bad grid, one without any road, or bad measures.
     """
     rules = rights_of_way(codes, streets)
     network = lanes(codes)

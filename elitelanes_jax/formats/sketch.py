@@ -20,7 +20,7 @@ def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
       ascii_only: whether to draw with ``+``, ``-`` and ``|`` instead of box-drawing characters.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid.
     """
     signs, along = (_ASCII, "-") if ascii_only else (LINES, "─")
     rows = np.asarray(check_grid(codes)).tolist()
@@ -31,7 +31,7 @@ def draw_svg(grid: ArrayLike) -> str:
     """Returns a drawing of a map, codes ``[H, W]``, as the text of an SVG file.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid.
     """
     codes = np.asarray(check_grid(grid))
     height, width = codes.shape

@@ -103,7 +103,7 @@ def lanes(codes: ArrayLike) -> Lanes:
     """Lists the lanes of a map, codes ``[H, W]``: its movements, and a way back at each dead end.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or one without any road.
+      InputError: for a bad grid, or one without any road.
     """
     grid = np.asarray(check_grid(codes))
     linked = linked_codes(grid)
@@ -186,7 +186,7 @@ def lane_graph(codes: ArrayLike) -> LaneGraph:
     """Makes the graph of a grid's lanes, of codes ``[H, W]``, by the connections that neighbours return.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or one without a lane.
+      InputError: for a bad grid, or one without a lane.
     """
     moves = list_movements(np.asarray(check_grid(codes)))
     if not len(moves):

@@ -63,7 +63,7 @@ def to_sumo(codes: AnyArray, name: str, streets: Streets = Streets()) -> Sumo:
       streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without any road, a bad name, or bad measures.
+      InputError: for a bad grid, one without any road, a bad name, or bad measures.
     """
     rules, grid = rights_of_way(codes, streets), check_grid(codes)
     roads = _roads(grid)

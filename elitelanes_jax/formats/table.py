@@ -17,7 +17,7 @@ def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
     """Measures grids, codes ``[H, W]`` of any shapes, a row for each. `names` are those of their files.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid.
     """
     rows: list[Row] = []
     for name, grid in zip(names, grids, strict=True):

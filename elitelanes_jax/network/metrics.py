@@ -27,7 +27,7 @@ def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
       `Metrics` of scalars.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`) or alphabet.
+      InputError: for a bad grid or alphabet.
     """
     return _measure(check_grid(grid), None if alphabet is None else check_alphabet(alphabet))
 

@@ -43,7 +43,7 @@ def repair(
       int8 ``[H, W]``.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), a mask of another shape or dtype, or a grid to fill that is one
+      InputError: for a bad grid, a mask of another shape or dtype, or a grid to fill that is one
         tile wide.
     """
     grid = check_grid(grid)

@@ -20,7 +20,7 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
     """Rotates a grid of codes ``[H, W]`` counter-clockwise by quarter turns, as `numpy.rot90` does.
 
     Any whole number of turns is valid; negative ones rotate clockwise. Returns int8 ``[H, W]`` or ``[W, H]``. Raises
-    `InputError` for a bad grid (see `check_grid`).
+    `InputError` for a bad grid.
     """
     grid = check_grid(grid)
     for _ in range(check_named("quarter_turns", whole(-LARGEST, LARGEST), quarter_turns) % 4):
@@ -31,7 +31,7 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
 def mirror(grid: AnyArray) -> AnyArray:
     """Mirrors a grid of codes ``[H, W]`` east to west, as `numpy.fliplr` does; returns int8 ``[H, W]``.
 
-    Raises `InputError` for a bad grid (see `check_grid`).
+    Raises `InputError` for a bad grid.
     """
     return _mirrored(check_grid(grid))
 
@@ -39,7 +39,7 @@ def mirror(grid: AnyArray) -> AnyArray:
 def canonical_form(grid: AnyArray) -> bytes:
     """Returns bytes that are equal for a grid and its rotations and mirror images, and differ for other grids.
 
-    Raises `InputError` for a bad grid (see `check_grid`).
+    Raises `InputError` for a bad grid.
     """
     return next(canonical_forms(np.asarray(check_grid(grid), np.int8)[None]))
 

@@ -27,7 +27,7 @@ def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
       detour: whether to measure the mean detour, which takes longest; without it, it is 0.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or one with a side over 128, or over 32 with detours.
+      InputError: for a bad grid, or one with a side over 128, or over 32 with detours.
     """
     grid = check_grid(grid)
     most = LONGEST_DETOUR if detour else LONGEST_TOWN

@@ -73,7 +73,7 @@ class AnnealedMapElitesConfig(Record):
       symmetric_probability: probability that a move is also made symmetrically in a cycle from an elite, see
         `with_symmetric_copy`.
       strips: whether half of the moves are `refit_strip` instead of moves drawn by weight; static.
-      initial_towns_from: the least number of cells with which the chains start from grown towns (see `grow_town`)
+      initial_towns_from: the least number of cells with which the chains start from grown towns
         instead of random grids; None for never; static. On 24 x 24 tiles the moves do not lead from random grids to
         networks without violations.
       accept_equal: whether a grid replaces an elite of equal fitness; static. Many towns have equal fitness. Without

@@ -158,7 +158,7 @@ class Result:
             feature.
 
         Returns:
-          Maps with their metrics, sorted by niche, and within a niche by fitness; see `choose_maps`.
+          Maps with their metrics, sorted by niche, and within a niche by fitness.
 
         Raises:
           InputError: for a bad count or range.
@@ -200,7 +200,7 @@ class Result:
         exclude: Sequence[Int8[np.ndarray, "_ _"]] = (),
         min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
-        """Chooses maps, and says why the others were rejected; see `choose_maps`."""
+        """Chooses maps as `maps` does, and says why the others were rejected."""
         return choose_maps(
             self.elites, self.spec, self.axes, count, seed, exclude=exclude, min_difference=min_difference
         )

@@ -66,7 +66,7 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
       int ``[H, W, 2]``, the index of the tile in the set and its quarter turns counter-clockwise.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or if the set has no picture for a cell.
+      InputError: for a bad grid, or if the set has no picture for a cell.
     """
     grid = np.asarray(check_grid(grid))
     if not isinstance(tiles, TileSet):
