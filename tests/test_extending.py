@@ -225,6 +225,25 @@ def test_a_function_whose_values_change_is_another_one(tmp_path):
         np.testing.assert_array_equal(np.asarray(one) + 1, other)
 
 
+def test_functions_are_traced_a_few_times():
+    """Tracing a large one takes longer than a search: four times at the first call, twice later."""
+    calls = {"mine": 0, "fitness": 0}
+
+    def counted(name, value):
+        calls[name] += 1
+        return value
+
+    options = {
+        "fitness": lambda usual: counted("fitness", usual),
+        "features": {"mine": lambda grid: counted("mine", grid[0, 0])},
+        "axes": "mine:4:4",
+    }
+    for most in (4, 2):
+        evolve(0, SHAPE, seeds=1, method="ea", preset="paper", generations=2, **options)
+        assert max(calls.values()) <= most
+        calls |= dict.fromkeys(calls, 0)
+
+
 def test_chosen_maps_have_a_float_fitness():
     maps = rough(("map-elites", "tuned")).maps(5)
     assert maps and all(isinstance(road_map.fitness, float) for road_map in maps)

@@ -16,6 +16,7 @@ from elitelanes_jax import (
     Result,
     RoadMap,
     SearchSpec,
+    Weights,
     annealed_ea,
     ea,
     evolve,
@@ -295,7 +296,10 @@ WRONG = {
         (4, 4), measured=["signable"], feature_weights=[0.9]
     ),
     "weights: expected a fitness within int32 for every grid of 4 x 4": lambda: road_problem(
-        (4, 4), measured=["edges"], feature_weights=np.array([2**28])
+        (4, 4), weights=Weights(edges=np.int32(2**26)), measured=["edges"], feature_weights=np.array([2**31 - 1])
+    ),
+    "measured: expected each name once, got edges 2 times": lambda: road_problem(
+        (4, 4), measured=["edges", "edges"], feature_weights=np.array([2**28, 1])
     ),
     "features: expected names of letters, digits and _ that no other feature has, got 'turns'": lambda: road_problem(
         (4, 4), measured=["turns"], features={"turns": lambda grid: grid[0, 0]}

@@ -128,7 +128,7 @@ def _slot(index: tuple[int, ...]) -> str:
 
 
 def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> dict[str, np.ndarray]:
-    """Returns what `Measured` has, batch by batch, so that memory and compilation do not depend on the number."""
+    """Measures grids in batches of one size, so that one program serves them all; returns the fields of `Measured`."""
     batches = []
     for start in range(0, len(grids), _BATCH):
         batch = grids[start : start + _BATCH].astype(np.int8)

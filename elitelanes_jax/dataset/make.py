@@ -210,7 +210,9 @@ def _of_maps(identity: dict[str, Plain]) -> dict[str, Plain]:
 def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], force: bool) -> None:
     """Checks that the pictures so far have the objects of this run; with `force` deletes others."""
     file = work.kept / "pictures.json"
-    if file.exists():
+    if not file.exists():
+        _delete_pictures(work)  # of objects that nothing says
+    else:
         try:
             hint = "use force=True to draw all pictures anew"
             compare_settings(out, file, identity | {"object_set": identity.get("object_set")}, hint)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 
 import jax
@@ -19,7 +20,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps, write_maps
 from elitelanes_jax.maps.generation import choose_maps, describe_source
 from elitelanes_jax.maps.spec import PickSpec
-from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET
 from elitelanes_jax.network.records import Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
 from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for
@@ -75,7 +76,8 @@ def pick(
             sizes = ("{} x {}".format(*size) for size in (shape, result.elites.grids.shape[-2:]))
             raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(file, *sizes))
     search = _search(spec, results[0].spec)
-    search.check_maps((height, width))
+    alphabets = [result.spec.alphabet or ROAD_ALPHABET for result in results]
+    search.replace(alphabet=sorted({*chain(*alphabets)})).check_maps((height, width))
     axes = results[0].axes if spec.axes is None else resolve_axes(spec.axes, (height, width), search.features)
     measured = _measured(search, axes, results)
     foreign, force = foreign_to_maps if force_archive or own else _foreign_or_archive, force or force_archive

@@ -11,6 +11,7 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.maps.exporting import FORMATS, FormatOptions
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.network.codes import CROSSINGS
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import RULES
@@ -53,11 +54,22 @@ def parse_part(part: UserValue) -> tuple[int, int]:
         raise InputError(f"expected a part such as 3/10, from 1/10 on, got {shorten(repr(part), 40)}") from None
 
 
+def _lacks_crossings(search: SearchSpec, shape: tuple[int, int]) -> bool:
+    """Returns whether maps may have no crossing, so that signs at every crossing are none."""
+    most = {"crossings": 0, "crossing_share": 0, "cyclomatic": 1}
+    return (
+        search.fix is not None
+        or sum(shape) <= 5
+        or not {*CROSSINGS} & {*(search.alphabet or CROSSINGS)}
+        or any(item.high is not None and item.high <= most.get(item.name, -1) for item in search.where)
+    )
+
+
 def check_furnishable(furnish: FurnishSpec, search: SearchSpec, shape: tuple[int, int]) -> None:
-    """Checks that every map ``(height, width)`` of a search can have the objects, as far as its settings tell."""
+    """Refuses objects for which no map ``(height, width)`` of a search has room, and signs for which some have none."""
     search = search.on(shape)
     all_signable = any(item.name == "signable" and item.low == 1 for item in search.where)
-    if furnish.signs == "all" and not all_signable and search.rules != "duckietown":
+    if furnish.signs == "all" and not (all_signable or search.rules == "duckietown" or _lacks_crossings(search, shape)):
         raise InputError(
             "furnish: expected rules=duckietown or where signable=1 with signs at every crossing, got neither; "
             "signs=possible leaves out crossings that have a road at a corner"

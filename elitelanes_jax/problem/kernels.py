@@ -34,7 +34,7 @@ A grid whose value has a size of 2**30 or more is refused, see `road_problem`.
 Fitness: TypeAlias = Callable[..., Real[ArrayLike, ""]]
 """A fitness of the user: lower is better. Pure, for `jax.jit` and `jax.vmap`.
 
-It takes any of these arguments, by name:
+It takes any of these arguments, by name; one with a default keeps it:
 
 - ``metrics``: the `Metrics` of the grid.
 - ``features``: a dictionary of all features that the search measures, by name: metrics, shares in thousandths, the
@@ -203,7 +203,7 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
             raise TypeError("positional only")
     except (TypeError, ValueError):
         raise InputError(f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}") from None
-    return tuple(one.name for one in parameters if one.default is Parameter.empty or one.name in _ARGUMENTS)
+    return tuple(one.name for one in parameters if one.default is Parameter.empty)
 
 
 def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct) -> Pytree:

@@ -37,7 +37,7 @@ from elitelanes_jax.network.xla import materialize
 from elitelanes_jax.problem.archive import VACANT, Population, vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, resolve_axes
 from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, check_feature, columns_for, largest_addend
-from elitelanes_jax.problem.fixed_cells import check_fits, parse_fixed_cells
+from elitelanes_jax.problem.fixed_cells import FixedCells, check_fits, parse_fixed_cells
 from elitelanes_jax.problem.kernels import (
     Fitness,
     Kernel,
@@ -108,13 +108,12 @@ class Problem:
         shape, alphabet = check_shape(self.shape, new=True), check_alphabet(self.alphabet)
         names = tuple(check_named("feature_names", listed(str), self.feature_names))
         check_unique("feature_names", "name", names)
-        check_named("fill", flag, self.fill)
         for part in ("evaluate", "repair", "penalties"):
             check_named(part, function if part == "evaluate" else none_or(function), getattr(self, part))
         for check in (function_of("grid", "dirty", raster=False), function_of("grid", raster=False)):
             check_named("repair", none_or(check), self.repair)
         check_named("initial", none_or(_check_initial), self.initial, shape)
-        if self.fixed is not None and (str(getattr(self.fixed, "dtype", "")) != "bool" or self.fixed.shape != shape):
+        if self.fixed is not None and np.shape(self.fixed) != shape:
             raise InputError(f"fixed: expected bool [{shape[0]}, {shape[1]}], got {shorten(repr(self.fixed))}")
         axes = resolve_axes(self.axes, shape, None) if not isinstance(self.axes, tuple | list) or self.axes else ()
         known = {*names, *(share for share, (part, whole) in SHARES.items() if {part, *whole} <= set(names))}
@@ -253,7 +252,7 @@ def road_problem(
       measured: the names of K features to measure beside the metrics; features of axes and ranges may be omitted.
       feature_weights: int ``[K]``, weights of these features in the fitness, in the order of `measured`; may be traced.
         By default 0.
-      features: kernels of the user's features, by name.
+      features: kernels of the user's features, by name: letters, digits and _, and no name of another feature.
       fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of ranges is added.
       fix: cells that never change: rows of codes, with None for a free cell, or the path of a JSON file with them.
       initial: int8 ``[N, H, W]``, grids that every run starts from.
@@ -276,12 +275,45 @@ def road_problem(
     feature_names = columns_for((axis.metric for axis in axes), measured, (item.name for item in ranges))
     if ranges and limits is None:
         limits = range_limits(ranges, feature_names)
-    others = feature_names[len(METRIC_NAMES) :]
-    if feature_weights is not None:
-        feature_weights = _check_feature_weights(feature_weights, measured)
-    _check_total(shape, weights, measured, feature_weights, largest_penalty(len(ranges), feature_names))
+    factors = None if feature_weights is None else _check_feature_weights(feature_weights, measured)
+    _check_total(shape, weights, measured, factors, largest_penalty(len(ranges), feature_names))
     if fitness is not None:
         check_fitness(fitness, shape, feature_names)
+    return make_road_problem(
+        shape,
+        axes,
+        feature_names,
+        alphabet=alphabet,
+        weights=weights,
+        fill=fill,
+        limits=limits,
+        measured=measured,
+        feature_weights=factors,
+        features=features,
+        fitness=fitness,
+        fix=fix,
+        initial=initial,
+    )
+
+
+def make_road_problem(
+    shape: tuple[int, int],
+    axes: tuple[Axis, ...],
+    feature_names: tuple[str, ...],
+    *,
+    alphabet: tuple[int, ...],
+    weights: Weights,
+    fill: bool,
+    limits: Int32[Array | np.ndarray, "2 C"] | None,
+    measured: tuple[str, ...],
+    feature_weights: Int[Array | np.ndarray, " K"] | None,
+    features: Mapping[str, Kernel],
+    fitness: Fitness | None,
+    fix: FixedCells | None,
+    initial: Int8[Array | np.ndarray, "N H W"] | None,
+) -> Problem:
+    """Makes the problem of `road_problem` from its checked arguments; `feature_names` are all that are measured."""
+    others = feature_names[len(METRIC_NAMES) :]
     users = np.array([feature_names.index(name) for name in others if name in features], int)
     # The column of each weight; where they are in order, a slice, so that XLA gathers nothing.
     weighed = np.array([feature_names.index(name) for name in measured if feature_weights is not None], int)
@@ -347,10 +379,11 @@ def road_problem(
 def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyArray:
     """Checks the weights of the measured features; returns them as an array."""
     array = weights if hasattr(weights, "dtype") else np.asarray(weights)
+    check_unique("measured", "name", measured)
     if array.shape != (len(measured),):
         got = f"shape {[*array.shape]}"
         raise InputError(f"feature_weights: expected {len(measured)} numbers, one for each of measured, got {got}")
-    if not jnp.issubdtype(array.dtype, jnp.integer):
+    if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
         raise InputError(f"feature_weights: expected whole numbers, got {array.dtype}")
     for name in measured:
         if name in SHARES:
@@ -365,6 +398,7 @@ def _check_total(
     if any(isinstance(one, jax.core.Tracer) for one in (*weights, feature_weights)):
         return
     others = {} if feature_weights is None else dict(zip(measured, np.asarray(feature_weights).tolist(), strict=True))
+    weights = check_weights(weights, shape)
     both = {name: getattr(weights, name) + weight for name, weight in others.items() if name in METRIC_NAMES}
     check_weights(weights._replace(**both), shape, penalty + largest_addend(others.items(), shape))
 

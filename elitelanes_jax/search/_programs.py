@@ -26,9 +26,10 @@ from elitelanes_jax.optimizers.loop import advance, check_elites, over_seeds, st
 from elitelanes_jax.optimizers.presets import make_optimizer, user_moves
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
+from elitelanes_jax.problem.features import columns_for
 from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.kernels import Fitness, Kernel
-from elitelanes_jax.problem.problem import Problem, road_problem
+from elitelanes_jax.problem.problem import Problem, make_road_problem
 from elitelanes_jax.search._devices import part_rows
 from elitelanes_jax.search._executables import (
     LEVELS,
@@ -124,9 +125,10 @@ class Static(NamedTuple):
 
     def optimizer(self, traced: Traced) -> Optimizer:
         """Makes the optimiser, while a program is traced."""
-        problem = road_problem(
+        problem = make_road_problem(
             self.shape,
             self.axes,
+            columns_for((axis.metric for axis in self.axes), self.measured),
             alphabet=self.alphabet,
             weights=traced.weights,
             fill=self.fill,

@@ -329,6 +329,19 @@ def test_pictures_with_other_objects_are_not_resumed(tmp_path, monkeypatch):
     assert files(out) == files(tmp_path / "expected")
 
 
+def test_pictures_of_unknown_objects_are_drawn_anew(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            make_dataset(furnished(None), out)
+    (objects,) = tmp_path.glob("*/*/pictures.json")
+    objects.unlink()
+    make_dataset(furnished("duckies=1"), out)
+    make_dataset(furnished("duckies=1"), tmp_path / "expected")
+    assert files(out) == files(tmp_path / "expected")
+
+
 def interrupt(*_, **__):
     raise KeyboardInterrupt
 

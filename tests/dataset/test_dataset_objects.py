@@ -128,6 +128,7 @@ def test_the_camera_is_in_no_object(drawn_tiles):
     road_map = RoadMap(TOWN, objects=[robot])
     moved = draw_sample(road_map, drawn_tiles, 0, tile_px=PX, camera=VIEWS, objects=load_objects()).record["pose"]
     assert np.hypot(moved["x"] - robot.x, moved["y"] - robot.y) * TILE > robot.radius + 0.075
+    assert draw_sample(road_map, drawn_tiles, 0, tile_px=PX, camera=VIEWS).record["pose"] == moved  # drawn or not
 
 
 SPEC = {"split": (0.5, 0, 0.5), "views": 3, "camera": ("rows=60", "columns=80"), "tile_px": 32, "seed": 1}

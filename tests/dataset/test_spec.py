@@ -111,6 +111,13 @@ def test_objects_without_room_are_refused_unless_cells_may_be_empty():
     DatasetSpec(furnish="trees=0.5 lane_duckies=2 lane_robots=1 signs=possible")
 
 
+def test_maps_without_crossings_need_no_signs():
+    free = [{"where": "crossings=..0"}, {"where": "cyclomatic=1"}, {"alphabet": [3, 5, 6, 9, 10, 12]}]
+    for search in free:
+        DatasetSpec(furnish="signs", search=SearchSpec(**search))
+    DatasetSpec(furnish="signs", size=2)
+
+
 def test_signs_at_every_crossing_need_maps_that_can_have_them():
     with pytest.raises(InputError, match="^furnish: expected rules=duckietown or where signable=1 with signs"):
         DatasetSpec(furnish="signs")

@@ -79,6 +79,15 @@ def test_other_axes_spread_the_maps_otherwise(searched, tmp_path):
     assert len({tuple(road_map.niche) for road_map in chosen}) == 4
 
 
+def test_an_archive_may_have_tiles_that_the_first_one_lacks(tmp_path):
+    files = [tmp_path / f"{name}.npz" for name in ("rings", "crossings")]
+    for file, alphabet in zip(files, ([3, 5, 6, 9, 10, 12], None), strict=True):
+        result = evolve(0, (4, 4), seeds=1, generations=40, method="map-elites", preset="paper", alphabet=alphabet)
+        result.save(file, seed=0)
+    assert pick(*files, "--where", "crossings=1..", "--maps", 1, "--at-most", out=tmp_path / "out") == 0
+    assert all(road_map.metrics["crossings"] for road_map in maps(tmp_path / "out"))
+
+
 def test_only_maps_that_the_tiles_can_draw_are_picked(searched, tmp_path):
     """From a search whose tiles had crossings, with a set that has no four-way one."""
     tiles = tmp_path / "tiles"

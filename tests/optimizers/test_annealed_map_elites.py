@@ -139,7 +139,7 @@ def test_penalties_are_the_fitness_without_rewards():
     expected = evaluation.fitness - fitness(jax.vmap(measure)(jnp.asarray(grids)), rewards)
     np.testing.assert_array_equal(problem.penalties(evaluation.features), expected)
     more = road_problem((5, 6), measured=("signable", "crossings3"), feature_weights=np.array([-5, 3]))
-    features = more.evaluate(jnp.asarray(grids)).features
+    features = jax.jit(more.evaluate)(jnp.asarray(grids)).features
     added = more.penalties(features) - road_problem((5, 6)).penalties(features[:, :-2])
     np.testing.assert_array_equal(added, 3 * features[:, -1])
 
