@@ -256,6 +256,8 @@ def test_programs_of_other_sources_than_those_loaded_are_not_kept(folder, monkey
     monkeypatch.setattr(_executables, "_list_sources", lambda: [*sources, folder.parent / "edited.py"])
     folder.parent.mkdir()
     (folder.parent / "edited.py").write_text("")
+    later = _executables.LOADED + 10**9  # file systems round times
+    os.utime(folder.parent / "edited.py", ns=(later, later))
     assert find_file(folder, "static") is None
     monkeypatch.setattr(_executables, "_list_sources", list)
     assert find_file(folder, "static") is None
