@@ -88,9 +88,10 @@ def draw_viewpoint(
     sky = _HORIZONS[rng.integers(len(_HORIZONS))]
     lines = float(rng.uniform(-1, 1) * viewpoints.lines)
     # These draws come last, so that objects elsewhere change nothing.
-    tries = 0
-    while tries < _TRIES and _touches(place, objects):
-        place, tries = _draw_place(rng, viewpoints, lanes), tries + 1
+    for _ in range(_TRIES):
+        if not _touches(place, objects):
+            break
+        place = _draw_place(rng, viewpoints, lanes)
 
     height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
     view = float(min(viewpoints.field_of_view * wide, 175))

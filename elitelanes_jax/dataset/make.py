@@ -211,7 +211,7 @@ def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], fo
     """Checks that the pictures so far have the objects of this run; with `force` deletes others."""
     file = work.kept / "pictures.json"
     if not file.exists():
-        _delete_pictures(work)  # of objects that nothing says
+        _delete_pictures(work)  # which objects they show is not known
     else:
         try:
             hint = "use force=True to draw all pictures anew"

@@ -55,7 +55,7 @@ def parse_part(part: UserValue) -> tuple[int, int]:
 
 
 def _lacks_crossings(search: SearchSpec, shape: tuple[int, int]) -> bool:
-    """Returns whether maps may have no crossing, so that signs at every crossing are none."""
+    """Returns whether some maps may have no crossing, and need no sign."""
     most = {"crossings": 0, "crossing_share": 0, "cyclomatic": 1}
     return (
         search.fix is not None

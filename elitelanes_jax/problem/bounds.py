@@ -167,7 +167,7 @@ def _check_room(fix: FixedCells, filled: bool) -> None:
         row, column = dead[0]
         raise InputError(
             f"fix: expected two neighbours for a road in every free cell, got one at row {row}, column {column}; "
-            "with rules, an inventory or fill=False it may stay empty"
+            "with rules, an inventory or a style such as town it may stay empty"
         )
     while dead:
         cell = dead.pop()

@@ -128,7 +128,7 @@ def test_a_policy_of_ones_own_drives(rides):
 
 
 def test_a_ride_that_has_ended_reaches_no_goal(monkeypatch):
-    """The first one leaves the road, then enters its goal's tile, while the second one goes on."""
+    """The first robot leaves the road and then enters its goal's tile. The second robot drives on."""
     ended, reached = np.array([[True, False], [True, True]]), np.array([[False, False], [True, False]])
 
     def go(keys, step, states, *_):
