@@ -1,6 +1,7 @@
 """Values that XLA computes once, instead of again for each use."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 import jax
@@ -15,10 +16,12 @@ def once(compute: Callable[[], _T]) -> _T:
     """Returns the result of `compute`, a pytree of arrays, for use in compiled code.
 
     XLA for processors fuses arithmetic into each of its uses, so that many uses of a long formula repeat it. It never
-    fuses into a loop. Therefore this is a loop of one round, which the barrier keeps XLA from unrolling.
+    fuses into a loop. Therefore this is a loop of one round, which the barrier keeps XLA from unrolling. Without the
+    barrier XLA for GPUs unrolls it: at each look at a condition, a GPU would wait for the processor.
     """
     empty = jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), jax.eval_shape(compute))
-    turns = jax.lax.optimization_barrier(jnp.int32(1))
+    one = partial(jnp.int32, 1)
+    turns = jax.lax.platform_dependent(cpu=lambda: jax.lax.optimization_barrier(one()), default=one)
     _, computed = jax.lax.while_loop(
         lambda carry: carry[0] < turns, lambda carry: (carry[0] + 1, compute()), (jnp.int32(0), empty)
     )

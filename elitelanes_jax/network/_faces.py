@@ -20,16 +20,17 @@ corner from the corner to the north, and the road south of it from the corner to
 shift of one vector.
 """
 
-from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import batching, mlir
 from jaxtyping import Array, Bool, Int, Int8, UInt
 
+from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.xla import PaddedLayout, materialize
 
@@ -39,8 +40,9 @@ _PATIENCE = 60
 # The steps that a label goes in every other sweep. At 12 x 12, evaluating takes 1.2 times as long with 4 steps.
 _FAR = 3
 
-# Pairs of sweeps between two looks at whether labels still change.
-_PAIRS = 2
+# Pairs of sweeps between two looks at whether labels still change, of grids end to end and side by side. At each look a
+# GPU waits for the processor.
+_PAIRS, _PAIRS_BESIDE = 2, 4
 
 _OUTER = 0
 
@@ -86,7 +88,7 @@ def label_faces(layout: PaddedLayout, padded: Int8[Array, " padded"]) -> UInt[Ar
 
     Labels are less than the length of the padded vector.
     """
-    return _labeller(layout)(padded)
+    return _label_faces.bind(padded, layout=layout)
 
 
 @cache
@@ -106,56 +108,63 @@ def _initial_labels(layout: PaddedLayout) -> np.ndarray:
     return np.where(inner, indices, _OUTER).astype(wide)
 
 
-@cache
-def _labeller(layout: PaddedLayout) -> Callable[[Array], UInt[Array, "... padded"]]:
-    """Makes the function from codes, int8 ``[..., padded]``, to labels on the same layout.
+def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bool) -> UInt[Array, "*B padded"]:
+    """Labels the corners of grids on a layout, all grids together: a corner's label is the least one of its face.
 
-    A corner's label is the least initial label of its face. The function takes leading axes and is its own batching
-    rule: the grids of a batch are laid end to end, as one long vector, and labelled together.
+    Laid end to end, as one long vector, grids suit the caches of a processor. Laid side by side, with the cells of a
+    grid far apart, they suit a GPU, whose threads read four neighbouring numbers at once.
     """
     initial = _initial_labels(layout)
     stride = layout.stride
     margin = (_FAR - 1) * stride
+    pairs = _PAIRS_BESIDE if beside else _PAIRS
     followable = initial.dtype != np.uint8
     closed = initial.dtype.type(np.iinfo(initial.dtype).max)  # or-ed onto a label it loses every comparison
+
+    def extend(cells: Array, before: int, after: int) -> Array:
+        return jnp.pad(cells, [(before, after), *[(0, 0)] * (cells.ndim - 1)])
+
+    def keep(cells: Pytree) -> Pytree:
+        """Makes XLA for GPUs store arrays, instead of computing them again for each use or copying them."""
+        return lax.optimization_barrier(cells) if beside else cells
 
     def sweep(labels: Array, walls: Links, into: Array, steps: int) -> Array:
         """Gives each corner the least label among its own and those of corners some steps away without a wall between.
 
-        Writes to `into`, another vector than `labels`, so that XLA computes it in place and in one pass. Both ends of
-        the vector belong to the outer face and do not change.
+        Writes to `into`, another array than `labels`, so that XLA computes it in place and in one pass. Both ends of
+        the array belong to the outer face and do not change.
         """
-        rows = steps * stride
-        length = labels.size - 2 * rows
+        first = margin + stride
+        length = len(labels) - 2 * first
 
-        def cut(vector: Array, start: int) -> Array:
-            return lax.slice_in_dim(vector, start, start + length)
+        def cut(cells: Array, ahead: int) -> Array:
+            return lax.slice_in_dim(cells, first + ahead, first + ahead + length)
 
-        least = cut(labels, rows)
-        for neighbour, wall in (
-            (cut(labels, 0), cut(walls.east, rows)),  # north
-            (cut(labels, 2 * rows), cut(walls.east, 2 * rows)),  # south
-            (cut(labels, rows - steps), cut(walls.south, rows)),  # west
-            (cut(labels, rows + steps), cut(walls.south, rows + steps)),  # east
+        least = cut(labels, 0)
+        for ahead, wall in (
+            (-steps * stride, cut(walls.east, 0)),  # north
+            (steps * stride, cut(walls.east, steps * stride)),  # south
+            (-steps, cut(walls.south, 0)),  # west
+            (steps, cut(walls.south, steps)),  # east
         ):
-            least = jnp.minimum(least, neighbour | wall)
-        return lax.dynamic_update_slice(into, least, (rows,))
+            least = jnp.minimum(least, cut(labels, ahead) | wall)
+        return keep(lax.dynamic_update_slice_in_dim(into, least, first, 0))
 
     def propagate(labels: Array, walls: Links) -> tuple[Array, Array]:
-        """Sweeps to and fro between two vectors until they are equal; followable labels for `_PATIENCE` sweeps at most.
+        """Sweeps to and fro between two arrays until they are equal; followable labels for `_PATIENCE` sweeps at most.
 
         Every other sweep goes `_FAR` steps, because corridors mostly run straight. The longest corridor of a batch then
         takes two thirds as many sweeps.
         """
-        far_walls = Links(farther(walls.east, stride), farther(walls.south, 1))
+        far_walls = keep(Links(farther(walls.east, stride), farther(walls.south, 1)))
 
         def sweep_on(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
             here, there, _, done = carry
-            for _ in range(_PAIRS):
+            for _ in range(pairs):
                 there = sweep(here, far_walls, there, _FAR)
                 here = sweep(there, walls, here, 1)
             # XLA computes the largest difference faster than whether there is any.
-            return here, there, jnp.max(here ^ there, initial=0) > 0, done + 2 * _PAIRS
+            return here, there, jnp.max(here ^ there, initial=0) > 0, done + 2 * pairs
 
         def unsettled(carry: tuple[Array, Array, Array, Array]) -> Array:
             _, _, changing, done = carry
@@ -170,8 +179,8 @@ def _labeller(layout: PaddedLayout) -> Callable[[Array], UInt[Array, "... padded
         first = (_FAR - 1) * step
         far = walls[first:]
         for start in range(0, first, step):
-            far |= walls[start : start + far.size]
-        return jnp.pad(far, (first, 0))
+            far |= walls[start : start + len(far)]
+        return extend(far, first, 0)
 
     def hook_and_jump(labels: Array, walls: Links, changing: Array) -> Array:
         """Passes each better label to the corner that the old label names, then follows every label once.
@@ -179,46 +188,59 @@ def _labeller(layout: PaddedLayout) -> Callable[[Array], UInt[Array, "... padded
         Each round shortens a corridor by a factor, so that the longest spiral takes about log(corners) rounds: the idea
         of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
         """
-        firsts = margin + jnp.arange((labels.size - 2 * margin) // initial.size) * initial.size
-        starts = jnp.pad(jnp.repeat(firsts, initial.size), margin)
+
+        def named(labels: Array) -> tuple[Array, ...]:
+            """Returns where the corners are that labels name."""
+            if beside:
+                return margin + labels.astype(jnp.int32), jnp.arange(labels.shape[1])
+            firsts = margin + jnp.arange((labels.size - 2 * margin) // initial.size) * initial.size
+            return (jnp.pad(jnp.repeat(firsts, initial.size), margin) + labels,)
 
         def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:
             before, _ = carry
             after = sweep(before, walls, before, 1)
-            labels = after.at[starts + before].min(after)
-            return labels[starts + labels], jnp.any(before != after)
+            labels = after.at[named(before)].min(after)
+            return labels[named(labels)], jnp.any(before != after)
 
         return lax.while_loop(lambda carry: carry[1], once_more, (labels, changing))[0]
 
     def wall(codes: Array, side: int, opposite: int, ahead: int) -> Array:
-        """Returns `closed` where a tile is linked to the tile `ahead` cells later in the vector, and 0 elsewhere.
+        """Returns `closed` where a tile is linked to the tile `ahead` cells later in the array, and 0 elsewhere.
 
         `find_links` finds the same links in each grid. With walls made from those, a search takes 1.1 times as long.
         """
         here, there = codes[:-ahead] & side > 0, codes[ahead:] & opposite > 0
-        return jnp.pad(jnp.where(here & there, closed, initial.dtype.type(0)), (0, ahead))
+        return extend(jnp.where(here & there, closed, initial.dtype.type(0)), 0, ahead)
 
-    def with_margins(grids: Array) -> Array:
-        """Joins the grids of a batch, with empty rows at both ends, so that each corner has neighbours there."""
-        rows = jnp.pad(grids.reshape(-1, stride), ((_FAR - 1, _FAR - 1), (0, 0)))
-        return materialize(rows).reshape(-1)
+    def arrange(grids: Array) -> Array:
+        """Lays the grids of a batch out with empty rows at both ends, so that each corner has neighbours there."""
+        if beside:
+            return extend(grids.T, margin, margin)
+        return materialize(extend(grids.reshape(-1, stride), _FAR - 1, _FAR - 1)).reshape(-1)
 
-    @jax.custom_batching.custom_vmap
-    def label(padded: Array) -> Array:
-        batch = padded.shape[:-1]
-        if 0 in batch:
-            return jnp.zeros((*batch, initial.size), initial.dtype)
-        codes = with_margins(padded)
-        walls = Links(wall(codes, EAST, WEST, 1), wall(codes, SOUTH, NORTH, stride))
-        # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
-        labels = with_margins(jnp.broadcast_to(initial, padded.shape)) | (walls.east & 0)
-        labels, changing = propagate(labels, walls)
-        if followable:
-            labels = hook_and_jump(labels, walls, changing)
-        return labels[margin:-margin].reshape(padded.shape)
+    grids = padded.reshape(-1, initial.size)
+    if not len(grids):
+        return jnp.zeros(padded.shape, initial.dtype)
+    codes = arrange(grids)
+    walls = keep(Links(wall(codes, EAST, WEST, 1), wall(codes, SOUTH, NORTH, stride)))
+    # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
+    labels = arrange(jnp.broadcast_to(initial, grids.shape)) | (walls.east & 0)
+    labels, changing = propagate(labels, walls)
+    if followable:
+        labels = hook_and_jump(labels, walls, changing)
+    labels = labels[margin : len(labels) - margin]
+    return (labels.T if beside else labels).reshape(padded.shape)
 
-    @label.def_vmap
-    def _(axis_size: int, batched: list[bool], padded: Array) -> tuple[Array, bool]:
-        return label(padded), True
 
-    return label
+# A primitive, so that each kind of device has its own program. It takes leading axes and is its own batching rule.
+_label_faces = Primitive("label_faces")
+_label_faces.def_impl(partial(_label, beside=False))
+_label_faces.def_abstract_eval(lambda padded, *, layout: padded.update(dtype=_initial_labels(layout).dtype))
+batching.primitive_batchers[_label_faces] = lambda arrays, axes, *, layout: (
+    _label_faces.bind(jnp.moveaxis(arrays[0], axes[0], 0), layout=layout),
+    0,
+)
+for _platform, _beside in ((None, True), ("cpu", False)):
+    mlir.register_lowering(
+        _label_faces, mlir.lower_fun(partial(_label, beside=_beside), multiple_results=False), platform=_platform
+    )

@@ -11,9 +11,8 @@ from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import Numeric, Pytree, UserValue
+from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.network.bits import THREEFRY, fold_in, threefry
-from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.problem.archive import Population
 
@@ -109,12 +108,14 @@ def advance(
         return over_seeds(step_one, keys, states)
 
     shapes = jax.eval_shape(step, states, jnp.int32(0))[1]
-    nothing = jax.tree.map(lambda info: jnp.zeros(info.shape, info.dtype), shapes)
+    nothing = jax.tree.map(lambda info: jnp.zeros((most, *info.shape), info.dtype), shapes)
 
-    def generation(states: Pytree, index: Numeric) -> tuple[Pytree, Info]:
-        return run_if(index <= last, lambda _, carry: step(carry[0], index), (states, nothing))
+    def generation(index: Array, carry: tuple[Pytree, Info]) -> tuple[Pytree, Info]:
+        states, info = step(carry[0], index)
+        return states, jax.tree.map(lambda rows, row: rows.at[index - first].set(row), carry[1], info)
 
-    return lax.scan(generation, states, first + jnp.arange(most))
+    # Of as many rounds as generations, because on a GPU a round that does nothing takes time too.
+    return lax.fori_loop(first, jnp.minimum(last, first + most - 1) + 1, generation, (states, nothing))
 
 
 def check_state(state: Pytree) -> Pytree:

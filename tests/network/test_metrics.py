@@ -1,17 +1,21 @@
 """Metrics against the oracle: all small grids, many random ones, and the shapes that are hard on labelling."""
 
+from functools import partial
 from math import prod
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.sharding import Mesh, PartitionSpec
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
 from elitelanes_jax import Metrics, fitness, measure, mirror, repair, rotate
-from elitelanes_jax.network import METRIC_NAMES, plain_measure
+from elitelanes_jax.network import METRIC_NAMES, measure_town, plain_measure
+from elitelanes_jax.network._faces import _label, label_faces
 from elitelanes_jax.network.metrics import stack_metrics, unstack_metrics
+from elitelanes_jax.network.xla import PaddedLayout
 from experiments.search.corridors import serpentine, spiral
 
 
@@ -107,6 +111,24 @@ def test_where_labels_get_wider(shape):
     compare(grid[None])
 
 
+@pytest.mark.parametrize("shape", [(2, 2), (5, 7), (12, 12), (17, 17), (20, 65), *slow((64, 64), (2, 254))], ids=str)
+def test_the_way_of_gpus_finds_the_same_labels(shape):
+    layout = PaddedLayout(*shape)
+    pad = jax.jit(jax.vmap(layout.pad))
+    beside, end_to_end = (jax.jit(partial(_label, layout=layout, beside=beside)) for beside in (True, False))
+    grids = [*kinds_of_grids(np.random.default_rng(prod(shape)), 40, shape)]
+    if min(shape) >= 5:
+        grids.append(np.stack([spiral(shape), serpentine(shape)]))
+    for some in grids:
+        padded = pad(some)
+        labels = beside(padded)
+        np.testing.assert_array_equal(labels, end_to_end(padded), strict=True)
+        np.testing.assert_array_equal(beside(padded[:1]), labels[:1], strict=True)
+    across = jax.vmap(partial(label_faces, layout), in_axes=1, out_axes=1)(padded.T)
+    np.testing.assert_array_equal(across, labels.T, strict=True)
+    assert beside(padded[:0]).shape == end_to_end(padded[:0]).shape == (0, padded.shape[1])
+
+
 def test_a_ring_by_hand():
     ring = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
     metrics = measure(ring)
@@ -130,6 +152,14 @@ def test_alone_in_a_batch_under_jit_and_nested_vmap(shape):
             value = getattr(alone, name)
             assert value == getattr(nested, name)[outer, inner] == getattr(compiled, name)[outer, inner]
             assert outer or value == getattr(last, name)[inner]
+
+
+def test_kernels_inside_shard_map():
+    mesh, shares = Mesh(jax.devices()[:1], "x"), PartitionSpec("x")
+    kernels = jax.vmap(lambda grid: (measure(grid), measure_town(grid), repair(grid, fill=True)))
+    grids = np.random.default_rng(0).integers(0, 16, (4, 17, 16), np.int8)  # labels of 16 bits
+    divided = jax.jit(jax.shard_map(kernels, mesh=mesh, in_specs=shares, out_specs=shares))
+    jax.tree.map(np.testing.assert_array_equal, divided(grids), jax.jit(kernels)(grids))
 
 
 @pytest.mark.parametrize("length", [64, 65])
