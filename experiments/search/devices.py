@@ -2,12 +2,14 @@
 
     python -m experiments.search.devices [--quick] [--repetitions N]
 
-Rates are medians by the clock, with 12 x 12 tiles and after compiling. Every repetition has new grids or keys. On the
-processor a search uses all cores, and other work one call.
+Rates are medians by the clock, with 12 x 12 tiles and after compiling. Every repetition has new grids or keys. The
+processor is measured first, in a process of its own. There a search uses all cores, and other work one call.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 
 import jax
 import numpy as np
@@ -17,7 +19,7 @@ from experiments.navigation.speed import SHAPE, measured, steps_of
 from experiments.search.speed import CORES, evaluate, fresh_grids, time_a_search, timed
 
 _MAPS = 10_000  # of the environments
-_STEPS = 32  # of the environments and the camera, in one call
+_STEPS, _FRAMES = 32, 4  # of the environments and of the camera, in one call
 
 Rate = Callable[[], float]
 """Does some work once; returns its units of work a second."""
@@ -33,17 +35,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _measure(repetitions: int, quick: bool) -> None:
-    devices = list(dict.fromkeys([jax.devices("cpu")[0], jax.local_devices()[0]]))
-    print(f"JAX {jax.__version__}, {', '.join(device.device_kind for device in devices)}, {len(CORES)} cores\n")
+    with ProcessPoolExecutor(1, get_context("spawn"), _use_the_processor) as pool:
+        found = [pool.submit(_medians, repetitions, quick).result()]
+    device = jax.local_devices()[0]
+    if device.platform != "cpu":
+        found.append(_medians(repetitions, quick))
     rows = []
-    for parts in zip(*[_rates(device, quick) for device in devices], strict=True):
-        rates = [np.median([rate() for _ in range(repetitions + 1)][1:]) for _, rate in parts]
-        memory = (devices[-1].memory_stats() or {}).get("peak_bytes_in_use")
-        most = "" if memory is None else f"{memory / 1e6:,.0f}"
-        rows.append([parts[0][0], *(f"{rate:,.0f}" for rate in rates), f"{rates[-1] / rates[0]:.2f}", most])
-        print("; ".join(rows[-1]), flush=True)  # a row when it is known
-    head = ["a second", *(device.platform for device in devices), "times the processor's", "MB so far, at most"]
-    print(f"\n{table(head, rows)}")
+    for (name, rate, _), (_, here, most) in zip(found[0], found[-1], strict=True):
+        memory = "" if most is None else f"{most / 1e6:,.0f}"
+        rows.append([name, *(f"{one:,.0f}" for one in (rate, here)[: len(found)]), f"{here / rate:.2f}", memory])
+    devices = [f"{len(CORES)} cores", device.device_kind][: len(found)]
+    print(f"\n{table(['a second', *devices, 'times the cores', 'MB so far, at most'], rows)}")
+
+
+def _use_the_processor() -> None:
+    jax.config.update("jax_platforms", "cpu")
+
+
+def _medians(repetitions: int, quick: bool) -> list[tuple[str, float, int | None]]:
+    """Returns what is measured on the default device: names, rates, and the most memory of the device so far."""
+    device, rows = jax.local_devices()[0], []
+    print(f"JAX {jax.__version__}, {device.device_kind}\n")
+    for name, rate in _rates(device, quick):
+        median = float(np.median([rate() for _ in range(repetitions + 1)][1:]))
+        rows.append((name, median, (device.memory_stats() or {}).get("peak_bytes_in_use")))
+        print(f"{name}: {median:,.0f}", flush=True)  # when it is known
+    return rows
 
 
 def _rates(device: jax.Device, quick: bool) -> Iterator[tuple[str, Rate]]:
@@ -52,17 +69,18 @@ def _rates(device: jax.Device, quick: bool) -> Iterator[tuple[str, Rate]]:
     for batch in (512,) if quick else (512, 4096, 32_768, 262_144):
         yield f"evaluations, batch {batch:,}", partial(_evaluation, kernel, device, batch)
     for method in ("ea", "map-elites"):
-        for seeds in (16,) if quick else (16, 64, 256, 1024, 4096):
+        for seeds in (16,) if quick else (16, 256, 4096):
             yield f"evaluations of the tuned {method}, {seeds:,} seeds", partial(_search, device, method, seeds, quick)
     for batch in (16,) if quick else (1024, 16_384):
         keys = jax.random.split(jax.random.key(2), batch)
         with jax.default_device(device):
             made = [
-                (name, jax.jit(steps_of(step, batch, _STEPS)), jax.jit(begin)(keys))
+                (name, _FRAMES if name.startswith("camera") else _STEPS, jax.jit(begin)(keys), step)
                 for name, begin, step in measured(32 if quick else _MAPS, batch)
             ]
-        for name, program, state in made:
-            yield f"{name}, {batch:,} at once", partial(_environment, program, device, batch, state)
+        for name, steps, state, step in made:
+            program = jax.jit(steps_of(step, batch, steps))
+            yield f"{name}, {batch:,} at once", partial(_environment, program, device, batch * steps, state)
 
 
 def _evaluation(kernel: Callable[[jax.Array], Pytree], device: jax.Device, batch: int) -> float:
@@ -71,18 +89,18 @@ def _evaluation(kernel: Callable[[jax.Array], Pytree], device: jax.Device, batch
 
 
 def _search(device: jax.Device, method: str, seeds: int, quick: bool) -> float:
-    generations = 8 if quick else max(8, 2**16 // (32 * seeds))
-    devices = (device,) * (len(CORES) if device.platform == "cpu" else 1)
+    generations = 8 if quick else max(32, 2**18 // (32 * seeds))
+    devices = len(CORES) if device.platform == "cpu" else 1
     return 1e6 / time_a_search(method, devices, seeds, generations)
 
 
 _keys = iter(range(2**32))
 
 
-def _environment(program: Callable[..., Pytree], device: jax.Device, batch: int, state: Pytree) -> float:
+def _environment(program: Callable[..., Pytree], device: jax.Device, steps: int, state: Pytree) -> float:
     with jax.default_device(device):
         key = jax.random.key(next(_keys))
-        return batch * _STEPS / timed(lambda: jax.block_until_ready(program(key, state)))
+        return steps / timed(lambda: jax.block_until_ready(program(key, state)))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from experiments.common import Parser, leave, run, whole, write
 
 if TYPE_CHECKING:
-    from jax import Array, Device
+    from jax import Array
 
 # JAX starts as many threads as the process has cores when it is first used: the functions below import it late.
 
@@ -194,21 +194,21 @@ def _corridors(repetitions: int) -> list[Record]:
     return [{**medians, "ratio": ratio}]
 
 
-def time_a_search(method: str, devices: int | Sequence["Device"], seeds: int, generations: int) -> float:
-    """Returns the microseconds an evaluation that a tuned method takes on devices.
+def time_a_search(method: str, devices: int, seeds: int, generations: int) -> float:
+    """Returns the microseconds an evaluation that a tuned method takes on a number of devices.
 
     Its program is compiled before, with the highest level of optimisation, which long searches have.
     """
-    _optimise(method, devices if isinstance(devices, int) else tuple(devices), seeds)
+    _optimise(method, devices, seeds)
     return _time(method, devices, seeds, generations)
 
 
 @cache
-def _optimise(method: str, devices: int | tuple["Device", ...], seeds: int) -> None:
+def _optimise(method: str, devices: int, seeds: int) -> None:
     _time(method, devices, seeds, 2**21 // (32 * seeds))  # evaluates more cells than searches of lower levels
 
 
-def _time(method: str, devices: int | Sequence["Device"], seeds: int, generations: int) -> float:
+def _time(method: str, devices: int, seeds: int, generations: int) -> float:
     from elitelanes_jax import SearchSpec, evolve
 
     spec = SearchSpec(method=method, preset="tuned", fill=True)
