@@ -13,6 +13,7 @@ from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.network.bits import THREEFRY, fold_in, threefry
+from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.problem.archive import Population
 
@@ -107,15 +108,16 @@ def advance(
 
         return over_seeds(step_one, keys, states)
 
-    shapes = jax.eval_shape(step, states, jnp.int32(0))[1]
-    nothing = jax.tree.map(lambda info: jnp.zeros((most, *info.shape), info.dtype), shapes)
+    row = jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), jax.eval_shape(step, states, jnp.int32(0))[1])
+    table = jax.tree.map(lambda one: jnp.zeros((most, *one.shape), one.dtype), row)
 
     def generation(index: Array, carry: tuple[Pytree, Info]) -> tuple[Pytree, Info]:
-        states, info = step(carry[0], index)
-        return states, jax.tree.map(lambda rows, row: rows.at[index - first].set(row), carry[1], info)
+        # In a loop of one round, because otherwise steps of towns take 1.12 times as long on a processor.
+        states, info = run_if(index <= last, lambda _, before: step(before[0], index), (carry[0], row))
+        return states, jax.tree.map(lambda rows, one: rows.at[index - first].set(one), carry[1], info)
 
     # Of as many rounds as generations, because on a GPU a round that does nothing takes time too.
-    return lax.fori_loop(first, jnp.minimum(last, first + most - 1) + 1, generation, (states, nothing))
+    return lax.fori_loop(first, jnp.minimum(last, first + most - 1) + 1, generation, (states, table))
 
 
 def check_state(state: Pytree) -> Pytree:
