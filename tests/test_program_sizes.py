@@ -26,7 +26,8 @@ SHAPE, SEEDS = (12, 12), 16
 
 # Multiplications are not among them: searches multiply floats by powers of two alone, which is exact.
 ROUNDED = (
-    r"stablehlo\.(?:add|subtract|divide|sqrt|rsqrt|cbrt|exponential|log|power|sine|cosine|tan|tanh|atan2|dot\w*)\b.*f32"
+    r"(?:chlo\.\w+|stablehlo\.(?:add|subtract|divide|remainder|sqrt|rsqrt|cbrt|exponential\w*|log\w*|power|sine|cosine|tan"
+    r"|tanh|atan2|dot\w*))\b.*(?:f16|f32|f64)"
 )
 
 

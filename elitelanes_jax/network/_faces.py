@@ -135,7 +135,7 @@ def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bo
         the array belong to the outer face and do not change.
         """
         first = margin + stride
-        length = len(labels) - 2 * first
+        length = labels.shape[0] - 2 * first  # `len` would refuse the symbolic sizes of `jax.export`
 
         def cut(cells: Array, ahead: int) -> Array:
             return lax.slice_in_dim(cells, first + ahead, first + ahead + length)
@@ -179,7 +179,7 @@ def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bo
         first = (_FAR - 1) * step
         far = walls[first:]
         for start in range(0, first, step):
-            far |= walls[start : start + len(far)]
+            far |= walls[start : start + far.shape[0]]
         return extend(far, first, 0)
 
     def hook_and_jump(labels: Array, walls: Links, changing: Array) -> Array:
@@ -219,7 +219,7 @@ def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bo
         return materialize(extend(grids.reshape(-1, stride), _FAR - 1, _FAR - 1)).reshape(-1)
 
     grids = padded.reshape(-1, initial.size)
-    if not len(grids):
+    if 0 in padded.shape[:-1]:
         return jnp.zeros(padded.shape, initial.dtype)
     codes = arrange(grids)
     walls = keep(Links(wall(codes, EAST, WEST, 1), wall(codes, SOUTH, NORTH, stride)))
@@ -228,11 +228,12 @@ def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bo
     labels, changing = propagate(labels, walls)
     if followable:
         labels = hook_and_jump(labels, walls, changing)
-    labels = labels[margin : len(labels) - margin]
+    labels = labels[margin : labels.shape[0] - margin]
     return (labels.T if beside else labels).reshape(padded.shape)
 
 
-# A primitive, so that each kind of device has its own program. It takes leading axes and is its own batching rule.
+# A primitive, so that programs for each kind of device have their own form. It takes leading axes, so that a batch is
+# one more axis.
 _label_faces = Primitive("label_faces")
 _label_faces.def_impl(partial(_label, beside=False))
 _label_faces.def_abstract_eval(lambda padded, *, layout: padded.update(dtype=_initial_labels(layout).dtype))

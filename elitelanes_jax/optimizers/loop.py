@@ -110,6 +110,9 @@ def advance(
 
     row = jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), jax.eval_shape(step, states, jnp.int32(0))[1])
     table = jax.tree.map(lambda one: jnp.zeros((most, *one.shape), one.dtype), row)
+    if not most:
+        return states, table
+    first, last = (jnp.asarray(bound, jnp.int32) for bound in (first, last))
 
     def generation(index: Array, carry: tuple[Pytree, Info]) -> tuple[Pytree, Info]:
         # In a loop of one round, because otherwise steps of towns take 1.12 times as long on a processor.

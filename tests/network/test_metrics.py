@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import export
 from jax.sharding import Mesh, PartitionSpec
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
@@ -127,6 +128,9 @@ def test_the_way_of_gpus_finds_the_same_labels(shape):
     across = jax.vmap(partial(label_faces, layout), in_axes=1, out_axes=1)(padded.T)
     np.testing.assert_array_equal(across, labels.T, strict=True)
     assert beside(padded[:0]).shape == end_to_end(padded[:0]).shape == (0, padded.shape[1])
+    traced = jax.jit(jax.vmap(partial(label_faces, layout))).trace(padded)
+    forms = [traced.lower(lowering_platforms=(platform,)).as_text() for platform in ("cuda", "cpu")]
+    assert ["stablehlo.transpose" in form for form in forms] == [True, False]
 
 
 def test_a_ring_by_hand():
@@ -152,6 +156,15 @@ def test_alone_in_a_batch_under_jit_and_nested_vmap(shape):
             value = getattr(alone, name)
             assert value == getattr(nested, name)[outer, inner] == getattr(compiled, name)[outer, inner]
             assert outer or value == getattr(last, name)[inner]
+
+
+def test_kernels_for_a_batch_of_any_size():
+    (size,) = export.symbolic_shape("size")
+    kernels = jax.jit(jax.vmap(lambda grid: (measure(grid), measure_town(grid))))
+    for shape in ((6, 7), (18, 18)):  # labels of 8 and of 16 bits
+        exported = export.export(kernels)(jax.ShapeDtypeStruct((size, *shape), jnp.int8))
+        grids = np.random.default_rng(0).integers(0, 16, (5, *shape), np.int8)
+        jax.tree.map(np.testing.assert_array_equal, exported.call(grids), kernels(grids))
 
 
 def test_kernels_inside_shard_map():

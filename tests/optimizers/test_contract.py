@@ -296,3 +296,10 @@ def test_parents_from_the_archive_come_from_every_filled_niche_alike():
     assert sum(counts) == 20_000
     expected = 20_000 / len(grids)
     assert (abs(np.array(counts) - expected) < 5 * np.sqrt(expected)).all()
+
+
+def test_a_run_of_no_generation_is_its_start():
+    optimizer = MAKERS["ea"](PROBLEMS[False])
+    states, info = jax.jit(partial(run, optimizer, generations=0))(KEYS)
+    chex.assert_trees_all_equal(states, jax.jit(partial(start, optimizer))(KEYS))
+    assert info.best_fitness.shape == (0, len(KEYS))
