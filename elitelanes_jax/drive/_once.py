@@ -16,8 +16,8 @@ def once(compute: Callable[[], _T]) -> _T:
     """Returns the result of `compute`, a pytree of arrays, for use in compiled code.
 
     XLA for processors fuses arithmetic into each of its uses, so that many uses of a long formula repeat it. It never
-    fuses into a loop. Therefore this is a loop of one round, which the barrier keeps XLA from unrolling. Without the
-    barrier XLA for GPUs unrolls it: at each look at a condition, a GPU would wait for the processor.
+    fuses into a loop. Therefore this is a loop of one round, which the barrier keeps XLA from unrolling. GPUs have no
+    barrier, so that XLA unrolls the loop, because a GPU waits for the processor whenever a loop checks its condition.
     """
     empty = jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), jax.eval_shape(compute))
     one = partial(jnp.int32, 1)

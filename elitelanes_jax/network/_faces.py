@@ -40,8 +40,8 @@ _PATIENCE = 60
 # The steps that a label goes in every other sweep. At 12 x 12, evaluating takes 1.2 times as long with 4 steps.
 _FAR = 3
 
-# Pairs of sweeps between two looks at whether labels still change, of grids end to end and side by side. At each look a
-# GPU waits for the processor.
+# Pairs of sweeps between two checks whether labels still change, for grids end to end and for grids side by side. A GPU
+# waits for the processor at each check.
 _PAIRS, _PAIRS_BESIDE = 2, 4
 
 _OUTER = 0
@@ -241,7 +241,8 @@ batching.primitive_batchers[_label_faces] = lambda arrays, axes, *, layout: (
     _label_faces.bind(jnp.moveaxis(arrays[0], axes[0], 0), layout=layout),
     0,
 )
-for _platform, _beside in ((None, True), ("cpu", False)):
-    mlir.register_lowering(
-        _label_faces, mlir.lower_fun(partial(_label, beside=_beside), multiple_results=False), platform=_platform
-    )
+_end_to_end, _beside = (
+    mlir.lower_fun(partial(_label, beside=beside), multiple_results=False) for beside in (False, True)
+)
+mlir.register_lowering(_label_faces, _beside)
+mlir.register_lowering(_label_faces, _end_to_end, platform="cpu")

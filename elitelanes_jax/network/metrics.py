@@ -50,7 +50,7 @@ def unstack_metrics(features: Int32[Array, "... F"], cells: int) -> Metrics:
 
 
 def _coverage(tiles: Int32[Array, "..."], cells: int) -> Float32[Array, "..."]:
-    # From a table, because a GPU divides less exactly than a processor.
+    # From a table, because a GPU divides less exactly than a processor. The features of vacant slots may be any number.
     return take(np.arange(cells + 1, dtype=np.float32) / np.float32(cells), jnp.clip(tiles, 0, cells))
 
 

@@ -197,8 +197,8 @@ def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array,
         new = _count(further) - _count(reached)
         return further, ways + new * length, length + 1, new > 0
 
-    none = _count(east) * 0  # so that inside `jax.shard_map` the loop belongs to the same devices as the links
-    carry = (start | (none > 0), none, none + 1, none == 0)
+    zero = _count(east) * 0  # so that inside `jax.shard_map` the loop belongs to the same devices as the links
+    carry = (start | (zero > 0), zero, zero + 1, zero == 0)
     reached, ways, *_ = lax.while_loop(lambda carry: carry[3], once, carry)
     rows, columns = np.divmod(np.arange(cells), width)
     straight = np.abs(rows[:, None] - rows) + np.abs(columns[:, None] - columns)
