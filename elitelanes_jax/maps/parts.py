@@ -1,11 +1,8 @@
 """Runs whose seeds are searched in parts, which `merge` joins."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from elitelanes_jax._util.checks import check_named, path, paths
@@ -18,6 +15,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps
 from elitelanes_jax.maps.generation import Evolved, Run, describe_archive, plan_run, write_run
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
+from elitelanes_jax.search.joining import join_results
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.spec import SearchSpec
 
@@ -76,7 +74,7 @@ def join_parts(folders: Sequence[Path]) -> Evolved:
     known = [speed for speed in speeds if speed is not None]
     return Evolved(
         run=run,
-        result=_join(results),
+        result=join_results(results),
         seconds=sum(about["times"]["seconds"]["evolve"] for about in records),
         speed=round(float(np.median(known))) if known else None,
         device=", ".join(sorted({about["device"] for about in records})),
@@ -120,10 +118,3 @@ def _read_archive(folder: Path, run: Run, part: tuple[int, int], archives: dict[
     if describe_archive(result) != archives[folder]:
         raise InputError(f"{file}: expected the archive of the same run as {RECORD} next to it, got another one")
     return result
-
-
-def _join(results: Sequence[Result]) -> Result:
-    elites = jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *(result.elites for result in results))
-    names = ("best_fitness", "elite_count", "refused")
-    joined = {name: np.concatenate([getattr(result.history, name) for result in results]) for name in names}
-    return replace(results[0], elites=elites, history=results[0].history._replace(**joined))

@@ -265,7 +265,7 @@ class _Search(NamedTuple):
         if self.single:
             history = history._replace(**{name: getattr(history, name)[0] for name in _OF_SEEDS})
         state = RunState(generation, inner, self.fingerprint)
-        return Result(elites, history, state, self.spec, self.static.axes, self.config)
+        return Result(elites, history, state, self.spec, self.static.axes, self.config, self.static.digests)
 
 
 def _check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S B"], str, bool]:

@@ -130,6 +130,7 @@ class Result:
       spec: the search. Its method and preset say what made the result; `custom` is your own configuration or optimiser.
       axes: of the descriptor.
       config: the configuration of the method; None for your own optimiser.
+      functions: names and digests of your own functions, which tell edited functions apart.
     """
 
     elites: MeasuredElites
@@ -138,6 +139,7 @@ class Result:
     spec: SearchSpec = field(metadata={"static": True})
     axes: tuple[Axis, ...] = field(metadata={"static": True})
     config: Config | None = field(default=None, metadata={"static": True})
+    functions: tuple[tuple[str, str], ...] = field(default=(), metadata={"static": True})
 
     def best(self) -> Int8[Array, "*S H W"]:
         """Returns the grid of lowest fitness, int8 ``[H, W]``; among equal ones the first."""
@@ -261,6 +263,8 @@ class Result:
         axes = [axis._asdict() for axis in self.axes]
         settings: dict[str, Plain] = {"format": _FORMAT, "version": __version__, "seed": seed, "axes": axes}
         settings |= {"search": self.spec.to_plain(), "config": self.config and config_to_plain(self.config)}
+        if self.functions:
+            settings["functions"] = dict(self.functions)
         write_atomic(file, pack(arrays, settings))
 
     @classmethod
@@ -280,6 +284,7 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     settings, arrays = unpack(check_named("path", checked_path, path))
     try:
         spec, config, axes, seed = _read_settings(settings)
+        functions = _read_functions(settings)
         state = _read_state(arrays)
         arrays.setdefault(_SPEED, np.full(arrays.get("history.generation", np.empty(0)).shape, np.nan))
         arrays.setdefault(_REFUSED, np.zeros_like(arrays.get("history.elite_count", np.empty(0, np.int32))))
@@ -290,7 +295,7 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     features = {name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in spec.measured}
     elites = MeasuredElites(**{name: jnp.asarray(arrays[name]) for name in _ELITES}, metrics=metrics, features=features)
     history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
-    return Result(elites, history, state, spec, axes, config), seed
+    return Result(elites, history, state, spec, axes, config, functions), seed
 
 
 class SearchInterrupted(KeyboardInterrupt):
@@ -342,6 +347,16 @@ def _read_settings(settings: Plain) -> tuple[SearchSpec, Config | None, tuple[Ax
     except (InputError, KeyError, TypeError) as error:
         raise InputError(f"a file with wrong options: {error}") from None
     return spec, config, axes, seed
+
+
+def _read_functions(settings: dict[str, Plain]) -> tuple[tuple[str, str], ...]:
+    """Reads the digests of the user's functions; error messages continue "got"."""
+    digests = settings.get("functions", {})
+    if not isinstance(digests, dict) or not all(isinstance(text, str) for text in digests.values()):
+        raise InputError(
+            f"a file with wrong options: functions: expected digests by name, got {shorten(repr(digests))}"
+        )
+    return tuple(digests.items())
 
 
 def _read_state(arrays: dict[str, np.ndarray]) -> RunState:

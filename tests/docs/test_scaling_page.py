@@ -19,8 +19,9 @@ SPEC = 'GenerateSpec(size=(5, 6), maps=3, seeds=6, tile_px=16, search=SearchSpec
 SPEC += "generations=9000)), 3"
 
 
-@pytest.mark.parametrize("number", [0, 1, 2])
-def test_programs_run_and_print_what_they_say(number, capsys):
+@pytest.mark.parametrize("number", [0, 1, 2, 4])
+def test_programs_run_and_print_what_they_say(number, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     run_program(PROGRAMS[number], "docs/scaling.md", capsys)
 
 
