@@ -20,12 +20,18 @@ class Measured(NamedTuple):
     Attributes:
       fitness: int32 ``[B]``, lower is better.
       cyclomatic: int32 ``[B]``, the niche.
-      counts: bool ``[B]``, whether the grid is flawless, and filled if the task requires it. Other grids score nothing.
+      flaws: int32 ``[B]``, the number of dead ends, boundary violations, mismatches, adjacent crossings, adjacent turns
+        and components beside the first; and of empty cells, if the task fills every cell.
     """
 
     fitness: Int[np.ndarray, " B"]
     cyclomatic: Int[np.ndarray, " B"]
-    counts: Bool[np.ndarray, " B"]
+    flaws: Int[np.ndarray, " B"]
+
+    @property
+    def counts(self) -> Bool[np.ndarray, " B"]:
+        """Whether the grid is flawless, bool ``[B]``. Other grids have no part in `Scores`."""
+        return self.flaws == 0
 
 
 Search = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
@@ -38,7 +44,9 @@ _ENDED = object()  # what a search that has ended yields
 
 
 def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> Submission:
-    """Runs a search once for each seed, and keeps the best counting grid of each niche at every budget.
+    """Runs a search once for each seed, and keeps the best grid of each niche at every budget.
+
+    The best grid has the fewest flaws, and among these the lowest fitness. The first of equal grids is kept.
 
     Args:
       task: to run, or its name.
@@ -112,7 +120,7 @@ def _run_seed(
     ends = [budget * len(tasks) for budget in BUDGETS if budget <= tasks[0].evaluations]
     sizes = [task.shape[0] * task.shape[1] for task in tasks]
     elites = [np.zeros((size, *task.shape), np.int8) for size, task in zip(sizes, tasks, strict=True)]
-    lowest = [np.full(size, np.iinfo(np.int32).max) for size in sizes]
+    least = [[(np.inf, np.inf)] * size for size in sizes]  # flaws and fitness of the elites
     kept: list[list[np.ndarray]] = []
     spent, batch = 0, next(search, _ENDED)
     while batch is not _ENDED and len(kept) < len(ends):
@@ -120,9 +128,10 @@ def _run_seed(
         task = tasks[index]
         codes = _check(task, grids)
         measured = Measured(**measure_grids(codes, fill=task.fill))
-        for number, (code, value, niche, good) in enumerate(zip(codes, *measured, strict=True), start=1):
-            if good and value < lowest[index][niche]:
-                elites[index][niche], lowest[index][niche] = code, value
+        ranks = zip(measured.flaws.tolist(), measured.fitness.tolist(), strict=True)
+        for number, (code, niche, rank) in enumerate(zip(codes, measured.cyclomatic, ranks, strict=True), start=1):
+            if rank < least[index][niche]:
+                elites[index][niche], least[index][niche] = code, rank
             if len(kept) < len(ends) and spent + number == ends[len(kept)]:
                 kept.append([grids_of.copy() for grids_of in elites])
         spent += len(codes)

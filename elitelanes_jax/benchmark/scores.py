@@ -49,11 +49,32 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
         value, least = best[beyond][0], task.optimum[niche]
         raise InputError(f"best: expected no fitness below the optimum, {least} in niche {niche}, got {value:g}")
     filled = best < VACANT
-    nearness = np.where(filled, np.maximum(np.where(filled, best, 0) / task.optimum, 0), 0)
+    nearness = _nearness(task, best)
     total, count = nearness.sum(axis=-1), filled.sum(axis=-1)
     precision = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
     at_optimum = (filled & (best <= task.optimum)).mean(axis=-1)
     return Scores(coverage(filled), total / filled.shape[-1], precision, at_optimum)
+
+
+def _nearness(task: Task, best: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the nearness of each niche's best flawless network, 0 in vacant niches."""
+    filled = best < VACANT
+    return np.where(filled, np.maximum(np.where(filled, best, 0) / task.optimum, 0), 0)
+
+
+def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Computes the graded score ``[...]`` of archives, in [0, 1]: a mean over feasible niches with partial credit.
+
+    A niche with a flawless network scores (1 + nearness) / 2. A niche whose best grid has n flaws scores 1 / (2 + 2n).
+    A vacant niche scores 0.
+
+    Args:
+      task: with F feasible niches.
+      best: float ``[..., F]``, as in `compute_scores`.
+      flaws: float ``[..., F]``, the smallest number of flaws of a grid in each niche; infinite if the niche is vacant.
+    """
+    flawless = best < VACANT
+    return np.where(flawless, (1 + _nearness(task, best)) / 2, 1 / (2 + 2 * flaws)).mean(axis=-1)
 
 
 def confidence_interval(values: ArrayLike) -> tuple[float, float]:

@@ -4,7 +4,7 @@ import io
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Int8
@@ -15,8 +15,11 @@ from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import unpack
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.benchmark.scores import Scores, compute_scores
+from elitelanes_jax.benchmark.scores import Scores, compute_scores, grade
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
+
+if TYPE_CHECKING:
+    from elitelanes_jax.network.records import Metrics
 
 LEAST_RUNS = 10
 """The smallest number of runs, each from another seed."""
@@ -104,16 +107,16 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
     _check_fields(submission)
     task, grids = submission.task, np.asarray(submission.grids)
     _check("submission", task, grids, least=1)
-    found = measure_grids(grids.reshape(-1, *task.shape), fill=task.fill)
-    measured = {name: values.reshape(grids.shape[:3]) for name, values in found.items()}
-    beyond = np.argwhere(measured["counts"] & ~np.isin(measured["cyclomatic"], task.cyclomatic))
+    measured = _measure(submission)
+    flawless = measured["flaws"] == 0
+    beyond = np.argwhere(flawless & ~np.isin(measured["cyclomatic"], task.cyclomatic))
     if len(beyond):
         index = tuple(beyond[0].tolist())
         got = f"one at {measured['cyclomatic'][index]}, {_slot(index)}"
         raise InputError(f"grids: expected none in niches that are certified to be empty, got {got}: please report it")
     best = np.full((*grids.shape[:2], len(task.cyclomatic)), np.inf)
     for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
-        here = measured["counts"] & (measured["cyclomatic"] == cyclomatic)
+        here = flawless & (measured["cyclomatic"] == cyclomatic)
         best[..., niche] = np.where(here, measured["fitness"], np.inf).min(axis=-1, initial=np.inf)
         better = np.argwhere(here & (measured["fitness"] < optimum))
         if len(better):
@@ -121,6 +124,31 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
             got = f"{measured['fitness'][index]} at cyclomatic number {cyclomatic}, {_slot(index)}"
             raise InputError(f"grids: expected none better than the certified {optimum}, got {got}: please report it")
     return best, compute_scores(task, best)
+
+
+def grade_submission(submission: Submission) -> NDArray[np.float64]:
+    """Computes the graded score of each run at each budget, for which flawed grids count too.
+
+    Returns:
+      float ``[R, T]`` in [0, 1], see `grade`.
+
+    Raises:
+      InputError: as `score_submission`.
+    """
+    best, _ = score_submission(submission)
+    measured = _measure(submission)
+    fewest = np.full(best.shape, np.inf)
+    for niche, cyclomatic in enumerate(submission.task.cyclomatic):
+        here = measured["cyclomatic"] == cyclomatic
+        fewest[..., niche] = np.where(here, measured["flaws"], np.inf).min(axis=-1, initial=np.inf)
+    return grade(submission.task, best, fewest)
+
+
+def _measure(submission: Submission) -> dict[str, np.ndarray]:
+    """Measures all grids of a checked submission; returns the fields of `Measured`, each ``[R, T, N]``."""
+    grids = np.asarray(submission.grids)
+    measured = measure_grids(grids.reshape(-1, *submission.task.shape), fill=submission.task.fill)
+    return {name: values.reshape(grids.shape[:3]) for name, values in measured.items()}
 
 
 def _slot(index: tuple[int, ...]) -> str:
@@ -138,6 +166,13 @@ def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> dict[str, 
     return {name: np.concatenate([part[name] for part in batches]) for name in batches[0]}
 
 
+def count_flaws(metrics: "Metrics", fill: AnyArray) -> AnyArray:
+    """Counts flaws: see `Measured.flaws`. `fill` says whether every cell has to be filled."""
+    at_cells = metrics.dead_ends + metrics.boundary_violations + metrics.mismatches + fill * metrics.empty_cells
+    between_cells = metrics.adjacent_crossings + metrics.adjacent_turns
+    return at_cells + between_cells + abs(metrics.components - 1)
+
+
 @cache
 def _measurer() -> Callable[[AnyArray, bool], dict[str, AnyArray]]:
     import jax
@@ -147,13 +182,8 @@ def _measurer() -> Callable[[AnyArray, bool], dict[str, AnyArray]]:
 
     @jax.jit
     def measure_batch(batch: AnyArray, fill: AnyArray) -> dict[str, AnyArray]:
-        found = jax.vmap(measure)(batch)
-        flaws = found.dead_ends + found.boundary_violations + found.mismatches
-        flaws += found.adjacent_crossings + found.adjacent_turns
-        return {
-            "fitness": fitness(found),
-            "cyclomatic": found.cyclomatic,
-            "counts": (found.components == 1) & (flaws == 0) & (~fill | (found.empty_cells == 0)),
-        }
+        metrics = jax.vmap(measure)(batch)
+        flaws = count_flaws(metrics, fill)
+        return {"fitness": fitness(metrics), "cyclomatic": metrics.cyclomatic, "flaws": flaws}
 
     return measure_batch

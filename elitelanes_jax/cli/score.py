@@ -1,17 +1,14 @@
 """The command ``elitelanes score``."""
 
 import argparse
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import path
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
 from elitelanes_jax.cli.program import say
-
-if TYPE_CHECKING:
-    from elitelanes_jax.benchmark.scores import Scores
-    from elitelanes_jax.benchmark.submissions import Submission
 
 
 def add_score(commands: Commands) -> None:
@@ -28,7 +25,7 @@ def add_score(commands: Commands) -> None:
 
 
 def _score(options: argparse.Namespace) -> int:
-    from elitelanes_jax.benchmark.submissions import read_submission, score_submission
+    from elitelanes_jax.benchmark.submissions import grade_submission, read_submission, score_submission
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     use_compile_cache()
@@ -36,18 +33,20 @@ def _score(options: argparse.Namespace) -> int:
         submission = read_submission(file)
         with naming(file):
             _, scores = score_submission(submission)
-        say(f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(submission, scores)}", asked=True)
+            of_runs = scores._asdict() | {"graded": grade_submission(submission)}
+        say(f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(of_runs)}", asked=True)
     return 0
 
 
-def _table(submission: "Submission", scores: "Scores") -> str:
+def _table(scores: Mapping[str, NDArray[np.float64]]) -> str:
+    """Returns a table of scores ``[R, T]`` by name, with a line for each budget."""
     from elitelanes_jax.benchmark.scores import confidence_interval
     from elitelanes_jax.benchmark.tasks import BUDGETS
 
-    lines = ["".join(f"{name:>22}" for name in ("evaluations", *scores._fields))]
-    for index, budget in enumerate(BUDGETS[: submission.grids.shape[1]]):
+    lines = ["".join(f"{name:>22}" for name in ("evaluations", *scores))]
+    for index, budget in enumerate(BUDGETS[: scores["graded"].shape[1]]):
         cells = [f"{budget:,}"]
-        for values in scores:
+        for values in scores.values():
             known = values[:, index][~np.isnan(values[:, index])]
             low, high = confidence_interval(known)
             cells.append(f"{known.mean():.3f} [{low:.3f}, {high:.3f}]" if len(known) else "-")

@@ -6,6 +6,7 @@ A loop in JAX is an `Optimizer`, so that `evolve` runs all seeds side by side. p
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
+from math import prod
 from typing import NamedTuple
 
 import jax
@@ -14,15 +15,13 @@ import numpy as np
 from jaxtyping import Array, Int32, Key
 from numpy.typing import NDArray
 
-from elitelanes_jax import evolve
+from elitelanes_jax import InputError, evolve
 from elitelanes_jax.benchmark import Task
-from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.optimizers import (
     PRESETS,
     AnnealedMapElitesConfig,
     Info,
     MoveWeights,
-    Niches,
     Optimizer,
     evaluate,
     make_optimizer,
@@ -36,30 +35,19 @@ from elitelanes_jax.optimizers.interop import (
     ribs_archive_space,
 )
 from elitelanes_jax.problem import Population, Problem, insert, road_problem, tuned_axes, vacant_fitness
+from elitelanes_jax.search import MeasuredElites
 from experiments.common import Pytree, Untyped
 
-__all__ = ["ROWS", "Found", "Row"]
-
-
-class Found(NamedTuple):
-    """The best flawless networks of R runs after each of T budgets, by cyclomatic number. Vacant grids are zero.
-
-    Attributes:
-      grids: int8 ``[R, T, N, H, W]``.
-      fitness: int32 ``[R, T, N]``.
-      cyclomatic: int32 ``[R, T, N]``.
-    """
-
-    grids: NDArray[np.int8]
-    fitness: NDArray[np.int32]
-    cyclomatic: NDArray[np.int32]
+__all__ = ["ROWS", "TUNED", "Row", "Setting"]
 
 
 Decode = Callable[[NDArray[np.floating]], Array | NDArray[np.int8]]
 """From the solutions of pyribs to grids."""
 
-Play = Callable[[Task, int, Sequence[int]], Found]
-"""(task, runs, budgets) -> `Found`."""
+Play = Callable[[Task, range, Sequence[int]], NDArray[np.int8]]
+"""(task, R seeds, T budgets) -> the elites of each run after each budget ``[R, T, N, H, W]``; vacant grids are zero."""
+
+Setting = str | int | float
 
 
 class Row(NamedTuple):
@@ -74,24 +62,19 @@ class Row(NamedTuple):
     play: Play
 
 
-def _found(task: Task, kept: Sequence[Population]) -> Found:
-    """Selects the flawless niches of the records ``[R, ...]`` of each budget."""
-    wanted = Niches.of(tuned_axes(task.shape)).targeted
-    valid, grids, fitness, features = (
-        np.stack([np.asarray(getattr(one, name))[:, wanted] for one in kept], axis=1)
-        for name in ("valid", "grids", "fitness", "features")
-    )
-    cyclomatic = features[..., METRIC_NAMES.index("cyclomatic")]
-    return Found(np.where(valid[..., None, None], grids, 0).astype(np.int8), fitness, cyclomatic)
+def _grids(archives: Sequence[Population | MeasuredElites]) -> NDArray[np.int8]:
+    """Returns the elites of the archives ``[R, N]`` of each budget."""
+    of_budgets = [np.where(np.asarray(archive.valid)[..., None, None], archive.grids, 0) for archive in archives]
+    return np.stack(of_budgets, axis=1).astype(np.int8)
 
 
 def _in_jax(make: Callable[[Problem], Optimizer]) -> Play:
     """Runs a loop in JAX. `make` returns an optimiser for a problem; its first state is one batch."""
 
-    def play(task: Task, runs: int, budgets: Sequence[int]) -> Found:
+    def play(task: Task, seeds: range, budgets: Sequence[int]) -> NDArray[np.int8]:
         axes = tuned_axes(task.shape)
         batch = make(road_problem(task.shape, axes, fill=task.fill)).evaluations_per_step
-        keys, state, done, kept = seed_keys(0, runs), None, 1, []
+        keys, state, done, archives = seed_keys(0, seeds.stop)[seeds.start :], None, 1, []
         for budget in budgets:
             result = evolve(
                 keys,
@@ -104,11 +87,8 @@ def _in_jax(make: Callable[[Problem], Optimizer]) -> Play:
                 progress=False,
             )
             state, done = result.state, budget // batch
-            elites = result.elites
-            features = np.zeros((*elites.fitness.shape, len(METRIC_NAMES)), np.int32)
-            features[..., METRIC_NAMES.index("cyclomatic")] = elites.metrics.cyclomatic
-            kept.append(Population(elites.grids, elites.fitness, jnp.asarray(features)))
-        return _found(task, kept)
+            archives.append(result.elites)
+        return _grids(archives)
 
     return play
 
@@ -216,6 +196,45 @@ def _qdax_line(problem: Problem, *, batch: int, iso: float, line: float) -> Opti
     )
 
 
+def _qdax_dns(
+    problem: Problem, *, population: int, neighbours: int, batch: int, share: float, filling: float, refit: int
+) -> Optimizer:
+    """Makes QDax's Dominated Novelty Search with our moves. Its population has no niches, so a record has them."""
+    try:
+        from qdax.core.dns import DominatedNoveltySearch
+    except ImportError:
+        repository = "git+https://github.com/adaptive-intelligent-robotics/QDax"
+        raise InputError(
+            f"qdax-dns: expected QDax 0.5.1 or later, got an earlier one: pip install {repository}"
+        ) from None
+    from qdax.core.emitters.standard_emitters import MixingEmitter
+
+    score = qdax_scoring_fn(problem)
+    vary = qdax_moves(problem, MoveWeights(fill_probability=filling, refit=refit))
+    emitter = MixingEmitter(*vary, variation_percentage=share, batch_size=batch)
+    search = DominatedNoveltySearch(score, emitter, lambda repertoire: {}, population, neighbours)
+
+    def note(record: Population, genotypes: Array) -> Population:
+        offspring = evaluate(problem, genotypes)
+        return insert(record, problem.niche(offspring.features), offspring)
+
+    def init(key: Key[Array, ""]) -> Pytree:
+        drawn, rest = jax.random.split(key)
+        genotypes = problem.random(drawn, batch)
+        repertoire, emitter_state, _ = search.init(genotypes, rest)
+        return repertoire, emitter_state, note(problem.empty_archive(), genotypes)
+
+    def step(key: Key[Array, ""], state: Pytree) -> tuple[Pytree, Info]:
+        repertoire, emitter_state, record = state
+        genotypes, extra = search.ask(repertoire, emitter_state, key)
+        fitness, descriptors, scores = score(genotypes, key)
+        told = search.tell(genotypes, fitness, descriptors, repertoire, emitter_state, scores, extra)
+        record = note(record, genotypes)
+        return (*told[:2], record), Info(record.fitness.min(), record.valid.sum(dtype=jnp.int32))
+
+    return Optimizer(init, step, lambda state: state[2], batch)
+
+
 def _evosax(problem: Problem, *, population: int, restart: int, std: float) -> Optimizer:
     """Makes SNES of evosax on logits, which restarts after `restart` generations."""
     from evosax.algorithms import SNES
@@ -248,9 +267,9 @@ def _evosax(problem: Problem, *, population: int, restart: int, std: float) -> O
 def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
     """Runs pyribs's loop. `make` returns, for a problem and a seed, a scheduler and what makes grids."""
 
-    def play(task: Task, runs: int, budgets: Sequence[int]) -> Found:
+    def play(task: Task, seeds: range, budgets: Sequence[int]) -> NDArray[np.int8]:
         problem = road_problem(task.shape, tuned_axes(task.shape), fill=task.fill)
-        kept: list[list[Population]] = []
+        of_runs = []
 
         @jax.jit
         def score(grids: Array, record: Population) -> tuple[Int32[Array, " B"], Int32[Array, "B D"], Population]:
@@ -258,9 +277,9 @@ def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
             record = insert(record, problem.niche(found.features), found)
             return -found.fitness, problem.descriptor(found.features), record
 
-        for seed in range(runs):
+        for seed in seeds:
             scheduler, decode = make(problem, seed)
-            record, done, of_run = problem.empty_archive(), 0, []
+            record, done, archives = problem.empty_archive(), 0, []
             solutions = scheduler.ask()
             for budget in budgets:
                 while done + len(solutions) <= budget:
@@ -268,36 +287,51 @@ def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
                     scheduler.tell(np.asarray(objective, np.float64), np.asarray(measures, np.float64))
                     done += len(solutions)
                     solutions = scheduler.ask()
-                of_run.append(record)
-            kept.append(of_run)
-        together = [jax.tree.map(lambda *arrays: np.stack(arrays), *of_budget) for of_budget in zip(*kept, strict=True)]
-        return _found(task, together)
+                archives.append(jax.tree.map(lambda array: array[None], record))
+            of_runs.append(_grids(archives))
+        return np.concatenate(of_runs)
 
     return play
 
 
 def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float, batch: int) -> tuple[Untyped, Decode]:
-    """Makes CMA-ME of pyribs on logits: five emitters of separable CMA-ES, as in its tutorials."""
+    """Makes CMA-ME of pyribs on logits."""
+    return _ribs_on_logits(problem, seed, {}, {"ranker": ranker, "sigma0": sigma, "batch_size": batch})
+
+
+def _ribs_cma_mae(
+    problem: Problem, seed: int, *, learning_rate: float, floor: int, sigma: float, batch: int
+) -> tuple[Untyped, Decode]:
+    """Makes CMA-MAE of pyribs on logits. The least objective of its archive is `floor` times the number of cells."""
+    thresholds = {"learning_rate": learning_rate, "threshold_min": floor * prod(problem.shape)}
+    rules = {"ranker": "imp", "selection_rule": "mu", "restart_rule": "basic"}
+    return _ribs_on_logits(problem, seed, thresholds, rules | {"sigma0": sigma, "batch_size": batch})
+
+
+def _ribs_on_logits(
+    problem: Problem, seed: int, thresholds: dict[str, Untyped], emitter: dict[str, Untyped]
+) -> tuple[Untyped, Decode]:
+    """Makes five emitters of separable CMA-ES on logits, as in the tutorials of pyribs."""
     from ribs.archives import GridArchive
     from ribs.emitters import EvolutionStrategyEmitter
     from ribs.schedulers import Scheduler
 
-    task = evosax_task(problem)
-    archive = GridArchive(**ribs_archive_space(problem) | {"solution_dim": task.num_dims}, seed=seed)
+    start, decode = _logits(problem)
+    space = ribs_archive_space(problem) | {"solution_dim": len(start)}
+    archive = GridArchive(**space, **thresholds, seed=seed)
     emitters = [
-        EvolutionStrategyEmitter(
-            archive,
-            x0=np.zeros(task.num_dims),
-            sigma0=sigma,
-            ranker=ranker,
-            es="sep_cma_es",
-            batch_size=batch,
-            seed=5 * seed + index,
-        )
+        EvolutionStrategyEmitter(archive, x0=start, es="sep_cma_es", seed=5 * seed + index, **emitter)
         for index in range(5)
     ]
+    return Scheduler(archive, emitters), decode
+
+
+@cache
+def _logits(problem: Problem) -> tuple[NDArray[np.float64], Decode]:
+    """Returns logits of 0, and the function from logits to grids, which is compiled once for all seeds."""
+    task = evosax_task(problem)
     decode = jax.jit(jax.vmap(task.decode))
-    return Scheduler(archive, emitters), lambda solutions: decode(solutions.astype(np.float32))
+    return np.zeros(task.num_dims), lambda solutions: decode(solutions.astype(np.float32))
 
 
 @cache
@@ -334,6 +368,31 @@ def _ribs_moves(problem: Problem, seed: int) -> tuple[Untyped, Decode]:
     return Scheduler(archive, [emitter]), as_grids
 
 
+_MIX = {"filling": (0.0, 0.05, 0.1, 0.3), "refit": (0, 8, 25)}
+
+TUNED: dict[str, tuple[Callable[..., Play], dict[str, tuple[Setting, ...]]]] = {
+    "qdax-dns": (
+        lambda **settings: _in_jax(partial(_qdax_dns, **settings)),
+        {
+            "population": (50, 100, 200, 400),
+            "neighbours": (1, 3, 5, 15),
+            "batch": (16, 32, 64, 128),
+            "share": (0.0, 0.2, 0.5, 0.8),
+            **_MIX,
+        },
+    ),
+    "ribs-cma-mae": (
+        lambda **settings: _in_ribs(partial(_ribs_cma_mae, **settings)),
+        {
+            "learning_rate": (0.001, 0.01, 0.1),
+            "floor": (-300, -100, -30),
+            "sigma": (0.1, 0.3, 1.0, 3.0),
+            "batch": (12, 36, 72),
+        },
+    ),
+}
+"""Searches and the choices of their settings, for `experiments.search.tune`."""
+
 # Settings of other libraries' rows are the best of eight trials each, on 6 x 6 alone: results/tuning.
 ROWS = {
     **{
@@ -349,7 +408,15 @@ ROWS = {
     "qdax-line": Row(
         "QDax: MAP-Elites, Iso+LineDD on logits", _in_jax(partial(_qdax_line, batch=128, iso=0.3, line=0.2))
     ),
+    "qdax-dns": Row(
+        "QDax: Dominated Novelty Search, our moves",
+        _in_jax(partial(_qdax_dns, population=200, neighbours=1, batch=128, share=0.0, filling=0.1, refit=25)),
+    ),
     "ribs-cma": Row("pyribs: CMA-ME on logits", _in_ribs(partial(_ribs_cma, ranker="2imp", sigma=0.1, batch=72))),
+    "ribs-cma-mae": Row(
+        "pyribs: CMA-MAE on logits",
+        _in_ribs(partial(_ribs_cma_mae, learning_rate=0.01, floor=-30, sigma=1.0, batch=36)),
+    ),
     "ribs-moves": Row("pyribs: genetic emitter, our moves", _in_ribs(_ribs_moves)),
     "evosax": Row(
         "evosax: SNES on logits, with restarts", _in_jax(partial(_evosax, population=16, restart=100, std=3.0))

@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from oracle import fitness as oracle_fitness
+from oracle import measure as oracle
 from pages import blocks, run_program
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.benchmark.running import run, run_tasks
-from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval
+from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval, grade
 from elitelanes_jax.benchmark.submissions import (
     LEAST_RUNS,
     Submission,
+    grade_submission,
     read_submission,
     score_submission,
     write_submission,
@@ -60,6 +63,7 @@ def test_the_witnesses_have_the_highest_scores(size):
     best, scores = score_submission(perfect(task))
     np.testing.assert_array_equal(best[0, 0], task.optimum)
     assert all((values == 1).all() and values.shape == (10, 1) for values in scores)
+    assert (grade_submission(perfect(task)) == 1).all()
 
 
 @pytest.mark.parametrize("name", ["5x5A", "5x5A-1000", "12x12B-10000", "5x5-10000", "5x5C-10000", "", 3])
@@ -80,6 +84,42 @@ def test_what_does_not_count_is_vacant():
     np.testing.assert_array_equal(scores.coverage[:, 0], [0.5] * 3 + [1] * 7)
     np.testing.assert_array_equal(scores.precision, 1)
     np.testing.assert_array_equal(scores.coverage[:, 1], 1)
+
+
+def oracle_flaws(grid, fill):
+    """Counts the flaws of a grid by the oracle of the metrics."""
+    metrics = oracle(grid)
+    names = ("dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns")
+    return sum(metrics[name] for name in names) + abs(metrics["components"] - 1) + fill * (grid == 0).sum()
+
+
+@pytest.mark.parametrize("name", ["5x5A-10000", "5x5B-10000"])
+def test_the_graded_score_has_partial_credit_for_few_flaws(name):
+    task = find_task(name)
+    draws, rates = np.random.default_rng(4), np.linspace(0, 0.2, 8)
+    grids = task.witnesses[draws.integers(len(task.witnesses), size=(len(rates), 1, 9))]
+    spoilt = draws.random(grids.shape) < rates.reshape(-1, 1, 1, 1, 1)
+    grids = np.where(spoilt, draws.integers(16, size=grids.shape), grids).astype(np.int8)
+    graded = grade_submission(Submission(task, grids))
+    for archive, score in zip(grids[:, 0], graded[:, 0], strict=True):
+        of_niches = []
+        for cyclomatic, optimum in zip(task.cyclomatic, task.optimum, strict=True):
+            of_niche = [0.0]
+            for grid in archive:
+                if oracle(grid)["cyclomatic"] == cyclomatic:
+                    flaws = oracle_flaws(grid, task.fill)
+                    nearness = max(oracle_fitness(oracle(grid)) / optimum, 0)
+                    of_niche.append(1 / (2 + 2 * flaws) if flaws else (1 + nearness) / 2)
+            of_niches.append(max(of_niche))
+        assert score == pytest.approx(np.mean(of_niches))
+    _, scores = score_submission(Submission(task, grids))
+    assert ((scores.reliability == 0) & (graded > 0)).any()
+
+
+def test_grades_are_what_they_are_said_to_be():
+    best = np.array([TASK.optimum, TASK.optimum / 2, [3, np.inf], [np.inf, np.inf]])
+    flaws = np.array([[0, 0], [0, 0], [0, 4], [1, np.inf]])
+    np.testing.assert_allclose(grade(TASK, best, flaws), [1, 0.75, (0.5 + 0.1) / 2, (0.25 + 0) / 2])
 
 
 fitnesses = st.lists(st.one_of(st.integers(0, 40), st.none()), min_size=2, max_size=2)
@@ -180,7 +220,7 @@ def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
     assert main(["score", "mine.npz"]) == 0
     title, head, row = capsys.readouterr().out.splitlines()
     assert title == "mine.npz: 5x5A-10000, 10 runs"
-    assert head.split() == ["evaluations", "coverage", "reliability", "precision", "optimal"]
+    assert head.split() == ["evaluations", "coverage", "reliability", "precision", "optimal", "graded"]
     assert row.split()[:2] == ["10,000", f"{made['scores'].coverage.mean():.3f}"]
 
 
@@ -204,7 +244,7 @@ def walk(task, rng, sizes=(64,)):
             grids = task.witnesses[rng.integers(len(task.witnesses), size=size)]
             spoilt = rng.random(grids.shape) < 0.3
             measured = yield np.where(spoilt, rng.integers(16, size=grids.shape), grids)
-            assert measured.fitness.shape == measured.cyclomatic.shape == measured.counts.shape == (size,)
+            assert measured.fitness.shape == measured.cyclomatic.shape == measured.flaws.shape == (size,)
 
 
 def test_runs_keep_their_archive_at_every_budget():
@@ -222,15 +262,17 @@ def test_runs_keep_their_archive_at_every_budget():
     grids = np.concatenate([grids for grids, _ in seen])
     measured = [np.concatenate(parts) for parts in zip(*(measured for _, measured in seen), strict=True)]
     for index, budget in enumerate((10_000, 100_000)):
-        fitness, cyclomatic, counts = (values[:budget] for values in measured)
+        fitness, cyclomatic, flaws = (values[:budget] for values in measured)
         for niche in range(25):
-            here = np.flatnonzero(counts & (cyclomatic == niche))
+            here = np.flatnonzero(cyclomatic == niche)
             kept = submission.grids[0, index, niche]
             if not len(here):
                 assert not kept.any()
                 continue
+            here = here[flaws[here] == flaws[here].min()]
             first = here[fitness[here].argmin()]
             np.testing.assert_array_equal(kept, grids[first])
+            assert flaws[first] == oracle_flaws(grids[first], TASK.fill)
     assert len(grids) - len(seen[-1][0]) < 100_000  # and no batch more
     best, _ = score_submission(submission)
     assert best.shape == (1, 2, len(TASK.optimum)) and (best[0, 1] <= best[0, 0]).all()
