@@ -1,3 +1,4 @@
+from .pcg import register_pcg_problems as register_pcg_problems
 from .running import Measured as Measured
 from .running import run as run
 from .running import run_tasks as run_tasks

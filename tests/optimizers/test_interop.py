@@ -256,4 +256,4 @@ PAGE = (DOCS / "interop.md").read_text()
 def test_the_page_shows_the_examples_as_they_are():
     programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     examples = {file.read_text().split('"""\n', 1)[1].strip() for file in (DOCS / "examples").glob("*.py")}
-    assert len(programs) == 3 and {program.strip() for program in programs} <= examples
+    assert len(programs) == 4 and {program.strip() for program in programs} <= examples

@@ -1,0 +1,13 @@
+"""Road networks in the PCG Benchmark: ``python docs/examples/pcg_roads.py``."""
+
+import pcg_benchmark
+
+from elitelanes_jax.benchmark import register_pcg_problems
+
+register_pcg_problems()  # ['roads-v0', 'roads-filled-v0', 'roads-large-v0']
+env = pcg_benchmark.make("roads-v0")
+contents = [env.content_space.sample() for _ in range(100)]
+controls = [env.control_space.sample() for _ in range(100)]
+quality, diversity, controlability, details, infos = env.evaluate(contents, controls)
+print(quality, details["quality"].max())
+env.render(contents[0]).save("pcg-roads.png")
