@@ -67,7 +67,8 @@ marimo: .venv-marimo/.ready explorer/node_modules/.ready
 
 # QDax, evosax and pyribs.
 interop: .venv-interop/.ready
-	.venv-interop/bin/python -m pytest tests/optimizers/test_interop.py
+	.venv-interop/bin/python -m pytest -m 'slow or not slow' -k 'interop or pyribs' \
+	  tests/optimizers/test_interop.py tests/docs/test_notebooks.py
 
 # Gymnasium's check of environments, and the loops of Gymnax and Rejax.
 rl: .venv-rl/.ready

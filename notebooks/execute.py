@@ -1,6 +1,6 @@
 """Executes notebooks in full and writes them with their outputs, without anything that differs between machines.
 
-python notebooks/execute.py                      # all of them; needs the extras [dev,experiments,sumo]
+python notebooks/execute.py                      # all of them; needs the extras [dev,experiments,interop,sumo]
 python notebooks/execute.py 02_fitness_kernel    # some, by their names
 """
 
