@@ -63,10 +63,7 @@ def _nearness(task: Task, best: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Computes the graded score ``[...]`` of archives, in [0, 1]: a mean over feasible niches with partial credit.
-
-    A niche with a flawless network scores (1 + nearness) / 2. A niche whose best grid has n flaws scores 1 / (2 + 2n).
-    A vacant niche scores 0.
+    """Computes the graded score ``[...]`` of archives, which `grade_submission` defines.
 
     Args:
       task: with F feasible niches.

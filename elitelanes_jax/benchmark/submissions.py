@@ -127,10 +127,13 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
 
 
 def grade_submission(submission: Submission) -> NDArray[np.float64]:
-    """Computes the graded score of each run at each budget, for which flawed grids count too.
+    """Computes the graded score of each run at each budget, which gives flawed grids partial credit.
+
+    A niche with a flawless network scores (1 + nearness) / 2, see `Scores`. A niche whose best grid has n flaws, see
+    `Measured`, scores 1 / (2 + 2n). A vacant niche scores 0.
 
     Returns:
-      float ``[R, T]`` in [0, 1], see `grade`.
+      float ``[R, T]`` in [0, 1], the means over feasible niches.
 
     Raises:
       InputError: as `score_submission`.
