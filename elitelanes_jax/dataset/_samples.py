@@ -13,9 +13,10 @@ from elitelanes_jax.dataset._variation import compress, varies, vary_background,
 from elitelanes_jax.dataset._views import draw_view, photograph, warp
 from elitelanes_jax.formats.objects import NEAR
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat
 from elitelanes_jax.tiles.pasting import paste_objects
-from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, render
+from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, render, show_paved
 from elitelanes_jax.tiles.tileset import TileSet
 
 
@@ -64,12 +65,11 @@ def draw_sample(
     size = (picture.labels.shape[0], picture.labels.shape[1])
     rng = np.random.default_rng([seed, index, 1])
     view = draw_view(rng, transforms, size)
-    ground = tuple(tiles.pictures[-1].image[0, 0].tolist())
     things = (road_map.objects or ()) if objects is not None else ()
     pictures = objects.choose(things, [seed, index, 2]) if objects is not None else []
     if camera is None:
         about, near = {}, 0.0
-        seen = {"image": warp(picture.image, view, ground), "labels": warp(picture.labels, view)}
+        seen = {"image": warp(picture.image, view, GROUND), "labels": warp(picture.labels, view)}
         flat, order = lay_all_flat(things, pictures, tile_px)
         placed = [one._replace(matrix=view.matrix @ one.matrix) for one in flat]
         more: list[dict[str, Plain]] = [{} for _ in order]
@@ -77,11 +77,11 @@ def draw_sample(
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px, road_map.objects or ())
         view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
         about, near = viewpoint.about, NEAR
-        seen = {"image": see(picture.image, viewpoint, ground), "labels": see_labels(picture.labels, viewpoint)}
+        seen = {"image": see(picture.image, viewpoint, GROUND), "labels": see_labels(picture.labels, viewpoint)}
         placed, order, distances = stand(things, pictures, viewpoint, tile_px)
         more = [{"distance": distance} for distance in distances]
     if transforms.background:
-        paved = np.kron(road_map.codes != 0, np.ones((tile_px, tile_px), np.uint8))
+        paved = show_paved(tiles, chosen, tile_px).astype(np.uint8)
         sky = np.zeros(view.size, bool) if camera is None else above_horizon(viewpoint)
         ground_seen = (warp(paved, view) if camera is None else see_labels(paved, viewpoint)) == 0
         behind = np.random.default_rng([seed, index, 3])

@@ -1,6 +1,7 @@
 """A tile, and readers of its pictures and masks. They collect problems, so that one call names all."""
 
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +11,10 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import MIB, read_bytes
+from elitelanes_jax.formats.objects import OPAQUE
+
+GROUND = (86, 118, 72)
+"""The colour of empty cells, and of the transparent pixels of tile pictures, RGB: grass."""
 
 _LONGEST_SIDE = 4096
 _MOST_BYTES = 72 * MIB  # a picture of that size with transparency that does not compress
@@ -23,10 +28,12 @@ class Tile(NamedTuple):
     Attributes:
       name: of its folder, ``<kind>_<n>``.
       code: the sides it opens, as a tile code.
-      image: uint8 ``[S, S, 3]``, RGB.
+      image: uint8 ``[S, S, 3]``, RGB. Transparent pixels of its file have the colour of the ground.
       road: bool ``[S, S]``, the drivable surface.
       red: bool ``[S, S]``, the stop lines.
       yellow: bool ``[S, S]``, the lane separators.
+      opaque: bool ``[S, S]``, the pixels that show the tile and not the ground; None for all.
+      transparent: the share of pixels that are not wholly opaque in each file that has some, by the file's name.
     """
 
     name: str
@@ -35,20 +42,36 @@ class Tile(NamedTuple):
     road: NDArray[np.bool_]
     red: NDArray[np.bool_]
     yellow: NDArray[np.bool_]
+    opaque: NDArray[np.bool_] | None = None
+    transparent: Mapping[str, float] = {}
 
 
-def read_picture(file: Path, problems: list[str], *, opacity: bool = False) -> NDArray[np.uint8] | None:
+class Layer(NamedTuple):
+    """A picture or a mask of a tile.
+
+    Attributes:
+      pixels: uint8 ``[H, W, 3]``, RGB, of a picture, or bool ``[H, W]`` of a mask.
+      opaque: bool ``[H, W]``, the pixels that have an opacity of at least one half in the file.
+      transparent: the share of pixels that are not wholly opaque in the file.
+    """
+
+    pixels: NDArray
+    opaque: NDArray[np.bool_]
+    transparent: float
+
+
+def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     """Reads a PNG picture of 8 bits per channel; `problems` gets a line if the file exists but is not such a picture.
 
-    Returns uint8 ``[H, W, 3]`` in RGB order, ``[H, W]`` if it is grey, or None if there is no file. With `opacity`, a
-    picture with transparency keeps its fourth channel.
+    Returns uint8 ``[H, W, 4]``, RGB and opacity, if the file has transparency, ``[H, W]`` if it is grey, otherwise
+    ``[H, W, 3]``, RGB. Returns None if there is no file.
     """
     if not file.is_file():
         return None
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-    picture, got = None, "one that cannot be read"
+    picture, transparent_grey, got = None, None, "one that cannot be read"
     try:
-        content = _plain_png(read_bytes(file, _MOST_BYTES))
+        content, transparent_grey = _plain_png(read_bytes(file, _MOST_BYTES))
         picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except InputError as error:
         problems.append(str(error))
@@ -62,48 +85,100 @@ def read_picture(file: Path, problems: list[str], *, opacity: bool = False) -> N
         problems.append(f"{file}: expected a PNG picture of 8 bits a channel, got {got}")
         return None
     if picture.ndim == 3:
-        kept = cv2.COLOR_BGRA2RGBA if opacity else cv2.COLOR_BGRA2RGB
-        picture = cv2.cvtColor(picture, kept if picture.shape[2] == 4 else cv2.COLOR_BGR2RGB)
+        kept = cv2.COLOR_BGRA2RGBA if picture.shape[2] == 4 else cv2.COLOR_BGR2RGB
+        picture = cv2.cvtColor(picture, kept)
+    elif transparent_grey is not None:
+        opacity = np.where(picture == transparent_grey, 0, 255)
+        picture = np.dstack([picture, picture, picture, opacity])
     return np.asarray(picture, np.uint8)
 
 
-def read_mask(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> NDArray[np.bool_] | None:
+def read_image(file: Path, problems: list[str]) -> Layer | None:
+    """Reads the picture of a tile, and lays it over the ground.
+
+    A pixel of an opacity below one half is ground, where no road is. A more opaque pixel is mixed with the ground.
+    Returns None if the file is missing, or if `problems` gets a line.
+    """
+    picture = read_picture(file, problems)
+    if picture is None:
+        return None
+    if picture.shape[0] != picture.shape[1]:
+        problems.append(f"{file}: expected a square picture, got {size_of(picture)} pixels")
+        return None
+    colours = picture[..., :3] if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
+    opacity = _opacity(picture)
+    opaque = opacity >= OPAQUE
+    if not opaque.any():
+        problems.append(f"{file}: expected a picture with opaque pixels, got one that is transparent everywhere")
+        return None
+    if (opacity < 255).any():
+        share = np.where(opaque, opacity, 0)[..., None] / 255
+        colours = np.rint(colours * share + GROUND * (1 - share)).astype(np.uint8)
+    return Layer(colours, opaque, float((opacity < 255).mean()))
+
+
+def read_mask(file: Path, image: Layer | None, problems: list[str]) -> Layer | None:
     """Reads a mask of 0 and one other value, as large as the image if there is one.
 
-    Returns bool ``[H, W]``, or None; in both cases `problems` gets a line for each error.
+    A transparent pixel is 0, whatever its hidden colour is. Returns None if the file is missing or has another size.
+    `problems` gets a line for each error.
     """
-    mask = read_picture(file, problems)
-    if mask is None:
+    picture = read_picture(file, problems)
+    if picture is None:
         return None
-    if mask.ndim == 3:
-        if (mask != mask[..., :1]).any():
+    opacity = _opacity(picture)
+    opaque = opacity > 0
+    between = np.unique(opacity[opaque & (opacity < 255)])
+    if between.size:
+        problems.append(
+            f"{file}: expected pixels that are opaque or transparent, got an opacity of {between[0]} of 255"
+        )
+        return None
+    mask = picture
+    if picture.ndim == 3:
+        colours = picture[..., :3] * opaque[..., None]
+        if (colours != colours[..., :1]).any():
             problems.append(f"{file}: expected a grey mask, got one in colours")
             return None
-        mask = mask[..., 0]
-    if image is not None and mask.shape != image.shape[:2]:
-        problems.append(f"{file}: expected {size_of(image)} pixels like image.png, got {size_of(mask)}")
+        mask = colours[..., 0]
+    fits = image is None or mask.shape == image.opaque.shape
+    if image is not None and not fits:
+        problems.append(f"{file}: expected {size_of(image.pixels)} pixels like image.png, got {size_of(mask)}")
     values = np.flatnonzero(np.bincount(mask.ravel()))
     if len(values) > 2 or (len(values) == 2 and values[0] != 0):
         listed = ", ".join(map(str, values[:5])) + (", ..." if len(values) > 5 else "")
         problems.append(f"{file}: expected a mask of two values, 0 and one other, got {len(values)}: {listed}")
-    return mask > 0
+    if opaque.any() and not opaque.all() and not mask.any():
+        problems.append(f"{file}: expected a mask in white, got one in black on transparent ground")
+    return Layer(mask > 0, opaque, 1 - float(opaque.mean())) if fits else None
+
+
+def _opacity(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Returns the opacity ``[H, W]``, 0 to 255, of what `read_picture` returns."""
+    if picture.shape[2:] == (4,):
+        return picture[..., 3]
+    return np.full(picture.shape[:2], 255, np.uint8)
 
 
 def size_of(picture: np.ndarray) -> str:
     return f"{picture.shape[1]} x {picture.shape[0]}"
 
 
-def _plain_png(content: bytes) -> bytes:
+def _plain_png(content: bytes) -> tuple[bytes, int | None]:
     """Returns the parts of a PNG file that hold its pixels, if they are complete; otherwise raises `ValueError`.
 
     For damaged files the decoder complains to the terminal, and some of the other parts unpack to any size.
+
+    The second value is the grey of 8 bits that a file of greys declares transparent, or None. OpenCV drops it, and
+    reads the transparency of all other files.
     """
     if content[:8] != _PNG or content[12:16] != b"IHDR":
         raise ValueError("it is not a PNG file")
     width, height = int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
     if not (0 < width <= _LONGEST_SIDE and 0 < height <= _LONGEST_SIDE):
         raise ValueError(f"it has {width} x {height} pixels, not 1 to {_LONGEST_SIDE} a side")
-    start, parts = 8, [_PNG]
+    depth = content[24]
+    start, parts, transparent_grey = 8, [_PNG], None
     for _ in range(_MOST_PARTS):
         end = start + 12 + int.from_bytes(content[start : start + 4])
         kind, data = content[start + 4 : start + 8], content[start + 8 : end - 4]
@@ -111,7 +186,10 @@ def _plain_png(content: bytes) -> bytes:
             break
         if kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"):
             parts.append(content[start:end])
+        if kind == b"tRNS" and len(data) == 2 and 0 < depth <= 8:
+            white = 2**depth - 1
+            transparent_grey = (int.from_bytes(data) & white) * 255 // white
         if kind == b"IEND":
-            return b"".join(parts)
+            return b"".join(parts), transparent_grey
         start = end
     raise ValueError("it is damaged or unfinished")

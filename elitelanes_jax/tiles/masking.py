@@ -17,7 +17,7 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
-from elitelanes_jax.tiles.files import read_mask, read_picture, size_of
+from elitelanes_jax.tiles.files import Layer, read_image, read_mask
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
 _CLEAN = 1 / 96  # of a tile: thinner pieces are no tape, narrower gaps are wear
@@ -133,25 +133,36 @@ def mask_folder(
     if not folders and not problems:
         problems.append(f"{folder}: expected folders such as turn_1 with an image.png, got none")
     for tile_folder in folders:
-        image = read_picture(tile_folder / "image.png", problems)
+        file = tile_folder / "image.png"
+        if not file.is_file():
+            problems.append(f"{tile_folder}: expected a photograph of the tile, image.png, got none")
+            continue
+        image = read_image(file, problems)
         if image is None:
-            if not (tile_folder / "image.png").is_file():
-                problems.append(f"{tile_folder}: expected a photograph of the tile, image.png, got none")
-        elif image.ndim == 2:
-            problems.append(f"{tile_folder / 'image.png'}: expected a picture in colours, got a grey one")
-        elif image.shape[0] != image.shape[1]:
-            problems.append(f"{tile_folder / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
-        else:
-            image = np.ascontiguousarray(image[..., :3])
-            masks, found = propose_masks(image, colours), {}
-            for name in MASKS:
-                kept = None if name in overwrite else read_mask(tile_folder / f"{name}.png", image, problems)
-                found[name] = masks[name] if kept is None else kept
-            proposed = tuple(name for name in MASKS if name in overwrite or not (tile_folder / f"{name}.png").exists())
-            proposals.append(Proposal(tile_folder, image, found, proposed))
+            continue
+        if (image.pixels[image.opaque] == image.pixels[image.opaque][:, :1]).all():
+            problems.append(f"{file}: expected a picture in colours, got a grey one")
+            continue
+        proposals.append(_propose(tile_folder, image, colours, overwrite, problems))
     if problems:
         raise InputError(problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""))
     return proposals
+
+
+def _propose(
+    folder: Path, image: Layer, colours: Mapping[str, Colour], overwrite: Collection[str], problems: list[str]
+) -> Proposal:
+    """Proposes the masks that a tile lacks; `problems` gets a line for each error of an existing mask."""
+    # White is neither asphalt nor a line.
+    proposed = propose_masks(np.where(image.opaque[..., None], image.pixels, np.uint8(255)), colours)
+    masks, names = {}, []
+    for name in MASKS:
+        file = folder / f"{name}.png"
+        existing = None if name in overwrite else read_mask(file, image, problems)
+        masks[name] = (proposed[name] if existing is None else existing.pixels) & image.opaque
+        if name in overwrite or not file.exists():
+            names.append(name)
+    return Proposal(folder, image.pixels, masks, tuple(names))
 
 
 def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint8]:

@@ -254,7 +254,7 @@ def _about(file: Path) -> tuple[str, float, tuple[float, float], tuple[float, fl
 
 def _read(file: Path) -> NDArray[np.uint8]:
     problems: list[str] = []
-    picture = read_picture(file, problems, opacity=True)
+    picture = read_picture(file, problems)
     if picture is None:
         raise InputError(problems[0])
     if picture.ndim != 3 or picture.shape[2] != 4 or not (picture[..., 3] >= OPAQUE).any():

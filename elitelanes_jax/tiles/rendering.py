@@ -17,6 +17,7 @@ from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
+from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat, load_objects
 from elitelanes_jax.tiles.pasting import paste_objects
 from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
@@ -130,6 +131,9 @@ def render(
         codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
         toned = apply_tones(layers["image"], solve_tones(codes, picture, small["image"], small["labels"]))
         layers["image"] = feather(toned, layers["labels"], codes)
+        if any(tile.opaque is not None for tile in tiles.tiles):
+            # Transparent pixels show the ground of empty cells, whose light does not change.
+            layers["image"][~show_paved(tiles, chosen, tile_px) & (layers["labels"] == 0)] = GROUND
     instances = None
     if objects is not None:
         objects = load_objects(objects)
@@ -288,6 +292,25 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     return {name: np.stack(rotated) for name, rotated in layers.items()}
 
 
+def show_paved(tiles: TileSet, chosen: NDArray[np.int_], tile_px: int) -> NDArray[np.bool_]:
+    """Returns where a map shows its tiles and not the ground, bool ``[H·P, W·P]``.
+
+    Empty cells and the transparent pixels of tile pictures are ground. `chosen` is what `choose_tiles` returns.
+    """
+    return _lay_out(_scale_opaque(tiles, tile_px)[chosen[..., 0] * 4 + chosen[..., 1]])
+
+
+@lru_cache(maxsize=4)
+def _scale_opaque(tiles: TileSet, size: int) -> NDArray[np.bool_]:
+    """Scales where all tiles are opaque, bool ``[4·T, P, P]``, with indices as in `scale_tiles`."""
+    rotated = []
+    for tile in tiles.pictures:
+        opaque = np.ones(tile.road.shape, bool) if tile.opaque is None else tile.opaque
+        scaled = _resize_mask(opaque, size, "opaque")
+        rotated += [np.rot90(scaled, turns) for turns in range(4)]
+    return np.stack(rotated)
+
+
 def _resize(picture: np.ndarray, size: int) -> np.ndarray:
     if picture.shape[0] == size:
         return picture
@@ -304,7 +327,7 @@ def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bo
     """
     cover = _resize(mask.astype(np.float32), size)
     half, area = cover >= 0.5, round(float(cover.sum()))
-    if name == "road" or not area or 0.75 * area <= half.sum() <= 1.33 * area:
+    if name not in ("red", "yellow") or not area or 0.75 * area <= half.sum() <= 1.33 * area:
         return half
     return cover >= np.sort(cover, axis=None)[-area] - 1e-4
 

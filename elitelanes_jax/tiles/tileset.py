@@ -4,6 +4,9 @@ A tile set has sub-folders ``<kind>_<n>``, the kind one of turn, straight, cross
 ``image.png``, the picture of one square tile, and the masks ``road.png``, ``red.png`` (stop lines) and
 ``yellow.png`` (lane separators) of the same size: grey, of 0 and one other value.
 
+A transparent pixel of a mask is 0. A transparent pixel of a picture is ground: it has the colour of empty cells, and no
+mask is there.
+
 A tile opens the sides that its road reaches. New maps have no dead ends: an end is for maps drawn by hand or repaired.
 An optional ``tileset.toml`` has a ``name`` and a ``licence``. Without ``blend = false`` the tiles are blended as
 photographs, whose light differs.
@@ -29,7 +32,7 @@ from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles._lines import misplaced_lines
-from elitelanes_jax.tiles.files import Tile, read_mask, read_picture, size_of
+from elitelanes_jax.tiles.files import GROUND, Tile, read_image, read_mask, size_of
 
 MASKS = ("road", "red", "yellow")
 """The masks of a tile, by the names of their files."""
@@ -48,7 +51,6 @@ _KEYS: dict[str, tuple[type, str]] = {  # in tileset.toml: what each is
     "blend": (bool, "blend to be true or false"),
 }
 _TOUCHES = 0.1  # the least part of a side in road if a road reaches it
-_GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
 
 class RotatedTile(NamedTuple):
@@ -79,7 +81,8 @@ class TileSet:
         """The tiles, and after them the bare ground of empty cells, in one colour."""
         size = self.tiles[0].image.shape[0]
         nothing = np.zeros((size, size), bool)
-        return (*self.tiles, Tile("ground", 0, np.full((size, size, 3), _GROUND, np.uint8), nothing, nothing, nothing))
+        grass = np.full((size, size, 3), GROUND, np.uint8)
+        return (*self.tiles, Tile("ground", 0, grass, nothing, nothing, nothing, opaque=nothing))
 
     @cached_property
     def rotations(self) -> dict[int, tuple[RotatedTile, ...]]:
@@ -96,8 +99,9 @@ class TileSet:
         found = sha256(repr((self.name, self.licence)).encode())
         for tile in self.tiles:
             found.update(repr((tile.name, tile.code, tile.image.shape)).encode())
-            for layer in (tile.image, *(getattr(tile, name) for name in MASKS)):
-                found.update(np.ascontiguousarray(layer).tobytes())
+            for layer in (tile.image, *(getattr(tile, name) for name in MASKS), tile.opaque):
+                if layer is not None:
+                    found.update(np.ascontiguousarray(layer).tobytes())
         return found.hexdigest()[:16]
 
     @property
@@ -183,13 +187,17 @@ def describe_tiles(tiles: TileSet) -> str:
     lines = [f"{tiles.name}: {len(tiles.tiles)} tiles" + (f", licence {tiles.licence}" if tiles.licence else "")]
     for tile in tiles.tiles:
         sides = "".join(side.letter for side in SIDES if tile.code & side.bit)
-        lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels")
+        shares = ", ".join(f"{name} {share:.1%}" for name, share in tile.transparent.items())
+        see_through = f", transparent: {shares}" if shares else ""
+        lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels{see_through}")
     drawn = {code: draws for code, draws in tiles.rotations.items() if code}
     lines.append(f"rotated, {sum(map(len, drawn.values()))} pictures of the codes {', '.join(map(str, drawn))}")
     lines += [
         f"no {kind}: maps {'with dead ends cannot be drawn' if kind == 'end' else 'will have none'}"
         for kind in _absent_kinds(tiles.tiles)
     ]
+    if any(tile.transparent for tile in tiles.tiles):
+        lines.append("transparent pixels of a mask are 0; those of a picture are ground, without road and lines")
     lines += ["no lane separators"] if not any(tile.yellow.any() for tile in tiles.tiles) else []
     return "\n".join(lines)
 
@@ -220,18 +228,20 @@ def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
     missing = [f"{name}.png" for name in _FILES if not (folder / f"{name}.png").is_file()]
     if missing:
         problems.append(f"{folder}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}")
-    image = read_picture(folder / "image.png", problems)
-    if image is not None:
-        image = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
-        if image.shape[0] != image.shape[1]:
-            problems.append(f"{folder / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
-    road, red, yellow = (read_mask(folder / f"{name}.png", image, problems) for name in MASKS)
-    if len(problems) > before or image is None or road is None or red is None or yellow is None:
+    image = read_image(folder / "image.png", problems)
+    layers = {"image": image} | {name: read_mask(folder / f"{name}.png", image, problems) for name in MASKS}
+    read = {name: layer for name, layer in layers.items() if layer is not None}
+    if image is None or len(read) < len(layers) or len(problems) > before:
         return None
+    road, red, yellow = (read[name].pixels & image.opaque for name in MASKS)
     reached = [side for side in SIDES if edge_pixels(road, side).mean() >= _TOUCHES]
     code, kind = sum(side.bit for side in reached), folder.name.rpartition("_")[0]
     if code not in KINDS[kind]:
         got = ", ".join(side.letter for side in reached) or "none"
+        if (read["road"].pixels & ~image.opaque).any():
+            got += ", because image.png is transparent on a part of the road"
         problems.append(f"{folder / 'road.png'}: expected a road that reaches {_EXPECTED[kind]} of the tile, got {got}")
         return None
-    return Tile(folder.name, code, image[..., :3], road, red, yellow)
+    opaque = None if image.opaque.all() else image.opaque
+    transparent = {name: layer.transparent for name, layer in read.items() if layer.transparent}
+    return Tile(folder.name, code, image.pixels, road, red, yellow, opaque, transparent)
