@@ -2,6 +2,7 @@
 
 import errno
 import runpy
+import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import islice
@@ -176,7 +177,11 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
 
 
 def load_policy(file: Path) -> Policy:
-    """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file, which is run."""
+    """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file, which is run.
+
+    The file may import modules from its folder, also later in `act`, as a program that Python starts.
+    """
+    sys.path.insert(0, str(file.resolve().parent))
     try:
         act = runpy.run_path(str(file)).get("act")
     except (Exception, SystemExit) as error:

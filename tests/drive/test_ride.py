@@ -1,5 +1,6 @@
 """Rides to look at: trails lie on the lanes, a film has a frame for each step, the command writes whole files."""
 
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -125,6 +126,20 @@ def test_a_policy_of_ones_own_drives(rides):
     assert own.success.all()
     np.testing.assert_array_equal([own.x[0, 0], own.y[0, 0]], [rides.x[0, 0], rides.y[0, 0]])
     assert (own.x[0, own.steps[0] :] == own.x[0, -1]).all()
+
+
+def test_a_policy_imports_modules_of_its_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    folder = tmp_path / "drivers"
+    (folder / "package_beside").mkdir(parents=True)
+    (folder / "wheels_beside.py").write_text("LEFT = 0.25\n")
+    (folder / "package_beside" / "__init__.py").write_text("RIGHT = 0.5\n")
+    lazy = "def act(seen):\n    from package_beside import RIGHT\n    return LEFT, RIGHT\n"
+    (folder / "driver.py").write_text(f"from wheels_beside import LEFT\n\n\n{lazy}")
+    (tmp_path / "link.py").symlink_to(folder / "driver.py")
+    assert load_policy(tmp_path / "link.py")(None) == (0.25, 0.5)
+    for name in ("wheels_beside", "package_beside"):
+        del sys.modules[name]
 
 
 def test_a_ride_that_has_ended_reaches_no_goal(monkeypatch):
