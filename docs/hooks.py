@@ -100,10 +100,13 @@ def _reference(path: str) -> str:
     """Returns the Markdown of a directive: the names of a room in full, or tables of the whole package."""
     face = import_module(path)
     if path != "elitelanes_jax":
-        names = getattr(face, "__all__", None)
-        return "\n\n".join([face.__doc__ or "", *(f"::: {path}.{name}" for name in names)]) if names else f"::: {path}"
+        if not hasattr(face, "__all__"):
+            return f"::: {path}"
+        names = sorted(face.__all__, key=lambda name: _rank(f"{path}.{name}"))
+        return "\n\n".join([face.__doc__ or "", *(f"::: {path}.{name}" for name in names)])
     rooms = [name for name in face.__all__ if isinstance(getattr(face, name), ModuleType)]
     others = [name for name in face.__all__ if name not in [*rooms, "__version__"]]
+    others.sort(key=lambda name: _rank(_paths()[name]))
     own = [name for name in others if _paths()[name] == f"{path}.{name}"]
     return "\n\n".join(
         [
@@ -113,6 +116,12 @@ def _reference(path: str) -> str:
             *(f"::: {path}.{name}" for name in own),
         ]
     )
+
+
+def _rank(path: str) -> int:
+    """Returns the rank of a name on a page: functions come first, then classes, then constants."""
+    kind = _package()[path.partition(".")[2]].kind
+    return {griffe.Kind.FUNCTION: 0, griffe.Kind.CLASS: 1}.get(kind, 2)
 
 
 def _table(rows: Iterator[tuple[str, str]]) -> str:

@@ -1,10 +1,12 @@
 """The reference shows the public names and their true defaults, and readers are shown a use of each."""
 
 import ast
+import re
+import runpy
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from importlib import import_module
-from inspect import isclass
+from inspect import isclass, isfunction, unwrap
 from pathlib import Path
 from types import ModuleType
 
@@ -33,6 +35,18 @@ def test_each_room_has_a_page():
     pages = {file.stem: file.read_text(encoding="utf-8") for file in REFERENCE.glob("*.md") if file.stem != "index"}
     assert sorted(pages) == sorted(ROOMS)
     assert not [room for room, text in pages.items() if f"\n::: elitelanes_jax.{room}\n" not in text]
+
+
+def test_a_page_begins_with_functions_and_ends_with_constants():
+    for package in ("mkdocs", "nbconvert"):
+        pytest.importorskip(package)
+    reference = runpy.run_path(str(ROOT / "docs" / "hooks.py"))["_reference"]
+    for room in ROOMS:
+        names = re.findall(rf"^::: elitelanes_jax\.{room}\.(\w+)$", reference(f"elitelanes_jax.{room}"), re.MULTILINE)
+        shown = [PUBLIC[f"elitelanes_jax.{room}.{name}"] for name in names]
+        kinds = "".join("f" if isfunction(unwrap(one)) else "c" if isclass(one) else "v" for one in shown)
+        assert re.fullmatch("f*c*v*", kinds), f"{room}: {kinds}"
+    assert names, "some rooms list their names"
 
 
 @pytest.mark.parametrize("path", PUBLIC)
