@@ -36,6 +36,7 @@ ENVIRONMENTS = {
     "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh")),
     "pogema": Environment(".venv-pogema", ("pogema",)),
     "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),
+    "yolo": Environment(".venv-yolo", ("ultralytics", "torch")),
     "marimo": Environment(".venv-marimo", ("marimo", "anywidget")),
     "newest": Environment(".venv-newest", ("networkx", "numba")),
     "lowest": Environment(".venv-lowest", ("networkx", "numba")),
@@ -58,6 +59,7 @@ _HEAD = """# Tested with
 
 `make everything` runs the tests in all environments, one after another, and writes this table.
 Each row is the last run of one target of `make`. A test is skipped if its environment lacks something that it needs.
+After a number of failed tests, their names follow.
 
 | make | Python | packages | passed | skipped | failed | minutes | day |
 |---|---|---|---|---|---|---|---|
@@ -99,7 +101,17 @@ def _counts(report: Path) -> tuple[str, str, str, str]:
     suite = ElementTree.parse(report).getroot().find("testsuite")
     assert suite is not None
     tests, skipped, *bad = (int(suite.get(name, 0)) for name in ("tests", "skipped", "failures", "errors"))
-    return str(tests - skipped - sum(bad)), str(skipped), str(sum(bad)), f"{float(suite.get('time', 0)) / 60:.1f}"
+    failed = ": ".join([str(sum(bad)), *_failed_tests(suite)])
+    return str(tests - skipped - sum(bad)), str(skipped), failed, f"{float(suite.get('time', 0)) / 60:.1f}"
+
+
+def _failed_tests(suite: ElementTree.Element) -> list[str]:
+    """Returns a text with the names of the tests that failed, without their parameters; nothing if none failed."""
+    bad = [
+        case for case in suite.iter("testcase") if case.find("failure") is not None or case.find("error") is not None
+    ]
+    names = {f"`{case.get('classname')}.{case.get('name', '').partition('[')[0]}`" for case in bad}
+    return [", ".join(sorted(names))] if names else []
 
 
 def _versions(environment: Environment) -> tuple[str, str]:
