@@ -6,26 +6,20 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from elitelanes_jax._util.files import read_json, write_atomic
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._coco import SHORT_NAMES, Record, Records, annotate, coco_rows
 from elitelanes_jax.dataset._samples import Sample
-from elitelanes_jax.formats.objects import OBJECT_KINDS, base_kind
 from elitelanes_jax.maps.spec import SPLITS
-from elitelanes_jax.tiles.rendering import LABELS, png_of
-
-Record = dict[str, Plain]
+from elitelanes_jax.tiles.rendering import png_of
 
 RECORD = "dataset.json"
 """The file with the settings of a dataset."""
 
 # The files of a dataset besides its pictures.
 _DESCRIBING = (
-    rf"README\.md|contact-sheet\.png|{re.escape(RECORD)}|(train|validation|test)/metadata\.jsonl"
+    rf"README\.md|contact-sheet\.png|boxes\.png|{re.escape(RECORD)}|(train|validation|test)/metadata\.jsonl"
     r"|metadata/(train|val|test)\.jsonl|annotations/(objects_)?(train|val|test)\.json"
     r"|labels/(train|val|test)/\d{6,}\.txt|data\.yaml"
 )
@@ -40,29 +34,39 @@ class Layout(NamedTuple):
       path: of a picture, with LAYER for its layer, and NUMBER for the sample.
       program: lines of Python that load a split from the folder ``DIR``.
       metadata: the file with a line of JSON for each sample of a split.
-      rows: (folder, split, records of its samples in order) -> the lines; may write further files.
+      rows: (folder, split, reader of the records of its samples in order) -> the lines; may write further files.
       folders: of layers whose folder has another name.
       note: sample -> additions to its record, for `rows`.
       needs: a package that writing it needs.
+      about: text for the README about the files.
+      about_objects: more of it for a dataset with objects.
+      boxes: the file of a picture with the boxes of its objects, for this text.
     """
 
     path: str
     program: str
     metadata: str
-    rows: Callable[[Path, int, Iterable[Record]], Iterable[Record]]
+    rows: Callable[[Path, int, Records], Iterable[Record]]
     folders: Mapping[str, str] = {}
     note: Callable[[Sample], Record] = lambda sample: {}
     needs: str | None = None
+    about: str = ""
+    about_objects: str = ""
+    boxes: str | None = None
 
     def file(self, split: int, index: int, layer: str) -> str:
         """Returns the path of a picture in the folder."""
         path = _in_split(self.path, split).replace("NUMBER", f"{index:06d}")
         return path.replace("LAYER", self.folders.get(layer, layer))
 
-    def list_samples(self, folder: Path, split: int, records: Iterable[Record]) -> None:
+    def list_samples(self, folder: Path, split: int, read: Records) -> None:
         """Writes the files that list a split's samples."""
-        lines = (f"{json.dumps(row)}\n".encode() for row in self.rows(folder, split, records))
+        lines = (f"{json.dumps(row)}\n".encode() for row in self.rows(folder, split, read))
         write_atomic(folder / _in_split(self.metadata, split), lines)
+
+    def guide(self, split: int, *, objects: bool) -> str:
+        """Returns text for the README about the files, with those of a split as examples."""
+        return _in_split(self.about + (self.about_objects if objects else ""), split)
 
     def loading(self, split: int) -> str:
         """Returns a program that loads a split."""
@@ -120,15 +124,12 @@ def foreign_to_dataset(folder: Path) -> str | None:
     return foreign_file(folder, re.compile("|".join([_DESCRIBING, *patterns])).fullmatch)
 
 
-_SHORT = ("train", "val", "test")
-
-
 def _in_split(text: str, split: int) -> str:
-    return text.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
+    return text.replace("SPLIT", SPLITS[split]).replace("SHORT", SHORT_NAMES[split])
 
 
-def _imagefolder_rows(folder: Path, split: int, records: Iterable[Record]) -> Iterator[Record]:
-    for record in records:
+def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
+    for record in read():
         names = {
             f"{layer}_file_name": f"{layer}/{record['number']:06d}.png"
             for layer in ("image", "labels", *(["instances"] if "objects" in record else []))
@@ -141,80 +142,50 @@ def _imagefolder_rows(folder: Path, split: int, records: Iterable[Record]) -> It
         yield names | {key: value for key, value in record.items() if value != {}}
 
 
-def _coco_note(sample: Sample) -> Record:
-    labels = sample.layers["labels"]
-    classes = [_runs(labels == label) | {"category_id": label, "iscrowd": 1} for label in range(1, len(LABELS))]
-    found: Record = {"annotations": [one for one in classes if one["area"]]}
-    if "objects" in sample.record:
-        instances = sample.layers["instances"]
-        found["object_runs"] = [_runs(instances == one["instance"]) for one in sample.record["objects"]]
-    return found
+_COCO = """
+`annotations/SHORT.json` has an annotation for each class in a picture: all pixels of the class, run-length encoded as
+in COCO-Stuff. An image's `id` is the `number` in the metadata plus 1. `iscrowd` is 0 in all annotations."""
 
+_COCO_OBJECTS = r"""
 
-def _runs(mask: NDArray[np.bool_]) -> Record:
-    from pycocotools import mask as masks
+## Objects for detectors
 
-    runs = masks.encode(np.asfortranarray(mask, np.uint8))
-    counts = {"counts": runs["counts"].decode()}
-    return {"segmentation": runs | counts, "area": int(masks.area(runs)), "bbox": masks.toBbox(runs).tolist()}
+![A picture with the boxes of its objects](boxes.png)
 
+`annotations/objects_SHORT.json` has an annotation for each object that is seen. pycocotools turns the polygons in
+`segmentation` into exactly the object's pixels in `instances/SHORT`. An object that is hidden in part may have several
+polygons.
 
-def _coco_rows(folder: Path, split: int, records: Iterable[Record]) -> Iterator[Record]:
-    """Yields the records, then writes an annotation for each class of an image and for each object, and YOLO's text."""
-    images: list[Record] = []
-    annotations: list[Record] = []
-    objects: list[Record] = []
-    has_objects = False
-    for record in records:
-        index, found, runs = record["number"], record.pop("annotations"), record.pop("object_runs", None)
-        height, width = record["pixels"]
-        images.append({"id": index, "file_name": f"{index:06d}.png", "height": height, "width": width})
-        annotations += [{"image_id": index} | one for one in found]
-        if runs is not None:
-            has_objects = True
-            own = [_category(one) | shape for one, shape in zip(record["objects"], runs, strict=True)]
-            objects += [{"image_id": index} | one for one in own]
-            _write_yolo(folder / "labels" / _SHORT[split] / f"{index:06d}.txt", own, height, width)
-        yield record
-    categories = [{"id": index, "name": name} for index, name in enumerate(LABELS) if index]
-    _write_coco(folder / "annotations" / f"{_SHORT[split]}.json", images, annotations, categories)
-    if has_objects:
-        categories = [{"id": index + 1, "name": name} for index, name in enumerate(OBJECT_KINDS)]
-        _write_coco(folder / "annotations" / f"objects_{_SHORT[split]}.json", images, objects, categories)
-        _write_data(folder)
+For YOLO, `labels/SHORT` has a file of text for each picture in `images/SHORT`. A line of it is an object: the number of
+its class in `data.yaml`, x and y of the middle of its box, and the width and the height of the box. These are shares of
+the picture's width and height. Ultralytics reads them with this command:
 
+```sh
+yolo detect train data=DIR/data.yaml
+```
 
-def _write_coco(file: Path, images: list[Record], annotations: list[Record], categories: list[Record]) -> None:
-    numbered = [{"id": index} | one for index, one in enumerate(annotations, 1)]
-    table = {"images": images, "annotations": numbered, "categories": categories}
-    write_atomic(file, json.dumps(table).encode() + b"\n")
+If a split for training or validation is empty, `data.yaml` names another split instead, because Ultralytics needs both.
+`yolo segment` needs outlines in place of boxes. This program writes them over the boxes:
 
+```python
+import json
+from itertools import cycle
+from pathlib import Path
 
-def _category(one: Record) -> Record:
-    about = {name: one[name] for name in ("visible", "distance") if name in one}
-    return {"category_id": list(OBJECT_KINDS).index(base_kind(one["kind"])) + 1, "iscrowd": 0} | about
-
-
-def _write_yolo(file: Path, objects: list[Record], height: int, width: int) -> None:
-    """Writes a line for each object: its class from 0, and the middle and the size of its box as shares.
-
-    Ultralytics looks for it in labels/ if the picture is in images/.
-    """
-    lines = []
-    for one in objects:
-        x, y, wide, high = one["bbox"]
-        shares = (x + wide / 2) / width, (y + high / 2) / height, wide / width, high / height
-        lines.append(" ".join([str(one["category_id"] - 1), *(f"{share:.6f}" for share in shares)]) + "\n")
-    write_atomic(file, "".join(lines).encode())
-
-
-def _write_data(folder: Path) -> None:
-    """Writes the file that Ultralytics reads, with the splits that are there."""
-    splits = [split for split in _SHORT if (folder / "images" / split).is_dir()]
-    lines = ["path: .", *(f"{split}: images/{split}" for split in splits), "names:"]
-    lines += [f"  {index}: {name}" for index, name in enumerate(OBJECT_KINDS)]
-    write_atomic(folder / "data.yaml", "\n".join(lines).encode() + b"\n")
-
+for file in Path("DIR/annotations").glob("objects_*.json"):
+    table = json.loads(file.read_text())
+    lines = {image["id"]: "" for image in table["images"]}
+    sides = {image["id"]: (image["width"], image["height"]) for image in table["images"]}
+    for one in table["annotations"]:
+        start, outline = one["segmentation"][0][:2], []
+        for polygon in one["segmentation"]:  # joined by lines from the start to each and back
+            outline += [*polygon, *polygon[:2], *start]
+        shares = [f"{value / side:.6f}" for value, side in zip(outline, cycle(sides[one["image_id"]]))]
+        lines[one["image_id"]] += " ".join([str(one["category_id"] - 1), *shares]) + "\n"
+    for image in table["images"]:
+        labels = Path("DIR/labels") / file.stem.removeprefix("objects_") / image["file_name"]
+        labels.with_suffix(".txt").write_text(lines[image["id"]])
+```"""
 
 LAYOUTS = {
     "imagefolder": Layout(
@@ -236,10 +207,13 @@ LAYOUTS = {
         'masks = [coco.annToMask(one) for one in coco.loadAnns(coco.getAnnIds(image["id"]))]\n'
         'print(image["file_name"], len(masks))',
         "metadata/SHORT.jsonl",
-        _coco_rows,
+        coco_rows,
         folders={"image": "images"},
-        note=_coco_note,
+        note=annotate,
         needs="pycocotools",
+        about=_COCO,
+        about_objects=_COCO_OBJECTS,
+        boxes="boxes.png",
     ),
 }
 """The layouts, by the names that ``--format`` takes."""

@@ -19,7 +19,7 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._card import sample_sheet, write_card
+from elitelanes_jax.dataset._card import draw_boxes, sample_sheet, write_card
 from elitelanes_jax.dataset._layouts import RECORD, Layout, find_layout, foreign_to_dataset, write_sample
 from elitelanes_jax.dataset._plan import evolve_maps, split_maps
 from elitelanes_jax.dataset._samples import draw_sample
@@ -36,6 +36,7 @@ from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 _ON_SHEET = 12
+_BLOCK = 1000  # samples that are listed at once, and whose records share a folder
 
 
 class _Drawing(NamedTuple):
@@ -46,7 +47,7 @@ class _Drawing(NamedTuple):
       maps: of the dataset.
       tiles: to draw them with.
       objects: whose pictures to draw the maps' objects with; None to leave them out.
-      splits: int ``[samples]``, the split of each sample.
+      splits: int ``[maps]``, the split of each map.
       files: the folder for the pictures.
       records: the folder for the records. A sample is complete when its record exists.
     """
@@ -59,14 +60,38 @@ class _Drawing(NamedTuple):
     files: Path
     records: Path
 
-    def record(self, index: int) -> Path:
+    @property
+    def total(self) -> int:
+        """The number of samples."""
+        return len(self.maps) * self.spec.views
+
+    def record_file(self, index: int) -> Path:
         """Returns the file of a sample's record."""
-        return self.records / f"{index // 1000:03d}" / f"{index:06d}.json"
+        return self.records / f"{index // _BLOCK:03d}" / f"{index:06d}.json"
+
+    def read_record(self, index: int) -> dict[str, Plain]:
+        """Reads the record of a sample."""
+        return json.loads(self.record_file(index).read_text(encoding="utf-8"))
+
+    def read_split(self, split: int) -> Iterator[dict[str, Plain]]:
+        """Reads the records of a split's samples, in order."""
+        for first in (np.flatnonzero(self.splits == split) * self.spec.views).tolist():
+            yield from map(self.read_record, range(first, first + self.spec.views))
+
+    def count_drawn(self) -> int:
+        """Counts the samples that an earlier run has drawn."""
+        return sum(1 for _ in self.records.glob("*/[0-9]*.json"))
+
+    def missing(self) -> Iterator[list[int]]:
+        """Yields the samples that are not drawn yet, some at a time: a list of all may not fit into memory."""
+        for first in range(0, self.total, _BLOCK):
+            block = range(first, min(first + _BLOCK, self.total))
+            yield [index for index in block if not self.record_file(index).exists()]
 
     def draw(self, index: int) -> None:
         """Draws a sample, and writes its pictures, then its record."""
-        spec, split, layout = self.spec, int(self.splits[index]), find_layout(self.spec.format)
-        road_map = self.maps[index // spec.views]
+        spec, layout = self.spec, find_layout(self.spec.format)
+        road_map, split = self.maps[index // spec.views], int(self.splits[index // spec.views])
         if spec.furnish is not None:
             seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
             place = partial(furnish, spec=spec.furnish, seed=seed)
@@ -82,7 +107,7 @@ class _Drawing(NamedTuple):
             objects=self.objects,
         )
         write_sample(sample, layout, split, self.files)
-        write_atomic(self.record(index), json.dumps(sample.record | layout.note(sample)).encode())
+        write_atomic(self.record_file(index), json.dumps(sample.record | layout.note(sample)).encode())
 
 
 def make_dataset(
@@ -144,14 +169,14 @@ def make_dataset(
             remove(work.kept)
             raise
         _resume_pictures(out, work, identity, force)
-        splits = np.repeat(split_maps(spec, maps), spec.views)
+        splits = split_maps(spec, maps)
         drawing = _Drawing(spec, maps, tiles, objects, splits, work.files, work.kept / "records")
-        waiting = [index for index in range(len(splits)) if not drawing.record(index).exists()]
-        with Progress("drawing", len(splits), "pictures", done=len(splits) - len(waiting)) as bar:
-            calls = (partial(drawing.draw, index) for index in waiting)
+        with Progress("drawing", drawing.total, "pictures", done=drawing.count_drawn()) as bar:
             try:
                 with _one_thread_each():
-                    side_by_side(calls, workers=workers, ended=lambda _: bar.count())
+                    for indices in drawing.missing():
+                        calls = (partial(drawing.draw, index) for index in indices)
+                        side_by_side(calls, workers=workers, ended=lambda _: bar.count())
             except InputError as error:  # the objects do not fit
                 _delete_pictures(work)
                 if own is not None:
@@ -245,40 +270,39 @@ def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
     spec, splits, out = drawing.spec, drawing.splits, drawing.files
     layout = find_layout(spec.format)
     pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
-
-    def read(index: int) -> dict[str, Plain]:
-        return json.loads(drawing.record(index).read_text(encoding="utf-8"))
-
-    def count_pixels(split: int) -> Iterator[dict[str, Plain]]:
-        for one in map(read, np.flatnonzero(splits == split).tolist()):
-            pixels[SPLITS[split]] += one["class_pixels"]
-            yield one
-
     for split in np.unique(splits).tolist():
-        layout.list_samples(out, split, count_pixels(split))
+        for record in drawing.read_split(split):
+            pixels[SPLITS[split]] += record["class_pixels"]
+        layout.list_samples(out, split, partial(drawing.read_split, split))
     about = identity | {
-        "pictures": {name: int((splits == split).sum()) for split, name in enumerate(SPLITS)},
+        "pictures": {name: int((splits == split).sum()) * spec.views for split, name in enumerate(SPLITS)},
         "classes": [
             {"label": label, "name": name, "colour": colour}
             for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
         ],
         "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
     }
-    first, count = int(splits.min()), min(_ON_SHEET, len(splits))
+    first, count = int(splits.min()), min(_ON_SHEET, drawing.total)
+    shown = [drawing.read_record(row * drawing.total // count) for row in range(count)]
+    guide = layout.guide(first, objects=drawing.objects is not None)
     programs = layout.loading(first), layout.loading_arrays(first, poses=spec.camera is not None)
-    write_atomic(out / "README.md", write_card(about, *programs).encode())
-    shown = [_on_sheet(read(row * len(splits) // count), splits, layout) for row in range(count)]
+    write_atomic(out / "README.md", write_card(about, *programs, guide).encode())
+    entries = [_on_sheet(record, drawing, layout) for record in shown]
     shape = spec.camera.rows / spec.camera.columns if spec.camera else 1
-    sheet = sample_sheet(out, shown, f"{count} of {len(splits)} pictures", shape)
+    sheet = sample_sheet(out, entries, f"{count} of {drawing.total} pictures", shape)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
+    if layout.boxes is not None and drawing.objects is not None:
+        fullest = max(shown, key=lambda record: len(record["objects"]))
+        image, *_ = _on_sheet(fullest, drawing, layout)
+        write_atomic(out / layout.boxes, png_of(draw_boxes(out / image, fullest["objects"])))
     write_json(out / RECORD, about)
     return read_json(out / RECORD)
 
 
-def _on_sheet(record: dict[str, Plain], splits: NDArray[np.int_], layout: Layout) -> tuple[str, str, tuple[str, ...]]:
+def _on_sheet(record: dict[str, Plain], drawing: _Drawing, layout: Layout) -> tuple[str, str, tuple[str, ...]]:
     """Returns the files of a sample's image and labels, and its lines on the sheet."""
     index, metrics = record["number"], record.get("metrics", {})
-    split, (height, width) = int(splits[index]), record["size"]
+    split, (height, width) = int(drawing.splits[index // drawing.spec.views]), record["size"]
     image, labels = (layout.file(split, index, layer) for layer in ("image", "labels"))
     figures = ", ".join(f"{name} {metrics[name]}" for name in ("cyclomatic", "crossings", "bridges") if name in metrics)
     return image, labels, (f"{index:06d}, {SPLITS[split]}, {height} x {width} tiles", figures)

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from elitelanes_jax.dataset import STANDARD
 from elitelanes_jax.dataset._card import sample_sheet
 from elitelanes_jax.dataset._layouts import write_sample
 from elitelanes_jax.dataset._plan import _Size, split_maps
+from elitelanes_jax.dataset._samples import Sample
 from elitelanes_jax.dataset._views import View, warp
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.spec import SPLITS
@@ -230,7 +232,7 @@ def test_pycocotools_loads_it(given, tmp_path):
     assert pictures == same
     for split, count in (("train", 6), ("val", 3), ("test", 3)):
         loaded = coco.COCO(str(out / "annotations" / f"{split}.json"))
-        assert len(loaded.getImgIds()) == count
+        assert len(loaded.getImgIds()) == count and 0 not in loaded.getImgIds()
         for image in loaded.loadImgs(loaded.getImgIds()):
             labels = read_picture(out / "labels" / split / image["file_name"])
             assert read_picture(out / "images" / split / image["file_name"]).shape[:2] == (
@@ -252,6 +254,30 @@ def test_all_views_of_a_map_are_in_one_split(tmp_path):
     maps = {split: {json.dumps(row["codes"]) for row in found} for split, found in rows.items()}
     assert sum(map(len, maps.values())) == len(set.union(*maps.values())) == 12
     assert len({json.dumps(row["transform"]["matrix"]) for found in rows.values() for row in found}) == 36
+
+
+def test_memory_does_not_depend_on_the_number_of_views(tmp_path, monkeypatch):
+    """Two thousand million views of 12 maps, until the disk is full."""
+    drawn = []
+
+    def draw_quickly(*_, **__):
+        return Sample({}, {"number": len(drawn)})
+
+    def full_disk(*_):
+        drawn.append(1)
+        if len(drawn) > 1200:
+            raise OSError(28, "No space left on device", "picture")
+
+    monkeypatch.setattr("elitelanes_jax.dataset.make.draw_sample", draw_quickly)
+    monkeypatch.setattr("elitelanes_jax.dataset.make.write_sample", full_disk)
+    spec = small(views=2 * 10**9)
+    tracemalloc.start()
+    for _ in range(2):
+        with pytest.raises(OSError, match="No space left"):
+            make_dataset(spec, tmp_path / "out", workers=2)
+    assert tracemalloc.get_traced_memory()[1] < 2e8
+    tracemalloc.stop()
+    assert len(drawn) >= 1202
 
 
 def test_each_niche_is_split_in_the_same_shares():

@@ -176,7 +176,7 @@ def check_coco(out, rows):
     assert [one["name"] for one in coco.loadCats(coco.getCatIds())] == list(OBJECT_KINDS)
     for row in rows:
         instances = cv2.imread(str(out / f"instances/train/{row['number']:06d}.png"), cv2.IMREAD_UNCHANGED)
-        annotations = coco.loadAnns(coco.getAnnIds(row["number"]))
+        annotations = coco.loadAnns(coco.getAnnIds(row["number"] + 1))
         lines = (out / f"labels/train/{row['number']:06d}.txt").read_text().splitlines()
         assert len(annotations) == len(lines) == len(row["objects"])
         for annotation, line, one in zip(annotations, lines, row["objects"], strict=True):

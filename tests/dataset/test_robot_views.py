@@ -1,8 +1,5 @@
 """Views from a robot: the lanes' own figures, the camera of the environments, and datasets to the same bytes."""
 
-import re
-from pathlib import Path
-
 import cv2
 import jax
 import jax.numpy as jnp
@@ -112,11 +109,7 @@ def test_the_card_loads_arrays(layout, camera, tmp_path, capsys, monkeypatch):
         spec = DatasetSpec(maps_from=[TOWN], views=4, split=(1, 0, 0), tile_px=16, transforms="none", format=layout)
         make_dataset(spec, tmp_path / "one", workers=1)
     card = (tmp_path / "one" / "README.md").read_text()
-    _, found_title, measured = card.partition("## What such views teach")
-    assert bool(found_title) == camera
-    page = (Path(__file__).parents[2] / "docs" / "perception.md").read_text()
-    figures = re.findall(r"\d[\d.,]*\d", measured.partition("##")[0])
-    assert (len(figures) > 8) == camera and not [figure for figure in figures if figure not in page]
+    assert "gym-duckietown" not in card  # it says nothing of networks that learned from other pictures
     (program,) = [text for _, text in blocks(card, "python") if "rows" in text][-1:]
     assert len([line for line in program.splitlines() if line]) <= 9
     found = {}

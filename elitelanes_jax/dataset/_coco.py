@@ -1,0 +1,201 @@
+"""COCO's annotations of a dataset, and YOLO's text.
+
+The classes of pixels are annotated as in COCO-Stuff: one annotation of a picture for each class, run-length encoded.
+Objects are annotated as in COCO: one annotation for each object, with polygons. No annotation is of a crowd, because
+pycocotools scores no crowds and most loaders skip them.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Bool
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._samples import Sample
+from elitelanes_jax.formats.objects import OBJECT_KINDS, base_kind
+from elitelanes_jax.tiles.rendering import LABELS
+
+Record = dict[str, Plain]
+Records = Callable[[], Iterable[Record]]
+"""Reads the records of a split's samples anew, one after another, so that no file needs all of them in memory."""
+
+SHORT_NAMES = ("train", "val", "test")
+"""The usual short names of the splits."""
+
+
+def annotate(sample: Sample) -> Record:
+    """Returns the annotations of a sample's classes, and of its objects if it has any."""
+    labels = sample.layers["labels"]
+    present = [label for label in range(1, len(LABELS)) if (labels == label).any()]
+    note: Record = {"classes": [{"category_id": label} | _runs(labels == label) for label in present]}
+    if "objects" in sample.record:
+        instances = sample.layers["instances"]
+        note["outlines"] = [_polygons(instances == thing["instance"]) for thing in sample.record["objects"]]
+    return note
+
+
+def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
+    """Writes the annotations of a split, and YOLO's text if there are objects; yields the lines of its metadata."""
+    name = SHORT_NAMES[split]
+    classes = [{"id": label, "name": title} for label, title in enumerate(LABELS) if label]
+    _write_coco(folder / "annotations" / f"{name}.json", read, _class_annotations, classes)
+    if "outlines" in next(iter(read()), {}):  # all records have them, or none has
+        kinds = [{"id": index, "name": kind} for index, kind in enumerate(OBJECT_KINDS, 1)]
+        _write_coco(folder / "annotations" / f"objects_{name}.json", read, _object_annotations, kinds)
+        for record in read():
+            _write_yolo(folder / "labels" / name / f"{record['number']:06d}.txt", record)
+        _write_data(folder)
+    for record in read():
+        yield {key: value for key, value in record.items() if key not in ("classes", "outlines")}
+
+
+def _class_annotations(record: Record) -> list[Record]:
+    return [{"image_id": _image_id(record), "iscrowd": 0} | annotation for annotation in record["classes"]]
+
+
+def _object_annotations(record: Record) -> list[Record]:
+    annotations = []
+    for thing, outline in zip(record["objects"], record["outlines"], strict=True):
+        about = {name: thing[name] for name in ("visible", "distance") if name in thing}
+        annotation = {"image_id": _image_id(record), "category_id": _kind_number(thing) + 1, "iscrowd": 0} | about
+        annotations.append(annotation | outline | {"bbox": thing["box"]})
+    return annotations
+
+
+def _image_id(record: Record) -> int:
+    """Returns the number of a sample from 1, because some readers take 0 for no image."""
+    return record["number"] + 1
+
+
+def _kind_number(thing: Record) -> int:
+    return list(OBJECT_KINDS).index(base_kind(thing["kind"]))
+
+
+def _write_coco(
+    file: Path, read: Records, annotations_of: Callable[[Record], list[Record]], categories: Sequence[Record]
+) -> None:
+    def images() -> Iterator[Record]:
+        for record in read():
+            height, width = record["pixels"]
+            name = f"{record['number']:06d}.png"
+            yield {"id": _image_id(record), "file_name": name, "height": height, "width": width}
+
+    def annotations() -> Iterator[Record]:
+        number = 0
+        for record in read():
+            for annotation in annotations_of(record):
+                number += 1
+                yield {"id": number} | annotation
+
+    def parts() -> Iterator[str]:
+        # pycocotools asks for `info` when it loads results.
+        yield '{"info": {"description": "Elite Lanes JAX"}, "licenses": [], "images": ['
+        yield from _joined(images())
+        yield '], "annotations": ['
+        yield from _joined(annotations())
+        yield f'], "categories": {json.dumps(categories)}}}\n'
+
+    write_atomic(file, (part.encode() for part in parts()))
+
+
+def _joined(rows: Iterable[Record]) -> Iterator[str]:
+    separator = ""
+    for row in rows:
+        yield separator + json.dumps(row)
+        separator = ", "
+
+
+def _write_yolo(file: Path, record: Record) -> None:
+    """Writes a line for each object: its class from 0, and the middle and the size of its box as shares.
+
+    Ultralytics looks for it in labels/ if the picture is in images/.
+    """
+    height, width = record["pixels"]
+    lines = []
+    for thing in record["objects"]:
+        x, y, wide, high = thing["box"]
+        shares = (x + wide / 2) / width, (y + high / 2) / height, wide / width, high / height
+        lines.append(" ".join([str(_kind_number(thing)), *(f"{share:.6f}" for share in shares)]) + "\n")
+    write_atomic(file, "".join(lines).encode())
+
+
+def _write_data(folder: Path) -> None:
+    """Writes the file that Ultralytics reads. Paths in it are relative to it, because it names no other folder.
+
+    Ultralytics asks for `train` and `val`. Without pictures of its own, each has those of another split.
+    """
+    splits = [name for name in SHORT_NAMES if (folder / "images" / name).is_dir()]
+    lines = []
+    for name in SHORT_NAMES:
+        if name in splits:
+            lines.append(f"{name}: images/{name}")
+        elif name != "test":
+            lines.append(f"{name}: images/{splits[0]} # this split is empty")
+    lines += ["names:", *(f"  {index}: {name}" for index, name in enumerate(OBJECT_KINDS))]
+    write_atomic(folder / "data.yaml", "\n".join(lines).encode() + b"\n")
+
+
+def _runs(mask: Bool[NDArray, "h w"]) -> Record:
+    from pycocotools import mask as masks
+
+    runs = masks.encode(np.asfortranarray(mask, np.uint8))
+    counts = {"counts": runs["counts"].decode()}
+    return {"segmentation": runs | counts, "area": int(masks.area(runs)), "bbox": masks.toBbox(runs).tolist()}
+
+
+def _polygons(mask: Bool[NDArray, "h w"]) -> Record:
+    """Returns polygons that cover exactly the pixels of a mask, and their area.
+
+    Each piece of pixels with common sides has a polygon along the pixels' sides. COCO's polygons have no holes, so the
+    polygon visits each hole along a line to it and back, which encloses nothing.
+    """
+    count, pieces, boxes, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    polygons = []
+    for piece in range(1, count):
+        left, top, wide, high = boxes[piece, :4]
+        outline, *holes = _loops(pieces[top : top + high, left : left + wide] == piece)
+        start = outline[0]
+        for hole in holes:
+            outline += [start, *hole, hole[0]]
+        polygons.append(np.add(outline, (left, top)).ravel().tolist())
+    return {"segmentation": polygons, "area": int(mask.sum())}
+
+
+def _loops(mask: Bool[NDArray, "h w"]) -> list[list[list[int]]]:
+    """Returns the borders of one piece of pixels: loops of corners (x, y), the outer one first.
+
+    A border turns at a corner of pixels if one or three of the four pixels around it are in the mask. It turns twice,
+    in two visits, if two opposite ones are. Along each row and each column of corners, the first turn is joined with
+    the second, the third with the fourth, and so on.
+    """
+    padded = np.pad(mask, 1)
+    northwest, northeast = padded[:-1, :-1], padded[:-1, 1:]
+    southwest, southeast = padded[1:, :-1], padded[1:, 1:]
+    once = northwest ^ northeast ^ southwest ^ southeast
+    twice = (northwest == southeast) & (northeast == southwest) & (northwest != northeast)
+    row, column = np.nonzero(once | twice)
+    corner = np.repeat(np.arange(len(row)), 1 + twice[row, column])
+    second = np.append(False, corner[1:] == corner[:-1])
+    # Of two visits, one leads up and one down, so that pixels that touch at a corner alone are not joined there.
+    rises = (twice & northeast)[row, column][corner]
+    by_column = np.lexsort((second ^ rises, row[corner], column[corner]))
+    neighbour = np.arange(len(corner)) ^ 1
+    across, down = neighbour.tolist(), np.empty(len(corner), int)
+    down[by_column] = by_column[neighbour]
+    points = np.column_stack([column, row])[corner].tolist()
+    loops, visited = [], np.zeros(len(corner), bool)
+    for first in range(len(corner)):
+        loop, turn = [], first
+        while not visited[turn]:
+            ahead = across[turn]
+            visited[turn] = visited[ahead] = True
+            loop += [points[turn], points[ahead]]
+            turn = down[ahead]
+        if loop:
+            loops.append(loop)
+    return loops
