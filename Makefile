@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare optimum certify segmentation perception photographs detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -99,6 +99,20 @@ mujoco: .venv-mujoco/.ready
 # POGEMA, called from ours as a program.
 pogema: $(READY) .venv-pogema/.ready
 	$(BIN)/python -m pytest -m slow tests/formats/test_robots_maps.py
+
+# Ultralytics and PyTorch, called from ours as programs.
+yolo: $(READY) .venv-yolo/.ready
+	$(BIN)/python -m pytest -m slow tests/dataset/test_training.py
+
+# Ultralytics asks for packages that only its commands need, and for an OpenCV with windows.
+.venv-yolo/.ready:
+	rm -rf .venv-yolo
+	$(PYTHON) -m venv .venv-yolo
+	.venv-yolo/bin/python -m pip install --quiet --disable-pip-version-check torch==2.13.0 opencv-python-headless \
+	  matplotlib pillow polars psutil pyyaml requests
+	.venv-yolo/bin/python -m pip install --quiet --disable-pip-version-check --no-deps torchvision==0.28.0 \
+	  ultralytics==8.4.190
+	touch $@
 
 .venv-pogema/.ready:
 	rm -rf .venv-pogema

@@ -43,6 +43,7 @@ PROGRAMS = [
     for page in PAGES
     if page not in RUN_ELSEWHERE
     for _, text in blocks(PAGES[page], "python")
+    if "import torch" not in text  # make yolo runs it
 ]
 
 # What a program imports that not every environment has.
