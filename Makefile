@@ -80,7 +80,7 @@ PACK-town := --style town --size 9 9 --evaluations 50000
 PACK-paper := --style paper --size 12 12 --evaluations 50000
 PACK-city := --style town --size 24 24 --evaluations 20000
 PACK-hard := --size 12 12 --where cyclomatic=1..14 straight_share=..0.6 --evaluations 100000
-PACKED := opendrive duckietown mujoco nav2 movingai
+PACKED := opendrive duckietown mujoco movingai
 
 pack-town: results/packs/town
 pack-paper: results/packs/paper

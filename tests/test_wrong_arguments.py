@@ -61,7 +61,6 @@ from elitelanes_jax.formats import (
     to_gltf,
     to_lanelet2,
     to_movingai,
-    to_nav2,
     to_opendrive,
     to_sumo,
 )
@@ -156,7 +155,6 @@ WRONG = {
     "file: expected a name that ends in .png, got map.json": lambda: write_png("map.json", np.zeros((4, 4), np.uint8)),
     "moves: expected names of letters, digits and _ that no other": lambda: evolve(0, moves={3: (1, 2)}),
     "user_moves: mine: expected a weight and a Move, got 3": lambda: MoveWeights(user_moves={"mine": 3}),
-    "cells: expected at most 1,073,741,824 in all, got": lambda: to_nav2(np.full((1024, 1024), 15), "map.pgm"),
     "cells: expected at most 33,554,432 in all, got": lambda: to_movingai(np.full((99, 99), 15), "map", cells=64),
     "map: expected one map, got 2": lambda: to_dt_maps([GRID, GRID]),
     "to: expected one of duckietown, dt-maps, sumo": lambda: PackSpec(to=3),

@@ -19,7 +19,7 @@ LARGEST = 2**30
 """The largest whole number of a user, so that the difference of two fits 32 bits."""
 
 _FILES: tuple[str, ...] = (".csv", ".gif", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log", ".md")
-_FILES += (".geojson", ".glb", ".map", ".osm", ".pgm", ".scen")
+_FILES += (".glb", ".map", ".osm", ".scen")
 _FILES += (".npy", ".npz", ".pdf", ".png", ".py", ".svg", ".tar", ".toml", ".txt", ".xml", ".xodr", ".yaml", ".yml")
 _FILES += (".zip",)
 

@@ -10,7 +10,6 @@ from .graph import tile_graph as tile_graph
 from .lanelet2 import to_lanelet2 as to_lanelet2
 from .movingai import to_movingai as to_movingai
 from .mujoco import to_mjcf as to_mjcf
-from .nav2 import to_nav2 as to_nav2
 from .objects import OBJECT_KINDS as OBJECT_KINDS
 from .objects import MapObject as MapObject
 from .objects import ObjectKind as ObjectKind

@@ -10,11 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.checks import name as is_name
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax.formats.nav2 import road_cells
 from elitelanes_jax.formats.streets import no_road
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.movements import linked_codes
+from elitelanes_jax.network.roads import on_road
 
 _STARTS = 10  # of each, as many goals
 _BUCKET = 4  # lengths that share a bucket
@@ -48,7 +50,7 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
     """
     if "\t" in check_named("name", is_name, name) or len(name.splitlines()) > 1:
         raise InputError(f"name: expected no tab and no line break, got {shorten(repr(name))}")
-    road = road_cells(codes, cells, _MOST_CELLS)
+    road = _road_cells(codes, cells)
     if not road.any():
         raise no_road()
     height, width = road.shape
@@ -58,6 +60,24 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
         for length, start, goal in _tasks(road)
     ]
     return MovingAI(f"type octile\nheight {height}\nwidth {width}\nmap\n{rows}", "version 1\n" + "".join(lines))
+
+
+def _road_cells(codes: ArrayLike, cells: int) -> Bool[NDArray, "H W"]:
+    """Returns whether the centre of each cell is on the road; the first row is north.
+
+    With 5 `cells` or more along a tile's side, cells of neighbours that are not linked do not touch.
+
+    Raises:
+      InputError: for a bad grid, `cells` that are not 5 to 256, or over `_MOST_CELLS` in all.
+    """
+    cells = check_named("cells", whole(5, 256), cells)
+    links = linked_codes(np.asarray(check_grid(codes)))
+    if links.size * cells**2 > _MOST_CELLS:
+        raise InputError(f"cells: expected at most {_MOST_CELLS:,} in all, got {links.size * cells**2:,}")
+    centres = (np.arange(cells) + 0.5) / cells
+    tiles = on_road(np.arange(16)[:, None, None], centres, centres[:, None])
+    height, width = links.shape
+    return np.asarray(tiles[links].swapaxes(1, 2).reshape(height * cells, width * cells))
 
 
 def _tasks(road: Bool[NDArray, "H W"]) -> list[tuple[float, list[int], list[int]]]:

@@ -110,11 +110,6 @@ FORMATS = {
     "commonroad": Format((".xml",), lambda one, _, **how: formats.to_commonroad(one, _streets(how)), _STREETS),
     "gltf": Format((".glb",), lambda one, _, **how: formats.to_gltf(one.codes.shape, *_floor(one, **how)), _FLOOR),
     "mujoco": Format((".xml", ".png"), _mujoco, _FLOOR),
-    "nav2": Format(
-        (".pgm", ".yaml", ".geojson"),
-        lambda one, name, **how: formats.to_nav2(one.codes, f"{name}.pgm", **how),
-        ("tile_size", "cells"),
-    ),
     "movingai": Format(
         (".map", ".scen"), lambda one, name, **how: formats.to_movingai(one.codes, f"{name}.map", **how), ("cells",)
     ),
@@ -140,7 +135,7 @@ class FormatOptions(Record):
       right_of_way: at a network's crossings: allway_stop (the default), priority, right_before_left, traffic_light
       tiles: folder of the tile pictures of a floor; by default the package's own
       tile_px: side of a tile in a floor's picture, in pixels; by default 64
-      cells: cells of a robot's map along a tile's side, 5 to 256; by default 39 for nav2, 5 for movingai
+      cells: cells of a robot's map along a tile's side, 5 to 256; by default 5
     """
 
     tile_size: float | None = option(None, _metres, "METRES")

@@ -90,7 +90,7 @@ def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
     Path(strange).write_text('{"codes": [[4, 1], [0, 0]]}')
     for options, message in (
         ([*maps, "--to", "sumo", "--out", out + ".Nod.xml"], "--out: expected a folder, got "),
-        ([*maps, same, "--to", "nav2"], "expected maps of different names, got two for 0000"),
+        ([*maps, same, "--to", "movingai"], "expected maps of different names, got two for 0000"),
         ([maps[0], strange, "--to", "duckietown"], r"a\nmap.json: grid: expected tiles with two or more"),
     ):
         assert main(["export", "--out", out, *options]) == 2

@@ -1,6 +1,5 @@
-"""Maps for robots: nav2's and MovingAI's files, by readers of their formats' rules, and the graph of lanes in them."""
+"""Maps for robots: MovingAI's files, by a reader of their format's rules; and the graph of lanes."""
 
-import json
 import math
 import subprocess
 from pathlib import Path
@@ -8,16 +7,15 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 import pytest
-import yaml
 from conftest import grids
 from hypothesis import assume, example, given, settings
 from oracle import road_graph
 from simulator_maps import KNOT
 
-from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax import InputError
 from elitelanes_jax.drive import lane_nodes, movements
-from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point, on_road
-from elitelanes_jax.formats import to_movingai, to_nav2
+from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
+from elitelanes_jax.formats import to_movingai
 from elitelanes_jax.formats.streets import LENGTHS, lane_graph, lane_points
 from elitelanes_jax.network import wfc
 from elitelanes_jax.network.movements import linked_codes
@@ -44,74 +42,10 @@ def test_the_graph_of_lanes_is_that_of_the_drive_room(grid):
 
 
 def test_a_map_without_a_lane_is_refused():
-    for write in (lane_graph, lambda codes: to_nav2(codes, "town.pgm")):
-        with pytest.raises(InputError, match="expected a lane"):
-            write([[4, 1], [0, 0]])
+    with pytest.raises(InputError, match="expected a lane"):
+        lane_graph([[4, 1], [0, 0]])
     with pytest.raises(InputError, match="expected a road"):
         to_movingai([[0, 0], [0, 0]], "town.map")
-
-
-def read_pgm(content):
-    """A binary PGM as its format says: magic, width, height and the largest value, then the rows from the top."""
-    magic, size, largest, pixels = content.split(b"\n", 3)
-    width, height = map(int, size.split())
-    assert (magic, largest, len(pixels)) == (b"P5", b"255", width * height)
-    return np.frombuffer(pixels, np.uint8).reshape(height, width)
-
-
-def test_the_map_server_finds_what_is_free_where_the_road_is():
-    """A pixel is free or occupied by the rules of nav2's map server, at the place that they give it."""
-    grid, about, _ = made = to_nav2(TOWN, "town.pgm", cells=20)
-    assert made == to_nav2(RoadMap(TOWN), "town.pgm", cells=20)
-    pixels, rules = read_pgm(grid), yaml.safe_load(about)
-    assert rules["image"] == "town.pgm" and rules["mode"] == "trinary" and rules["negate"] == 0
-    height = len(TOWN)
-    assert pixels.shape[0] * rules["resolution"] == pytest.approx(0.585 * height)
-    occupancy = (255 - pixels / 1) / 255
-    free, occupied = occupancy < rules["free_thresh"], occupancy > rules["occupied_thresh"]
-    assert (free != occupied).all()
-    x = rules["origin"][0] + (np.arange(pixels.shape[1]) + 0.5) * rules["resolution"]
-    y = rules["origin"][1] + (pixels.shape[0] - np.arange(pixels.shape[0]) - 0.5) * rules["resolution"]
-    east, south = np.meshgrid(x / 0.585, height - y / 0.585)
-    codes = linked_codes(TOWN)[south.astype(int), east.astype(int)]
-    np.testing.assert_array_equal(free, np.asarray(on_road(codes, east % 1, south % 1)))
-
-
-@settings(max_examples=30)
-@given(grids())
-@example(TOWN)
-@example(KNOT)
-def test_the_route_server_finds_the_lanes(grid):
-    """Read as nav2's route server does: nodes are points, edges lines, numbers are unique among both."""
-    assume(np.asarray(movements(grid)).any())
-    features = json.loads(to_nav2(grid, "town.pgm", tile_size=2).graph)["features"]
-    numbers = [feature["properties"]["id"] for feature in features]
-    assert len(set(numbers)) == len(numbers)
-    found = nx.DiGraph()
-    for feature in features:  # nodes come first
-        about, geometry = feature["properties"], feature["geometry"]
-        if geometry["type"] == "Point":
-            assert about["frame"] == "map"
-            found.add_node(about["id"], at=complex(*geometry["coordinates"]))
-            continue
-        assert geometry["type"] == "MultiLineString"
-        (line,) = geometry["coordinates"]
-        start, end = (complex(*place) for place in line)
-        assert (found.nodes[about["startid"]]["at"], found.nodes[about["endid"]]["at"]) == (start, end)
-        assert abs(end - start) - 1e-5 <= about["cost"] < 1.02 * abs(end - start)
-        found.add_edge(about["startid"], about["endid"], cost=about["cost"])
-    graph = lane_graph(grid)
-    expected = nx.DiGraph()
-    used = sorted(set(graph.edges.ravel().tolist()))
-    expected.add_nodes_from(used)
-    for (start, end), turn in zip(graph.edges.tolist(), graph.turns, strict=True):
-        expected.add_edge(start, end, cost=2 * LENGTHS[turn])
-    assert set(used) <= set(found)
-    for start in used[:5]:
-        ours = nx.single_source_dijkstra_path_length(expected, start, weight="cost")
-        theirs = nx.single_source_dijkstra_path_length(found, start, weight="cost")
-        assert {node: theirs.get(node) for node in used if node in ours} == pytest.approx(ours, abs=1e-3)
-        assert set(theirs) & set(used) == set(ours)
 
 
 def read_movingai(text):
