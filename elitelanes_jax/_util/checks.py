@@ -104,6 +104,16 @@ def name(value: UserValue) -> str:
     return value
 
 
+def text_name(value: UserValue) -> str:
+    """Checks for a text that is not blank and that UTF-8 can hold; the name of a file may have other bytes."""
+    text = name(value)
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise InputError(f"expected a name in UTF-8, got {shorten(repr(text))}") from None
+    return text
+
+
 def xml_name(value: UserValue) -> str:
     """Checks for a text that is not blank, of characters that XML 1.0 allows (section 2.2)."""
     if re.search(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name(value)):

@@ -41,6 +41,19 @@ def read_text(file: str | Path, limit: int) -> str:
     return read_bytes(file, limit).decode("utf-8-sig")
 
 
+def read_input(file: str | Path, limit: int, kind: str) -> str:
+    """Reads a file that a user names, see `read_text`; `kind`, such as JSON, is for messages.
+
+    Raises:
+      InputError: if it cannot be read; the message names the file.
+    """
+    try:
+        return read_text(file, limit)
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{file}: expected a readable {kind} file, got: {why}") from None
+
+
 def read_json(file: str | Path) -> Plain:
     """Reads a file of JSON, at most 32 MiB; see `read_text` and `parse_json` for the errors."""
     return parse_json(read_text(file, 32 * MIB))

@@ -110,7 +110,10 @@ class _Cores(argparse.Action):
 
 # The arguments that several commands have, by name.
 _SHARED: dict[str, dict[str, Untyped]] = {
-    "map": {"type": checked_by(path), "help": "a map.json, any JSON file with codes, or a Duckietown map, .yaml"},
+    "map": {
+        "type": checked_by(path),
+        "help": "a map.json, any JSON file with codes, or a Duckietown map: .yaml, or a folder of layers",
+    },
     "--out": {
         "type": checked_by(folder),
         "required": True,

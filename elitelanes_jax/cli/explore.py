@@ -29,8 +29,8 @@ def add_explore(commands: Commands) -> None:
         type=checked_by(path),
         nargs="+",
         metavar="RUN_DIR|MAP",
-        help="a folder of generate or pick, or a folder of such folders; an archive.npz; a map.json or a Duckietown "
-        ".yaml",
+        help="a folder of generate or pick, or a folder of such folders; an archive.npz; a map.json or a map "
+        "of Duckietown, .yaml or a folder of layers",
     )
     command.add_argument(
         "--out",
@@ -46,11 +46,17 @@ def add_explore(commands: Commands) -> None:
     add_shared(command, "--force", help="replace an earlier page")
 
 
+def _is_run(source: Path) -> bool:
+    from elitelanes_jax.formats.dt_layers import is_layers
+
+    return source.is_dir() and not is_layers(source)
+
+
 def _explore(options: argparse.Namespace) -> int:
     from elitelanes_jax.explorer.page import explore
 
     first = options.sources[0]
-    out = options.out or (first / _PAGE if len(options.sources) == 1 and first.is_dir() else Path(_PAGE))
+    out = options.out or (first / _PAGE if len(options.sources) == 1 and _is_run(first) else Path(_PAGE))
     size = explore(
         options.sources,
         out,

@@ -34,7 +34,11 @@ def add_export(commands: Commands) -> None:
         description="Writes maps for other programs: Duckietown's map files, networks, floors, tables of metrics.",
     )
     command.add_argument(
-        "maps", type=checked_by(path), nargs="+", metavar="MAP", help="a map.json, or a map of Duckietown, .yaml"
+        "maps",
+        type=checked_by(path),
+        nargs="+",
+        metavar="MAP",
+        help="a map.json, or a map of Duckietown: .yaml, or a folder of layers",
     )
     command.add_argument(
         "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*FORMATS, "csv"))
@@ -103,7 +107,8 @@ def _write_maps(maps: Mapping[Path, RoadMap], target: Format, settings: Mapping[
 
 def _names(files: Sequence[Path]) -> dict[Path, str]:
     """Returns a file name for each map, without suffix: the part of its path that differs, 0003 for 0003/map.json."""
-    stems = [Path(os.path.normpath(file.absolute())).with_suffix("") for file in files]
+    stems = [Path(os.path.normpath(file.absolute())) for file in files]
+    stems = [stem if stem.is_dir() else stem.with_suffix("") for stem in stems]
     stems = [stem.parent if stem.name == "map" else stem for stem in stems]
     root = os.path.commonpath([stem.parent for stem in stems])
     names = {file: "-".join(stem.relative_to(root).parts) for file, stem in zip(files, stems, strict=True)}

@@ -18,7 +18,7 @@ _SEED = checked_by(SEED)
 
 def add_show(commands: Commands) -> None:
     command = add_command(commands, "show", _show, help="draw a map in the terminal, with its metrics")
-    command.add_argument("map", type=checked_by(path), metavar="MAP", help="a map.json, or a map of Duckietown, .yaml")
+    add_shared(command, "map", metavar="MAP")
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -75,6 +75,8 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    if options.out is None and options.map.is_dir():
+        raise InputError(f"--out: expected a folder for the pictures of {options.map}, which is a folder too, got none")
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))

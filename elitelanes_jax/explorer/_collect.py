@@ -18,6 +18,7 @@ from elitelanes_jax.explorer._finds import (
     setting,
 )
 from elitelanes_jax.explorer._payload import Payload, pack
+from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -76,7 +77,7 @@ def _collect_files(sources: Sequence[Path], tiles: str | Path | TileSet | None, 
     maps: list[tuple[str, RoadMap]] = []
     own: Path | None = None
     for source in sources:
-        if source.is_dir():
+        if source.is_dir() and not is_layers(source):
             for folder in _run_folders(source):
                 runs.append(read_run(folder))
                 own = own or _find_tiles(folder, runs[-1])

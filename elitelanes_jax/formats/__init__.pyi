@@ -1,5 +1,4 @@
 from .commonroad import to_commonroad as to_commonroad
-from .dt_maps import read_dt_maps as read_dt_maps
 from .dt_maps import to_dt_maps as to_dt_maps
 from .duckietown import from_duckietown as from_duckietown
 from .duckietown import to_duckietown as to_duckietown
@@ -30,4 +29,5 @@ from .sketch import draw_text as draw_text
 from .streets import Streets as Streets
 from .sumo import Sumo as Sumo
 from .sumo import to_sumo as to_sumo
+from .sumo import to_sumo_trips as to_sumo_trips
 from .table import table_to_csv as table_to_csv

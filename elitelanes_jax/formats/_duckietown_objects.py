@@ -25,6 +25,9 @@ TAG_FAMILY = "36h11"
 FALSE = [spell(word) for word in ("false", "no", "off") for spell in (str.lower, str.title, str.upper)]
 """What YAML 1.1 reads as false."""
 
+# What readers of YAML take for a truth value or for nothing.
+_YAML_WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
+
 # As duckietown-world names them.
 _OF_MAP = {"sign_1_way_left": "sign_oneway_left", "sign_1_way_right": "sign_oneway_right"}
 
@@ -53,13 +56,18 @@ def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> 
             x, y, angle = x + offset * cos(angle), y + offset * sin(angle), angle + pi / 2
         turned = _number(degrees(remainder(angle, 2 * pi)))
         kind = _BLANK if thing.kind == _STREET_NAME else thing.kind.removeprefix(OTHER)
-        lines += [f"  {kind}_{index}:", f"    kind: {kind}"]
+        lines += [f"  {_yaml_text(f'{kind}_{index}')}:", f"    kind: {_yaml_text(kind)}"]
         lines += [f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}"]
         lines += [f"    height: {_number(thing.height)}"] * (thing.height > 0)
         if thing.tag is not None and (thing.kind == "floor_tag" or thing.kind.startswith("sign_")):
             lines.append(f"    tag: {{~TagInstance: {{family: {TAG_FAMILY}, size: {TAG_SIZE}, tag_id: {thing.tag}}}}}")
         lines += ["    static: false"] * (not thing.static)
     return "".join(f"{line}\n" for line in ("objects:", *lines)) if objects else ""
+
+
+def _yaml_text(text: str) -> str:
+    """Returns a text of letters, digits, dots and dashes as YAML has it, in quotes if it could be something else."""
+    return f"'{text}'" if text[0].isdigit() or text.lower() in _YAML_WORDS else text
 
 
 def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:

@@ -1,6 +1,7 @@
 """Road networks as CommonRoad scenarios, version 2020a, without cars: a lanelet for each movement across a tile."""
 
 from collections import deque
+from hashlib import sha256
 from itertools import count, groupby
 
 import numpy as np
@@ -12,8 +13,8 @@ from elitelanes_jax.formats.streets import BACK, Streets, bounds, giving_way, la
 
 _HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>',
-    '<commonRoad timeStepSize="0.1" commonRoadVersion="2020a" benchmarkID="ZAM_Tiles-1_1_T-1" date="1970-01-01" '
-    'author="elitelanes" affiliation="" source="elitelanes">',
+    '<commonRoad timeStepSize="0.1" commonRoadVersion="2020a" benchmarkID="ZAM_Tiles-{number}_1_T-1" '
+    'date="1970-01-01" author="elitelanes" affiliation="" source="elitelanes">',
     "<location><geoNameId>-999</geoNameId><gpsLatitude>0</gpsLatitude><gpsLongitude>9</gpsLongitude></location>",
     "<scenarioTags><urban/></scenarioTags>",
 )
@@ -104,7 +105,16 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
         waiting += found
     start, then = np.mean(sides[0], axis=0)[:2]
     problem = _problem(next(numbers), start, then, next(reversed(reached)) + 1)
-    return "\n".join([*_HEAD, *lanelets, *signs, *lights, *intersections, problem, "</commonRoad>\n"])
+    content = "\n".join([*lanelets, *signs, *lights, *intersections, problem, "</commonRoad>\n"])
+    return "\n".join(_HEAD).format(number=_number_of(content)) + "\n" + content
+
+
+def _number_of(content: str) -> int:
+    """Returns the number of a map in the ID of its scenario, from 1 to 2**40: different scenarios have different ones.
+
+    Tools for CommonRoad keep results by that ID.
+    """
+    return 1 + int.from_bytes(sha256(content.encode()).digest()[:5])
 
 
 def _bound(side: str, line: NDArray[np.complex128], marking: str) -> str:

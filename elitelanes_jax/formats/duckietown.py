@@ -24,7 +24,8 @@ from elitelanes_jax.network.codes import CONNECTIONS, rotate_codes
 TILE_SIZE = 0.585
 """The side of Duckietown's tiles in metres."""
 
-_GROUNDS = ("grass", "floor", "asphalt", "empty")  # for cells without a road; grass is written
+GROUNDS = ("grass", "floor", "asphalt", "empty")
+"""The kinds of tiles without a road. We write grass."""
 
 # The sides that each kind opens when it faces south, and the quarter turns counter-clockwise to other sides.
 _ROADS = {"straight": 10, "curve_left": 12, "curve_right": 9, "3way_left": 14, "3way_right": 11, "4way": 15}
@@ -32,7 +33,7 @@ _TURNS = {"S": 0, "E": 1, "N": 2, "W": 3}
 _CODE = {
     **{f"{kind}/{side}": rotate_codes(code, turns) for kind, code in _ROADS.items() for side, turns in _TURNS.items()},
     **{kind: rotate_codes(code, _TURNS["E"]) for kind, code in _ROADS.items()},
-    **{kind + side: 0 for kind in (*_GROUNDS, "calibration_tile") for side in ("", "/S", "/E", "/N", "/W")},
+    **{kind + side: 0 for kind in (*GROUNDS, "calibration_tile") for side in ("", "/S", "/E", "/N", "/W")},
 }
 
 # The tile that is written for each code.
@@ -134,7 +135,7 @@ def read_duckietown(text: str) -> tuple[NDArray[np.int8], list[MapObject] | None
 def _code(tile: Plain, row: int, column: int) -> int:
     kind = "/".join(part.strip() for part in tile.split("/")) if isinstance(tile, str) else ""
     if kind not in _CODE:
-        kinds = ", ".join((*_ROADS, *_GROUNDS))
+        kinds = ", ".join((*_ROADS, *GROUNDS))
         position = f"at row {row}, column {column}"
         got = brief(tile)
         raise InputError(f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {got} {position}")

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.checks import name as is_name
+from elitelanes_jax._util.checks import check_named, text_name, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.formats.streets import no_road
 from elitelanes_jax.network.checks import check_grid
@@ -48,8 +47,9 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
       InputError: for a bad grid, one without a road, a bad name, or a bad number of cells, or over
         2**25 in all.
     """
-    if "\t" in check_named("name", is_name, name) or len(name.splitlines()) > 1:
-        raise InputError(f"name: expected no tab and no line break, got {shorten(repr(name))}")
+    # Readers of tasks split their lines at spaces of any kind, and know no quotes.
+    if check_named("name", text_name, name).split() != [name]:
+        raise InputError(f"name: expected a name without spaces, as in MovingAI's tasks, got {shorten(repr(name))}")
     road = _road_cells(codes, cells)
     if not road.any():
         raise no_road()

@@ -11,6 +11,8 @@ from xml.sax.saxutils import quoteattr
 from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.checks import check_named, listed, xml_name
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.formats.streets import lane_graph, lane_points
@@ -92,7 +94,7 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standi
         things="".join(_solid(one, height, number, tile_size) for number, one in enumerate(standing)),
         east=width * tile_size / 2,
         north=height * tile_size / 2,
-        picture=quoteattr(check_named("picture", xml_name, picture)),
+        picture=quoteattr(check_named("picture", _file_name, picture)),
         x=start.real * tile_size,
         y=start.imag * tile_size,
         degrees=degrees(atan2(direction.imag, direction.real)),
@@ -105,6 +107,14 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standi
         fov=_FIELD_OF_VIEW,
         top=_TOP_SPEED / WHEEL_RADIUS,
     )
+
+
+def _file_name(value: UserValue) -> str:
+    """Checks for the name of a file that MuJoCo finds: it takes a backslash for the end of a folder's name."""
+    name = xml_name(value)
+    if "\\" in name:
+        raise InputError(f"expected a name without \\, as in MuJoCo's models, got {shorten(repr(name))}")
+    return name
 
 
 def _solid(one: Standing, rows: int, number: int, tile_size: float) -> str:

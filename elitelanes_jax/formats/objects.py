@@ -173,7 +173,8 @@ def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject
     if len(values) > MOST_OBJECTS:
         raise InputError(f"objects: expected at most {MOST_OBJECTS:,}, got {len(values):,}")
     return tuple(
-        check_named(f"objects: object {index}", _checked, value, height, width) for index, value in enumerate(values)
+        check_named(f"objects: object {index}", check_object, value, height, width)
+        for index, value in enumerate(values)
     )
 
 
@@ -183,7 +184,8 @@ def object_values(thing: MapObject) -> dict[str, Plain]:
     return {name: value for name, value in thing._asdict().items() if name not in defaults or value != defaults[name]}
 
 
-def _checked(value: UserValue, height: int, width: int) -> MapObject:
+def check_object(value: UserValue, height: int, width: int) -> MapObject:
+    """Returns an object of a map of `height` rows and `width` columns, checked as `check_objects` does."""
     values = value._asdict() if isinstance(value, MapObject) else value
     if not isinstance(values, Mapping) or "kind" not in values:
         raise InputError(f'expected {{"kind": ..., "x": ..., "y": ...}}, got {shorten(repr(value))}')

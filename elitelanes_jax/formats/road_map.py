@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, file_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
+from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.formats.dt_layers import is_layers, read_layers
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
 from elitelanes_jax.formats.sketch import draw_svg
@@ -135,7 +136,9 @@ def _lines(value: Plain, indent: str) -> str:
 
 
 def read_map(file: str | Path) -> RoadMap:
-    """Reads a map file; ``{"codes": [[...], ...]}`` is enough. Files ``.yaml`` and ``.yml`` are maps of Duckietown.
+    """Reads a map file; ``{"codes": [[...], ...]}`` is enough.
+
+    Files ``.yaml`` and ``.yml`` are maps of Duckietown, and so are folders with ``tiles.yaml`` and ``frames.yaml``.
 
     Raises:
       InputError: if it cannot be read, has over 32 MiB or a bad entry; the message names the file.
@@ -200,8 +203,10 @@ def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read
     suffix = check_named("file", path, file).suffix.lower()
     if suffix == ".npz":
         raise InputError(f"{file}: expected a file of maps, got an archive of a search; pick chooses maps from it")
+    if Path(file).is_dir():
+        return parse(dict(zip(("codes", "objects"), _read_folder(Path(file)), strict=True)))
     is_yaml = suffix in (".yaml", ".yml")
-    text = text_of(file, most, "YAML" if is_yaml else "JSON")
+    text = read_input(file, most, "YAML" if is_yaml else "JSON")
     try:
         return parse(dict(zip(("codes", "objects"), read_duckietown(text), strict=True)) if is_yaml else _json_of(text))
     except InputError as error:
@@ -210,17 +215,11 @@ def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
 
 
-def text_of(file: str | Path, most: int, kind: str) -> str:
-    """Returns the text of a file of at most `most` bytes; `kind`, such as JSON, is for messages.
-
-    Raises:
-      InputError: if it cannot be read; the message names the file.
-    """
-    try:
-        return read_text(file, most)
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"{file}: expected a readable {kind} file, got: {why}") from None
+def _read_folder(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] | None]:
+    """Reads the codes and objects of a folder of Duckietown's layers."""
+    if not is_layers(folder):
+        raise InputError(f"{folder}: expected a file of a map, or a folder with tiles.yaml, got a folder without")
+    return read_layers(folder)
 
 
 def _json_of(text: str) -> Plain:

@@ -6,7 +6,8 @@ cut in two.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
@@ -14,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, xml_name
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards, walk_roads
 from elitelanes_jax.formats.streets import Streets, no_road
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import CONNECTIONS
+from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 
 _SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
 _SETTINGS = {
@@ -30,8 +32,18 @@ _SETTINGS = {
     "roundabouts.guess": "false",
 }
 
+# What the names of files mean in SUMO's settings and on its command line: a list, a port of the network, a folder, and
+# a variable of the environment. No way to write them keeps them from their meaning.
+_REFUSED = (",", ":", "\\", "${")
+# What is read as it is when it is written as the code of its character: such a code, and the user's home.
+_QUOTED = {"%": "%25", "~": "%7e"}
+
 _ARC = np.linspace(0, math.pi / 2, 9)
 _HALF = _ARC.size // 2
+
+
+LaneNode = tuple[int, int, int]
+"""A row, a column, and the heading with which that tile is entered: 0 north, 1 east, 2 south, 3 west."""
 
 
 class Sumo(NamedTuple):
@@ -83,8 +95,51 @@ def to_sumo(codes: AnyArray, name: str, streets: Streets = Streets()) -> Sumo:
         _xml("node", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
         _xml("edge", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
         _xml("connection", onward),
-        _settings(check_named("name", xml_name, name)),
+        _settings(check_named("name", _file_name, name)),
     )
+
+
+def to_sumo_trips(codes: AnyArray, trips: Sequence[tuple[LaneNode, LaneNode]]) -> str:
+    """Writes trips for SUMO, the text of a file ``.rou.xml``. One trip starts each second, in the order of the list.
+
+    A trip leads from the edge of `to_sumo` on which its start is to the edge on which its goal is.
+
+    Args:
+      codes: integer codes ``[H, W]``, or a `RoadMap`.
+      trips: starts and goals. Each is a row, a column, and the heading with which that tile is entered: 0 north,
+        1 east, 2 south, 3 west.
+
+    Raises:
+      InputError: for a bad grid, or a start or goal that is on no road.
+    """
+    edges: dict[tuple[Cell, Cell], str] = {}
+    for road in _roads(check_grid(codes)):
+        for step in pairwise(road):
+            edges[step] = _edge_id(road[0], road[1])
+
+    def edge_of(node: LaneNode) -> str:
+        row, column, heading = node
+        step = (row - SIDES[heading].down, column - SIDES[heading].right), (row, column)
+        if step not in edges:
+            raise InputError(f"trips: expected starts and goals on roads, got row {row}, column {column}, {heading}")
+        return edges[step]
+
+    elements = [
+        f'id="{number}" depart="{number}" from="{edge_of(start)}" to="{edge_of(goal)}"'
+        for number, (start, goal) in enumerate(trips)
+    ]
+    return _xml("trip", elements, root="routes")
+
+
+def _file_name(value: UserValue) -> str:
+    """Checks for a name that SUMO's settings can hold; returns it as they have it."""
+    name = xml_name(value)
+    for part in _REFUSED:
+        if part in name:
+            raise InputError(f"expected a name without {part}, as in SUMO's settings, got {shorten(repr(name))}")
+    quoted = "".join(_QUOTED.get(character, character) for character in name)
+    # SUMO cuts spaces at the start of a name.
+    return f"%20{quoted[1:]}" if quoted.startswith(" ") else quoted
 
 
 def _settings(name: str) -> str:
@@ -151,6 +206,8 @@ def _edge_id(node: Cell, neighbour: Cell) -> str:
     return f"{_id(node)}_{side_towards(node, neighbour).name}"
 
 
-def _xml(name: str, elements: Iterable[str]) -> str:
+def _xml(name: str, elements: Iterable[str], root: str | None = None) -> str:
+    """Returns a file of elements; its root is the plural of their name unless `root` says otherwise."""
     lines = "".join(f"    <{name} {attributes}/>\n" for attributes in elements)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{name}s>\n{lines}</{name}s>\n'
+    plural = root or f"{name}s"
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{plural}>\n{lines}</{plural}>\n'

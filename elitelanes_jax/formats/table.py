@@ -1,11 +1,12 @@
 """The metrics of many maps as one table."""
 
 import csv
-import io
 from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 
 import numpy as np
 
+from elitelanes_jax._util.checks import check_named, text_name
 from elitelanes_jax._util.types import AnyArray, Numeric, Plain
 from elitelanes_jax.network.plain_metrics import plain_measure
 
@@ -33,10 +34,18 @@ def shorten_coverage(metrics: Mapping[str, Numeric]) -> Row:
 
 
 def table_to_csv(rows: Sequence[Row]) -> str:
-    """Returns rows, such as those of `measure_maps`, as CSV with a header of all columns that any row has."""
-    text = io.StringIO()
+    """Returns rows, such as those of `measure_maps`, as CSV with a header of all columns that any row has.
+
+    Raises:
+      InputError: for the name of a file that UTF-8 cannot hold.
+    """
+    for row in rows:
+        if "file" in row:
+            check_named("file", text_name, row["file"])
+    lines: list[str] = []
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    table = csv.DictWriter(text, columns, lineterminator="\n")
+    # The writer quotes texts with characters of its own line end only, and readers end lines at a carriage return too.
+    table = csv.DictWriter(SimpleNamespace(write=lines.append), columns, lineterminator="\r\n")
     table.writeheader()
     table.writerows(rows)
-    return text.getvalue()
+    return "".join(line.removesuffix("\r\n") + "\n" for line in lines)

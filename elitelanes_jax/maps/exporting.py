@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 
 def as_bytes(content: str | bytes) -> bytes:
-    """Returns the bytes of a file; names of files in a table may have bytes that are not UTF-8."""
-    return content.encode(errors="surrogateescape") if isinstance(content, str) else content
+    """Returns the bytes of a file."""
+    return content.encode() if isinstance(content, str) else content
 
 
 class Format(NamedTuple):

@@ -8,6 +8,7 @@ from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json, read_maps
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
@@ -41,9 +42,9 @@ def parse_given(sources: UserValue) -> GivenMaps:
     """Reads maps, and measures metrics that are missing; raises `InputError`, which names a bad file or folder.
 
     The sources are one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a
-    pack, or all files ``map.json`` in them, or without any the files ``.json``, ``.yaml`` and ``.yml`` right in them.
-    Of maps that are the same when rotated or mirrored, the first one is used, so that no two splits have the same
-    network.
+    pack, or all files ``map.json`` in them, or without any the files ``.json``, ``.yaml`` and ``.yml`` and the folders
+    of Duckietown's layers right in them. Of maps that are the same when rotated or mirrored, the first one is used, so
+    that no two splits have the same network.
     """
     if isinstance(sources, GivenMaps):
         return sources
@@ -75,13 +76,14 @@ def _maps_of(source: UserValue) -> list[tuple[str, UserValue]]:
 
 
 def _files(source: Path) -> list[Path]:
-    if not source.is_dir():
+    if not source.is_dir() or is_layers(source):
         return [source]
     if (source / "pack.json").is_file():
         return sorted((source / "maps").rglob("*.json"))
     files = sorted(source.rglob("map.json"))
     if not files and not (source / "run.json").exists():
-        files = sorted(one for one in source.iterdir() if one.suffix.lower() in (".json", ".yaml", ".yml"))
+        listed = sorted(source.iterdir())
+        files = [one for one in listed if one.suffix.lower() in (".json", ".yaml", ".yml") or is_layers(one)]
     if not files:
         raise InputError(f"{source}: expected a folder with map.json or other files of maps in it, got one without")
     return files

@@ -20,6 +20,7 @@ from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph
+from elitelanes_jax.formats.sumo import LaneNode, to_sumo_trips
 from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes
 from elitelanes_jax.maps.given import parse_given
@@ -28,6 +29,8 @@ from elitelanes_jax.network.symmetry import canonical_form
 
 RECORD, SUMS = "pack.json", "SHA256SUMS"
 """The files with the settings of a pack, and with the checksums of its other files, for ``sha256sum -c``."""
+
+_ROUTES = ".rou.xml"  # the end of the names of SUMO's trips
 
 _SHOWN = ("tiles", "crossings", "turns", "cyclomatic", "bridges", "dead_ends", "lanes", "trip")
 
@@ -137,10 +140,19 @@ def _write(spec: PackSpec, one: _Packed, folder: Path) -> dict[str, Plain]:
                 write_atomic(file, as_bytes(content))
     write_atomic(folder / "maps" / one.niche / f"{one.id}.json", map_to_json(one.road_map).encode())
     write_atomic(folder / "trips" / one.niche / f"{one.id}.csv", table_to_csv(trips).encode())
+    if "sumo" in spec.to:
+        ends = [(_node(trip, "start"), _node(trip, "goal")) for trip in trips]
+        routes = to_sumo_trips(one.road_map.codes, ends)
+        write_atomic(folder / "sumo" / one.niche / f"{one.id}{_ROUTES}", routes.encode())
     height, width = one.road_map.codes.shape
     mean = float(np.mean([trip["length"] for trip in trips]))
     about = {"id": one.id, "niche": one.niche, "split": one.split, "height": height, "width": width}
     return {**about, "lanes": len(graph.edges), "trip": round(mean, 3), **shorten_coverage(one.road_map.metrics or {})}
+
+
+def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
+    """Returns the start or the goal of a trip."""
+    return trip[f"{end}_row"], trip[f"{end}_column"], trip[f"{end}_heading"]
 
 
 def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Plain]]:
@@ -203,6 +215,7 @@ def _card(spec: PackSpec, about: Mapping[str, Plain], rows: Sequence[Mapping[str
             "| `maps/NICHE/ID.json` | a map: tile codes, 8·N + 4·E + 2·S + 1·W |",
             "| `trips/NICHE/ID.csv` | starts, goals, and the exact length of the shortest way in tiles |",
             *(f"| `{to}/NICHE/ID{suffix}` | for `{to}` |" for to in spec.to for suffix in FORMATS[to].suffixes),
+            *([f"| `sumo/NICHE/ID{_ROUTES}` | the trips for `sumo` |"] if "sumo" in spec.to else []),
             f"| `{RECORD}` | settings and versions |",
             f"| `{SUMS}` | checksums: `sha256sum -c {SUMS}` |",
             "",

@@ -12,6 +12,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from drive.driving_oracle import lane_graph as movement_graph
+from odd_names import ODD_NAMES, REFUSED
 from scipy.ndimage import distance_transform_edt
 
 from elitelanes_jax import RoadMap
@@ -22,7 +23,7 @@ from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.gltf import to_gltf
 from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
 from elitelanes_jax.formats.streets import lane_graph
-from elitelanes_jax.maps.exporting import FORMATS
+from elitelanes_jax.maps.exporting import FORMATS, as_bytes
 from elitelanes_jax.network import wfc
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles, stand
 
@@ -240,6 +241,16 @@ def test_mujoco_loads_maps_and_the_robot_stands_on_its_wheels(mujoco):
         np.testing.assert_allclose(data.body("robot").xpos, before, atol=1e-3)
         assert data.body("robot").xmat[8] > 0.999  # upright
         assert before[2] == WHEEL_RADIUS and not data.warning.number.any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", sorted({*ODD_NAMES} - REFUSED["mujoco"]))
+def test_mujoco_finds_pictures_of_odd_names(mujoco, kind, tmp_path):
+    model = tmp_path / f"{ODD_NAMES[kind]}.xml"
+    made = FORMATS["mujoco"].files(RoadMap(TOWN), ODD_NAMES[kind], tile_px=16)
+    for file, content in zip((model, model.with_suffix(".png")), made, strict=True):
+        file.write_bytes(as_bytes(content))
+    assert mujoco.MjModel.from_xml_path(str(model)).ntex == 2
 
 
 @pytest.mark.slow

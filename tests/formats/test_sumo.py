@@ -15,13 +15,16 @@ import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import example
+from odd_names import ODD_NAMES, REFUSED
 from oracle import road_graph
 from simulator_maps import KNOT, RING, all_reach_all, on_any_roads
 from sumo_drive import convert, drive, elements, points, read, run
 
 from elitelanes_jax import InputError, evolve
-from elitelanes_jax.formats import Streets, to_commonroad, to_lanelet2, to_opendrive, to_sumo
-from elitelanes_jax.formats.mujoco import to_mjcf
+from elitelanes_jax.formats import Streets, to_commonroad, to_lanelet2, to_opendrive, to_sumo, to_sumo_trips
+from elitelanes_jax.maps import PackSpec, pack
+from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.movements import list_movements
 from elitelanes_jax.network.wfc import generate_batch
 
 CITY = generate_batch(np.random.default_rng(0), 1, (9, 12), border="closed").grid[0]
@@ -110,19 +113,34 @@ def test_north_is_up_and_crossings_are_junctions():
     assert all(3.2 + float(node["radius"]) < 8.43 / 2 for node in tight)
 
 
-def test_the_settings_name_the_files_as_xml_has_them():
-    for name in ("a&b", 'a"b', "it's", '"it\'s"', "<a>", "a\nb", "ü日本"):
-        settings = {one.tag: one.get("value") for one in ET.fromstring(to_sumo(RING, name).settings)}
-        assert settings["edge-files"] == f"{name}.edg.xml" and settings["output-file"] == f"{name}.net.xml"
-        assert ET.fromstring(to_mjcf(RING, name)).find("asset/texture[@name='floor']").get("file") == name
+@on_any_roads
+@example(CITY)
+def test_trips_lead_over_the_edges_that_enter_their_tiles(grid):
+    """The tile of a node is on its edge, and the edge comes to it with the node's heading."""
+    grid = np.asarray(grid)
+    plain, moves = plain_xml(grid, Streets(tile=10)), list_movements(grid)
+    nodes = [tuple(node) for node in moves[:, :3].tolist()]
+    trips = ET.fromstring(to_sumo_trips(grid, [(node, node) for node in nodes]))
+    edges, height = read(plain)[1], len(grid)
+    assert trips.tag == "routes" and [trip.get("depart") for trip in trips] == [str(n) for n in range(len(nodes))]
+    for (row, column, heading), trip in zip(nodes, trips, strict=True):
+        assert trip.get("from") == trip.get("to")
+        side = SIDES[heading]
+        border = 10 * (column + 0.5 - side.right / 2 + (height - row - 0.5 + side.down / 2) * 1j)
+        ahead = side.right - side.down * 1j
+        shape = edges[trip.get("from")]["shape"]
+        passed = [
+            abs((border - a) / (b - a) - ((border - a) / (b - a)).real) < 1e-4
+            and -1e-6 < ((border - a) / (b - a)).real < 1 + 1e-6
+            and ((b - a) / ahead).real > 0
+            for a, b in pairwise(shape)
+        ]
+        assert any(passed)
 
 
-@pytest.mark.parametrize("name", ["a\x01b", "a\x1f", "\x00", "\udcff", "a\ufffe"])
-def test_names_that_xml_cannot_have_are_refused(name):
-    """A name that is not UTF-8 has surrogates."""
-    for write, argument in ((to_sumo, "name"), (to_mjcf, "picture")):
-        with pytest.raises(InputError, match=f"^{argument}: expected a name without control characters, as in XML"):
-            write(RING, name)
+def test_trips_off_the_roads_are_refused():
+    with pytest.raises(InputError, match="trips: expected starts and goals on roads, got row 1, column 1, 0"):
+        to_sumo_trips(RING, [((0, 1, 1), (1, 1, 0))])
 
 
 @pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, plain_xml])
@@ -209,6 +227,26 @@ def test_loops_dead_ends_and_rings_are_driven(grid, right_of_way, tmp_path):
     assert convert(net, grid, streets=Streets(right_of_way=right_of_way)) == []
     assert (f'type="{right_of_way}"' in net.read_text()) == (grid is KNOT or right_of_way == "priority")
     assert drive(net, read(plain_xml(grid))[2], tmp_path, 0) == (20, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", sorted({*ODD_NAMES} - REFUSED["sumo"]))
+def test_netconvert_finds_files_of_odd_names(kind, tmp_path):
+    run("netconvert", "--version")
+    net = tmp_path / f"{ODD_NAMES[kind]}.net.xml"
+    assert convert(net, KNOT) == [] and net.is_file()
+
+
+@pytest.mark.slow
+def test_trips_of_a_pack_are_driven(tmp_path):
+    """SUMO finds a way for each trip, and all cars arrive."""
+    run("netconvert", "--version")
+    pack(PackSpec(to=("sumo",), split=(1, 0, 0), trips=50), [CITY, KNOT], tmp_path / "pack")
+    for settings in sorted((tmp_path / "pack" / "sumo").rglob("*.netccfg")):
+        assert not harmful(run("netconvert", "-c", settings).splitlines())
+        trips, arrived = (settings.with_suffix(suffix) for suffix in (".rou.xml", ".out"))
+        said = run("sumo", "-n", settings.with_suffix(".net.xml"), "-r", trips, "--tripinfo-output", arrived)
+        assert not said and len(ET.parse(arrived).findall("tripinfo")) == 50
 
 
 @pytest.mark.slow

@@ -1,0 +1,341 @@
+"""Reads Duckietown's newer maps: a folder with a YAML file for each layer, such as tiles, frames and traffic signs.
+
+The library dt-maps, the Duckiematrix and map editors write these folders in different ways. The cell of a tile is in
+its ``i`` and ``j``, in the position of its frame, or in its name. Positions are in metres or in tiles, at the middle of
+a cell or at its south-west corner. A frame is relative to the frame that it names, or else to the one that its name
+continues: ``map_0/vehicle_0`` to ``map_0``.
+"""
+
+import re
+from collections.abc import Mapping
+from math import cos, floor, pi, radians, remainder, sin
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.errors import InputError, brief
+from elitelanes_jax._util.files import MIB, read_input
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.formats._duckietown_objects import FALSE, real_of, table_of, whole_of
+from elitelanes_jax.formats._yaml_tree import yaml_tree
+from elitelanes_jax.formats.duckietown import GROUNDS, TILE_SIZE, check_tile_size
+from elitelanes_jax.formats.graph import Cell
+from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind, check_object
+from elitelanes_jax.network.codes import CONNECTIONS, EAST, NORTH, SOUTH, WEST, rotate_codes
+from elitelanes_jax.network.movements import linked_codes
+
+OBJECT_LAYERS = ("traffic_signs", "ground_tags", "citizens", "vehicles", "decorations")
+"""The layers of objects. The library has no type for decorations, and keeps them as they are."""
+
+LAYERS = ("frames", "tile_maps", "tiles", *OBJECT_LAYERS)
+"""The layers of a map, each a file."""
+
+ROADS = {"straight": NORTH | SOUTH, "curve": SOUTH | EAST, "3way": NORTH | EAST | SOUTH, "4way": 15}
+"""The code of each kind of tile with a road at yaw 0, as the library's graph of lanes has it."""
+
+SIGNS = {
+    kind: kind.removeprefix("sign_").lower()
+    for kind in OBJECT_KINDS
+    if kind.startswith("sign_") and kind not in ("sign_blank", "sign_street_name")
+} | {"sign_4_way_intersect": "four_way_intersect", "sign_T_intersect": "t_intersection"}
+"""The library's name of each kind of sign."""
+
+TURNED_AS_LIBRARY = "# Curves and 3-way tiles are turned as in the library dt-maps 0.1.0.\n"
+"""The first line of our own tiles, which says how they are turned."""
+
+# The same codes as in the maps of the Duckiematrix and of map editors.
+_ROADS_OF_MATRIX = ROADS | {"curve": NORTH | WEST, "3way": NORTH | EAST | WEST}
+
+_KIND_OF_SIGN = {name: kind for kind, name in SIGNS.items()} | {
+    kind.removeprefix("sign_").lower(): kind for kind in OBJECT_KINDS if kind.startswith("sign_")
+}
+_KIND_OF_LAYER = {"citizens": "duckie", "vehicles": "duckiebot", "ground_tags": "floor_tag"}
+
+_NOTHING = (None, "", "~", "null", "Null", "NULL")  # as texts, because `yaml_tree` keeps all scalars as texts
+_METRES = ("m", "metres", "meters")
+_CELL_IN_NAME = re.compile(r"_(-?\d{1,4})_(-?\d{1,4})$")
+_NEAR = 0.05  # tiles, and radians: how far a position or a yaw may be from a cell or a right angle
+_MOST_BYTES = 32 * MIB
+
+_Table = dict[str, Plain]
+
+
+class _Pose(NamedTuple):
+    """Metres east and north of an origin, and radians counter-clockwise."""
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    def then(self, child: "_Pose") -> "_Pose":
+        """Returns the pose of a child in the frame of which this is a pose."""
+        x = self.x + cos(self.yaw) * child.x - sin(self.yaw) * child.y
+        y = self.y + sin(self.yaw) * child.x + cos(self.yaw) * child.y
+        yaw = remainder(self.yaw + child.yaw, 2 * pi)  # the sum of several may be infinite
+        return _Pose(x, y, yaw)
+
+    def seen_from(self, origin: "_Pose") -> "_Pose":
+        """Returns this pose in the frame of another one."""
+        back = _Pose(yaw=-origin.yaw)
+        return back.then(_Pose(self.x - origin.x, self.y - origin.y, self.yaw))
+
+
+def is_layers(folder: Path) -> bool:
+    """Returns whether a path is a folder of layers."""
+    return (folder / "tiles.yaml").is_file()
+
+
+def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] | None]:
+    """Reads a folder of layers: its tiles and objects, None without objects.
+
+    Watchtowers and layers of other names are not read. An object has its usual height, unless the file says "height".
+    Curves and 3-way tiles are turned as the library has them in the maps that we write. In other maps, all are turned
+    so or all as the Duckiematrix has them: the way that leaves fewer connections without a neighbour that returns them.
+    If one way leaves none, the other leaves some, because the first road tile is a curve that it opens to the north.
+
+    Raises:
+      InputError: if a file cannot be read, or anything in it is not as it should be; the message names the file, and
+        the tile, frame or object.
+    """
+    layers = {name: _read_layer(folder, name) for name in LAYERS}
+    root, size = _tile_map(folder, layers)
+    frames = _Frames(folder / "frames.yaml", layers["frames"], root, size)
+    tiles: dict[str, _Tile] = {}
+    for name, values in layers["tiles"].items():
+        pose = frames.pose(name) if name in frames else None
+        clockwise = name in frames and frames.is_in_degrees(name)
+        label = f"{folder / 'tiles.yaml'}: {name}"
+        tiles[name] = check_named(label, _read_tile, name, values, pose, clockwise, size)
+    corner, readings = check_named(str(folder / "tiles.yaml"), _place_tiles, tiles)
+    codes = readings[0] if _is_ours(folder) else min(readings, key=_count_unreturned)
+    frames.place_tiles({name: tile.cell for name, tile in tiles.items()})
+    objects: dict[str, MapObject] = {}
+    for layer in OBJECT_LAYERS:
+        for name, values in layers[layer].items():
+            label = f"{folder / layer}.yaml: {name}"
+            if name not in frames:
+                raise InputError(f"{label}: expected a frame of this name in frames.yaml, got none")
+            pose = frames.pose(name)
+            # From the north-west corner, with y to the south.
+            x, y = pose.x / size - corner[0], len(codes) + corner[1] - pose.y / size
+            thing = check_named(label, _read_object, layer, values, x, y, pose.yaw)
+            objects[name] = check_named(label, check_object, thing, *codes.shape)
+    order = [name for name in layers["frames"] if name in objects]
+    return codes, tuple(objects[name] for name in order) or None
+
+
+def _read_layer(folder: Path, name: str) -> dict[str, _Table]:
+    file = folder / f"{name}.yaml"
+    if name not in ("frames", "tiles") and not file.exists():
+        return {}
+    values = check_named(str(file), yaml_tree, read_input(file, _MOST_BYTES, "YAML"))
+    layer = values.get(name) if isinstance(values, dict) else None
+    if layer in (*_NOTHING, []) and isinstance(values, dict) and name in values:
+        layer = {}
+    if not isinstance(layer, dict):
+        raise InputError(f"{file}: expected a table of tables under {name!r}, got {brief(layer, 40)}")
+    tables: dict[str, _Table] = {}
+    for key, value in layer.items():
+        tables[key] = {} if isinstance(value, str) and value in _NOTHING else value
+        if not isinstance(tables[key], dict):
+            raise InputError(f"{file}: {key}: expected a table, got {brief(value, 40)}")
+    return tables
+
+
+def _tile_map(folder: Path, layers: Mapping[str, Mapping[str, _Table]]) -> tuple[str, float]:
+    """Returns the name of the map, and the side of its tiles in metres."""
+    file = folder / "tile_maps.yaml"
+    if not layers["tiles"]:
+        raise InputError(f"{folder / 'tiles.yaml'}: expected tiles, got none")
+    named = list(layers["tile_maps"]) or sorted({name.partition("/")[0] for name in layers["tiles"]})
+    if len(named) != 1:
+        raise InputError(f"{file}: expected one map, got {len(named)}")
+    values = layers["tile_maps"].get(named[0], {})
+    if "tile_size" not in values:
+        return named[0], TILE_SIZE
+    size = values["tile_size"]
+    sides = size if isinstance(size, dict) else {"x": size}
+    label = f"{file}: {named[0]}: tile_size"
+    metres = check_named(label, real_of, sides, "x")
+    check_named(f"{file}: {named[0]}", check_tile_size, metres)
+    if check_named(label, real_of, sides, "y", metres) != metres:
+        raise InputError(f"{label}: expected squares, got x {metres:g} and y {brief(sides['y'], 40)}")
+    return named[0], metres
+
+
+class _Frames:
+    """The frames of a map, and where they are in it."""
+
+    def __init__(self, file: Path, frames: Mapping[str, _Table], root: str, size: float) -> None:
+        self.size = size
+        self._file, self._frames, self._root = file, frames, root
+        self._tiles: dict[str, _Pose] = {}
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._frames
+
+    def pose(self, name: str) -> _Pose:
+        """Returns the pose of a frame in the frame of the map."""
+        pose, top = self._climb(name)
+        if top == self._root:
+            return pose
+        # Its frames lead to the world instead of the map.
+        origin, _ = self._climb(self._root) if self._root in self else (_Pose(), None)
+        return pose.seen_from(origin)
+
+    def is_in_degrees(self, name: str) -> bool:
+        """Returns whether the yaw of a frame is in degrees."""
+        return _is_in_degrees(real_of(table_of(self._frames[name], "pose"), "yaw", 0.0))
+
+    def place_tiles(self, cells: Mapping[str, Cell]) -> None:
+        """Puts the frames of tiles in the middles of their cells, (i, j): objects may be relative to tiles."""
+        for name, (i, j) in cells.items():
+            yaw = self.pose(name).yaw if name in self else 0.0
+            self._tiles[name] = _Pose((i + 0.5) * self.size, (j + 0.5) * self.size, yaw)
+
+    def _climb(self, name: str) -> tuple[_Pose, str | None]:
+        """Returns the pose of a frame in the frame of the map or in the world, and the map's name or None."""
+        pose, frame = _Pose(), name
+        for _ in range(len(self._frames) + 1):
+            if frame in self._tiles:
+                return self._tiles[frame].then(pose), self._root
+            label = f"{self._file}: {frame}"
+            pose = check_named(label, _own_pose, self._frames[frame], self.size).then(pose)
+            parent = self._frames[frame].get("relative_to")
+            above = self._above(frame) if parent is None or parent in _NOTHING else parent
+            if above is None or above == self._root:
+                return pose, above
+            if not isinstance(above, str) or above not in self._frames:
+                raise InputError(f"{label}: relative_to: expected the name of a frame, got {brief(above, 40)}")
+            frame = above
+        raise InputError(f"{self._file}: {name}: relative_to: expected frames that lead to {self._root}, got a circle")
+
+    def _above(self, name: str) -> str | None:
+        """Returns the frame or the map that a name continues, None for a name that continues none."""
+        while "/" in name:
+            name = name.rpartition("/")[0]
+            if name == self._root or name in self._frames:
+                return name
+        return None
+
+
+def _own_pose(frame: _Table, size: float) -> _Pose:
+    """Returns the pose of a frame in the frame that it is relative to."""
+    unit = frame.get("unit")
+    if unit not in (*_NOTHING, *_METRES, "tiles"):
+        raise InputError(f"unit: expected metres or tiles, got {brief(unit, 40)}")
+    pose = table_of(frame, "pose")
+    scale = size if unit == "tiles" else 1.0
+    yaw = real_of(pose, "yaw", 0.0)
+    if _is_in_degrees(yaw):
+        yaw = radians(yaw)
+    return _Pose(real_of(pose, "x", 0.0) * scale, real_of(pose, "y", 0.0) * scale, yaw)
+
+
+def _is_in_degrees(yaw: float) -> bool:
+    """Returns whether a yaw is a right angle in degrees, as a map editor writes it."""
+    return yaw != 0 and yaw % 90 == 0
+
+
+class _Tile(NamedTuple):
+    """A tile: its cell, columns from the west and rows from the south, and its code by both ways of turning tiles."""
+
+    cell: Cell
+    library_code: int
+    matrix_code: int
+
+
+def _read_tile(name: str, values: _Table, pose: _Pose | None, clockwise: bool, size: float) -> _Tile:
+    """Returns a tile of the layer.
+
+    `pose` is its frame's, None without a frame. The editor that writes degrees turns tiles `clockwise`.
+    """
+    cell = _cell(name, values, pose, size)
+    kind = values.get("type")
+    if kind in GROUNDS:
+        return _Tile(cell, 0, 0)
+    if not isinstance(kind, str) or kind not in ROADS:
+        raise InputError(f"type: expected one of {', '.join((*ROADS, *GROUNDS))}, got {brief(kind, 40)}")
+    if kind == "4way":
+        return _Tile(cell, 15, 15)
+    if pose is None:
+        raise InputError(f"expected a frame of this name in frames.yaml for the yaw of a {kind}, got none")
+    turns = round(pose.yaw / (pi / 2))
+    if abs(pose.yaw - turns * pi / 2) > _NEAR:
+        raise InputError(f"expected a yaw at a right angle, got {kind!r} with yaw {pose.yaw:g}")
+    if clockwise:
+        turns = -turns
+    return _Tile(cell, *(int(rotate_codes(roads[kind], turns % 4)) for roads in (ROADS, _ROADS_OF_MATRIX)))
+
+
+def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
+    """Returns the cell of a tile: of its indices, its position or its name."""
+    if "i" in values and "j" in values:
+        return whole_of(values, "i"), whole_of(values, "j")
+    if pose is not None:
+        return _index(pose.x, size), _index(pose.y, size)
+    found = _CELL_IN_NAME.search(name)
+    if found is None:
+        raise InputError("expected i and j, a frame of this name in frames.yaml, or a name such as tile_0_1, got none")
+    return int(found[1]), int(found[2])
+
+
+def _index(position: float, size: float) -> int:
+    """Returns the index of a cell, of a position at its middle or at its south-west corner."""
+    tiles = position / size
+    index = floor(tiles + 0.25)
+    if abs(tiles - index) > _NEAR and abs(tiles - index - 0.5) > _NEAR:
+        raise InputError(f"expected the middle or the corner of a cell of {size:g} m, got {position:g} m")
+    return index
+
+
+def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, list[NDArray[np.int8]]]:
+    """Returns the cell of the map's south-west corner, and the codes by both ways of turning tiles."""
+    columns, rows = zip(*(tile.cell for tile in tiles.values()), strict=True)
+    west, east, south, north = min(0, *columns), max(columns), min(0, *rows), max(rows)
+    sides = north - south + 1, east - west + 1
+    if min(east, north) < 0 or max(sides) > 1024:
+        raise InputError(f"expected sides of 1 to 1024 tiles, from i = 0 and j = 0 on, got {sides[1]} x {sides[0]}")
+    owners: dict[Cell, str] = {}
+    library, matrix = np.zeros(sides, np.int8), np.zeros(sides, np.int8)
+    for name, tile in tiles.items():
+        if owners.setdefault(tile.cell, name) != name:
+            raise InputError(f"{name}: expected one tile in each cell, got {owners[tile.cell]} in the same one")
+        place = north - tile.cell[1], tile.cell[0] - west
+        library[place], matrix[place] = tile.library_code, tile.matrix_code
+    return (west, south), [library, matrix]
+
+
+def _is_ours(folder: Path) -> bool:
+    return read_input(folder / "tiles.yaml", _MOST_BYTES, "YAML").startswith(TURNED_AS_LIBRARY)
+
+
+def _count_unreturned(codes: NDArray[np.int8]) -> int:
+    """Returns the number of connections that no neighbour returns."""
+    return int(CONNECTIONS[codes].sum()) - int(CONNECTIONS[linked_codes(codes)].sum())
+
+
+def _read_object(layer: str, values: _Table, x: float, y: float, angle: float) -> MapObject:
+    """Returns an object of a layer."""
+    kind = _kind_of(layer, values)
+    height = real_of(values, "height", OBJECT_KINDS[base_kind(kind)].height)
+    tag = None
+    if layer not in ("citizens", "vehicles") and values.get("id") not in _NOTHING:
+        tag = whole_of(values, "id")
+    return MapObject(kind, x, y, angle, height, tag, values.get("static") not in FALSE)
+
+
+def _kind_of(layer: str, values: _Table) -> str:
+    """Returns the kind of an object of a layer, by its type if the layer has several kinds."""
+    if layer in _KIND_OF_LAYER:
+        return _KIND_OF_LAYER[layer]
+    given = values.get("type")
+    text = given if isinstance(given, str) else brief(given, 40)
+    if layer == "traffic_signs":
+        kind = _KIND_OF_SIGN.get(text.lower().replace("-", "_").removeprefix("sign_"), text)
+    else:
+        kind = text
+    return kind if kind in OBJECT_KINDS else check_kind(OTHER + kind)
