@@ -20,6 +20,7 @@ _REDRAW, _LINES, _DELAY = 0.2, 30.0, 1.0
 _quiet: bool | None = None  # whether the running command is quiet; None outside of commands
 _running: list["Progress"] = []  # the outermost work first
 _last_line = 0.0  # the time when the last line was printed
+_at_end: dict[str, list[str]] = {}  # what the running command says of files at its end, by their names
 
 
 @contextmanager
@@ -27,8 +28,11 @@ def reporting(*, quiet: bool) -> Iterator[None]:
     """Makes the block a command. Unless it is quiet, its progress without a terminal is a line every 30 seconds."""
     global _quiet, _last_line
     before, _quiet, _last_line = _quiet, quiet, time.monotonic()
+    _at_end.clear()
     try:
         yield
+        for name, texts in _at_end.items():
+            announce(f"{name}: {'; '.join(texts)}")
     finally:
         _quiet = before
 
@@ -44,6 +48,16 @@ def announce(text: str) -> None:
         drawn = any(work.display is not None and work.display.redraws and work.display.drawn for work in _running)
         with suppress(OSError, ValueError):  # a closed stream must not stop the work
             print(("\r\x1b[K" if drawn else "") + text, file=sys.stderr, flush=True)
+
+
+def announce_at_end(name: str, text: str) -> None:
+    """Prints a line about a file, as `announce` does, when the command has succeeded.
+
+    All texts about a file are in one line, each once. A command that fails prints its error alone.
+    """
+    texts = _at_end.setdefault(name, [])
+    if text not in texts:
+        texts.append(text)
 
 
 class Progress:

@@ -65,6 +65,7 @@ def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.files import check_new, never_replacing, write_atomic
     from elitelanes_jax.drive.rides import film, load_policy, make_rides, trails, write_film
     from elitelanes_jax.formats.road_map import read_map
+    from elitelanes_jax.maps.faults import warn_of_faults
     from elitelanes_jax.search.compile_cache import use_compile_cache
     from elitelanes_jax.tiles.rendering import choose_tiles, png_of, recall_choice
     from elitelanes_jax.tiles.tileset import load_tiles
@@ -76,6 +77,7 @@ def _drive(options: argparse.Namespace) -> int:
             raise InputError(f"--rides: expected none with a film, which shows one ride, got {options.rides}")
         rides_shown = 1
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    warn_of_faults(str(options.map), road_map)
     policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
     use_compile_cache()
     try:

@@ -22,7 +22,8 @@ from elitelanes_jax.cli.arguments import (
 )
 from elitelanes_jax.cli.program import say
 from elitelanes_jax.formats.road_map import RoadMap, read_map
-from elitelanes_jax.maps.exporting import FORMATS, LOOP, Format, FormatOptions, as_bytes
+from elitelanes_jax.maps.exporting import FORMATS, LOOP, Format, FormatOptions, as_bytes, without_ends
+from elitelanes_jax.maps.faults import warn_of_faults
 
 
 def add_export(commands: Commands) -> None:
@@ -67,6 +68,8 @@ def _export(options: argparse.Namespace) -> int:
     grids = [road_map.codes for road_map in maps.values()]
     if target:
         _write_maps(maps, target, settings.given(), options.out)
+        for file, road_map in maps.items():
+            warn_of_faults(str(file), without_ends(road_map, settings.dead_ends))
     else:
         from elitelanes_jax.formats.table import measure_maps, table_to_csv
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import NotEnoughMapsError, pluralize
+from elitelanes_jax._util.checks import path, real
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.folders import has_unfinished
 from elitelanes_jax.cli.arguments import (
     COMPILING,
@@ -58,12 +58,22 @@ def add_generate(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, GenerateSpec())
+    command.add_argument(
+        "--floor",
+        type=checked_by(real(0, 10_000, unit="metres, a number", exclusive=True)),
+        nargs=2,
+        metavar=("WIDTH", "DEPTH"),
+        help="instead of --size: metres from west to east and from north to south; the size is the largest with tiles "
+        "of 0.585 m and room for signs around the map",
+    )
     add_shared(command, "--force", "--cores", "--quiet")
 
 
 def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.spec import GenerateSpec
 
+    if options.floor is not None:
+        options.size = _size_for_floor(options)
     spec = read_options(options, GenerateSpec())
     from elitelanes_jax.maps.generation import generate
     from elitelanes_jax.search.compile_cache import use_compile_cache
@@ -76,12 +86,28 @@ def _generate(options: argparse.Namespace) -> int:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:
         explore = f"{program_name()} explore {shlex.quote(str(options.out))} --open shows all elites"
-        say(f"{describe_maps(maps, spec.maps, options.out)}\n{explore}")
+        lines = [describe_maps(maps, spec.maps, options.out), explore]
+        if options.floor is not None:
+            width, depth = options.floor
+            lines.insert(1, f"{spec.size[0]} x {spec.size[1]} tiles each, for a floor of {width:g} x {depth:g} m")
+        say("\n".join(lines))
     else:
         index, count = spec.part
         seeds = f"seeds {spec.seed_indices[0]} to {spec.seed_indices[-1]}"
         say(f"part {index} of {count}, {seeds}, in {options.out}; elitelanes merge joins all parts")
     return 0
+
+
+def _size_for_floor(options: argparse.Namespace) -> tuple[int, int]:
+    """Returns the size of maps for the floor that is named instead of a size."""
+    from elitelanes_jax.maps.furnishing.floors import floor_size
+
+    if hasattr(options, "size"):
+        raise InputError("--floor: expected it without --size, got both")
+    try:
+        return floor_size(*options.floor)
+    except InputError as error:
+        raise InputError(f"--{error}") from None
 
 
 def add_merge(commands: Commands) -> None:

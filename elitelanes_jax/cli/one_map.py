@@ -11,7 +11,7 @@ from elitelanes_jax._util.files import check_new, never_replacing
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
 from elitelanes_jax.cli.program import say
-from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.formats.road_map import RoadMap, read_map
 
 _SEED = checked_by(SEED)
 
@@ -69,6 +69,7 @@ def add_render(commands: Commands) -> None:
 
 def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.duckietown import without_dead_ends
+    from elitelanes_jax.maps.faults import warn_of_faults
     from elitelanes_jax.maps.folder import foreign_to_picture
     from elitelanes_jax.tiles.object_set import load_objects
     from elitelanes_jax.tiles.rendering import overlay, render, write_picture, write_png
@@ -80,6 +81,7 @@ def _render(options: argparse.Namespace) -> int:
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
+    warn_of_faults(str(options.map), road_map)
     out = options.out or options.map.with_suffix("")
     with naming(options.map):
         picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects)
@@ -104,6 +106,11 @@ def add_plan(commands: Commands) -> None:
     out = "a new file that ends in .pdf, .svg or .png"
     command.add_argument("--out", type=checked_by(path), required=True, metavar="FILE", help=out)
     command.add_argument(
+        "--tags",
+        action="store_true",
+        help="write the AprilTags of the map's signs instead, to print: black squares of 6.5 cm on A4, .pdf",
+    )
+    command.add_argument(
         "--tile-size",
         type=checked_by(real(0.55, 2, unit="metres")),
         default=0.585,
@@ -113,20 +120,37 @@ def add_plan(commands: Commands) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    from elitelanes_jax.formats.plan_pages import write_plan
+    from elitelanes_jax.maps.faults import warn_of_faults
 
     road_map = read_map(options.map)
+    warn_of_faults(str(options.map), road_map)
     check_new(options.out)
+    write = _write_tags if options.tags else _write_plan
     try:
         with never_replacing(options.out):
-            plan = write_plan(road_map, options.out, tile_size=options.tile_size)
+            written = write(road_map, options)
     except InputError as error:
         words = str(error).replace("file: ", "--out: ", 1).replace("map: ", f"{options.map}: ", 1)
         raise type(error)(words) from None
+    say(f"{written}, in {options.out}")
+    return 0
+
+
+def _write_plan(road_map: RoadMap, options: argparse.Namespace) -> str:
+    """Writes a plan; returns what it needs."""
+    from elitelanes_jax.formats.plan_pages import write_plan
+
+    plan = write_plan(road_map, options.out, tile_size=options.tile_size)
     tape = ", ".join(f"{metres:.2f} m {colour}" for colour, metres in plan.tape.items())
     tiles = pluralize(len(plan.placed), "tile")
-    say(f"{tiles} on {plan.floor[0]:g} x {plan.floor[1]:g} m, tape {tape}, in {options.out}")
-    return 0
+    return f"{tiles} on {plan.floor[0]:g} x {plan.floor[1]:g} m, tape {tape}"
+
+
+def _write_tags(road_map: RoadMap, options: argparse.Namespace) -> str:
+    """Writes the tags of a map; returns how many."""
+    from elitelanes_jax.tiles.tag_pages import write_tags
+
+    return f"{pluralize(write_tags(road_map, options.out), 'tag')} to print"
 
 
 def add_furnish(commands: Commands) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.formats._signals import rights_of_way
+from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, bounds, giving_way, lanes
 
 _HEAD = (

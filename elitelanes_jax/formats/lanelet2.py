@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.formats._signals import rights_of_way
+from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, Way, bounds, giving_way, lanes
 from elitelanes_jax.network.movements import TURNS
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._pieces import Piece, across, back, middle
-from elitelanes_jax.formats._signals import Arrival, Signal, list_signals, rights_of_way, signal_element
 from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards, walk_roads
+from elitelanes_jax.formats.signals import Arrival, Signal, list_signals, rights_of_way, signal_element
 from elitelanes_jax.formats.streets import BACK, Streets, Way, lanes
 
 # On the equator, on the central meridian of UTM's zone 32.

@@ -8,6 +8,7 @@ from math import cos, hypot, pi, sin
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
@@ -15,7 +16,8 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.network.codes import NORTH, SOUTH, WEST, rotate_codes
+from elitelanes_jax.network.codes import CONNECTIONS, NORTH, SOUTH, WEST, rotate_codes
+from elitelanes_jax.network.movements import linked_codes
 
 TAPE_WIDTHS = {"white": 0.048, "yellow": 0.024, "red": 0.048}
 """The width of each colour of tape in metres."""
@@ -92,8 +94,8 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
       tile_size: the pitch of the tiles in metres, 0.55 to 2.
 
     Raises:
-      InputError: for anything else, a map without roads or with a side over 64, or a tile with one connection, which
-        Duckietown does not have.
+      InputError: for anything else, a map without roads or with a side over 64, or a tile with one connection or one
+        that its neighbour does not return, because Duckietown has no tile for the end of a road.
     """
     size = check_named("tile_size", real(0.55, 2, unit="metres"), tile_size)
     given = as_map(road_map)
@@ -102,6 +104,7 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
     if max(height, width) > LONGEST_PLAN or not codes.any():
         got = f"{height} x {width}" if codes.any() else "none"
         raise InputError(f"map: expected roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles, got {got}")
+    _check_ends(codes)
     placed = tuple(_place(row, column, int(codes[row, column])) for row, column in np.argwhere(codes).tolist())
     tiles = {kind: sum(tile.kind == kind for tile in placed) for kind in REFERENCE}
     tape = dict.fromkeys(TAPE_WIDTHS, 0.0)
@@ -143,10 +146,16 @@ def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tup
     return tuple(_turned(strip, turns + quarter_turns, tile_size) for strip, turns in strips)
 
 
-def _place(row: int, column: int, code: int) -> PlacedTile:
-    if code not in _TILE:
-        expected = "map: expected tiles with two or more connections, as Duckietown has"
+def _check_ends(codes: NDArray[np.int8]) -> None:
+    """Raises `InputError` for a tile where a road ends."""
+    ends = np.argwhere((CONNECTIONS[codes] == 1) | (linked_codes(codes) != codes)).tolist()
+    if ends:
+        row, column = ends[0]
+        expected = "map: expected tiles with two or more connections that their neighbours return, as Duckietown has"
         raise InputError(f"{expected}, got a dead end at row {row}, column {column}")
+
+
+def _place(row: int, column: int, code: int) -> PlacedTile:
     return PlacedTile(row, column, *_TILE[code])
 
 

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, file_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
+from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.dt_layers import is_layers, read_layers
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
 from elitelanes_jax.formats.sketch import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
-
-_Read = TypeVar("_Read")
+from elitelanes_jax.network.plain_metrics import plain_measure
 
 _FORMAT = "elitelanes map, version 1"
 _MOST_BYTES = 32 * MIB  # a drawn map of 1024 x 1024 tiles has 22 MB
+_ROUNDED = 1e-3  # how far a stored share may be from the measured one
 _MOST_LISTED = 64 * MIB  # a list of 40,000 maps of 12 x 12 tiles with their metrics
 
 
@@ -138,12 +139,14 @@ def _lines(value: Plain, indent: str) -> str:
 def read_map(file: str | Path) -> RoadMap:
     """Reads a map file; ``{"codes": [[...], ...]}`` is enough.
 
-    Files ``.yaml`` and ``.yml`` are maps of Duckietown, and so are folders with ``tiles.yaml`` and ``frames.yaml``.
+    Files ``.yaml`` and ``.yml`` are maps of Duckietown, and so are folders with ``tiles.yaml`` and ``frames.yaml``. If
+    the file has other metrics than those of its codes, see `refresh`.
 
     Raises:
       InputError: if it cannot be read, has over 32 MiB or a bad entry; the message names the file.
     """
-    return _read(file, _MOST_BYTES, _map_of)
+    (road_map,) = _read(file, _MOST_BYTES, _one_map_of)
+    return road_map
 
 
 def read_maps(file: str | Path) -> list[RoadMap]:
@@ -198,8 +201,31 @@ def _dimensions(value: UserValue) -> int:
     return getattr(value, "ndim", 0)
 
 
-def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read:
-    """Reads a file and parses its values; of a map of Duckietown, its codes and objects."""
+def refresh(road_map: RoadMap, name: str) -> RoadMap:
+    """Returns a map whose metrics are those of its codes. After a change by hand, stored metrics no longer are.
+
+    Such a map is measured again, and loses what a search said of its former codes: its fitness, descriptor, niche, seed
+    and drawn tiles. A command says so in a line that begins with `name`. A map without metrics stays as it is.
+    """
+    if road_map.metrics is None:
+        return road_map
+    measured = plain_measure(road_map.codes)
+    for metric, value in road_map.metrics.items():
+        if metric in measured and metric != "off_alphabet" and abs(value - measured[metric]) > _ROUNDED:
+            change = f"{metric} {measured[metric]:g} instead of {value:g}"
+            announce_at_end(name, f"measured again, because its codes were changed: {change}")
+            return RoadMap(road_map.codes, metrics=measured, objects=road_map.objects)
+    return road_map
+
+
+def _read(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]]) -> list[RoadMap]:
+    """Reads the maps of a file; of a map of Duckietown, its codes and objects."""
+    maps = _parse(file, most, parse)
+    names = [str(file)] if len(maps) == 1 else [f"{file}: map {index}" for index in range(len(maps))]
+    return [refresh(road_map, name) for road_map, name in zip(maps, names, strict=True)]
+
+
+def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]]) -> list[RoadMap]:
     suffix = check_named("file", path, file).suffix.lower()
     if suffix == ".npz":
         raise InputError(f"{file}: expected a file of maps, got an archive of a search; pick chooses maps from it")
@@ -231,9 +257,13 @@ def _json_of(text: str) -> Plain:
         raise InputError(f"expected a readable JSON file, got: {error}") from None
 
 
+def _one_map_of(values: Plain) -> list[RoadMap]:
+    return [_map_of(values)]
+
+
 def _maps_of(values: Plain) -> list[RoadMap]:
     if not isinstance(values, list):
-        return [_map_of(values)]
+        return _one_map_of(values)
     return [check_named(f"map {index}", _map_of, one) for index, one in enumerate(values)]
 
 

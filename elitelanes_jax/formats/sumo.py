@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards, walk_roads
+from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, no_road
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES

@@ -1,4 +1,5 @@
 from .exporting import FormatOptions as FormatOptions
+from .furnishing.floors import floor_size as floor_size
 from .furnishing.placing import furnish as furnish
 from .furnishing.spec import FurnishSpec as FurnishSpec
 from .generation import generate as generate

@@ -45,10 +45,15 @@ class Format(NamedTuple):
         return (made,) if isinstance(made, str | bytes) else tuple(made)
 
 
+# At 256 pixels a tile the robot of MuJoCo sees lines with sharp edges. At 64 its picture differs three times as much
+# from the one at 384, which is the size of the tiles' own pictures. A graphics card may refuse pictures with sides of
+# over 8192 pixels.
+_SHARP_PX, _MOST_PX, _LEAST_PX = 256, 8192, 16
+
 # `formats` is lazy: a format imports slow modules when it runs.
 
 
-def _roads(road_map: RoadMap, dead_ends: str | None = None) -> RoadMap:
+def without_ends(road_map: RoadMap, dead_ends: str | None = None) -> RoadMap:
     """Returns a map, if asked for without roads that lead nowhere; raises `InputError` if it has no others."""
     if dead_ends is None:
         return road_map
@@ -60,11 +65,11 @@ def _roads(road_map: RoadMap, dead_ends: str | None = None) -> RoadMap:
 
 
 def _duckietown(road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float) -> str:
-    return formats.to_duckietown(_roads(road_map, dead_ends).codes, objects=road_map.objects, **size)
+    return formats.to_duckietown(without_ends(road_map, dead_ends).codes, objects=road_map.objects, **size)
 
 
 def _dt_maps(road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float) -> Iterable[str]:
-    return formats.to_dt_maps(_roads(road_map, dead_ends), **size).values()
+    return formats.to_dt_maps(without_ends(road_map, dead_ends), **size).values()
 
 
 def _streets(measures: Mapping[str, UserValue]) -> formats.Streets:
@@ -79,11 +84,13 @@ def _tiles(folder: Path | None) -> "TileSet":
 
 
 def _floor(
-    road_map: RoadMap, tiles: Path | None = None, tile_px: int = 64, **size: float
+    road_map: RoadMap, tiles: Path | None = None, tile_px: int | None = None, **size: float
 ) -> tuple[bytes, float, "list[formats.Standing]"]:
     """Returns the picture of a map with its tags, the side of a tile, and the objects that stand on the map."""
     from elitelanes_jax.tiles.rendering import png_of, render, stand
 
+    if tile_px is None:
+        tile_px = max(_LEAST_PX, min(_SHARP_PX, _MOST_PX // max(road_map.codes.shape)))
     objects = road_map.objects or ()
     tags = tuple(thing for thing in objects if not thing.height)
     image = render(replace(road_map, objects=tags), _tiles(tiles), tile_px=tile_px).image
@@ -134,7 +141,7 @@ class FormatOptions(Record):
       speed: limit in a network, in metres a second; by default 8.33
       right_of_way: at a network's crossings: allway_stop (the default), priority, right_before_left, traffic_light
       tiles: folder of the tile pictures of a floor; by default the package's own
-      tile_px: side of a tile in a floor's picture, in pixels; by default 64
+      tile_px: side of a tile in a floor's picture, in pixels; by default 256, or less over 32 tiles a side
       cells: cells of a robot's map along a tile's side, 5 to 256; by default 5
     """
 

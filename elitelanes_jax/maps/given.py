@@ -1,5 +1,6 @@
 """Maps that a dataset uses instead of evolving maps; without JAX and OpenCV."""
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
@@ -9,7 +10,8 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.dt_layers import is_layers
-from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json, read_maps
+from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json, read_maps, refresh
+from elitelanes_jax.maps.faults import warn_of_faults
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
 
@@ -60,7 +62,10 @@ def parse_given(sources: UserValue) -> GivenMaps:
     maps = [road_map for road_map in found if distinct[canonical_form(road_map.codes)] is road_map]
     files = [file_of.get(id(one), "") for one in maps]
     names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
-    measured = tuple(map(_measured, maps, names))
+    shares = Counter(files)
+    # Commands name a map by its file, as they do where they read one map.
+    labels = [file if file and shares[file] == 1 else name for file, name in zip(files, names, strict=True)]
+    measured = tuple(map(_measured, maps, labels))
     digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
     return GivenMaps(measured, digest, tuple(paths), tuple(names), len(found) - len(maps))
 
@@ -104,12 +109,9 @@ def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
 
 
 def _measured(road_map: RoadMap, name: str) -> RoadMap:
-    """Returns a map with its metrics. Raises `InputError` if it has others, as after a change of the codes by hand."""
-    measured = plain_measure(road_map.codes)
-    for metric, value in (road_map.metrics or {}).items():
-        if metric in measured and metric != "off_alphabet" and abs(value - measured[metric]) > 1e-3:
-            raise InputError(
-                f"{name}: expected the metrics of its codes, {metric} {measured[metric]:g}, got {value:g}; without "
-                "metrics it is measured"
-            )
-    return road_map if road_map.metrics is not None else replace(road_map, metrics=measured)
+    """Returns a map with the metrics of its codes. A command says in a line what does not fit in it."""
+    refreshed = refresh(road_map, name)
+    warn_of_faults(name, refreshed)
+    if refreshed.metrics is None:
+        return replace(refreshed, metrics=plain_measure(refreshed.codes))
+    return refreshed

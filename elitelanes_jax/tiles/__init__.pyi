@@ -18,6 +18,7 @@ from .rendering import scale_tiles as scale_tiles
 from .rendering import stand as stand
 from .rendering import write_picture as write_picture
 from .rendering import write_png as write_png
+from .tag_pages import write_tags as write_tags
 from .tileset import MASKS as MASKS
 from .tileset import TileSet as TileSet
 from .tileset import default_tiles as default_tiles

@@ -28,6 +28,12 @@ _NEAR, _SECOND, _STAND = 0.08, 0.2, 0.25
 # By the way that is closed, in quarter turns clockwise from straight on: right, back, left.
 _TOPOLOGY = {0: "sign_T_intersect", 1: "sign_left_T_intersect", 3: "sign_right_T_intersect"}
 
+TOPOLOGIES = (*_TOPOLOGY.values(), "sign_4_way_intersect")
+"""The kinds of signs that show which ways a crossing has."""
+
+CONTROLS = ("sign_stop", "sign_t_light_ahead")
+"""The kinds of signs that say how a crossing is controlled."""
+
 
 def crossings(codes: NDArray[np.int8]) -> dict[Cell, list[int]]:
     """Returns the sides, as indices of `SIDES`, by which each crossing is linked, in the order of rows."""
@@ -71,11 +77,16 @@ def place_light(crossing: Cell, corner: int) -> MapObject:
     return make_object("trafficlight", x, y, atan2(down, -right))
 
 
+def topology_sign(sides: list[int], heading: int) -> str:
+    """Returns the kind of sign that shows a crossing with these sides to who enters it with a heading."""
+    closed = [(side - heading) % 4 for side in range(4) if side not in sides]
+    return _TOPOLOGY[closed[0]] if closed else "sign_4_way_intersect"
+
+
 def _signs_for(crossing: Cell, sides: list[int], heading: int, control: str) -> list[MapObject]:
     """Returns the two signs that a driver reads who enters a crossing with a heading."""
     ahead, right = SIDES[heading], SIDES[(heading + 1) % 4]
-    closed = [(side - heading) % 4 for side in range(4) if side not in sides]
-    topology = _TOPOLOGY[closed[0]] if closed else "sign_4_way_intersect"
+    topology = topology_sign(sides, heading)
     angle = atan2(ahead.down, -ahead.right)  # back towards the driver; y points south
     signs = []
     for kind, to_right in ((topology, 0.5 + _NEAR), (control, -0.5 - _SECOND)):

@@ -21,7 +21,7 @@ def make_object(kind: str, x: float, y: float, angle: float, *, static: bool = T
     return MapObject(kind, round(x, 6), round(y, 6), angle, OBJECT_KINDS[kind].height, static=static)
 
 
-def _outline(thing: MapObject) -> list[Point]:
+def outline_of(thing: MapObject) -> list[Point]:
     """Returns the four corners of an object's footprint, in tiles; of the square around it, if it is round."""
     length, width = (side / 2 / TILE_SIZE for side in thing.footprint)
     along, across = (cos(thing.angle), -sin(thing.angle)), (sin(thing.angle), cos(thing.angle))
@@ -53,20 +53,20 @@ class Space:
 
     def place(self, thing: MapObject, *, in_lane: bool = False) -> bool:
         """Adds an object if it fits: off all roads unless it is in a lane, and clear of the other objects."""
-        fits = (in_lane or all(map(self._is_free, _cells(_outline(thing))))) and self.is_clear(thing)
+        fits = (in_lane or all(map(self._is_free, _cells(outline_of(thing))))) and self.is_clear(thing)
         if fits:
             self.add(thing)
         return fits
 
     def is_clear(self, thing: MapObject) -> bool:
         """Returns whether an object keeps clear of those that were added."""
-        corners = _outline(thing)
+        corners = outline_of(thing)
         return not any(_are_close(corners, other) for cell in _cells(corners) for other in self._outlines[cell])
 
     def add(self, thing: MapObject) -> None:
         """Adds an object without checking whether it fits."""
         self.objects.append(thing)
-        corners = _outline(thing)
+        corners = outline_of(thing)
         for cell in _cells(corners, _CLEARANCE):
             self._outlines[cell].append(corners)
 

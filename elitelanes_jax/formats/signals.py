@@ -54,7 +54,7 @@ def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
     check_named("streets", instance(Streets), streets)
     rules = {tile: streets.right_of_way for tile, others in linked_tiles(codes).items() if len(others) > 2}
     for thing in sorted(_signs(codes), key=lambda thing: thing.kind):  # lights last: they overrule signs
-        tile = _crossing_of(thing, rules)
+        tile = crossing_of(thing, rules)
         if tile and thing.kind in _RULES:
             rules[tile] = _RULES[thing.kind]
     return rules
@@ -74,14 +74,14 @@ def list_signals(codes: AnyArray, rules: dict[Cell, str], paths: list[list[Cell]
     passages = _passages(ways)
     middles = np.array([middle for middle, *_ in passages])
     for thing in _signs(codes):
-        tile = _crossing_of(thing, rules)
+        tile = crossing_of(thing, rules)
         if thing.kind in _RULES:
             own.add(tile)
         if thing.kind == "trafficlight" and tile:
             for end in (end for end in found if end[0] == tile):
                 found[end].append(Signal(next(numbers), thing.kind, thing, (1 - headings[end]) * pi / 2))
             continue
-        heading = _heading_of_reader(thing) if thing.kind.endswith(_OF_CROSSINGS) else None
+        heading = heading_of_reader(thing) if thing.kind.endswith(_OF_CROSSINGS) else None
         arrivals = [end for end in found if (end[0], headings[end]) == (tile, heading)]
         end = arrivals[0] if arrivals else _end_of_road(thing, passages, middles)
         found[end].append(Signal(next(numbers), thing.kind, thing, thing.angle + pi))
@@ -131,7 +131,7 @@ def _signs(codes: AnyArray) -> list[MapObject]:
     return [thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"]
 
 
-def _crossing_of(thing: MapObject, crossings: Collection[Cell]) -> Cell | None:
+def crossing_of(thing: MapObject, crossings: Collection[Cell]) -> Cell | None:
     """Returns the crossing that a sign or a light belongs to, if one is near."""
     nearest = min(crossings, key=lambda tile: _distance(thing, tile), default=None)
     return nearest if nearest and _distance(thing, nearest) < _FAR else None
@@ -139,11 +139,11 @@ def _crossing_of(thing: MapObject, crossings: Collection[Cell]) -> Cell | None:
 
 def _distance(thing: MapObject, tile: Cell) -> float:
     """Returns the distance in tiles of a light from a tile; of a sign from the far side as its reader sees it."""
-    ahead, share = SIDES[_heading_of_reader(thing)], 0 if thing.kind == "trafficlight" else 0.5
+    ahead, share = SIDES[heading_of_reader(thing)], 0 if thing.kind == "trafficlight" else 0.5
     return hypot(tile[1] + 0.5 + share * ahead.right - thing.x, tile[0] + 0.5 + share * ahead.down - thing.y)
 
 
-def _heading_of_reader(sign: MapObject) -> int:
+def heading_of_reader(sign: MapObject) -> int:
     """Returns the heading of who drives towards a sign: 0 north, 1 east, 2 south, 3 west."""
     return round(-1 - sign.angle / (pi / 2)) % 4
 

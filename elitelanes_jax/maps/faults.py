@@ -1,0 +1,67 @@
+"""What does not fit in a map that somebody drew or changed by hand: roads that end, and signs of other crossings."""
+
+from collections.abc import Collection
+from itertools import product
+from math import floor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import pluralize
+from elitelanes_jax._util.progress import announce_at_end
+from elitelanes_jax.formats.graph import Cell
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.signals import crossing_of, heading_of_reader
+from elitelanes_jax.maps.furnishing.signs import CONTROLS, TOPOLOGIES, crossings, has_free_corners, topology_sign
+from elitelanes_jax.network.codes import CONNECTIONS
+from elitelanes_jax.network.movements import linked_codes
+
+
+def warn_of_faults(name: str, road_map: RoadMap) -> None:
+    """Prints what does not fit in a map in one line, at the end of a command that is not quiet."""
+    for fault in (*_ends_of_roads(road_map.codes), *_wrong_signs(road_map)):
+        announce_at_end(name, fault)
+
+
+def _ends_of_roads(codes: NDArray[np.int8]) -> list[str]:
+    """Says at which tiles roads end: they have one connection, or one that no neighbour returns."""
+    ends = np.argwhere((CONNECTIONS[codes] == 1) | (linked_codes(codes) != codes)).tolist()
+    if not ends:
+        return []
+    row, column = ends[0]
+    return [f"roads end at {pluralize(len(ends), 'tile')}, the first at row {row}, column {column}"]
+
+
+def _wrong_signs(road_map: RoadMap) -> list[str]:
+    """Says how many signs do not fit the crossings, and how many crossings have none while others have."""
+    arms = crossings(road_map.codes)
+    bare = {tile for tile in arms if has_free_corners(road_map.codes, tile)}
+    signs = [thing for thing in road_map.objects or () if thing.kind in (*CONTROLS, *TOPOLOGIES, "trafficlight")]
+    wrong = 0
+    for sign in signs:
+        tile = crossing_of(sign, _near(sign, arms))
+        bare.discard(tile)
+        wrong += tile is None or not _fits(sign, arms[tile])
+    said = []
+    if wrong:
+        said.append(f"{wrong} of {pluralize(len(signs), 'sign')} do not fit the crossings")
+    if signs and bare:
+        said.append(f"{pluralize(len(bare), 'crossing')} of {len(arms)} without signs")
+    return [f"{' and '.join(said)}, furnish places signs again"] if said else []
+
+
+def _near(sign: MapObject, crossings: Collection[Cell]) -> list[Cell]:
+    """Returns the crossings to which a sign can belong: a large map has too many to measure the way to each."""
+    rows, columns = (range(floor(at) - 2, floor(at) + 3) for at in (sign.y, sign.x))
+    return [tile for tile in product(rows, columns) if tile in crossings]
+
+
+def _fits(sign: MapObject, sides: list[int]) -> bool:
+    """Returns whether a driver reads a sign at the end of an arm of its crossing, and it shows that crossing."""
+    if sign.kind == "trafficlight":
+        return True
+    heading = heading_of_reader(sign)
+    if (heading + 2) % 4 not in sides:
+        return False
+    return sign.kind in CONTROLS or sign.kind == topology_sign(sides, heading)

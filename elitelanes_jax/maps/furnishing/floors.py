@@ -1,0 +1,47 @@
+"""The size of the largest map that a floor has room for, with the signs and lights that stand beside its roads."""
+
+from functools import cache
+
+from elitelanes_jax._util.checks import check_named, real
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.maps.furnishing.signs import place_light, place_signs
+from elitelanes_jax.maps.furnishing.space import outline_of
+
+_SMALLEST = 2  # rows and columns of a map that a search makes
+_ROUNDING = 1e-9  # tiles: a floor of exactly three tiles has room for three
+
+
+def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
+    """Returns the rows and columns of the largest map of tiles of 0.585 m for a floor, with `floor_margin` around it.
+
+    Args:
+      width: of the floor, metres from west to east.
+      depth: metres from north to south.
+
+    Raises:
+      InputError: for anything else than metres, or a floor with room for fewer than 2 x 2 tiles.
+    """
+    metres = real(0, 10_000, unit="metres, a number", exclusive=True)
+    sides = check_named("depth", metres, depth), check_named("width", metres, width)
+    margin = floor_margin()
+    rows, columns = (int((side - 2 * margin) / TILE_SIZE + _ROUNDING) for side in sides)
+    if min(rows, columns) < _SMALLEST:
+        least = _SMALLEST * TILE_SIZE + 2 * margin
+        raise InputError(f"floor: expected at least {least:.2f} x {least:.2f} m, got {sides[1]:g} x {sides[0]:g} m")
+    return rows, columns
+
+
+@cache
+def floor_margin() -> float:
+    """Returns how many metres of floor signs and lights need around a map.
+
+    The farthest are those of a crossing at the map's border. Here it is at the northern one, without a road to the
+    north. Street names are nearer.
+    """
+    crossing, sides = (0, 0), [1, 2, 3]
+    things = [place_light(crossing, corner) for corner in range(4)]
+    for lit in (set(), {crossing}):
+        things += place_signs({crossing: sides}, {crossing}, "all", lit)
+    return TILE_SIZE * max(-y for thing in things for _, y in outline_of(thing))

@@ -1,0 +1,99 @@
+"""Pages with the AprilTags of a map, to print on A4 at their size."""
+
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax._util.types import Untyped, UserValue
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.road_map import as_map
+from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
+from elitelanes_jax.tiles.object_set import draw_tag
+
+# Lengths on pages are in millimetres.
+_A4 = 210.0, 297.0
+_SIDE = 1000 * TAG_SIZE
+_CELL = _SIDE / 8  # of the eight cells along a black square
+_CUT = _SIDE + 2 * _CELL  # readers of tags need a white margin of a cell
+_COLUMNS, _ROWS, _TOP, _CAPTION = 2, 3, 22.0, 7.0
+_BAR = 100.0  # to measure whether the printer kept the size
+_FAINT = "#6d737d"
+
+
+def write_tags(road_map: UserValue, file: str | Path) -> int:
+    """Writes the AprilTags of a map's signs and floor tags, to print without scaling; returns their number.
+
+    A tag is a black square of 6.5 cm. It has a white margin, a grey line to cut along, and a caption with its number
+    and the kind of its sign. Tags are in ascending order, each as often as the map has it.
+
+    Args:
+      road_map: a `RoadMap` or a file.
+      file: a name that ends in .pdf; an existing file is replaced.
+
+    Raises:
+      InputError: for anything else, a map without tags, or without matplotlib.
+      OSError: if the file cannot be written.
+    """
+    target = check_named("file", path, file)
+    if target.suffix.lower() != ".pdf":
+        raise InputError(f"file: expected a name that ends in .pdf, got {shorten(repr(str(file)))}")
+    objects = as_map(road_map).objects or ()
+    tagged = sorted((thing for thing in objects if thing.tag is not None), key=lambda thing: (thing.tag, thing.kind))
+    if not tagged:
+        raise InputError("map: expected signs with tags, as furnish places them, got none")
+    import_optional("matplotlib", "pages of tags need matplotlib")
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    content = io.BytesIO()
+    with (
+        rc_context({"pdf.fonttype": 42}),
+        PdfPages(content, metadata={"CreationDate": None, "Title": "AprilTags of a map"}) as pages,
+    ):
+        for page in _pages(tagged):
+            pages.savefig(page)
+    write_atomic(target, content.getvalue())
+    return len(tagged)
+
+
+def _pages(tagged: Sequence[MapObject]) -> Iterator[Untyped]:
+    """Draws the pages."""
+    from matplotlib.figure import Figure
+
+    of_page = _COLUMNS * _ROWS
+    for first in range(0, len(tagged), of_page):
+        page = Figure(figsize=(_A4[0] / 25.4, _A4[1] / 25.4), facecolor="white")
+        ax = page.add_axes((0, 0, 1, 1))
+        ax.set(xlim=(0, _A4[0]), ylim=(_A4[1], 0))
+        ax.set_axis_off()
+        left = (_A4[0] - _COLUMNS * _CUT) / 2
+        ax.plot([left, left + _BAR], [12, 12], color="black", lw=1, marker="|")
+        ax.text(left + _BAR + 4, 12, "10 cm: print at 100 %, without scaling to the page", size=8, va="center")
+        for index, thing in enumerate(tagged[first : first + of_page]):
+            row, column = divmod(index, _COLUMNS)
+            _draw_tag(ax, thing, left + column * _CUT, _TOP + row * (_CUT + _CAPTION))
+        yield page
+
+
+def _draw_tag(ax: Untyped, thing: MapObject, left: float, top: float) -> None:
+    """Draws a tag whose margin has its north-west corner there."""
+    from matplotlib.patches import PathPatch, Rectangle
+    from matplotlib.path import Path as Outline
+
+    ax.add_patch(Rectangle((left, top), _CUT, _CUT, fill=False, ec=_FAINT, lw=0.3))
+    squares = []
+    for row, column in np.argwhere(draw_tag(thing.tag) == 0).tolist():
+        x, y = left + (column + 1) * _CELL, top + (row + 1) * _CELL
+        squares.append(Outline([(x, y), (x + _CELL, y), (x + _CELL, y + _CELL), (x, y + _CELL), (x, y)], closed=True))
+    # As one outline, because viewers show lines between shapes that touch.
+    ax.add_patch(PathPatch(Outline.make_compound_path(*squares), color="black", lw=0))
+    name = STREET_NAMES.get(thing.tag) if thing.kind == "sign_street_name" else None
+    kind = thing.kind.removeprefix("sign_").replace("_", " ")
+    words = f"{thing.tag}   {kind}" + (f": {name}" if name else "")
+    ax.text(left, top + _CUT + 4.5, words, size=8, color=_FAINT)

@@ -1,0 +1,115 @@
+"""Maps that were changed by hand: what commands say of them, and which metrics they have."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elitelanes_jax import RoadMap, mirror, read_map, rotate
+from elitelanes_jax._util import progress
+from elitelanes_jax.formats import MapObject, read_maps
+from elitelanes_jax.maps import furnish
+from elitelanes_jax.maps.faults import warn_of_faults
+from elitelanes_jax.maps.given import parse_given
+from elitelanes_jax.network import plain_measure, wfc
+
+TOWN = np.array(
+    [
+        [6, 5, 7, 5, 5, 5, 3],
+        [10, 0, 10, 0, 0, 0, 10],
+        [14, 5, 15, 5, 7, 5, 11],
+        [10, 0, 10, 0, 10, 0, 10],
+        [12, 5, 13, 5, 13, 5, 9],
+    ],
+    np.int8,
+)
+SIGNED = furnish(TOWN, "signs lights=0.3 trees=2", seed=1)
+
+
+def faults(road_map, capsys):
+    with progress.reporting(quiet=False):
+        warn_of_faults("m", road_map)
+        warn_of_faults("m", road_map)
+    return capsys.readouterr().err
+
+
+def changed(road_map, **cells):
+    """The map with other codes in some cells, such as r2c2=5."""
+    codes = road_map.codes.copy()
+    for name, code in cells.items():
+        row, column = map(int, name[1:].split("c"))
+        codes[row, column] = code
+    return replace(road_map, codes=codes)
+
+
+def test_whole_maps_are_not_spoken_of(capsys):
+    """Whatever furnish places fits, with every choice of lights and on maps that have no room for some signs."""
+    for number in range(30):
+        codes = wfc.generate_batch(np.random.default_rng(number), 1, (7, 8), border="closed").grid[0]
+        assert faults(furnish(codes, "signs=possible lights=0.5", seed=number), capsys) == ""
+    for quarter_turns in range(4):
+        for codes in (rotate(TOWN, quarter_turns), mirror(rotate(TOWN, quarter_turns))):
+            assert faults(furnish(codes, "all lights=0.5", seed=quarter_turns), capsys) == ""
+    assert faults(RoadMap(TOWN), capsys) == faults(RoadMap(np.zeros((3, 3), np.int8)), capsys) == ""
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        ({"r0c0": 4}, "roads end at 2 tiles, the first at row 0, column 0"),
+        ({"r0c0": 14}, "roads end at 1 tile, the first at row 0, column 0"),
+        ({"r2c1": 0}, "roads end at 2 tiles, the first at row 2, column 0; "),
+        # A crossing becomes a turn, and the road of another one goes.
+        ({"r2c4": 5, "r3c4": 0, "r4c4": 5}, "10 of 44 signs do not fit the crossings, furnish places signs again"),
+        # A T becomes a 4-way crossing: its six signs of the topology are those of a T.
+        (
+            {"r2c4": 15, "r1c4": 10, "r0c4": 7},
+            "3 of 44 signs do not fit the crossings and 1 crossing of 8 without",
+        ),
+    ],
+)
+def test_what_no_longer_fits_is_said_once(capsys, cells, said):
+    err = faults(changed(furnish(TOWN, "signs"), **cells), capsys)
+    assert err.startswith("m: ") and said in err and err.count("\n") == 1
+
+
+def test_a_map_without_signs_needs_none(capsys):
+    assert faults(changed(RoadMap(TOWN), r2c4=15, r1c4=10, r0c4=7), capsys) == ""
+
+
+def test_a_light_and_signs_beside_no_crossing_are_counted(capsys):
+    things = [MapObject("trafficlight", 3, 3, 0, 0.4), MapObject("sign_stop", 3, 3, 0, 0.18)]
+    loop = RoadMap([[6, 5, 3], [10, 0, 10], [12, 5, 9]], objects=things)
+    assert faults(loop, capsys) == "m: 2 of 2 signs do not fit the crossings, furnish places signs again\n"
+
+
+def test_signs_of_other_makers_are_where_they_put_them(capsys):
+    """Nearer or farther from the corner than ours, as in duckietown-world's maps."""
+    moved = [
+        thing._replace(x=thing.x + 0.05, y=thing.y - 0.06) if thing.kind.startswith("sign_") else thing
+        for thing in SIGNED.objects
+    ]
+    assert faults(replace(SIGNED, objects=tuple(moved)), capsys) == ""
+
+
+def test_stored_metrics_of_other_codes_are_measured_again(tmp_path, capsys):
+    """So every reader has metrics that fit. What a search said of the former codes is left out."""
+    whole = RoadMap(TOWN, metrics=plain_measure(TOWN), fitness=3.0, niche=[1], descriptor={"turns": 4}, seed=(0, 1))
+    file = tmp_path / "map.json"
+    for codes, stale in ((TOWN, False), (changed(whole, r2c2=5, r1c2=0, r0c2=5, r3c2=0, r4c2=5).codes, True)):
+        values = json.loads(json.dumps({"codes": codes.tolist(), "metrics": plain_measure(TOWN)}, default=float))
+        values |= {"fitness": 3.0, "niche": [1], "descriptor": {"turns": 4}, "seed": [0, 1]}
+        file.write_text(json.dumps(values))
+        (tmp_path / "list.json").write_text(json.dumps([values, values]))
+        with progress.reporting(quiet=False):
+            read = [read_map(file), read_maps(file)[0], read_maps(tmp_path / "list.json")[1], parse_given(file).maps[0]]
+            read.append(parse_given([RoadMap(codes, metrics=plain_measure(TOWN))]).maps[0])
+        err = capsys.readouterr().err
+        for road_map in read:
+            assert road_map.metrics == pytest.approx(plain_measure(codes))
+        assert {road_map.fitness for road_map in read[:4]} == {None if stale else 3.0}
+        assert {road_map.niche is None for road_map in read[:4]} == {stale}
+        assert ("map.json: measured again, because its codes were changed: " in err) == stale
+        assert "list.json: map 1: measured again" in err or not stale
+        assert err.count("\n") == (4 if stale else 0)
