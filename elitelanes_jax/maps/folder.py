@@ -18,7 +18,7 @@ from elitelanes_jax.formats.road_map import Drawn, RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.problem.inventory import COUNTED
-from elitelanes_jax.tiles.contact_sheet import contact_sheet
+from elitelanes_jax.tiles.contact_sheet import contact_sheet, pin_signs
 from elitelanes_jax.tiles.rendering import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
@@ -30,6 +30,8 @@ RECORD = "run.json"
 
 # The longer side of a map on the contact sheet, in pixels, and the range of a tile's side.
 _SHEET_PX, _SHEET_TILE_PX = 288, (16, 96)
+# The same of maps with objects: at 72 pixels a tile one can read the signs.
+_SIGNS_PX, _SIGNS_TILE_PX = 1152, 72
 
 # The files of a rendered map. A map with objects also has instances.png.
 _PICTURES = tuple(f"{name}.png" for name in ("image", *MASKS, "labels"))
@@ -50,10 +52,14 @@ def write_maps(
     The maps have one size, and metrics. `seed` is that of the choice of tile pictures, and of the positions of objects.
     Without `furnish`, maps keep the objects they have. Raises `InputError` if the objects do not fit on a map.
     """
-    sheet_px = int(np.clip(_SHEET_PX // max(maps[0].codes.shape), *_SHEET_TILE_PX))
     if furnish:
         place = partial(furnish_map, spec=furnish, seed=seed)
         maps = [check_named(f"furnish: map {index}", place, one) for index, one in enumerate(maps)]
+    longest = max(maps[0].codes.shape)
+    sheet_px = int(np.clip(_SHEET_PX // longest, *_SHEET_TILE_PX))
+    has_objects = any(one.objects for one in maps)
+    if has_objects:
+        sheet_px = int(np.clip(_SIGNS_PX // longest, sheet_px, _SIGNS_TILE_PX))
 
     def draw(index: int, plain: RoadMap) -> tuple[RoadMap, NDArray[np.uint8]]:
         chosen = choose_tiles(plain.codes, tiles, [seed, index])
@@ -63,7 +69,10 @@ def write_maps(
         path.mkdir(parents=True)
         write_picture(path, render(plain, tiles, tile_px=tile_px, chosen=chosen))
         road_map.save(path / "map.json")
-        return road_map, render(plain, tiles, tile_px=sheet_px, chosen=chosen).image
+        small = render(plain, tiles, tile_px=sheet_px, chosen=chosen).image
+        if has_objects:
+            small = pin_signs(small, plain.objects or (), sheet_px)
+        return road_map, small
 
     with Progress("drawing", len(maps), "maps") as bar:
         calls = [partial(draw, index, plain) for index, plain in enumerate(maps)]

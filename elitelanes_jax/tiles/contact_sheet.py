@@ -1,4 +1,4 @@
-"""A sheet of many pictures with captions."""
+"""A sheet of many pictures with captions; and signs on pictures of maps, large enough to read."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -11,10 +11,15 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Untyped
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.tiles.object_set import ObjectPictures, load_objects
 
 _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
 _GAP, _LINE = 28, 19
 _TITLE, _CAPTION = 0.8, 0.46
+# Of the faces of signs, in tiles: the width of a face, the border that those beside the map need, and how many times as
+# far from the corner of a crossing as their signs the faces are, and those of lights.
+_FACE, _BORDER, _APART, _APART_LIGHT = 0.21, 0.55, 1.9, 1.4
 _EM = 29  # pixels of a letter's square at scale 1, in outline fonts
 
 
@@ -42,6 +47,50 @@ def contact_sheet(
             ink = _FAINT if level else _INK
             write_text(sheet, line, (x, y + height + _LINE * (level + 1)), _CAPTION, ink)
     return sheet
+
+
+def pin_signs(picture: NDArray[np.uint8], objects: Sequence[MapObject], tile_px: int) -> NDArray[np.uint8]:
+    """Returns a picture of a map with a border and with the faces of its signs and lights, upright.
+
+    As seen from above a sign is a post. Faces are farther from the corners of crossings than their signs, so that they
+    do not hide each other. Signs of street names are left out.
+    """
+    border = round(_BORDER * tile_px)
+    framed = np.full((picture.shape[0] + 2 * border, picture.shape[1] + 2 * border, 3), _GROUND, np.uint8)
+    framed[border:-border, border:-border] = picture
+    signs = [thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"]
+    signs = [sign for sign in signs if sign.kind != "sign_street_name"]
+    for sign, pictures in zip(signs, load_objects().choose(signs), strict=True):
+        face = _face(pictures, round(_FACE * tile_px))
+        apart = _APART if pictures.tag else _APART_LIGHT
+        corner_x, corner_y = round(sign.x), round(sign.y)
+        x, y = corner_x + apart * (sign.x - corner_x), corner_y + apart * (sign.y - corner_y)
+        _lay(framed, face, round(x * tile_px) + border, round(y * tile_px) + border)
+    return framed
+
+
+def _face(pictures: ObjectPictures, width: int) -> NDArray[np.uint8]:
+    """Returns what a sign shows above its tag, or the upper part of a light, in RGB and opacity."""
+    front = pictures.view(0)
+    rows = min(len(front), 2 * front.shape[1])
+    if pictures.tag:
+        middle, side = pictures.tag
+        rows = round(len(front) * (1 - (middle + side / 2) / pictures.height)) - 1
+    if not pictures.tag:
+        width = round(width / 2)
+    size = width, max(1, round(width * rows / front.shape[1]))
+    return cv2.resize(front[:rows], size, interpolation=cv2.INTER_AREA)
+
+
+def _lay(picture: NDArray[np.uint8], face: NDArray[np.uint8], x: int, y: int) -> None:
+    """Lays a face with its middle on a pixel of a picture; what is beyond the picture is left out."""
+    height, width = face.shape[:2]
+    top, left = y - height // 2, x - width // 2
+    rows = slice(max(top, 0), min(top + height, len(picture)))
+    columns = slice(max(left, 0), min(left + width, picture.shape[1]))
+    part = face[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left].astype(float)
+    opacity = part[..., 3:] / 255
+    picture[rows, columns] = (part[..., :3] * opacity + picture[rows, columns] * (1 - opacity)).round()
 
 
 @cache

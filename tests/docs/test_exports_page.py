@@ -49,7 +49,7 @@ def test_commands_for_simulators_run(repository, capsys):
     page = (ROOT / "docs" / "simulators.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| .*`elitelanes (export map\.json .*?)`", page, re.MULTILINE)
     shutil.copy("docs/examples/town.json", "map.json")
-    assert len(listed) == 9
+    assert len(listed) == 8
     for command in listed:
         assert main(command.split()) == 0, command
         assert Path(command.split()[-1]).exists()

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
+from elitelanes_jax.maps import furnish
+from elitelanes_jax.tiles import load_objects, render
+from elitelanes_jax.tiles.contact_sheet import _face, contact_sheet, pin_signs, write_text
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 16, 17])
@@ -37,3 +39,24 @@ def test_zeros_have_no_slash():
     top, left, height, width = rows.min(), columns.min(), np.ptp(rows), np.ptp(columns)
     assert height > 80
     assert not sheet[top + height // 4 : top + 3 * height // 4, left + 2 * width // 5 : left + 3 * width // 5].any()
+
+
+@pytest.mark.parametrize("size", [72, 96])
+def test_signs_are_read_on_the_sheet(size):
+    """Each face is upright and whole: no other one hides a part of it, and those beside the map are on the border."""
+    codes = [[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [14, 5, 15, 5, 11], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]]
+    town = furnish(codes, "signs")
+    plain = render(town.codes, tile_px=size).image
+    pinned = pin_signs(plain, town.objects, size)
+    border = (pinned.shape[0] - plain.shape[0]) // 2
+    whole = 0
+    for sign in town.objects:
+        face = _face(load_objects().kinds[sign.kind][0], round(0.21 * size))
+        height, width = face.shape[:2]
+        x, y = (round((round(at) + 1.9 * (at - round(at))) * size) + border for at in (sign.x, sign.y))
+        part = pinned[y - height // 2 :][:height, x - width // 2 :][:, :width]
+        opaque = face[..., 3] == 255
+        assert opaque.mean() > 0.5
+        whole += (part[opaque] == face[opaque, :3]).all()
+    assert whole == len(town.objects) == 32
+    np.testing.assert_array_equal(pin_signs(plain, (), size)[border:-border, border:-border], plain)
