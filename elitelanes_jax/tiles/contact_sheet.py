@@ -79,7 +79,7 @@ def _face(pictures: ObjectPictures, width: int) -> NDArray[np.uint8]:
     if not pictures.tag:
         width = round(width / 2)
     size = width, max(1, round(width * rows / front.shape[1]))
-    return cv2.resize(front[:rows], size, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(front[:rows], size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _lay(picture: NDArray[np.uint8], face: NDArray[np.uint8], x: int, y: int) -> None:

@@ -11,7 +11,6 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped, UserValue
-from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
 from elitelanes_jax.tiles.object_set import draw_tag
@@ -44,8 +43,8 @@ def write_tags(road_map: UserValue, file: str | Path) -> int:
     if target.suffix.lower() != ".pdf":
         raise InputError(f"file: expected a name that ends in .pdf, got {shorten(repr(str(file)))}")
     objects = as_map(road_map).objects or ()
-    tagged = sorted((thing for thing in objects if thing.tag is not None), key=lambda thing: (thing.tag, thing.kind))
-    if not tagged:
+    tags = sorted((thing.tag, thing.kind) for thing in objects if thing.tag is not None)
+    if not tags:
         raise InputError("map: expected signs with tags, as furnish places them, got none")
     import_optional("matplotlib", "pages of tags need matplotlib")
     from matplotlib import rc_context
@@ -56,18 +55,18 @@ def write_tags(road_map: UserValue, file: str | Path) -> int:
         rc_context({"pdf.fonttype": 42}),
         PdfPages(content, metadata={"CreationDate": None, "Title": "AprilTags of a map"}) as pages,
     ):
-        for page in _pages(tagged):
+        for page in _pages(tags):
             pages.savefig(page)
     write_atomic(target, content.getvalue())
-    return len(tagged)
+    return len(tags)
 
 
-def _pages(tagged: Sequence[MapObject]) -> Iterator[Untyped]:
-    """Draws the pages."""
+def _pages(tags: Sequence[tuple[int, str]]) -> Iterator[Untyped]:
+    """Draws the pages of tags: the number of each, and the kind of its object."""
     from matplotlib.figure import Figure
 
     of_page = _COLUMNS * _ROWS
-    for first in range(0, len(tagged), of_page):
+    for first in range(0, len(tags), of_page):
         page = Figure(figsize=(_A4[0] / 25.4, _A4[1] / 25.4), facecolor="white")
         ax = page.add_axes((0, 0, 1, 1))
         ax.set(xlim=(0, _A4[0]), ylim=(_A4[1], 0))
@@ -75,25 +74,25 @@ def _pages(tagged: Sequence[MapObject]) -> Iterator[Untyped]:
         left = (_A4[0] - _COLUMNS * _CUT) / 2
         ax.plot([left, left + _BAR], [12, 12], color="black", lw=1, marker="|")
         ax.text(left + _BAR + 4, 12, "10 cm: print at 100 %, without scaling to the page", size=8, va="center")
-        for index, thing in enumerate(tagged[first : first + of_page]):
+        for index, (number, kind) in enumerate(tags[first : first + of_page]):
             row, column = divmod(index, _COLUMNS)
-            _draw_tag(ax, thing, left + column * _CUT, _TOP + row * (_CUT + _CAPTION))
+            _draw_tag(ax, number, kind, left + column * _CUT, _TOP + row * (_CUT + _CAPTION))
         yield page
 
 
-def _draw_tag(ax: Untyped, thing: MapObject, left: float, top: float) -> None:
+def _draw_tag(ax: Untyped, number: int, kind: str, left: float, top: float) -> None:
     """Draws a tag whose margin has its north-west corner there."""
     from matplotlib.patches import PathPatch, Rectangle
     from matplotlib.path import Path as Outline
 
     ax.add_patch(Rectangle((left, top), _CUT, _CUT, fill=False, ec=_FAINT, lw=0.3))
     squares = []
-    for row, column in np.argwhere(draw_tag(thing.tag) == 0).tolist():
+    for row, column in np.argwhere(draw_tag(number) == 0).tolist():
         x, y = left + (column + 1) * _CELL, top + (row + 1) * _CELL
         squares.append(Outline([(x, y), (x + _CELL, y), (x + _CELL, y + _CELL), (x, y + _CELL), (x, y)], closed=True))
     # As one outline, because viewers show lines between shapes that touch.
     ax.add_patch(PathPatch(Outline.make_compound_path(*squares), color="black", lw=0))
-    name = STREET_NAMES.get(thing.tag) if thing.kind == "sign_street_name" else None
-    kind = thing.kind.removeprefix("sign_").replace("_", " ")
-    words = f"{thing.tag}   {kind}" + (f": {name}" if name else "")
+    words = f"{number}   {kind.removeprefix('sign_').replace('_', ' ')}"
+    if kind == "sign_street_name" and number in STREET_NAMES:
+        words += f": {STREET_NAMES[number]}"
     ax.text(left, top + _CUT + 4.5, words, size=8, color=_FAINT)
