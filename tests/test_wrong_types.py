@@ -60,7 +60,7 @@ def arguments():
         "asked": np.array([0, 1]), "atlas": drive.make_atlas(scaled["image"], scaled["labels"]),
         "axes": paper_axes((4, 4)), "best": np.full((1, len(task.optimum)), np.inf), "best_known": np.zeros(3),
         "bits": np.zeros(3, np.uint32), "camera": drive.Camera(), "codes": grid, "config": optimizers.EvolutionConfig(),
-        "count": 2, "descriptor": np.zeros((2, 5), int), "dtype": np.dtype(np.int32), "environment": drive.RoadNav,
+        "count": 2, "depth": 3.0, "descriptor": np.zeros((2, 5), int), "dtype": np.dtype(np.int32), "environment": drive.RoadNav,
         "evaluate": made.evaluate, "features": {}, "file": "map.json", "fill": True,
         "fitness": np.zeros(3), "folder": "folder", "found": found, "function": measure, "generations": 1,
         "goal": drive.LaneNode(0, 1, 1), "grid": grid, "grids": np.zeros((2, 4, 4), np.int8),
@@ -80,7 +80,8 @@ def arguments():
         "spaces": spaces, "spec": elitelanes_jax.SearchSpec(), "start": drive.LaneNode(0, 0, 3),
         "state": drive.LaneDrive.reset(KEY, drive.LaneDriveParams(levels))[1], "submission": None, "task": task,
         "tasks": [task], "text": "tiles: []", "tiles": tile_set, "valid": np.ones(3, bool), "values": [1.0, 2.0],
-        "views": {}, "weights": optimizers.MoveWeights(), "what": [road_map], "worst": 3.0, "x": [1, 2],
+        "trips": [], "views": {}, "weights": optimizers.MoveWeights(), "what": [road_map], "width": 4.0, "worst": 3.0,
+        "x": [1, 2],
     }  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.formats import make_plan, without_dead_ends, write_plan
 from elitelanes_jax.formats.plan import REFERENCE, tapes_of
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, SIDES, rotate_codes
+from elitelanes_jax.network.movements import linked_codes
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
@@ -24,10 +25,20 @@ def middle(side):
     return np.array([0.5 + side.right / 2, 0.5 + side.down / 2]) * SIZE
 
 
+def place(code):
+    """The tile of a code in a plan: in the middle of a ring of road that returns its connections."""
+    codes = np.array([[6, 5, 3], [10, code, 10], [12, 5, 9]], np.int8)
+    for side in SIDES:
+        if code & side.bit:
+            codes[1 + side.down, 1 + side.right] |= side.opposite
+    (placed,) = (tile for tile in make_plan(codes).placed if (tile.row, tile.column) == (1, 1))
+    return placed
+
+
 @pytest.mark.parametrize("code", ROAD_ALPHABET)
 def test_tapes_meet_those_of_the_next_tile(code):
     """On an open side white tape ends 24.6 cm from the middle, yellow tape in it; on a closed side none ends."""
-    placed = make_plan([[code]]).placed[0]
+    placed = place(code)
     assert placed.quarter_turns < len(KINDS[placed.kind])
     tapes = tapes_of(placed.kind, placed.quarter_turns, SIZE)
     for side in SIDES:
@@ -47,7 +58,7 @@ def test_tapes_meet_those_of_the_next_tile(code):
 
 @pytest.mark.parametrize("code", [code for code in ROAD_ALPHABET if code.bit_count() > 2])
 def test_stop_lines_cross_the_right_lane_into_a_crossing(code):
-    placed = make_plan([[code]]).placed[0]
+    placed = place(code)
     red = [tape for tape in tapes_of(placed.kind, placed.quarter_turns, SIZE) if tape.colour == "red"]
     assert len(red) == code.bit_count()
     for side in SIDES:
@@ -124,7 +135,7 @@ def test_a_character_that_the_font_lacks_is_no_warning(kind, tmp_path):
 
 
 def test_a_large_map_has_a_larger_sheet_and_more_lists(tmp_path):
-    grid = np.pad(np.full((14, 14), 15, np.int8), 1)[1:-1, 1:-1]
+    grid = linked_codes(np.full((14, 14), 15, np.int8))
     write_plan(grid, tmp_path / "plan.pdf")
     text = (tmp_path / "plan.pdf").read_bytes()
     heights = [float(box.split()[3]) for box in re.findall(rb"/MediaBox \[([^\]]*)\]", text)]

@@ -8,6 +8,7 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
+from elitelanes_jax.network.plain_metrics import plain_measure
 
 CODES = np.array([[6, 5, 3], [12, 5, 9]], np.int8)
 WHOLE = RoadMap(
@@ -53,12 +54,19 @@ def test_no_map_is_made_that_no_file_could_hold(values, message):
 
 
 def test_a_map_of_numpy_s_numbers_is_written_like_one_of_python_s(tmp_path):
-    numbers = {"metrics": {"turns": np.int32(4), "coverage": np.float32(0.5)}, "fitness": np.float32(2.5)}
+    measured = plain_measure(CODES)
+    turns, coverage = measured["turns"], float(measured["coverage"])
+    numbers = {"metrics": {"turns": np.int32(turns), "coverage": np.float32(coverage)}, "fitness": np.float32(2.5)}
     numbers |= {"niche": [np.int32(1)], "seed": [np.int64(7), 2]}
     file = tmp_path / "map.json"
     file.write_text(map_to_json(RoadMap(CODES.tolist(), **numbers)))
     back = read_map(file)
-    assert (back.metrics, back.fitness, back.niche, back.seed) == ({"turns": 4, "coverage": 0.5}, 2.5, [1], (7, 2))
+    assert (back.metrics, back.fitness, back.niche, back.seed) == (
+        {"turns": turns, "coverage": coverage},
+        2.5,
+        [1],
+        (7, 2),
+    )
     np.testing.assert_array_equal(back.codes, CODES)
 
 
