@@ -119,8 +119,10 @@ def to_sumo_trips(codes: AnyArray, trips: Sequence[tuple[LaneNode, LaneNode]]) -
 
     def edge_of(node: LaneNode) -> str:
         row, column, heading = node
-        step = (row - SIDES[heading].down, column - SIDES[heading].right), (row, column)
-        if step not in edges:
+        step: tuple[Cell, Cell] | None = None
+        if heading in range(4):
+            step = (row - SIDES[heading].down, column - SIDES[heading].right), (row, column)
+        if step is None or step not in edges:
             raise InputError(f"trips: expected starts and goals on roads, got row {row}, column {column}, {heading}")
         return edges[step]
 

@@ -139,8 +139,9 @@ def test_trips_lead_over_the_edges_that_enter_their_tiles(grid):
 
 
 def test_trips_off_the_roads_are_refused():
-    with pytest.raises(InputError, match="trips: expected starts and goals on roads, got row 1, column 1, 0"):
-        to_sumo_trips(RING, [((0, 1, 1), (1, 1, 0))])
+    for heading in (0, 4, -1):
+        with pytest.raises(InputError, match=f"^trips: expected .* on roads, got row 1, column 1, {heading}"):
+            to_sumo_trips(RING, [((0, 1, 1), (1, 1, heading))])
 
 
 @pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, plain_xml])
