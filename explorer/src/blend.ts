@@ -1,5 +1,6 @@
 /** Matches the light of photographed tiles: a gain and an offset for each tile, and feathered seams. */
 import { EAST, NORTH, SOUTH, WEST, type Grid } from "./network/codes";
+import { rint } from "./network/numbers";
 
 /** One tile's picture of size x size pixels, row by row: R, G, B levels, and labels. */
 export interface Pixels {
@@ -132,12 +133,6 @@ export function solveTones(grid: Grid, pictures: ArrayLike<number>, pixelsOf: Pi
     }
     return found.map((value, index) => (index % 2 ? value : 1 + value / 255));
   });
-}
-
-/** Rounds to the nearest whole number, and halves to even, as NumPy does. */
-function rint(value: number): number {
-  const near = Math.round(value);
-  return Math.abs(value % 1) === 0.5 && near % 2 ? near - 1 : near;
 }
 
 /** Draws a map with matched tiles into `target`, which has R, G, B and opacity. Cells without a picture keep theirs. */

@@ -45,16 +45,16 @@ export const OVERLAY_COLOURS: Readonly<Record<Overlay, string>> = {
   faces: "#56b4e9",
 };
 
-const GROUND = "#e4e9dd";
+export const GROUND = "#e4e9dd";
 const KERB = "#aab2a5";
-const ROAD = "#474d59";
+export const ROAD = "#474d59";
 const LANE = "#f7c945";
-const END = "#d7263d";
+export const END = "#d7263d";
 const ROAD_WIDTH = 0.56;
 const KERB_WIDTH = 0.68;
 const LANE_WIDTH = 0.045;
 
-const at = (position: number): string => `${+position.toFixed(3)}`;
+const at = (position: number): string => `${Math.round(1000 * position) / 1000}`;
 const line = (x: number, y: number, x2: number, y2: number): string => `M${at(x)} ${at(y)}L${at(x2)} ${at(y2)}`;
 
 /** Returns the path along the middle of a tile's roads. */

@@ -26,6 +26,8 @@ export interface Mending {
 }
 
 const MOST_STEPS = 200;
+/** The most cells that earlier states keep together. */
+const MOST_CELLS = 2 ** 25;
 
 export function editorOf(
   grid: Grid,
@@ -45,7 +47,9 @@ const sameDrawing = (one: Drawing, other: Drawing): boolean =>
 /** Returns the editor with a new drawing, as a step that can be undone. */
 export function done(editor: Editor, drawing: Drawing): Editor {
   if (sameDrawing(editor, drawing)) return editor;
-  return { ...editor, ...drawing, past: [...editor.past.slice(1 - MOST_STEPS), drawingOf(editor)], future: [] };
+  const steps = Math.min(MOST_STEPS, Math.ceil(MOST_CELLS / editor.grid.codes.length));
+  const past = [...editor.past, drawingOf(editor)].slice(-steps);
+  return { ...editor, ...drawing, past, future: [] };
 }
 
 /** Returns the editor without roads, fixed cells and objects. */

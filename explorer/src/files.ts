@@ -3,14 +3,23 @@ import { FileError } from "./network/errors";
 import { readMap, type MapContent } from "./network/formats";
 import type { ObjectKinds } from "./network/objects";
 
-const MOST_BYTES = 8 * 2 ** 20; // a map file of 1024 x 1024 tiles has 3 MB
+const MOST_MIB = 64; // as `read_maps`; a drawn map of 1024 x 1024 tiles has 22 MB
 
 /** Reads the first of the files that were dropped or picked. */
 export async function readMapFile(files: ArrayLike<File>, kinds: ObjectKinds): Promise<MapContent> {
   if (!files.length) throw new FileError("A map.json or a Duckietown map can be dropped here");
   const file = files[0];
-  if (file.size > MOST_BYTES) throw new FileError(`${file.name}: expected at most 8 MiB`);
-  return readMap(await file.text(), file.name, kinds);
+  if (file.size > MOST_MIB * 2 ** 20) throw new FileError(`${file.name}: expected at most ${MOST_MIB} MiB`);
+  return readMap(textOf(await file.arrayBuffer(), file.name), file.name, kinds);
+}
+
+/** Decodes UTF-8 without a byte order mark. Other bytes are refused, as in Python. */
+export function textOf(bytes: ArrayBuffer | Uint8Array<ArrayBuffer>, name: string): string {
+  try {
+    return new TextDecoder("utf-8", { fatal: true }).decode(bytes);
+  } catch {
+    throw new FileError(`${name}: expected a text file in UTF-8`);
+  }
 }
 
 /** Lets the browser save a file. */

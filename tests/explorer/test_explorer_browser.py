@@ -235,10 +235,10 @@ def test_drawing(seen, folder):
         assert one._replace(x=0, y=0, angle=0) == other._replace(x=0, y=0, angle=0)
         assert one[1:4] == pytest.approx(other[1:4])
     assert draw["refused"] == [
-        "x.json: expected tile codes 0 to 15, got 99",
+        "x.json: expected tile codes 0 to 15, got 99 at row 0, column 1",
         'x.yaml: expected a Duckietown map, got no "tiles"',
         "x.yaml: expected readable YAML, got: unexpected end of the stream within a flow collection",
-        "x.png: expected a map as JSON or Duckietown's YAML",
+        "x.png: expected a map as JSON or Duckietown's YAML, got a fault at character 0",
     ]
     assert draw["elsewhere"] == "ring.json: 2 × 2 tiles" and "view=draw" in draw["opened"]
 

@@ -6,6 +6,8 @@ import { FileError } from "../network/errors";
 import type { MapObject, ObjectKinds } from "../network/objects";
 import type { View } from "../state";
 
+const LARGE = 2 ** 20; // bytes of a file that takes a while
+
 interface Callbacks {
   readonly kinds: ObjectKinds;
   /** Receives the rows and the objects of the map after each change. */
@@ -45,10 +47,15 @@ export function useDrawing({ kinds, onMap, show, say }: Callbacks): Drawing {
   const openFiles = async (list: ArrayLike<File>) => {
     const files = Array.from(list); // a picker's list is emptied meanwhile
     try {
-      const { grid, fixed, objects } = await readMapFile(files, kinds);
+      if (files[0]?.size > LARGE) {
+        say(`Reading ${files[0].name}`);
+        await new Promise((done) => setTimeout(done, 50)); // so that the message is shown before the page is busy
+      }
+      const { grid, fixed, objects, maps } = await readMapFile(files, kinds);
       open(editorOf(grid, objects, fixed ?? undefined));
+      const first = maps > 1 ? `; the first of ${maps} maps` : "";
       const others = files.length > 1 ? `; the first of ${files.length} files` : "";
-      say(`${files[0].name}: ${grid.height} × ${grid.width} tiles${others}`);
+      say(`${files[0].name}: ${grid.height} × ${grid.width} tiles${first}${others}`);
     } catch (error) {
       say(error instanceof FileError ? error.message : `${files[0].name}: cannot be read`);
     }

@@ -1,16 +1,19 @@
 /** The canvas on which a map is drawn and its objects are moved, by pointer or by keys. */
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
-import { mapShapes, objectShapes, overlayShapes, paint, ringShapes } from "../drawing";
+import { objectShapes, overlayShapes, paint, ringShapes } from "../drawing";
 import { between, done, redo, stroked, undo, type Editor, type Stroke, type Tool } from "../editor";
 import type { ObjectTool } from "../hooks/useObjectTool";
 import { KIND_OF, type Grid } from "../network/codes";
 import { edgeOf } from "../network/objects";
+import { paintMap } from "../raster";
 import { fittedStyle, useFittedCanvas } from "./canvas";
 
 export const TILE_KEYS = "Arrow keys move, with Shift they draw, Enter sets a tile, Delete empties it.";
 export const OBJECT_KEYS =
   "Arrow keys select an object, with Shift they move it, R turns it, Delete removes it, Enter adds one.";
+/** The least number of screen pixels between lines of the lattice. */
+const LEAST_LATTICE = 3;
 const STEPS: Readonly<Record<string, readonly [right: number, down: number]>> = {
   ArrowLeft: [-1, 0],
   ArrowRight: [1, 0],
@@ -44,8 +47,8 @@ export function EditorCanvas({ editor, onEdit, tool, objectTool, tile, mends, fi
   useLayoutEffect(() => {
     if (!width) return;
     const { context, scale, ratio } = clear(grid, edge);
-    paint(context, { shapes: mapShapes(grid, { lanes: scale > 14 }), texts: [] }, scale);
-    paintLattice(context, grid, scale);
+    paintMap(context, grid, scale);
+    if (scale > LEAST_LATTICE) paintLattice(context, grid, scale);
     paintFixed(context, grid, fixed, scale);
     const rings = selected ? ringShapes(selected, kinds) : [];
     paint(context, { shapes: [...objectShapes(objects, kinds), ...rings], texts: [] }, scale);

@@ -1,9 +1,10 @@
 /** A map as lines or with tile pictures, and overlays. */
 import { useEffect } from "preact/hooks";
 import { useShared } from "../context";
-import { mapShapes, objectShapes, overlayShapes, paint, type Overlay } from "../drawing";
+import { objectShapes, overlayShapes, paint, type Overlay } from "../drawing";
 import type { Grid } from "../network/codes";
 import { edgeOf, NO_OBJECTS, type MapObject } from "../network/objects";
+import { paintMap } from "../raster";
 import { paintTiles, type Blend } from "../tiles";
 import { fittedStyle, useFittedCanvas } from "./canvas";
 
@@ -45,8 +46,8 @@ export function MapPicture({
         canvas.current!.height,
       );
     } else {
-      const roads = mapShapes(grid, { lanes: scale > 14 });
-      paint(context, { shapes: [...roads, ...objectShapes(objects, data.objects.kinds)], texts: [] }, scale);
+      paintMap(context, grid, scale);
+      paint(context, { shapes: objectShapes(objects, data.objects.kinds), texts: [] }, scale);
     }
     paint(context, overlayShapes(grid, new Set(overlays)), scale);
   }, [grid, edge, width, look, tiles, pictures, objects, blend, overlays, data, canvas, clear]);
