@@ -16,7 +16,7 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, object_values
 from elitelanes_jax.formats.plan import LONGEST_PLAN, REFERENCE, TAPE_WIDTHS, tapes_of
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.formats.tags import SIGN_TAGS
+from elitelanes_jax.formats.tags import SIGN_TAGS, STREETS
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import COMPARED_PX, png_of, recall_choice, scale_tiles
@@ -162,6 +162,7 @@ def _object_values() -> dict[str, Plain]:
     return {
         "kinds": dict(OBJECT_KINDS),
         "tags": dict(SIGN_TAGS),
+        "streets": STREETS,
         "pictures": {
             kind: [{"image": _data_url(one.top), "height": one.height, "footprint": one.footprint} for one in pictures]
             for kind, pictures in load_objects().kinds.items()

@@ -39,3 +39,8 @@ _IN_ORDER = [
 
 STREET_NAMES: dict[int, str] = dict(zip(SIGN_TAGS["sign_street_name"], _IN_ORDER, strict=True))
 """The street name of each tag of a street name sign. Several tags have the same name."""
+
+STREETS = tuple(
+    tuple(tag for tag, other in STREET_NAMES.items() if other == name) for name in dict.fromkeys(STREET_NAMES.values())
+)
+"""The tags of each street name."""

@@ -3,6 +3,7 @@ import type { Grid } from "./network/codes";
 import { binsOf, feature, FEATURES, nicheOf, type Axis } from "./network/features";
 import { NO_OBJECTS, type MapObject, type ObjectKinds } from "./network/objects";
 import type { PlanValues } from "./network/plan";
+import type { SignTags } from "./network/tags";
 import { alphabetMask, METRIC_NAMES, fitness, measure, type Weights } from "./network/measure";
 
 interface ArrayRef {
@@ -34,7 +35,9 @@ export interface TileValues {
 export interface ObjectValues {
   readonly kinds: ObjectKinds;
   /** The tag numbers of each kind of sign that has some. */
-  readonly tags: Readonly<Record<string, readonly number[]>>;
+  readonly tags: SignTags;
+  /** The tag numbers of each street name. */
+  readonly streets: readonly (readonly number[])[];
   /** The pictures from above by kind. The front is on the right. Lengths are in metres. */
   readonly pictures: Readonly<
     Record<

@@ -6,6 +6,7 @@ import { fitness, measure } from "./network/measure";
 import { fromDuckietown, readMap, toDuckietown, toFix, toMapJson } from "./network/formats";
 import { feature } from "./network/features";
 import { repair } from "./network/repair";
+import { placeSigns, signFaults } from "./network/signs";
 import { measureTown } from "./network/town";
 
 /** The part of anywidget's model that is used here. */
@@ -87,8 +88,10 @@ export const kernel = {
   fromDuckietown,
   measure,
   measureTown,
+  placeSigns,
   readMap,
   repair,
+  signFaults,
   toDuckietown,
   toFix,
   toMapJson,

@@ -3,6 +3,7 @@ import type { Data, Run } from "./data";
 import { rowsOf } from "./network/codes";
 import { binsOf, feature, FEATURES, isShare, unitOf } from "./network/features";
 import { NO_OBJECTS, type MapObject } from "./network/objects";
+import { shelfFrom, type Shelf } from "./network/shelf";
 
 /** Returns the tile pictures that a map of a run was drawn with, if they are known. */
 export const picturesOf = (run: Run, elite: number): readonly number[] | null =>
@@ -55,4 +56,10 @@ export function listOf(run: Run, elites: readonly number[]): string {
     return JSON.stringify(fields);
   });
   return `[\n${lines.join(",\n")}\n]\n`;
+}
+
+/** Returns the shelf that a run's maps had to fit, or null. */
+export function inventoryOf(run: Run): Shelf | null {
+  const settings = run.record.settings as { readonly search?: { readonly inventory?: unknown } | null } | undefined;
+  return shelfFrom(settings?.search?.inventory);
 }

@@ -1,6 +1,7 @@
 /** The view, and its text in the page's address. */
 import { OVERLAYS, type Overlay } from "./drawing";
 import type { Seed } from "./data";
+import { TILE_KINDS, type Shelf } from "./network/shelf";
 import { LAYERS, type Layer } from "./tiles";
 
 export const VIEWS = ["archive", "maps", "compare", "draw", "run"] as const;
@@ -37,6 +38,8 @@ export interface View {
   readonly descending: boolean;
   /** Pinned maps to compare: run and elite. */
   readonly pins: readonly (readonly [run: number, elite: number])[];
+  /** The tiles of each kind that a lab has; null for those of the run's record. */
+  readonly shelf: Shelf | null;
 }
 
 export const START: View = {
@@ -56,6 +59,7 @@ export const START: View = {
   sort: "fitness",
   descending: false,
   pins: [],
+  shelf: null,
 };
 
 /** Writes a view as the part of an address after the #, without fields at their start values. */
@@ -76,6 +80,7 @@ export function toHash(view: View): string {
     where: whereText(view.where).replaceAll(" ", ","),
     sort: (view.descending ? "-" : "") + view.sort,
     pins: view.pins.map((pin) => pin.join(".")).join(","),
+    shelf: view.shelf?.join(",") ?? "",
   };
   const before = view === START ? {} : Object.fromEntries(new URLSearchParams(toHash(START)));
   return Object.entries(words)
@@ -119,6 +124,7 @@ export function fromHash(hash: string): View {
         return found ? [[Number(found[1]), Number(found[2])] as const] : [];
       })
       .slice(0, 4),
+    shelf: SHELF.test(words.get("shelf") ?? "") ? words.get("shelf")!.split(",").map(Number) : START.shelf,
   };
 }
 
@@ -132,6 +138,7 @@ export function whereText(ranges: Ranges, unit: (name: string) => number = () =>
     .join(" ");
 }
 
+const SHELF = new RegExp(`^\\d{1,6}(?:,\\d{1,6}){${TILE_KINDS.length - 1}}$`);
 const NUMBER = /(-?\d+(?:\.\d+)?(?:e[-+]?\d+)?)?/.source;
 const RANGE = new RegExp(`^(\\w+)=${NUMBER}(?:(\\.\\.)${NUMBER})?$`);
 

@@ -121,9 +121,22 @@ export function number(value: number): string {
   return text.replace("-", "−");
 }
 
-/** Writes the value of a quantity. Shares are in per cent. */
+/** Writes a count with its noun: 1 map, 2 maps. */
+export const counted = (count: number, noun: string, nouns: string): string =>
+  `${number(count)} ${count === 1 ? noun : nouns}`;
+
+/**
+ * Writes the value of a quantity. Shares are in whole per cent.
+ *
+ * The thousandths of a share are rounded down: two thirds are 666. Its tenth rounds to the same per cent as the share.
+ */
 export function valueText(quantity: string, value: number): string {
   if (Number.isNaN(value)) return "–";
-  if (isShare(quantity)) return `${((100 * value) / SHARE_UNIT).toFixed(1)} %`;
+  if (isShare(quantity)) return `${Math.round((100 * value) / SHARE_UNIT)} %`;
   return unitOf(quantity) > 1 ? (value / SHARE_UNIT).toFixed(2) : number(value);
+}
+
+/** Writes a value between others, such as a mark of an axis, with the digits that it has. */
+export function markText(quantity: string, value: number): string {
+  return isShare(quantity) ? `${+((100 * value) / SHARE_UNIT).toFixed(1)} %` : valueText(quantity, value);
 }

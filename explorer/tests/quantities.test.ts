@@ -3,7 +3,7 @@ import { expect, test } from "vitest";
 import { quantileOf } from "../src/data";
 import { scaleOf } from "../src/parts/Legend";
 import { fromHash, START, toHash } from "../src/state";
-import { number } from "../src/words";
+import { markText, number, valueText } from "../src/words";
 
 test.each([
   [0.1 + 0.2, "0.3"],
@@ -13,6 +13,37 @@ test.each([
   [-0, "0"],
 ])("%d is written as %s", (value, text) => {
   expect(number(value)).toBe(text);
+});
+
+test.each([
+  [2 / 3, "67 %"],
+  [1 / 3, "33 %"],
+  [0.995, "100 %"],
+  [0.9949, "99 %"],
+  [0.005, "1 %"],
+  [0.0049, "0 %"],
+  [0.665, "67 %"],
+  [1, "100 %"],
+])("a share of %d is written as %s", (share, text) => {
+  expect(valueText("coverage", Math.floor(1000 * share))).toBe(text);
+});
+
+test("marks of an axis have the digits that they have", () => {
+  expect([125, 200, 1000].map((mark) => markText("symmetry", mark))).toEqual(["12.5 %", "20 %", "100 %"]);
+  expect([markText("turns", 3), markText("mean_block", 1500)]).toEqual(["3", "1.50"]);
+});
+
+test.each([
+  [[20, 10, 4, 1], "shelf=20,10,4,1"],
+  [[0, 0, 0, 0], "shelf=0,0,0,0"],
+  [null, ""],
+])("the address keeps the shelf %s", (shelf, hash) => {
+  expect(toHash({ ...START, shelf })).toBe(hash);
+  expect(fromHash(hash).shelf).toEqual(shelf);
+});
+
+test.each(["1,2,3", "1,2,3,4,5", "a,b,c,d", "-1,2,3,4", "1.5,2,3,4"])("the shelf %s in an address is none", (text) => {
+  expect(fromHash(`shelf=${text}`).shelf).toBeNull();
 });
 
 test.each([

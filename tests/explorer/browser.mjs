@@ -1,6 +1,6 @@
 // Clicks through pages in Chromium and prints what it saw as JSON: `node browser.mjs FOLDER`. The folder holds run.html,
-// big.html, own.html, float.html, photo64.html, photo32.html, hostile.html, furnished.html, objects.json, town.yaml;
-// saved files go there too.
+// big.html, own.html, float.html, photo64.html, photo32.html, hostile.html, furnished.html, sizes.html, objects.json,
+// town.yaml, large.json, large.yaml; saved files go there too.
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { browser, require } from "./chromium.mjs";
@@ -452,6 +452,117 @@ async function strokes(page, tiles, row) {
   await saved(page, () => button(page, "map.json"), "moved.json");
   await saved(page, () => button(page, "YAML"), "moved.yaml");
   seen.objects = { listed, opened, said, refused, missed };
+  await page.context().close();
+}
+
+// Signs that do not fit, and the tiles on the shelf, while roads are drawn.
+{
+  const page = await open("furnished.html", { hash: "view=maps" });
+  const warning = () => page.locator(".warning").allTextContents();
+  const fits = [await warning()];
+  await button(page, "Edit");
+  fits.push(await warning());
+  const box = await page.locator(".editor").boundingBox();
+  const edge = 0.4; // tiles around a map with signs outside it
+  const at = (row, column) => {
+    const scale = box.width / (7 + 2 * edge);
+    return [box.x + (column + 0.5 + edge) * scale, box.y + (row + 0.5 + edge) * scale];
+  };
+  const used = () => page.$$eval(".shelf tbody td:nth-child(2)", (cells) => cells.map((cell) => Number(cell.textContent)));
+  const left = () => page.$$eval(".shelf tbody td:nth-child(4)", (cells) => cells.map((cell) => cell.textContent));
+  const before = await used();
+  await page.locator(".shelf summary").click();
+  const shelf = { before, unset: await left() };
+  for (const [kind, count] of [["straights", 17], ["turns", 4], ["three-way crossings", 6], ["four-way crossings", 1]]) {
+    await page.getByLabel(`${kind} on the shelf`).fill(`${count}`);
+    await page.keyboard.press("Tab");
+  }
+  await settle(page);
+  shelf.full = [await left(), await page.textContent(".shelf summary span"), await page.textContent(".shelf code"), await hash(page)];
+  await button(page, "Erase");
+  await page.mouse.click(...at(2, 2));
+  await settle(page);
+  shelf.drawn = [await used(), await left(), await page.textContent(".shelf summary span")];
+  await page.getByLabel("turns on the shelf").fill("1");
+  await page.keyboard.press("Tab");
+  await settle(page);
+  shelf.lacking = [(await left())[1], await page.textContent(".shelf summary span")];
+  const stale = await warning();
+  await tab(page, "Archive");
+  await tab(page, "Draw");
+  await button(page, "Place them again");
+  await settle(page);
+  const said = await page.textContent(".message");
+  fits.push(await warning());
+  await saved(page, () => button(page, "map.json"), "signs.json");
+  await button(page, "Undo");
+  const undone = await warning();
+  await button(page, "Redo");
+  await button(page, "Repair");
+  await button(page, "Cut");
+  await button(page, "Tile");
+  await page.getByLabel("code 15, four-way crossing").click();
+  await page.mouse.click(...at(0, 0));
+  await saved(page, () => button(page, "map.json"), "ends.json");
+  const ends = await page.textContent(".message");
+  await button(page, "Plan");
+  await settle(page);
+  seen.signs = { fits, stale, said, undone, ends, plan: await page.textContent(".message"), shelf };
+  await page.context().close();
+}
+
+// A phone: a tap on a map, or on a niche, shows the map.
+{
+  const page = await open("run.html", { width: 390, height: 844, hash: "view=maps" });
+  const seenMap = async () => {
+    await settle(page);
+    const { top, bottom } = await page.$eval(".detail canvas", (canvas) => canvas.getBoundingClientRect().toJSON());
+    return top >= 0 && bottom <= 844;
+  };
+  const taps = [];
+  const maps = page.locator(".gallery button");
+  for (const index of [0, 1, 5, (await maps.count()) - 1]) {
+    await maps.nth(index).scrollIntoViewIfNeeded();
+    await maps.nth(index).click();
+    taps.push(await seenMap());
+  }
+  await tab(page, "Archive");
+  await page.evaluate(() => scrollTo(0, 0));
+  const niche = await page.locator(".heat .open").boundingBox();
+  await page.mouse.click(niche.x + niche.width / 2, niche.y + niche.height / 2);
+  await settle(page);
+  seen.phone = { taps, niche: await seenMap() };
+  await page.context().close();
+}
+
+// A wide window: a click on a map scrolls nothing.
+{
+  const page = await open("run.html", { hash: "view=maps" });
+  await page.locator(".gallery button").nth(1).click();
+  await settle(page);
+  seen.scrolled = await page.evaluate(() => scrollY);
+  await page.context().close();
+}
+
+// Maps of two sizes side by side: a tile is as wide in both.
+seen.scales = [];
+for (const [width, look] of [[1280, "lines"], [1280, "tiles"], [390, "lines"]]) {
+  const page = await open("sizes.html", { width, hash: `view=compare&pins=0.0,1.0&look=${look}` });
+  await settle(page);
+  seen.scales.push(await page.$$eval(".compare canvas", (all) => all.map((canvas) => canvas.getBoundingClientRect().width)));
+  await page.context().close();
+}
+
+// The largest files that the package writes.
+{
+  const page = await open("run.html", { hash: "view=draw" });
+  seen.large = [];
+  for (const name of ["large.json", "large.yaml"]) {
+    await page.getByLabel("Map file").setInputFiles(join(folder, name));
+    await page.waitForFunction((start) => document.querySelector(".message").textContent.startsWith(start), `${name}: `, { timeout: 120000 });
+    seen.large.push(await page.textContent(".message"));
+  }
+  seen.large.push(await page.locator(".metrics tr", { hasText: "Coverage" }).first().locator(".value").textContent());
   await page.context().close();
 }
 

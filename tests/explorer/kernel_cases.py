@@ -90,11 +90,12 @@ def _case(grid, random):
     objects = _objects(random, *grid.shape)
     text = _or_none(lambda: to_duckietown(grid, objects=objects))
     fills = (False, True) if min(grid.shape) > 1 else (False,)
+    repaired = [np.asarray(repair(grid, dirty, fixed=fixed, fill=fill)) for fill in fills]
     return {
         "rows": grid.tolist(),
         "dirty": dirty.ravel().astype(int).tolist(),
         "fixed": fixed.ravel().astype(int).tolist(),
-        "repaired": [np.asarray(repair(grid, dirty, fixed=fixed, fill=fill)).ravel().tolist() for fill in fills],
+        "repaired": [one.ravel().tolist() for one in repaired],
         "metrics": [measured[name] for name in METRIC_NAMES],
         "fitness": int(fitness(Metrics(**measured), WEIGHTS)),
         "shares": shares,
@@ -104,7 +105,7 @@ def _case(grid, random):
         "objects": [object_values(thing) for thing in objects],
         "duckietown": text,
         "read": text and _read(text),
-        "plan": _or_none(lambda: _plan(grid)),
+        "plan": _or_none(lambda: _plan(repaired[-1])),  # the page refuses a plan of roads that lead nowhere
     }
 
 

@@ -15,13 +15,15 @@ import cv2
 import numpy as np
 import pytest
 from explored import IN_BROWSER, big_result, float_result, own_result, write_run
+from sign_cases import placed_again
 
-from elitelanes_jax import DatasetSpec, Result, RoadMap, Weights, load_tiles, read_map, render
+from elitelanes_jax import DatasetSpec, Result, RoadMap, Weights, load_tiles, read_map, render, repair
 from elitelanes_jax.explorer import collect, page_of
 from elitelanes_jax.formats import MapObject, make_plan, map_to_json, read_maps, to_duckietown
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.network import METRIC_NAMES, measure_town, plain_measure
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
+from elitelanes_jax.problem.inventory import COUNTED, parse_inventory
 from elitelanes_jax.tiles import LABEL_COLOURS
 
 HERE = Path(__file__).parent
@@ -29,6 +31,7 @@ HERE = Path(__file__).parent
 pytestmark = IN_BROWSER
 
 HOSTILE = '<i><b>bold</b></i><img src=x onerror="alert(1)"><script>alert(2)</script>'
+LOOP = np.array([[6, 3], [12, 9]], np.int8)
 TOWN = HERE.parents[1] / "docs" / "examples" / "town.json"
 
 
@@ -59,6 +62,21 @@ def photographs():
     return replace(tiles, tiles=tuple(lit), blend=True)
 
 
+def write_large_maps(folder):
+    """Writes a drawn map of 1024 x 1024 tiles, of more than 20 MB, and a map of Duckietown of that size."""
+    side, indent = 1024, "\n    "
+
+    def table(cell):
+        row = f"[{', '.join([cell] * side)}]"
+        return f"[{indent}{f',{indent}'.join([row] * side)}\n  ]"
+
+    drawn = f'{{"tile_set": "a", "tiles": {table(json.dumps("straight-road"))}, "quarter_turns": {table("0")}}}'
+    (folder / "large.json").write_text(f'{{\n  "codes": {table("10")},\n  "drawn": {drawn}\n}}\n')
+    assert (folder / "large.json").stat().st_size > 20e6
+    row = f"- [{', '.join(['straight/N'] * side)}]\n"
+    (folder / "large.yaml").write_text(f"tiles:\n{row * side}")
+
+
 @pytest.fixture(scope="module")
 def furnished():
     return furnish(read_map(TOWN), "all lights=0.2 duckies=6", seed=3)
@@ -72,7 +90,7 @@ def seen(folder, run, drawn, furnished):
     (folder / "big.html").write_text(page_of(collect(big_result())))
     for px in (64, 32):
         (folder / f"photo{px}.html").write_text(page_of(collect([read_map(TOWN)], tiles=photographs(), tile_px=px)))
-    hostile = collect([RoadMap(np.array([[6, 3], [12, 9]], np.int8))])
+    hostile = collect([RoadMap(LOOP)])
     hostile.values["runs"][0]["labels"] = [HOSTILE]
     hostile.values["title"] = HOSTILE
     (folder / "hostile.html").write_text(page_of(hostile))
@@ -80,15 +98,17 @@ def seen(folder, run, drawn, furnished):
     duckie, sign = MapObject("duckie", 1.5, 1.5, 0.0, 0.08, static=False), MapObject("sign_stop", 0.5, 0.5, pi, 0.18, 1)
     (folder / "objects.json").write_text(map_to_json(RoadMap(np.zeros((4, 4), np.int8), objects=(duckie, sign))))
     (folder / "town.yaml").write_text(to_duckietown(furnished.codes, objects=furnished.objects))
+    (folder / "sizes.html").write_text(page_of(collect({"small": [RoadMap(LOOP)], "town": [read_map(TOWN)]})))
+    write_large_maps(folder)
     command = ["node", HERE / "browser.mjs", folder, str(drawn[1])]
-    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
     assert ran.returncode == 0, ran.stderr
     return json.loads(ran.stdout)
 
 
 def test_no_message_no_request_no_dialog(seen):
     assert seen["console"] == []
-    pages = ("run", "big", "own", "float", "photo64", "photo32", "hostile", "furnished")
+    pages = ("run", "big", "own", "float", "photo64", "photo32", "hostile", "furnished", "sizes")
     assert set(seen["requests"]) == {f"{page}.html" for page in pages}
     assert seen["dialogs"] == []
     assert seen["strict"] == 0
@@ -184,7 +204,7 @@ def test_features_beside_the_metrics_are_shown_filtered_and_saved(seen, folder):
     assert own["values"]["Corners"] == str(corners[best])
     assert own["values"]["Longest street"] == str(town.longest_street)
     assert own["values"]["Mean detour"] == f"{town.mean_detour / 1000:.2f}"
-    assert own["values"]["Repetition"] == f"{town.repetition / 10:.1f} %"
+    assert own["values"]["Repetition"] == f"{round(town.repetition / 10)} %"
     assert own["drawn"].replace("−", "-").replace(",", "") == str(elites.fitness[best] - 50 * corners[best])
     assert own["left"] == "Corners: only a search can measure it; the sum here leaves it out."
 
@@ -308,12 +328,59 @@ def test_objects_are_added_moved_turned_and_deleted(seen, folder):
     assert objects["missed"] == []
 
 
+def test_signs_that_do_not_fit_are_placed_again(seen, folder, furnished):
+    signs = seen["signs"]
+    assert signs["fits"] == [[], [], []]
+    ((words,),) = [signs["stale"]]
+    assert re.fullmatch(r"Signs do not fit the roads: \d+ signs are out of place\.Place them again", words)
+    assert signs["undone"] == signs["stale"]
+    saved = read_map(folder / "signs.json")
+    codes = furnished.codes.copy()
+    codes[2, 2] = 0
+    np.testing.assert_array_equal(saved.codes, repair(codes, codes != furnished.codes))
+    assert list(saved.objects) == placed_again(saved.codes, furnished.objects)
+    assert signs["said"].startswith("Signs placed again")
+    assert re.fullmatch(r"drawn\.json: roads end at \d tiles, the first at row 0, column 0", signs["ends"])
+    assert signs["plan"] == "Duckietown has no tile for the dead end at row 0, column 0; mend the map first"
+
+
+def test_the_shelf_says_what_is_left_while_roads_are_drawn(seen, furnished):
+    shelf = seen["signs"]["shelf"]
+    tiles = make_plan(furnished).tiles
+    assert shelf["before"] == [tiles[kind] for kind in COUNTED] == [17, 4, 6, 1]
+    assert shelf["unset"] == ["–"] * 4
+    text = "straight=17 turn=4 crossing3=6 crossing4=1"
+    left, words, code, address = shelf["full"]
+    assert (left, words, code) == (["0"] * 4, ": enough tiles", f"--inventory {text}")
+    assert "shelf=17,4,6,1" in address
+    assert parse_inventory(text) == tuple(zip(COUNTED, shelf["before"], strict=True))
+    used, left, words = shelf["drawn"]
+    assert [count + int(rest.replace("−", "-")) for count, rest in zip(used, left, strict=True)] == [17, 4, 6, 1]
+    assert used != shelf["before"] and words == ": enough tiles"
+    assert shelf["lacking"] == [f"−{used[1] - 1}", f": it lacks {used[1] - 1} turns"]
+
+
+def test_a_tap_on_a_phone_shows_the_map(seen):
+    assert seen["phone"] == {"taps": [True] * 4, "niche": True}
+    assert seen["scrolled"] == 0
+
+
+def test_compared_maps_have_one_scale(seen):
+    """The loop has 2 columns, the town 7."""
+    for loop, town in seen["scales"]:
+        assert town == pytest.approx(loop * 7 / 2, rel=0.03)
+
+
+def test_the_largest_files_are_opened(seen):
+    assert seen["large"] == ["large.json: 1024 × 1024 tiles", "large.yaml: 1024 × 1024 tiles", "100 %"]
+
+
 def test_keys_alone_reach_and_work_everything(seen):
     keys = seen["keys"]
     assert keys["missed"] == []
     assert re.fullmatch(r"--where crossings=\d+\.\.\d+", keys["where"])
     assert (keys["opened"], keys["compared"]) == (5, "2")
-    assert (keys["drawn"], keys["undone"]) == ("13.3 %", "10.0 %")
+    assert (keys["drawn"], keys["undone"]) == ("13 %", "10 %")
     assert keys["fixed"] and keys["read"]
     assert re.search(r"--weights \w+=-?\d+", keys["weights"])
     assert keys["chart"].startswith("Best fitness against evaluations")

@@ -15,17 +15,12 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
 from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.formats.tags import SIGN_TAGS, STREET_NAMES
+from elitelanes_jax.formats.tags import SIGN_TAGS, STREET_NAMES, STREETS
 from elitelanes_jax.maps.furnishing.space import Point, Space, make_object
 from elitelanes_jax.network.codes import KIND_OF, SIDES
 
 _CORNER = 0.28  # tiles from the middle of a turn, along both sides: between the white tape and the tile's corner
 _BESIDE = 0.58  # tiles from the middle of a straight tile: as far from the road's tile as signs of crossings
-
-# The tags of each street name.
-_STREETS = [
-    tuple(tag for tag, other in STREET_NAMES.items() if other == name) for name in dict.fromkeys(STREET_NAMES.values())
-]
 
 
 class Tags:
@@ -68,7 +63,7 @@ class Tags:
             enough = len(numbers) >= len(signs)
             return self._distance(signs[0], numbers), (-len(numbers) if enough else len(numbers) - 1000)
 
-        numbers = max(_STREETS, key=preference)
+        numbers = max(STREETS, key=preference)
         return [self.give(sign, numbers) for sign in signs]
 
     def _distance(self, sign: MapObject, numbers: Sequence[int]) -> float:

@@ -1,6 +1,7 @@
 /** Objects of a map. Positions are in tiles, x to the east and y to the south; angles are counter-clockwise from east. */
 import type { Grid } from "./codes";
 import { check, FileError } from "./errors";
+import { sixDecimals } from "./numbers";
 
 /** The side of a tile in metres. */
 export const TILE_SIZE = 0.585;
@@ -114,6 +115,11 @@ export function newObject(
   const numbers = tags[kind] ?? [];
   const tag = numbers.find((one) => objects.every((thing) => thing.tag !== one)) ?? numbers[0];
   return { kind, x, y, angle: 0, height: kinds[kind][0], ...(tag !== undefined && { tag }) };
+}
+
+/** Returns a sign of the usual height, without a tag. */
+export function signAt(kind: string, x: number, y: number, angle: number, kinds: ObjectKinds): MapObject {
+  return { kind, x: sixDecimals(x), y: sixDecimals(y), angle, height: kinds[kind][0] };
 }
 
 /** Returns the object nearest to a position among the objects that it touches. */

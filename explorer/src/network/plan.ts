@@ -1,6 +1,7 @@
 /** The tiles and the tape that it takes to build a map. */
 import { rotateCode, type Grid } from "./codes";
-import { check, FileError } from "./errors";
+import { check } from "./errors";
+import { roadEnds } from "./links";
 
 /** What Python says of Duckietown's tiles. Lengths are in metres. */
 export interface PlanValues {
@@ -41,15 +42,12 @@ export interface Plan {
 export function planOf({ height, width, codes }: Grid, { kinds, widths, longest }: PlanValues): Plan {
   check(codes.some(Boolean), "A plan needs a map with roads");
   check(Math.max(height, width) <= longest, `A plan has at most ${longest} × ${longest} tiles`);
+  const [end] = roadEnds({ height, width, codes });
+  const cell = `row ${Math.floor(end / width)}, column ${end % width}`;
+  check(end === undefined, `Duckietown has no tile for the dead end at ${cell}; mend the map first`);
   const placed: PlacedTile[] = [];
   codes.forEach((code, cell) => {
-    if (!code) return;
-    const [row, column] = [Math.floor(cell / width), cell % width];
-    for (const [kind, { code: upright }] of Object.entries(kinds)) {
-      const quarterTurns = [0, 1, 2, 3].findIndex((turns) => rotateCode(upright, turns) === code);
-      if (quarterTurns >= 0) return void placed.push({ row, column, kind, quarterTurns });
-    }
-    throw new FileError(`Duckietown has no tile for the dead end at row ${row}, column ${column}; mend the map first`);
+    if (code) placed.push({ row: Math.floor(cell / width), column: cell % width, ...tileOf(code, kinds) });
   });
   const tiles: Record<string, number> = Object.fromEntries(Object.keys(kinds).map((kind) => [kind, 0]));
   const tape: Record<string, number> = Object.fromEntries(Object.keys(widths).map((colour) => [colour, 0]));
@@ -61,4 +59,13 @@ export function planOf({ height, width, codes }: Grid, { kinds, widths, longest 
         .forEach(([x, y], index) => (tape[colour] += Math.hypot(x - points[index][0], y - points[index][1])));
   }
   return { placed, tiles, tape };
+}
+
+/** Returns the kind of a tile without dead ends, and the fewest turns that give its code. */
+function tileOf(code: number, kinds: PlanValues["kinds"]): Pick<PlacedTile, "kind" | "quarterTurns"> {
+  const tiles = Object.entries(kinds).map(([kind, { code: upright }]) => ({
+    kind,
+    quarterTurns: [0, 1, 2, 3].findIndex((turns) => rotateCode(upright, turns) === code),
+  }));
+  return tiles.find(({ quarterTurns }) => quarterTurns >= 0)!;
 }

@@ -75,10 +75,12 @@ export function toggled<T>(list: readonly T[], item: T, on: boolean): readonly T
   return on ? [...list.filter((other) => other !== item), item] : list.filter((other) => other !== item);
 }
 
-/** Scrolls to an element that is not visible, as on narrow screens. */
+/** Scrolls to an element whose top or whose greater part is not visible, as on narrow screens. */
 export function reveal(part: RefObject<HTMLElement | null>): void {
-  const { top, bottom } = part.current!.getBoundingClientRect();
-  if (bottom < 60 || top > innerHeight - 60) part.current!.scrollIntoView({ block: "start" });
+  const { top, bottom, height } = part.current!.getBoundingClientRect();
+  const seen = Math.min(bottom, innerHeight) - Math.max(top, 0);
+  const isSeen = top > -40 && seen > 0.4 * Math.min(height, innerHeight);
+  if (!isSeen) part.current!.scrollIntoView({ block: "start" });
 }
 
 export const quantityOptions = (names: readonly string[]) => names.map((name) => [name, nameOf(name)] as const);

@@ -8,6 +8,7 @@ import { MapPicture } from "./MapPicture";
 import { Metrics } from "./Metrics";
 import { Objects } from "./Objects";
 import { SaveButtons } from "./SaveButtons";
+import { SignNote } from "./SignNote";
 
 export function Detail({ elite }: { readonly elite: number }) {
   const { data, run, view, show, draw, say } = useShared();
@@ -51,6 +52,7 @@ export function Detail({ elite }: { readonly elite: number }) {
         blend={blend}
         overlays={view.overlays}
       />
+      <SignNote grid={grid} objects={objects} />
       <Objects objects={objects} />
       <LookSwitches />
       <OverlaySwitches metrics={metrics} />

@@ -16,12 +16,14 @@ interface HeatMapProps {
   readonly quantity: string;
   readonly selected: number;
   readonly elites: Int32Array;
+  /** Called when a click has opened a niche. */
+  readonly onClick: () => void;
 }
 
 const FOOT = 38; // pixels below the cells, for the axis
 const MOST_HIGH = 12_000; // pixels that the cells may take
 
-export function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapProps) {
+export function HeatMap({ run, layout, values, quantity, selected, elites, onClick }: HeatMapProps) {
   const { show, view, dark, say } = useShared();
   const frame = useRef<HTMLDivElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
@@ -140,7 +142,10 @@ export function HeatMap({ run, layout, values, quantity, selected, elites }: Hea
           role="application"
           aria-roledescription="heat map"
           aria-label={`Archive, ${nameOf(quantity)} in ${layout.rows} rows of ${layout.columns} niches. ${describe(run, selected, quantity, values[selected])}`}
-          onClick={(event) => open(nicheUnder(event))}
+          onClick={(event) => {
+            open(nicheUnder(event));
+            onClick();
+          }}
           onKeyDown={move}
           onMouseMove={(event) => {
             const box = frame.current!.getBoundingClientRect();

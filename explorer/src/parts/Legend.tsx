@@ -68,7 +68,7 @@ export function Legend({ quantity, empty, unknown, scale }: LegendProps) {
   const stops = Array.from({ length: 17 }, (_, stop) =>
     css(viridis(position(low) + ((position(high) - position(low)) * stop) / 16)),
   );
-  const marks = [...new Set([0, 0.25, 0.5, 0.75, 1].map(at))];
+  const marks = [...new Set([0, 0.25, 0.5, 0.75, 1].map((part) => valueText(quantity, at(part))))];
   return (
     <div
       class="legend"
@@ -80,7 +80,7 @@ export function Legend({ quantity, empty, unknown, scale }: LegendProps) {
         <i style={{ background: high > low ? `linear-gradient(to right, ${stops.join(",")})` : stops[0] }} />
         <div>
           {marks.map((mark) => (
-            <span key={mark}>{valueText(quantity, mark)}</span>
+            <span key={mark}>{mark}</span>
           ))}
         </div>
       </div>

@@ -6,7 +6,7 @@ import type { Grid } from "../network/codes";
 import { edgeOf, NO_OBJECTS, type MapObject } from "../network/objects";
 import { paintMap } from "../raster";
 import { paintTiles, type Blend } from "../tiles";
-import { fittedStyle, useFittedCanvas } from "./canvas";
+import { fittedStyle, useFittedCanvas, type Frame } from "./canvas";
 
 interface Props {
   readonly grid: Grid;
@@ -16,9 +16,15 @@ interface Props {
   readonly look?: "lines" | "tiles";
   readonly blend?: Blend;
   readonly overlays?: readonly Overlay[];
+  /** The size that fills the element around it, by default the map's. */
+  readonly frame?: Frame;
 }
 
 const NO_OVERLAYS: readonly Overlay[] = [];
+
+/** Returns by how many tiles a picture is larger than the map on each side. Tile pictures end at the map's border. */
+export const pictureEdge = (grid: Grid, objects: readonly MapObject[], look: "lines" | "tiles"): number =>
+  look === "lines" ? edgeOf(objects, grid) : 0;
 
 /** Draws a map as wide as the element around it. */
 export function MapPicture({
@@ -29,10 +35,11 @@ export function MapPicture({
   look = "lines",
   blend,
   overlays = NO_OVERLAYS,
+  frame,
 }: Props) {
   const { data, tiles } = useShared();
   const { canvas, width, clear } = useFittedCanvas();
-  const edge = look === "lines" ? edgeOf(objects, grid) : 0; // pictures end at the map's border, as in Python
+  const edge = pictureEdge(grid, objects, look);
   useEffect(() => {
     if (!width) return;
     const { context, scale } = clear(grid, edge);
@@ -51,5 +58,5 @@ export function MapPicture({
     }
     paint(context, overlayShapes(grid, new Set(overlays)), scale);
   }, [grid, edge, width, look, tiles, pictures, objects, blend, overlays, data, canvas, clear]);
-  return <canvas ref={canvas} class="map" role="img" aria-label={label} style={fittedStyle(grid, edge, 90)} />;
+  return <canvas ref={canvas} class="map" role="img" aria-label={label} style={fittedStyle(grid, edge, 90, frame)} />;
 }

@@ -5,9 +5,11 @@ import { save, savePng } from "../files";
 import type { Grid } from "../network/codes";
 import { FileError } from "../network/errors";
 import { stubs, toDuckietown, toMapJson } from "../network/formats";
+import { roadEnds } from "../network/links";
 import type { MapObject } from "../network/objects";
 import { planSvg } from "../plan";
 import { paintTiles, type Blend } from "../tiles";
+import { counted } from "../words";
 
 interface Props {
   /** The name of the files, without an ending. */
@@ -26,9 +28,14 @@ interface Props {
 export function SaveButtons({ name, grid, objects, fields, pictures = null, blend = { image: 1 }, children }: Props) {
   const { data, tiles, view, say } = useShared();
   const { kinds } = data.objects;
-  const saveIfPossible = (file: string, make: () => string, type?: string) => {
+  /** Saves a file, or says why it cannot be made. Says where roads end. */
+  const saveFile = (file: string, make: () => string, type?: string) => {
     try {
       save(file, make(), type);
+      const ends = roadEnds(grid);
+      const [row, column] = [Math.floor(ends[0] / grid.width), ends[0] % grid.width];
+      const where = `${counted(ends.length, "tile", "tiles")}, the first at row ${row}, column ${column}`;
+      if (ends.length) say(`${file}: roads end at ${where}`);
     } catch (error) {
       if (!(error instanceof FileError)) throw error;
       say(error.message);
@@ -40,14 +47,18 @@ export function SaveButtons({ name, grid, objects, fields, pictures = null, blen
       <button
         type="button"
         onClick={() =>
-          save(`${name}.json`, toMapJson(grid, { ...fields(), ...(objects.length && { objects }) }), "application/json")
+          saveFile(
+            `${name}.json`,
+            () => toMapJson(grid, { ...fields(), ...(objects.length && { objects }) }),
+            "application/json",
+          )
         }
       >
         map.json
       </button>
       <button
         type="button"
-        onClick={() => saveIfPossible(`${name}.yaml`, () => toDuckietown(grid, objects))}
+        onClick={() => saveFile(`${name}.yaml`, () => toDuckietown(grid, objects))}
         title={stubs(grid) ? "Duckietown has no dead ends" : "for Duckietown's programs"}
       >
         YAML
@@ -55,7 +66,7 @@ export function SaveButtons({ name, grid, objects, fields, pictures = null, blen
       <button
         type="button"
         onClick={() =>
-          save(`${name}.svg`, toSvg(sceneOf(grid, objects, kinds, new Set(view.overlays))), "image/svg+xml")
+          saveFile(`${name}.svg`, () => toSvg(sceneOf(grid, objects, kinds, new Set(view.overlays))), "image/svg+xml")
         }
       >
         SVG
@@ -69,9 +80,7 @@ export function SaveButtons({ name, grid, objects, fields, pictures = null, blen
       </button>
       <button
         type="button"
-        onClick={() =>
-          saveIfPossible(`${name}-plan.svg`, () => planSvg(grid, objects, kinds, data.plan), "image/svg+xml")
-        }
+        onClick={() => saveFile(`${name}-plan.svg`, () => planSvg(grid, objects, kinds, data.plan), "image/svg+xml")}
         title="tiles, tape and objects to build the map from, and a check-list, as SVG for A4"
       >
         Plan

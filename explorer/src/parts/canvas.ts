@@ -37,10 +37,23 @@ export function useWidth(element: RefObject<HTMLElement | null>): number {
   return width;
 }
 
-/** Returns the style of a canvas for a map with `edge` tiles around it, at most so many per cent of the window high. */
-export function fittedStyle({ height, width }: Grid, edge: number, most: number) {
-  const aspect = (width + 2 * edge) / (height + 2 * edge);
-  return { aspectRatio: `${aspect}`, maxWidth: `min(100%, ${most * aspect}vh)` };
+/** A height and a width in tiles. */
+export type Frame = Pick<Grid, "height" | "width">;
+
+/** Returns the size of a map with `edge` tiles around it. */
+export const framed = ({ height, width }: Frame, edge: number): Frame => ({
+  height: height + 2 * edge,
+  width: width + 2 * edge,
+});
+
+/**
+ * Returns the style of a canvas for a map with `edge` tiles around it. A map as large as `frame` is as wide as the element
+ * around it, or so many per cent of the window high. All maps of a frame have one scale.
+ */
+export function fittedStyle(map: Frame, edge: number, most: number, frame = framed(map, edge)) {
+  const { height, width } = framed(map, edge);
+  const share = (100 * width) / frame.width;
+  return { aspectRatio: `${width / height}`, maxWidth: `min(${share}%, ${(most * width) / frame.height}vh)` };
 }
 
 export function useFittedCanvas(): Fitted {

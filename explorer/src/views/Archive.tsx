@@ -79,7 +79,15 @@ export function Archive() {
             onChange={(scale) => show({ scale })}
           />
         </div>
-        <HeatMap run={run} layout={layout} values={values} quantity={quantity} selected={niche} elites={elites} />
+        <HeatMap
+          run={run}
+          layout={layout}
+          values={values}
+          quantity={quantity}
+          selected={niche}
+          elites={elites}
+          onClick={() => reveal(detail)}
+        />
         <p class="note">
           {number(filled)} of {number(run.niches)} niches have a map
           {view.seed === "best" && run.seeds > 1 && `, in any of ${run.seeds} seeds`}

@@ -2,10 +2,18 @@
 import { useShared } from "../context";
 import { FEATURES } from "../network/features";
 import { LookSwitches, OverlaySwitches, useBlend } from "../parts/Looks";
-import { MapPicture } from "../parts/MapPicture";
+import { framed, type Frame } from "../parts/canvas";
+import { MapPicture, pictureEdge } from "../parts/MapPicture";
 import { objectsOf, picturesOf } from "../record";
 import { nameOf, valueText, WORDS } from "../words";
 
+/** Returns the smallest size that holds all sizes. */
+const frameOf = (sizes: readonly Frame[]): Frame => ({
+  height: Math.max(...sizes.map(({ height }) => height)),
+  width: Math.max(...sizes.map(({ width }) => width)),
+});
+
+/** The maps have one scale: a tile is as wide in each of them. */
 export function Compare() {
   const { data, view, show, draw } = useShared();
   const blend = useBlend();
@@ -18,6 +26,12 @@ export function Compare() {
     );
   }
   const maps = view.pins.map(([index, elite]) => ({ index, elite, run: data.runs[index] }));
+  const frame = frameOf(
+    maps.map(({ run, elite }) => {
+      const grid = run.grid(elite);
+      return framed(grid, pictureEdge(grid, objectsOf(run, elite), view.look));
+    }),
+  );
   const features = new Set(maps.flatMap(({ run }) => [...run.features.keys()]));
   const rows = ["fitness", ...FEATURES, ...features].map((name) => {
     const values = maps.map(({ run, elite }) => (run.quantities.includes(name) ? run.column(name)[elite] : NaN));
@@ -44,6 +58,7 @@ export function Compare() {
                     look={view.look}
                     blend={blend}
                     overlays={view.overlays}
+                    frame={frame}
                   />
                   <span>
                     {data.runs.length > 1 && `${run.name}: `}

@@ -15,6 +15,8 @@ import { Metrics } from "../parts/Metrics";
 import { ObjectFields } from "../parts/ObjectFields";
 import { Objects } from "../parts/Objects";
 import { SaveButtons } from "../parts/SaveButtons";
+import { ShelfTable } from "../parts/ShelfTable";
+import { SignNote } from "../parts/SignNote";
 import { TilePalette } from "../parts/TilePalette";
 import { WeightSliders } from "../parts/WeightSliders";
 import { metricFields } from "../record";
@@ -166,6 +168,11 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
           {TOOL_WORDS[tool][1][0].toUpperCase() + TOOL_WORDS[tool][1].slice(1)}. Or drop a map.json or a Duckietown map
           here. {tool === "objects" ? OBJECT_KEYS : TILE_KEYS} Ctrl+Z undoes.
         </p>
+        <SignNote
+          grid={grid}
+          objects={objects}
+          onObjects={(placed) => onEdit(done(editor, { ...editor, objects: placed }))}
+        />
         <Objects objects={objects} />
         <OverlaySwitches metrics={metrics} />
         <div class="buttons">
@@ -208,6 +215,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles }: Props) {
             {unknown.some((name) => weights[name]) && "; the sum here leaves it out"}.
           </p>
         )}
+        <ShelfTable grid={grid} />
         <WeightSliders weights={weights} metrics={metrics} town={town} usual={run.weights} onWeights={onWeights} />
         <Metrics run={run} grid={grid} metrics={metrics} fitness={run.usualFitness ? total : NaN} features={features} />
       </section>

@@ -6,7 +6,7 @@ import { quantile, type Run } from "../data";
 import { Choice, quantityOptions, Segments } from "../parts/Controls";
 import { useWidth } from "../parts/canvas";
 import { History, type Series } from "../parts/History";
-import { nameOf, number, valueText } from "../words";
+import { markText, nameOf, number, valueText } from "../words";
 
 export function RunView() {
   const { data, run, view, show } = useShared();
@@ -178,7 +178,7 @@ function Boxes({ runs, quantity }: { readonly runs: readonly Run[]; readonly qua
             <g key={mark}>
               <path class="grid" d={`M${x(mark)} 4V${height - 24}`} />
               <text x={x(mark)} y={height - 8} text-anchor="middle">
-                {valueText(quantity, mark)}
+                {markText(quantity, mark)}
               </text>
             </g>
           ))}

@@ -1,0 +1,64 @@
+/** The links of tiles, and the roads that they make. */
+import { CONNECTIONS, SIDES, type Grid } from "./codes";
+
+/** For each cell, the sides by which its tile is linked, as indices of `SIDES`: clockwise from north. */
+export type Links = readonly (readonly number[])[];
+
+export function linksOf({ height, width, codes }: Grid): Links {
+  return Array.from(codes, (code, cell) => {
+    const [row, column] = [Math.floor(cell / width), cell % width];
+    const isLinked = (side: (typeof SIDES)[number]): boolean => {
+      const [r, c] = [row + side.down, column + side.right];
+      const isInside = r >= 0 && r < height && c >= 0 && c < width;
+      return isInside && (code & side.bit) > 0 && (codes[r * width + c] & side.opposite) > 0;
+    };
+    return [0, 1, 2, 3].filter((side) => isLinked(SIDES[side]));
+  });
+}
+
+/** Returns the cells where roads end: they have one connection, or one that no neighbour returns. */
+export function roadEnds(grid: Grid): number[] {
+  const links = linksOf(grid);
+  return [...grid.codes.keys()].filter((cell) => {
+    const connections = CONNECTIONS[grid.codes[cell]];
+    return connections === 1 || links[cell].length < connections;
+  });
+}
+
+/**
+ * Lists the cells of each road from end to end, with both; each road once. A road ends where a tile has other than two
+ * links. Rings come last. The order is that of Python's `walk_roads`.
+ */
+export function roadsOf(links: Links, { width, codes }: Grid): number[][] {
+  const roads: number[][] = [];
+  const walked = new Set<number>(); // the last steps of roads: they are first steps from the other end
+  const passed = new Set<number>();
+  const next = (cell: number, side: number): number => cell + SIDES[side].down * width + SIDES[side].right;
+  const stepOf = (cell: number, side: number): number => 4 * cell + side;
+  const isEnd = (cell: number): boolean => links[cell].length !== 2;
+
+  const walk = (start: number, ends: (cell: number) => boolean): void => {
+    for (const first of links[start]) {
+      if (walked.has(stepOf(start, first))) continue;
+      const road = [start];
+      let side = first;
+      for (;;) {
+        const cell = next(road[road.length - 1], side);
+        const back = (side + 2) % 4;
+        road.push(cell);
+        passed.add(cell);
+        if (ends(cell)) {
+          walked.add(stepOf(cell, back));
+          break;
+        }
+        side = links[cell].find((other) => other !== back)!;
+      }
+      roads.push(road);
+    }
+  };
+
+  const cells = [...codes.keys()].filter((cell) => codes[cell] > 0);
+  for (const cell of cells.filter(isEnd)) walk(cell, isEnd);
+  for (const cell of cells.filter((one) => !isEnd(one))) if (!passed.has(cell)) walk(cell, (other) => other === cell);
+  return roads;
+}

@@ -1,0 +1,110 @@
+"""Maps whose roads were changed after they were furnished, and the objects that the rules of `furnish` give them then.
+
+`python tests/sign_cases.py` writes sign_cases.json. The explorer's tests read it, because its editor places signs
+again. Objects are lists of the fields of `MapObject`.
+"""
+
+import json
+from math import hypot
+from pathlib import Path
+
+import numpy as np
+
+from elitelanes_jax import RoadMap
+from elitelanes_jax.formats.tags import SIGN_TAGS, STREETS
+from elitelanes_jax.maps import furnish
+from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners, place_signs
+from elitelanes_jax.maps.furnishing.space import Space
+from elitelanes_jax.maps.furnishing.street_names import Tags, place_street_names
+
+__all__ = ["CASES", "placed_again", "sign_cases"]
+
+CASES = Path(__file__).with_name("sign_cases.json")
+
+LIGHT, STREET_NAME = "trafficlight", "sign_street_name"
+SIGNS = {"sign_stop", "sign_t_light_ahead", "sign_4_way_intersect"}
+SIGNS |= {"sign_T_intersect", "sign_left_T_intersect", "sign_right_T_intersect"}
+WORDS = (
+    "signs=possible",
+    "signs=possible lights=0.4",
+    "lights=0.5",
+    "street_names=possible",
+    "signs=possible street_names=possible lights=0.3 trees=0.3",
+    "all",
+)
+
+
+def sign_cases():
+    """Returns the text of the file: a case a line."""
+    random = np.random.default_rng(6)
+    shapes = [((5, 6), 0), ((9, 7), 3)]
+    cases = [_case(random, shape, words, change) for shape, change in shapes for words in WORDS]
+    cases.append(_case(random, (24, 24), "signs=possible", 4))  # more signs than tag numbers
+    lines = ",\n".join(json.dumps(case, separators=(",", ":")) for case in cases)
+    heads = [f'"tags": {json.dumps(SIGN_TAGS)}', f'"streets": {json.dumps(STREETS)}']
+    return "{\n" + ",\n".join([*heads, f'"cases": [\n{lines}\n]']) + "\n}\n"
+
+
+def _case(random, shape, words, change):
+    """A furnished town in which a square of `change` x `change` cells got other roads."""
+    codes = _town(random, shape)
+    objects = furnish(RoadMap(codes), words, seed=int(random.integers(100))).objects
+    row, column = (int(random.integers(1 + side - change)) for side in shape)
+    codes[row : row + change, column : column + change] = random.choice([0, 5, 10, 15], (change, change))
+    rows = "/".join("".join(f"{code:x}" for code in line) for line in codes.tolist())
+    return {"rows": rows, "changed": change > 0, "objects": objects, "placed": placed_again(codes, objects)}
+
+
+def _town(random, shape):
+    """Streets on every third row and column, with gaps."""
+    codes = np.zeros(shape, np.int8)
+    for row in range(0, shape[0], 3):
+        for column in range(shape[1] - 1):
+            if random.random() < 0.85:
+                codes[row, column] |= 4
+                codes[row, column + 1] |= 1
+    for column in range(0, shape[1], 3):
+        for row in range(shape[0] - 1):
+            if random.random() < 0.85:
+                codes[row, column] |= 2
+                codes[row + 1, column] |= 8
+    return codes
+
+
+def placed_again(codes, objects):
+    """Returns the objects with new signs, made by the functions of `furnish`. Lights stay at free crossings."""
+    kinds = {thing.kind for thing in objects}
+    others = [thing for thing in objects if thing.kind not in SIGNS | {LIGHT, STREET_NAME}]
+    tags, space = Tags(unique=False), Space(codes)
+    for thing in others:
+        tags.use(thing)
+    arms = crossings(codes)
+    free = [crossing for crossing in arms if has_free_corners(codes, crossing)]
+    lights = {crossing: [] for crossing in arms}
+    for thing in objects:
+        if thing.kind == LIGHT and _nearest(thing, arms):
+            lights[_nearest(thing, arms)].append(thing)
+    lit = {crossing for crossing in free if lights[crossing]}
+    signs = place_signs(arms, set(free), "possible", lit) if kinds & SIGNS else []
+    placed = [tags.give(sign) for sign in signs]
+    placed += [light for crossing in free for light in lights[crossing]]
+    for thing in [*placed, *others]:
+        space.add(thing)
+    before = len(space.objects)
+    if STREET_NAME in kinds:
+        place_street_names(space, "possible", tags)
+    return [*placed, *space.objects[before:], *others]
+
+
+def _nearest(light, arms):
+    """Returns the nearest crossing, None if it is 1.5 tiles away or more."""
+
+    def distance(crossing):
+        return hypot(crossing[1] + 0.5 - light.x, crossing[0] + 0.5 - light.y)
+
+    nearest = min(arms, key=distance, default=None)
+    return nearest if nearest and distance(nearest) < 1.5 else None
+
+
+if __name__ == "__main__":
+    CASES.write_text(sign_cases(), encoding="utf-8")
