@@ -1,4 +1,4 @@
-"""Maps whose roads were changed after they were furnished, and the objects that the rules of `furnish` give them then.
+"""Maps whose roads were changed after they were furnished, what is said of their signs, and signs that fit.
 
 `python tests/sign_cases.py` writes sign_cases.json. The explorer's tests read it, because its editor places signs
 again. Objects are lists of the fields of `MapObject`.
@@ -13,6 +13,7 @@ import numpy as np
 from elitelanes_jax import RoadMap
 from elitelanes_jax.formats.tags import SIGN_TAGS, STREETS
 from elitelanes_jax.maps import furnish
+from elitelanes_jax.maps.faults import count_sign_faults
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners, place_signs
 from elitelanes_jax.maps.furnishing.space import Space
 from elitelanes_jax.maps.furnishing.street_names import Tags, place_street_names
@@ -37,37 +38,53 @@ WORDS = (
 def sign_cases():
     """Returns the text of the file: a case a line."""
     random = np.random.default_rng(6)
-    shapes = [((5, 6), 0), ((9, 7), 3)]
-    cases = [_case(random, shape, words, change) for shape, change in shapes for words in WORDS]
-    cases.append(_case(random, (24, 24), "signs=possible", 4))  # more signs than tag numbers
+    cases = [_case(random, (5, 6), words, lambda codes: codes) for words in WORDS]
+    cases += [_case(random, (9, 7), words, lambda codes: _with_a_square(random, codes)) for words in WORDS]
+    cases += [_case(random, (7, 7), words, lambda codes: _town(random, codes.shape, 1)) for words in WORDS[:2]]
+    # A large town has more signs than there are tag numbers.
+    cases.append(_case(random, (24, 24), "signs=possible", lambda codes: _with_a_square(random, codes)))
     lines = ",\n".join(json.dumps(case, separators=(",", ":")) for case in cases)
     heads = [f'"tags": {json.dumps(SIGN_TAGS)}', f'"streets": {json.dumps(STREETS)}']
     return "{\n" + ",\n".join([*heads, f'"cases": [\n{lines}\n]']) + "\n}\n"
 
 
 def _case(random, shape, words, change):
-    """A furnished town in which a square of `change` x `change` cells got other roads."""
-    codes = _town(random, shape)
-    objects = furnish(RoadMap(codes), words, seed=int(random.integers(100))).objects
-    row, column = (int(random.integers(1 + side - change)) for side in shape)
-    codes[row : row + change, column : column + change] = random.choice([0, 5, 10, 15], (change, change))
+    """Returns a town whose roads changed after it was furnished."""
+    town = _town(random, shape, 0.85)
+    objects = furnish(RoadMap(town), words, seed=int(random.integers(100))).objects
+    codes = change(town)
     rows = "/".join("".join(f"{code:x}" for code in line) for line in codes.tolist())
-    return {"rows": rows, "changed": change > 0, "objects": objects, "placed": placed_again(codes, objects)}
+    faults = count_sign_faults(RoadMap(codes, objects=objects))
+    return {
+        "rows": rows,
+        "changed": bool((codes != town).any()),
+        "objects": objects,
+        "faults": {"missing": faults.bare, "wrong": faults.wrong},
+        "placed": placed_again(codes, objects),
+    }
 
 
-def _town(random, shape):
-    """Streets on every third row and column, with gaps."""
+def _town(random, shape, share):
+    """Streets on every third row and column, with a share of their links."""
     codes = np.zeros(shape, np.int8)
     for row in range(0, shape[0], 3):
         for column in range(shape[1] - 1):
-            if random.random() < 0.85:
+            if random.random() < share:
                 codes[row, column] |= 4
                 codes[row, column + 1] |= 1
     for column in range(0, shape[1], 3):
         for row in range(shape[0] - 1):
-            if random.random() < 0.85:
+            if random.random() < share:
                 codes[row, column] |= 2
                 codes[row + 1, column] |= 8
+    return codes
+
+
+def _with_a_square(random, codes):
+    """Returns a town with any roads in 3 x 3 cells, among them the crossing of two streets at row 3, column 3."""
+    row, column = random.integers(1, 4, 2)
+    codes = codes.copy()
+    codes[row : row + 3, column : column + 3] = random.choice([0, 5, 10, 15], (3, 3))
     return codes
 
 

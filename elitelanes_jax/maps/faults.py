@@ -3,6 +3,7 @@
 from collections.abc import Collection
 from itertools import product
 from math import floor
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +34,17 @@ def _ends_of_roads(codes: NDArray[np.int8]) -> list[str]:
     return [f"roads end at {pluralize(len(ends), 'tile')}, the first at row {row}, column {column}"]
 
 
-def _wrong_signs(road_map: RoadMap) -> list[str]:
-    """Says how many signs do not fit the crossings, and how many crossings have none while others have."""
+class SignFaults(NamedTuple):
+    """How the signs and lights of a map differ from what its crossings need."""
+
+    signs: int  # signs and lights of crossings
+    wrong: int  # signs and lights that fit no crossing
+    crossings: int
+    bare: int  # crossings that have room for signs and none, on a map that has signs
+
+
+def count_sign_faults(road_map: RoadMap) -> SignFaults:
+    """Counts the signs that do not fit the crossings, and the crossings that have none while others have."""
     arms = crossings(road_map.codes)
     bare = {tile for tile in arms if has_free_corners(road_map.codes, tile)}
     signs = [thing for thing in road_map.objects or () if thing.kind in (*CONTROLS, *TOPOLOGIES, "trafficlight")]
@@ -43,12 +53,20 @@ def _wrong_signs(road_map: RoadMap) -> list[str]:
         tile = crossing_of(sign, _near(sign, arms))
         bare.discard(tile)
         wrong += tile is None or not _fits(sign, arms[tile])
-    said = []
-    if wrong:
-        said.append(f"{wrong} of {pluralize(len(signs), 'sign')} do not fit the crossings")
-    if signs and bare:
-        said.append(f"{pluralize(len(bare), 'crossing')} of {len(arms)} without signs")
-    return [f"{' and '.join(said)}, furnish places signs again"] if said else []
+    # A map may have lights without signs. Then no crossing lacks a sign.
+    has_signs = any(sign.kind != "trafficlight" for sign in signs)
+    return SignFaults(len(signs), wrong, len(arms), len(bare) if has_signs else 0)
+
+
+def _wrong_signs(road_map: RoadMap) -> list[str]:
+    """Says how many signs do not fit the crossings, and how many crossings have none while others have."""
+    faults = count_sign_faults(road_map)
+    parts = []
+    if faults.wrong:
+        parts.append(f"{faults.wrong} of {pluralize(faults.signs, 'sign')} do not fit the crossings")
+    if faults.bare:
+        parts.append(f"{pluralize(faults.bare, 'crossing')} of {faults.crossings} without signs")
+    return [f"{' and '.join(parts)}, furnish places signs again"] if parts else []
 
 
 def _near(sign: MapObject, crossings: Collection[Cell]) -> list[Cell]:

@@ -2,6 +2,7 @@
 import { readFileSync } from "node:fs";
 import { describe, expect, test } from "vitest";
 import type { Grid } from "../src/network/codes";
+import { crossingFaults } from "../src/network/crossingSigns";
 import type { MapObject, ObjectKinds } from "../src/network/objects";
 import { placeSigns, signFaults, type SignRules } from "../src/network/signs";
 import { gridOfText } from "./grids";
@@ -21,6 +22,8 @@ interface Case {
   /** Whether the roads were changed after the objects were placed. */
   readonly changed: boolean;
   readonly objects: readonly Fields[];
+  /** The crossings without signs, and the signs that no crossing needs. */
+  readonly faults: { readonly missing: number; readonly wrong: number };
   readonly placed: readonly Fields[];
 }
 
@@ -39,9 +42,10 @@ const objectOf = ([kind, x, y, angle, height, tag, isStatic]: Fields): MapObject
   ...(!isStatic && { static: false }),
 });
 
-test.each(cases)("signs are placed again on $rows, changed: $changed", ({ rows, changed, objects, placed }) => {
+test.each(cases)("signs are placed again on $rows, changed: $changed", ({ rows, changed, objects, faults, placed }) => {
   const grid = gridOfText(rows);
   const before = objects.map(objectOf);
+  expect(crossingFaults(grid, before)).toEqual(faults);
   const after = placeSigns(grid, before, rules).objects;
   expect(after).toEqual(placed.map(objectOf));
   expect(signFaults(grid, after, rules)).toBeNull();

@@ -51,6 +51,7 @@ def test_whole_maps_are_not_spoken_of(capsys):
     for quarter_turns in range(4):
         for codes in (rotate(TOWN, quarter_turns), mirror(rotate(TOWN, quarter_turns))):
             assert faults(furnish(codes, "all lights=0.5", seed=quarter_turns), capsys) == ""
+    assert faults(furnish(TOWN, "lights=0.3"), capsys) == ""
     assert faults(RoadMap(TOWN), capsys) == faults(RoadMap(np.zeros((3, 3), np.int8)), capsys) == ""
 
 
