@@ -49,7 +49,7 @@ interface Case {
   } | null;
 }
 
-const { alphabet, weights, kinds, plan, by_hand, cases } = JSON.parse(
+const { alphabet, weights, kinds, plan, by_hand, odd, cases } = JSON.parse(
   readFileSync(new URL("cases.json", import.meta.url), "utf8"),
 ) as {
   alphabet: number[];
@@ -57,6 +57,7 @@ const { alphabet, weights, kinds, plan, by_hand, cases } = JSON.parse(
   kinds: ObjectKinds;
   plan: PlanValues;
   by_hand: Read & { duckietown: string };
+  odd: { objects: MapObject[]; duckietown: string };
   cases: Case[];
 };
 
@@ -147,6 +148,14 @@ test.each([
 });
 
 test("YAML is read as Python reads it", () => expectRead(by_hand.duckietown, by_hand));
+
+test("odd names and heights are written as Python writes them", () => {
+  const loop = gridOf([
+    [6, 3],
+    [12, 9],
+  ]);
+  expect(toDuckietown(loop, odd.objects)).toBe(odd.duckietown);
+});
 
 describe("objects", () => {
   const grid = { height: 2, width: 3 };
