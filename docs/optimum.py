@@ -51,7 +51,7 @@ def elites(task: Task, numbers: tuple[int, ...]) -> Rows:
         result = evolve(jax.random.key(0), task.shape, fill=task.fill, evaluations=budget, progress=False)
         for cycles, (_, row) in zip(numbers, rows, strict=True):
             # The other axes count kinds of flaws: their first bin has none.
-            niche = np.ravel_multi_index((cycles, 0, 0, 0, 0), [axis.bins for axis in result.axes])
+            niche = np.ravel_multi_index((cycles, 0, 0, 0, 0), [axis.bins for axis in result.search.axes])
             if result.elites.valid[niche]:
                 row.append((f"{budget:,}: {result.elites.fitness[niche]}", np.asarray(result.elites.grids[niche])))
     return rows

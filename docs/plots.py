@@ -39,7 +39,7 @@ def maps(result: Result) -> None:
 
 def archive(result: Result) -> None:
     figure = Figure(figsize=(9, 4.5), layout="constrained")
-    archive_map(result.elites.fitness, result.axes, vmax=20_000, ax=figure.subplots())
+    archive_map(result.elites.fitness, result.search.axes, vmax=20_000, ax=figure.subplots())
     save(figure, "archive")
 
 

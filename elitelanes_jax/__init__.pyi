@@ -24,6 +24,7 @@ from .formats.road_map import read_map as read_map
 from .maps.generation import generate as generate
 from .maps.parts import merge as merge
 from .maps.picking import pick as pick
+from .maps.picking import write_result as write_result
 from .maps.spec import GenerateSpec as GenerateSpec
 from .maps.spec import PickSpec as PickSpec
 from .network.bits import random_grids as random_grids
@@ -46,7 +47,7 @@ from .optimizers.base import Optimizer as Optimizer
 from .optimizers.loop import run as run
 from .problem.descriptor import Axis as Axis
 from .problem.problem import Problem as Problem
-from .problem.problem import road_problem as road_problem
+from .problem.road import road_problem as road_problem
 from .search.compile_cache import use_compile_cache as use_compile_cache
 from .search.evolution import evolve as evolve
 from .search.result import Result as Result

@@ -127,7 +127,7 @@ def archive_map(
         raise InputError("axes: expected the axes of the niches, or a Result instead of its fitness, got none")
     axes = parse_axes(axes, features=None)
     if not all(axis.width for axis in axes):
-        raise InputError("axes: expected ones with a width, such as Result.axes, got one without")
+        raise InputError("axes: expected ones with a width, such as result.search.axes, got one without")
     names = [axis.metric for axis in axes]
     bins = [axis.bins for axis in axes]
     across = names[int(np.argmax(bins))] if across is None else across

@@ -316,7 +316,7 @@ def test_a_search_makes_the_moves_of_the_user(which):
     more = {"moves": moves, "alphabet": [15], "fill": False, "generations": 20}
     result = search(which, fitness=lambda grid: -(grid[1, 1] == 3).astype(jnp.int32), **more)
     assert result.history.best_fitness[-1] in (0, -1)
-    assert result.spec.method == which[0]
+    assert result.search.settings.method == which[0]
 
 
 def evaluate(grids):

@@ -87,3 +87,43 @@ def test_commands_that_search_for_nothing_do_not_wait_for_jax():
     lines += ["dataset --where cycles=3 --out x"]
     program = f"from elitelanes_jax.cli.main import main; [main(line.split()) for line in {lines!r}]"
     assert not loaded(program) & {"jax", "jaxlib", "cv2", "scipy"}
+
+
+def test_no_private_part_of_jax_is_used():
+    """The package uses what JAX documents: no private module, and no private attribute of anything that JAX returns."""
+    for name, file in MODULES.items():
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            modules = []
+            if isinstance(node, ast.ImportFrom):
+                modules = [node.module or ""]
+            elif isinstance(node, ast.Import):
+                modules = [alias.name for alias in node.names]
+            for module in modules:
+                parts = module.split(".")
+                assert parts[0] not in ("jaxlib", "xla"), f"{name} imports {module}"
+                assert parts[0] != "jax" or not any(part.startswith("_") for part in parts), f"{name} imports {module}"
+            if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.endswith("__"):
+                own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls", "np")
+                documented = node.attr in ("_asdict", "_fields", "_replace", "_make")  # of named tuples
+                of_package = node.attr in PRIVATE_NAMES
+                assert own or documented or of_package, f"{name}: {ast.unparse(node)}"
+
+
+def defined_privately():
+    """The private names that the package itself defines."""
+    for file in MODULES.values():
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                yield node.name
+            elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+                yield node.attr
+            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                yield node.target.id
+
+
+PRIVATE_NAMES = {name for name in defined_privately() if name.startswith("_")}
+
+
+def test_chex_checks_the_edges():
+    users = {name for name, file in MODULES.items() if "import chex" in file.read_text(encoding="utf-8")}
+    assert "elitelanes_jax.network.edges" in users

@@ -64,7 +64,7 @@ def test_results_and_maps_are_explored(result, tmp_path):
 
 
 def test_results_are_plotted(result):
-    shown, usual = plots.archive_map(result), plots.archive_map(result.elites.fitness, result.axes)
+    shown, usual = plots.archive_map(result), plots.archive_map(result.elites.fitness, result.search.axes)
     np.testing.assert_array_equal(shown.images[0].get_array(), usual.images[0].get_array())
     shown, usual = plots.history(result), plots.history(result.history)
     np.testing.assert_array_equal(shown.lines[0].get_ydata(), usual.lines[0].get_ydata())

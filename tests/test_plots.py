@@ -162,7 +162,12 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
         (np.zeros(5), AXES, {}, r"fitness: expected 24 niches on the last axis, got shape \(5,\)"),
         (np.zeros((0, 24)), AXES, {}, r"fitness: expected 24 niches on the last axis, got shape \(0, 24\)"),
         (np.zeros(24), (), {}, "axes: expected at least one axis, got none"),
-        (np.zeros(4), ["crossings:4"], {}, "axes: expected ones with a width, such as Result.axes, got one without"),
+        (
+            np.zeros(4),
+            ["crossings:4"],
+            {},
+            "axes: expected ones with a width, such as result.search.axes, got one without",
+        ),
         (np.zeros(4), AXES[1:2] * 2, {}, "axes: expected each metric once, got components 2 times"),
         (np.zeros(24), AXES, {"across": "bridges"}, "across: expected each of cyclomatic, components, straight_share"),
         (np.zeros(24), AXES, {"across": "components", "down": "components"}, "across: expected each of cyclomatic"),

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, NotEnoughMapsError, Result, RoadMap, evolve, read_map
+from elitelanes_jax import InputError, NotEnoughMapsError, Result, RoadMap, evolve, read_map, write_result
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import draw_svg
 
@@ -16,7 +16,7 @@ OPTIONS = {"method": "ea", "preset": "paper", "generations": 30}
 @pytest.mark.parametrize("key", [0, jax.random.key(0)])
 def test_a_result_writes_what_generate_writes(key, tmp_path):
     result = evolve(key, (5, 6), **OPTIONS)
-    maps = result.write(str(tmp_path / "out"), 1, tile_px=16)
+    maps = write_result(result, str(tmp_path / "out"), 1, tile_px=16)
     names = {str(file.relative_to(tmp_path / "out")) for file in (tmp_path / "out").rglob("*") if file.is_file()}
     line = "generate --size 5 6 --maps 1 --method ea --preset paper --generations 30 --tile-px 16 --quiet --out"
     assert main([*line.split(), str(tmp_path / "same")]) == 0
@@ -30,18 +30,18 @@ def test_a_result_writes_what_generate_writes(key, tmp_path):
         given = [str(tmp_path / word) if word[:3] in ("out", "pag", "mor") else word for word in command]
         assert main([*given, *(["--quiet"] if command[0] == "pick" else [])]) == 0
     with pytest.raises(InputError, match="out: expected a folder that is new or empty"):
-        result.write(tmp_path / "out", 1)
-    result.write(tmp_path / "out", 1, force=True, tile_px=16)
+        write_result(result, tmp_path / "out", 1)
+    write_result(result, tmp_path / "out", 1, force=True, tile_px=16)
     with pytest.raises(NotEnoughMapsError, match=r"; at_most=True writes those found; more seeds find more$"):
-        result.write(tmp_path / "none", 10_000)
+        write_result(result, tmp_path / "none", 10_000)
     with pytest.raises(NotEnoughMapsError, match="; wider ranges, more seeds or evaluations find more$"):
-        result.write(tmp_path / "none", 10_000, where="crossings=20..")
+        write_result(result, tmp_path / "none", 10_000, where="crossings=20..")
     with pytest.raises(InputError, match="tile: expected one of .* is it tiles?"):
-        result.write(tmp_path / "none", maps=1, tile=1)
+        write_result(result, tmp_path / "none", maps=1, tile=1)
     with pytest.raises(InputError, match="path: expected a name that ends in .npz, got town.json"):
         result.save("town.json")
     with pytest.raises(InputError, match="tile_px: expected a whole number"):
-        result.write(tmp_path / "none", 1, tile_px=1)
+        write_result(result, tmp_path / "none", 1, tile_px=1)
     assert not (tmp_path / "none").exists()
 
 
@@ -49,7 +49,7 @@ def test_the_results_of_an_optimizer_of_ones_own_are_written(tmp_path):
     from elitelanes_jax import ea
 
     result = evolve(0, (5, 6), seeds=2, optimizer=ea, evaluations=3_000)
-    assert len(result.write(tmp_path / "out", 1, tile_px=16)) == 1
+    assert len(write_result(result, tmp_path / "out", 1, tile_px=16)) == 1
 
 
 def test_a_map_draws_itself():

@@ -196,7 +196,7 @@ WRONG = {
         "town.yaml"
     ),
     "fill: expected True or False, got 1": lambda: road_problem((4, 4), fill=1),
-    "grids: expected int8 [P, 4, 4], got int32 (2, 2)": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
+    "grids: expected int8 [P, 4, 4], got int32 [2, 2]": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
     "count: expected a whole number, 1 or more, got 0": lambda: random_population(
         road_problem((4, 4)), jax.random.key(0), 0
     ),

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn, TypeAlias
+from typing import NamedTuple, NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import TILE_PX, Check, folder, path, whole
 from elitelanes_jax._util.errors import InputError, suggest
@@ -13,6 +13,8 @@ from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.cli.program import fail
+from elitelanes_jax.search.settings import OPTIONS, Settings
+from elitelanes_jax.search.spec import SearchSpec
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """The commands of a parser; argparse has no public name for their type."""
@@ -88,19 +90,38 @@ def add_options(command: argparse.ArgumentParser, defaults: Record) -> None:
 
     The option's help is the field's description in the record's docstring, with the default: the field's value.
     """
-    for name, option, default, said in _listed(defaults):
-        command.add_argument(_flag(name, option), **_kind(option, default), help=_help(said, default), dest=name)
+    for name, option, default, description in _listed(defaults):
+        command.add_argument(_flag(name, option), **_kind(option, default), help=_help(description, default), dest=name)
 
 
-def _listed(defaults: Record) -> Iterator[tuple[str, Option, UserValue, str]]:
+def _listed(defaults: Record | SearchSpec) -> Iterator[tuple[str, Option, UserValue, str]]:
     """Yields the name, option, default and description of each field that is an option, also in nested records."""
-    said = descriptions(type(defaults))
-    for name, option in defaults.options().items():
-        default = getattr(defaults, name)
+    fields = _fields_of(defaults)
+    description_of = descriptions(type(fields.defaults))
+    for name, option in fields.options.items():
+        default = getattr(fields.defaults, name)
         if option.metavar is not None:
-            yield name, option, default, said[name]
-        elif isinstance(default, Record):
+            yield name, option, default, description_of[name]
+        elif isinstance(default, Record | SearchSpec):
             yield from _listed(default)
+
+
+class _Fields(NamedTuple):
+    """The fields of a record.
+
+    Attributes:
+      options: the `Option` of each field, by name.
+      defaults: an object that has the default of each field.
+    """
+
+    options: dict[str, Option]
+    defaults: Record | Settings
+
+
+def _fields_of(defaults: Record | SearchSpec) -> _Fields:
+    if isinstance(defaults, SearchSpec):
+        return _Fields(OPTIONS, Settings(**defaults.options))
+    return _Fields(defaults.options(), defaults)
 
 
 class _Cores(argparse.Action):
@@ -154,12 +175,13 @@ def naming(prefix: object) -> Iterator[None]:
         raise InputError(f"{prefix}: {error}") from None
 
 
-def read_options(given: argparse.Namespace, defaults: Record) -> UserValue:
+def read_options(given: argparse.Namespace, defaults: Record | SearchSpec) -> UserValue:
     """Returns the record with the values from the command line; errors name the option."""
+    fields = _fields_of(defaults)
     values: dict[str, Untyped] = {}
-    for name, option in defaults.options().items():
-        default = getattr(defaults, name)
-        if option.metavar is None and isinstance(default, Record):
+    for name, option in fields.options.items():
+        default = getattr(fields.defaults, name)
+        if option.metavar is None and isinstance(default, Record | SearchSpec):
             values[name] = read_options(given, default)
         elif hasattr(given, name):
             values[name] = getattr(given, name)
@@ -168,7 +190,7 @@ def read_options(given: argparse.Namespace, defaults: Record) -> UserValue:
 
 
 @contextmanager
-def naming_options(defaults: Record, *only: str, **more: str) -> Iterator[None]:
+def naming_options(defaults: Record | SearchSpec, *only: str, **more: str) -> Iterator[None]:
     """Makes errors in its block that start with the name of a field start with the option's name.
 
     Those of all fields, or of some alone, because a file in a message may have the name of another field. `more` has

@@ -33,18 +33,18 @@ def add_dataset(commands: Commands) -> None:
 
 
 def _dataset(options: argparse.Namespace) -> int:
+    from elitelanes_jax.dataset.planning import plan_dataset
     from elitelanes_jax.dataset.spec import DatasetSpec
 
     spec = read_options(options, DatasetSpec())
-    if spec.maps_from is None:
-        with naming_options(DatasetSpec()):
-            spec.check_search()
-    from elitelanes_jax.dataset.make import make_dataset
+    with naming_options(DatasetSpec()):
+        plan = plan_dataset(spec)
+    from elitelanes_jax.dataset.make import make_planned
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     use_compile_cache()
-    with naming_options(DatasetSpec(), "maps_from", "furnish"):
-        about = make_dataset(spec, options.out, force=options.force)
+    with naming_options(DatasetSpec(), "furnish"):
+        about = make_planned(plan, options.out, force=options.force)
     table = {"": about["pictures"], "pictures": about["pictures"].values()}
     for one in about["classes"]:
         shares = (pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values())

@@ -70,18 +70,21 @@ def add_generate(commands: Commands) -> None:
 
 
 def _generate(options: argparse.Namespace) -> int:
+    from elitelanes_jax.maps.planning import plan_run
     from elitelanes_jax.maps.spec import GenerateSpec
 
     if options.floor is not None:
         options.size = _size_for_floor(options)
     spec = read_options(options, GenerateSpec())
-    from elitelanes_jax.maps.generation import generate
+    with naming_options(GenerateSpec()):
+        run = plan_run(spec)
+    from elitelanes_jax.maps.generation import generate_planned
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     use_compile_cache()
     try:
-        with naming_options(GenerateSpec(), "furnish", "axes", "where"):
-            maps = generate(spec, options.out, force=options.force)
+        with naming_options(GenerateSpec(), "furnish"):
+            maps = generate_planned(run, options.out, force=options.force)
     except NotEnoughMapsError as error:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:

@@ -1,14 +1,13 @@
 """The maps of a dataset, and the split of each map."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jax import Array
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import NotEnoughMapsError
@@ -17,10 +16,10 @@ from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, start_thread
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.optimizers.loop import seed_keys
-from elitelanes_jax.search.evolution import compile_search, evolve
+from elitelanes_jax.search.evolution import compile_search, evolve_search
+from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
+from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.selection import MIN_DIFFERENCE
-from elitelanes_jax.search.spec import SearchSpec
 
 # Each round evolves 16 seeds and returns at most 512 maps, because maps of one seed are related. After a round with
 # fewer than 8 maps, the maps of the next rounds may be more alike.
@@ -29,14 +28,14 @@ _SEEDS, _FROM_ROUND, _FEW = 16, 512, 8
 _AHEAD = 2
 
 
-def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> list[RoadMap]:
+def evolve_maps(spec: DatasetSpec, searches: Mapping[tuple[int, int], Search], work: Path) -> list[RoadMap]:
     """Evolves the maps round by round, and writes a file after each round to the folder `work`.
 
     All are valid, and each differs from all others in `MIN_DIFFERENCE` of its tiles, however they are rotated or
     mirrored. If no more such maps are found, the next, smaller difference applies. The maps of a round are spread
     evenly over the niches. Raises `NotEnoughMapsError`.
     """
-    sizes = [_Size(spec.seed, search, *item, work) for item in maps_by_shape(spec).items()]
+    sizes = [_Size(spec.seed, searches[shape], count, work) for shape, count in maps_by_shape(spec).items()]
     maps: list[RoadMap] = []
     with Progress("evolving", spec.maps, "maps") as bar:
         # These wait for the programs of each size, compiled beside the searches before it. The first compiles its own.
@@ -54,10 +53,13 @@ class _Size(NamedTuple):
     """The search for the maps of one size. `search` is for maps that the tiles can draw, `work` the rounds' folder."""
 
     seed: int
-    search: SearchSpec
-    shape: tuple[int, int]
+    search: Search
     wanted: int
     work: Path
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.search.shape
 
     def rounds(self) -> Iterator[list[RoadMap]]:
         """Yields the maps of each round; evolves missing rounds."""
@@ -85,21 +87,21 @@ class _Size(NamedTuple):
         """Compiles the first round's programs, if it was not made before; returns a function that waits."""
         if self._file(0).exists() or count_cores() == 1:
             return lambda: None
-        return start_thread(partial(compile_search, self._keys(0), self.shape, self.search))
+        return start_thread(partial(compile_search, self.search, self._keys(0)))
 
     def _file(self, number: int) -> Path:
         return self.work / "maps" / f"{self.shape[0]}x{self.shape[1]}-{number}.jsonl"
 
-    def _keys(self, number: int) -> Array:
-        return seed_keys(self.seed, range(number * _SEEDS, (number + 1) * _SEEDS))
+    def _keys(self, number: int) -> SearchKeys:
+        return keys_of_seeds(self.seed, range(number * _SEEDS, (number + 1) * _SEEDS))
 
     def _evolve(self, number: int, found: Sequence[NDArray[np.int8]], level: int) -> list[RoadMap]:
         """Evolves the maps of a round, which differ from all earlier maps by at least `MIN_DIFFERENCE[level]`."""
-        result = evolve(self._keys(number), self.shape, spec=self.search)
+        result = evolve_search(self.search, self._keys(number))
         count = min(self.wanted - len(found), _FROM_ROUND)
         choice = result.choose(count, self.seed, exclude=found, min_difference=(MIN_DIFFERENCE[level],))
         if not choice.maps and not found:
-            hint = choice.hint(self.search.method, self.shape)
+            hint = choice.hint(self.search.settings.method, self.shape)
             raise NotEnoughMapsError(choice.describe_shortage(self.wanted, hint, writable=False))
         first = number * _SEEDS
         return [replace(road_map, seed=(self.seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]

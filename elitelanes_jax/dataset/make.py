@@ -23,17 +23,14 @@ from elitelanes_jax.dataset._card import draw_boxes, sample_sheet, write_card
 from elitelanes_jax.dataset._layouts import RECORD, Layout, find_layout, foreign_to_dataset, write_sample
 from elitelanes_jax.dataset._plan import evolve_maps, split_maps
 from elitelanes_jax.dataset._samples import draw_sample
-from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
+from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
+from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish
-from elitelanes_jax.maps.generation import drawable
-from elitelanes_jax.maps.given import GivenMaps
 from elitelanes_jax.maps.spec import SPLITS
-from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.network.movements import list_movements
-from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
+from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
-from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+from elitelanes_jax.tiles.tileset import TileSet
 
 _ON_SHEET = 12
 _BLOCK = 1000  # samples that are listed at once, and whose records share a folder
@@ -134,19 +131,19 @@ def make_dataset(
       NotEnoughMapsError: if the searches return too few maps.
       OSError: that names the file, if a file cannot be written. The same call resumes.
     """
-    spec, out = check_named("spec", instance(DatasetSpec), spec), Path(check_named("out", path, out))
+    spec = check_named("spec", instance(DatasetSpec), spec)
+    return make_planned(plan_dataset(spec), out, workers=workers, force=force)
+
+
+def make_planned(
+    plan: PlannedDataset, out: str | Path, *, workers: int | None = None, force: bool = False
+) -> dict[str, Plain]:
+    """Makes a planned dataset; the other arguments, and the errors, are those of `make_dataset`."""
+    spec, tiles, _, objects = plan
+    out = Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
-    find_layout(spec.format)
-    tiles = load_tiles(spec.tiles)
-    search, own = drawable(spec.search, tiles), spec.maps_from
-    if own is not None:
-        _check_given(spec, own, tiles)
-    else:
-        spec.check_search()
-        for shape in maps_by_shape(spec):
-            search.check_maps(shape)
-    objects = _objects_of(spec, own)
-    identity = _identity(spec, tiles, own, objects)
+    given = spec.maps_from
+    identity = _identity(spec, tiles, objects)
     settle(out)
     if (out / RECORD).exists():
         try:
@@ -155,7 +152,7 @@ def make_dataset(
         except InputError:
             if not force:
                 raise
-    inputs: list[str | Path] = [*(own.paths if own else ()), *spec.inputs]
+    inputs: list[str | Path] = [*(given.paths if given else ()), *spec.inputs]
     with output_folder(
         out, _of_maps(identity), inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:
@@ -164,7 +161,7 @@ def make_dataset(
             sizes = first if first == last else f"{first} to {last}"
             words = f"{pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
             announce(f"making a dataset of {words}")
-            maps = evolve_maps(spec, search, work.kept) if own is None else own.maps
+            maps = evolve_maps(spec, plan.searches, work.kept) if given is None else given.maps
         except (InputError, NotEnoughMapsError):  # the next run has other settings
             remove(work.kept)
             raise
@@ -179,45 +176,21 @@ def make_dataset(
                         side_by_side(calls, workers=workers, ended=lambda _: bar.count())
             except InputError as error:  # the objects do not fit
                 _delete_pictures(work)
-                if own is not None:
+                if given is not None:
                     raise
                 hint = "the maps are kept for the same command with other objects"
                 raise InputError(f"{error}; {hint}") from None
         return _finish(drawing, identity)
 
 
-def _check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
-    """Checks that the tiles can draw given maps, and that they have lanes for a camera."""
-    for road_map, name in zip(own.maps, own.names, strict=True):
-        if spec.camera is not None and not len(list_movements(road_map.codes)):
-            raise InputError(f"maps_from: expected maps with lanes, for a camera, got none, {name}")
-        if lacking := set(road_map.codes.flat) - set(tiles.rotations):
-            got = " and ".join(kind for kind, members in KINDS.items() if lacking & set(members))
-            raise InputError(f"maps_from: expected codes that the tile set has pictures for, got {got}, {name}")
-
-
-def _objects_of(spec: DatasetSpec, own: GivenMaps | None) -> ObjectSet | None:
-    """Loads the pictures of the maps' objects; None if there are no objects.
-
-    Raises:
-      InputError: if the set has no pictures of an object of the given maps.
-    """
-    things = [thing for road_map in (own.maps if own is not None else ()) for thing in road_map.objects or ()]
-    objects = load_objects(spec.objects) if spec.furnish or things or spec.objects else None
-    if objects is None or spec.furnish:
-        return objects
-    objects.choose(things)
-    return objects if things else None
-
-
-def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None, objects: ObjectSet | None) -> dict[str, Plain]:
+def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> dict[str, Plain]:
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain() | {"tile_px": spec.pixels}
     del plain["tiles"], plain["objects"], plain["maps_from"]  # the pictures and the maps count, not their paths
     about = {name: getattr(tiles, name) for name in ("name", "licence", "blend")}
     identity = {
         "settings": plain,
-        "given_maps": None if own is None else own.digest,
+        "given_maps": None if spec.maps_from is None else spec.maps_from.digest,
         "tile_set": about | {"tiles": tiles.digest},
         "versions": installed_versions(),
     }

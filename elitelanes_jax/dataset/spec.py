@@ -21,9 +21,12 @@ from elitelanes_jax.dataset._transforms import (
 )
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.given import GivenMaps, parse_given
-from elitelanes_jax.maps.spec import SPLITS, check_furnishable, parse_split
+from elitelanes_jax.maps.spec import SPLITS, parse_split
 from elitelanes_jax.network.checks import LONGEST_SIDE
+from elitelanes_jax.search.resolve import plain_spec
 from elitelanes_jax.search.spec import SearchSpec
+
+_USUAL_SEARCH = SearchSpec(evaluations=100_000)
 
 LAYOUTS = ("imagefolder", "coco")
 """The layouts of a dataset's folder."""
@@ -88,31 +91,24 @@ class DatasetSpec(Record):
     camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
     seed: int = option(0, SEED, "N")
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
-    search: SearchSpec = option(SearchSpec(evaluations=100_000), instance(SearchSpec))
+    search: SearchSpec = option(_USUAL_SEARCH, instance(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     objects: Path | None = option(None, none_or(path), "DIR")
     tile_px: int | None = option(None, none_or(TILE_PX), "N")
 
     def check_together(self) -> None:
-        """Checks the number of maps against sizes and splits, given cells against sizes, objects, and the crop."""
+        """Checks the number of maps against sizes and splits, the camera, and the size of the pictures."""
         if self.maps_from is not None:
             self._take_given(self.maps_from)
         shapes = self.shapes
         if self.maps < len(shapes):
             raise InputError(f"maps: expected one of each size at least, {len(shapes)}, got {self.maps}")
-        if self.search.fix is not None and shapes != [self.search.fix.shape]:
-            got = f"{len(shapes)} sizes" if len(shapes) > 1 else "{} x {}".format(*shapes[0])
-            rows, columns = self.search.fix.shape
-            raise InputError(f"fix: expected maps of the given cells' size, {rows} x {columns}, got {got}")
         for name, share, count in zip(SPLITS, self.split, maps_by_split(self), strict=True):
             if share and not count:
                 few = "maps" if self.maps_from is None else "maps_from"
                 expected = f"enough for one in the {name}, {share:g} of them"
                 raise InputError(f"{few}: expected {expected}, got {self.maps}; a split of 1 0 0 trains on all")
-        if self.furnish is not None and self.maps_from is None:
-            for shape in shapes:
-                check_furnishable(self.furnish, self.search, shape)
         if self.camera is not None:
             self._check_camera()
         self._check_pixels()
@@ -136,7 +132,9 @@ class DatasetSpec(Record):
     def _take_given(self, given: GivenMaps) -> None:
         """Sets the number and the sizes of given maps."""
         defaults = {one.name: one.default for one in fields(self)}
-        if names := [name for name, value in self.search.given().items() if value != getattr(defaults["search"], name)]:
+        usual = _USUAL_SEARCH.options
+        names = [name for name, value in self.search.options.items() if usual.get(name) != value]
+        if names:
             got = ", ".join(names)
             raise InputError(f"maps_from: expected no options of a search, which given maps do not need, got {got}")
         rows, columns = ((min(sides), max(sides)) for sides in zip(*given.sizes, strict=True))
@@ -170,12 +168,6 @@ class DatasetSpec(Record):
             expected = f"pictures of at most {_MOST_PIXELS} pixels, because Pillow reads no larger ones"
             raise InputError(f"{name}: expected {expected}, got {area}")
 
-    def check_search(self) -> None:
-        """Checks that the search can find the maps of each size; raises `InputError` if it cannot."""
-        for shape in maps_by_shape(self):
-            self.search.check_on(shape)
-            self.search.check_maps(shape)
-
     @property
     def pixels(self) -> int:
         """The side of a tile in pixels: the given one, or 64, or 256 with a camera, which comes close to tiles."""
@@ -195,7 +187,7 @@ class DatasetSpec(Record):
             "maps_from": self.maps_from and self.maps_from.digest,
             "transforms": self.transforms.values(),
             "camera": self.camera and self.camera.values(),
-            "search": self.search.to_plain(),
+            "search": plain_spec(self.search),
             "tiles": self.tiles and str(self.tiles),
             "furnish": self.furnish and self.furnish.settings(),
             "objects": self.objects and str(self.objects),

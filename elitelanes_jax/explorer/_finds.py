@@ -21,6 +21,7 @@ from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
 from elitelanes_jax.problem.ranges import range_limits, range_penalty
 
 if TYPE_CHECKING:
+    from elitelanes_jax.search.resolve import Search
     from elitelanes_jax.search.result import History, Result
 
 # The shown entries of a run's record.
@@ -61,22 +62,23 @@ def from_result(result: "Result", name: str) -> Finds:
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
     seed, _ = np.nonzero(valid)
-    alphabet, usual = result.spec.alphabet, _has_usual_fitness(result)
+    search = result.search
+    alphabet, usual = search.settings.alphabet, _has_usual_fitness(result)
     return Finds(
         name,
         grids[valid],
         fitness[valid],
         seed,
         len(valid),
-        result.axes,
-        result.spec.all_weights._asdict() | dict(result.spec.weights),
+        search.axes,
+        search.weights._asdict() | dict(search.settings.weights),
         None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
-        niche=np.asarray(niche_index(descriptor[valid], result.axes), np.int32),
+        niche=np.asarray(niche_index(descriptor[valid], search.axes), np.int32),
         features={name: np.asarray(one).reshape(valid.shape)[valid] for name, one in elites.features.items()},
         history=result.history,
         usual_fitness=usual,
-        floors=_floors(result, (grids.shape[2], grids.shape[3])) if usual else None,
-        record={"settings": {"search": result.spec.to_plain()}},
+        floors=_floors(search) if usual else None,
+        record={"settings": {"search": search.to_plain()}},
     )
 
 
@@ -85,22 +87,24 @@ def _has_usual_fitness(result: "Result") -> bool:
 
     A result does not say whether a user gave the fitness, so the function computes the sum and compares it.
     """
-    elites, spec = result.elites, result.spec
-    valid, shape, names = np.asarray(elites.valid), elites.grids.shape[-2:], (*METRIC_NAMES, *spec.measured)
+    elites, search = result.elites, result.search
+    valid, names = np.asarray(elites.valid), search.feature_names
     measured = elites.metrics._asdict() | dict(elites.features)
     features = np.stack([np.asarray(measured[name], np.int32) for name in names], axis=-1)
-    usual = np.asarray(weighted_sum(elites.metrics, spec.all_weights))
-    if spec.feature_weights is not None:
-        usual = usual + features[..., len(METRIC_NAMES) :] @ np.array(spec.feature_weights, np.int32)
-    usual = usual + range_penalty(features, names, range_limits(spec.where, names), (shape[0], shape[1]))
+    usual = np.asarray(weighted_sum(elites.metrics, search.weights))
+    if search.feature_weights is not None:
+        usual = usual + features[..., len(METRIC_NAMES) :] @ np.array(search.feature_weights, np.int32)
+    usual = usual + range_penalty(features, names, range_limits(search.ranges, names), search.shape)
     return bool((np.asarray(elites.fitness) == usual)[valid].all())
 
 
-def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
+def _floors(search: "Search") -> dict[int, int] | None:
     """Returns the certified optima of flawless networks by cyclomatic number, if they apply to a search."""
-    spec = result.spec
-    name = f"{shape[0]}x{shape[1]}{'A' if spec.repair_fills else 'B'}"
-    if name not in SIZES or spec.all_weights != Weights() or spec.feature_weights or spec.rules is not None:
+    height, width = search.shape
+    name = f"{height}x{width}{'A' if search.fills else 'B'}"
+    if name not in SIZES or search.settings.rules is not None:
+        return None
+    if search.weights != Weights() or search.feature_weights:
         return None
     task = find_task(f"{name}-10000")
     return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))

@@ -6,6 +6,7 @@ from .generation import generate as generate
 from .packing import pack as pack
 from .parts import merge as merge
 from .picking import pick as pick
+from .picking import write_result as write_result
 from .spec import GenerateSpec as GenerateSpec
 from .spec import PackSpec as PackSpec
 from .spec import PickSpec as PickSpec

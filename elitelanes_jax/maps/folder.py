@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,37 +38,44 @@ _SIGNS_PX, _SIGNS_TILE_PX = 1152, 72
 _PICTURES = tuple(f"{name}.png" for name in ("image", *MASKS, "labels"))
 
 
-def write_maps(
-    folder: Path,
-    maps: Sequence[RoadMap],
-    title: str,
-    tiles: TileSet,
-    *,
-    tile_px: int,
-    seed: int,
-    furnish: FurnishSpec | None = None,
-) -> list[RoadMap]:
+class Drawing(NamedTuple):
+    """How the maps of a folder are drawn.
+
+    Attributes:
+      tiles: the tile pictures.
+      tile_px: the side of a tile in pixels.
+      seed: of the choice of tile pictures, and of the positions of objects.
+      furnish: the objects of the maps; None if maps keep the objects that they have.
+    """
+
+    tiles: TileSet
+    tile_px: int
+    seed: int
+    furnish: FurnishSpec | None = None
+
+
+def write_maps(folder: Path, maps: Sequence[RoadMap], title: str, drawing: Drawing) -> list[RoadMap]:
     """Writes each map to its own folder, ``maps/0000`` and so on, and the contact sheet; returns the maps as drawn.
 
-    The maps have one size, and metrics. `seed` is that of the choice of tile pictures, and of the positions of objects.
-    Without `furnish`, maps keep the objects they have. Raises `InputError` if the objects do not fit on a map.
+    The maps have one size, and metrics. Raises `InputError` if the objects do not fit on a map.
     """
-    if furnish:
-        place = partial(furnish_map, spec=furnish, seed=seed)
-        maps = [check_named(f"furnish: map {index}", place, one) for index, one in enumerate(maps)]
+    if drawing.furnish is not None:
+        place = partial(furnish_map, spec=drawing.furnish, seed=drawing.seed)
+        maps = [check_named(f"furnish: map {index}", place, plain) for index, plain in enumerate(maps)]
     longest = max(maps[0].codes.shape)
     sheet_px = int(np.clip(_SHEET_PX // longest, *_SHEET_TILE_PX))
-    has_objects = any(one.objects for one in maps)
+    has_objects = any(road_map.objects for road_map in maps)
     if has_objects:
         sheet_px = int(np.clip(_SIGNS_PX // longest, sheet_px, _SIGNS_TILE_PX))
 
     def draw(index: int, plain: RoadMap) -> tuple[RoadMap, NDArray[np.uint8]]:
-        chosen = choose_tiles(plain.codes, tiles, [seed, index])
+        tiles = drawing.tiles
+        chosen = choose_tiles(plain.codes, tiles, [drawing.seed, index])
         names = [[tiles.pictures[tile].name for tile, _ in row] for row in chosen]
         road_map = replace(plain, drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
         path = folder / "maps" / f"{index:04d}"
         path.mkdir(parents=True)
-        write_picture(path, render(plain, tiles, tile_px=tile_px, chosen=chosen))
+        write_picture(path, render(plain, tiles, tile_px=drawing.tile_px, chosen=chosen))
         road_map.save(path / "map.json")
         small = render(plain, tiles, tile_px=sheet_px, chosen=chosen).image
         if has_objects:
@@ -76,11 +84,11 @@ def write_maps(
 
     with Progress("drawing", len(maps), "maps") as bar:
         calls = [partial(draw, index, plain) for index, plain in enumerate(maps)]
-        done = side_by_side(calls, workers=count_cores(), ended=lambda _: bar.count())
-    drawn, small = [road_map for road_map, _ in done], [image for _, image in done]
-    sheet = contact_sheet(title, small, [_caption(index, road_map) for index, road_map in enumerate(drawn)])
+        drawn = side_by_side(calls, workers=count_cores(), ended=lambda _: bar.count())
+    captions = [_caption(index, road_map) for index, (road_map, _) in enumerate(drawn)]
+    sheet = contact_sheet(title, [image for _, image in drawn], captions)
     write_png(folder / "contact-sheet.png", sheet)
-    return drawn
+    return [road_map for road_map, _ in drawn]
 
 
 def foreign_to_maps(folder: Path) -> str | None:

@@ -1,57 +1,36 @@
 """From a specification to a folder of road maps: the search, the chosen maps, their files, and the run's record."""
 
 import time
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Key
 
 from elitelanes_jax._util.checks import check_named, instance, path
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
+from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.packages import installed_versions
-from elitelanes_jax._util.progress import Progress, announce
-from elitelanes_jax._util.threads import start_thread
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.progress import announce
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps, write_maps
+from elitelanes_jax.maps.choosing import choose_enough, describe_archive, describe_source
+from elitelanes_jax.maps.folder import ARCHIVE, RECORD, Drawing, foreign_to_maps, write_maps
+from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.optimizers.loop import seed_keys
-from elitelanes_jax.optimizers.presets import config_to_plain
-from elitelanes_jax.problem.archive import coverage, qd_score
-from elitelanes_jax.search.evolution import compile_search, evolve
+from elitelanes_jax.search.evolution import evolve_search
+from elitelanes_jax.search.keys import keys_of_seeds
+from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
-from elitelanes_jax.search.selection import Choice
-from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 # The seconds between two checkpoints, and of the shortest search whose checkpoint is kept while maps are drawn.
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
 
 
-class Run(NamedTuple):
-    """A specification, with its search and its tiles. The search has the alphabet of the tiles."""
-
-    spec: GenerateSpec
-    search: SearchSpec
-    tiles: TileSet
-
-    def identity(self) -> dict[str, Plain]:
-        """Returns what the search depends on except its budget, plain values for JSON."""
-        search = self.search.to_plain()
-        del search["evaluations"], search["generations"]
-        about = {name: getattr(self.spec, name) for name in ("size", "seeds", "seed", "part")}
-        return {"command": "generate", **about, "search": search, "versions": installed_versions()}
-
-
 class Evolved(NamedTuple):
     """A run with its result, and the figures of the search for its record."""
 
-    run: Run
+    run: PlannedRun
     result: Result
     seconds: float
     speed: int | None  # the median of the evaluations per second; None without generations
@@ -79,51 +58,41 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
       NotEnoughMapsError: if there are fewer valid and different maps than requested; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
-    spec, out = check_named("spec", instance(GenerateSpec), spec), Path(check_named("out", path, out))
-    # Most tile sets have all codes. Then the programs are those of the search as specified: they load while tiles do.
-    keys = seed_keys(spec.seed, spec.seed_indices)
-    loaded = start_thread(partial(compile_search, keys, spec.size, spec.search, compiles=False))
-    try:
-        run = plan_run(spec)
-    finally:
-        loaded()
-    with output_folder(out, run.identity(), inputs=spec.inputs, foreign=foreign_to_maps, force=force) as work:
-        return write_run(work.files, _evolve(run, keys, work.kept / "search"))
+    spec = check_named("spec", instance(GenerateSpec), spec)
+    return generate_planned(plan_run(spec), out, force=force)
 
 
-def plan_run(spec: GenerateSpec) -> Run:
-    """Loads the tiles of a run and checks its search; raises `InputError`."""
-    tiles = load_tiles(spec.tiles)
-    search = drawable(spec.search, tiles).on(spec.size)
-    search.check_maps(spec.size)
-    return Run(spec, search, tiles)
+def generate_planned(run: PlannedRun, out: str | Path, *, force: bool = False) -> list[RoadMap]:
+    """Evolves the maps of a planned run; the other arguments, and the errors, are those of `generate`."""
+    out = Path(check_named("out", path, out))
+    with output_folder(out, run.identity(), inputs=run.spec.inputs, foreign=foreign_to_maps, force=force) as work:
+        return write_run(work.files, _evolve(run, work.kept / "search"))
 
 
-def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:
-    """Returns a search whose maps can be drawn with a tile set; raises `InputError` if its alphabet has other codes."""
-    missing = set(search.alphabet or ()) - set(tiles.alphabet)
-    if missing:
-        codes = ", ".join(map(str, tiles.alphabet))
-        raise InputError(f"alphabet: expected codes of the tile set {tiles.name!r}, {codes}, got {min(missing)}")
-    return search.replace(alphabet=search.alphabet or tiles.alphabet)
-
-
-def _evolve(run: Run, keys: Key[Array, " K"], checkpoint: Path) -> Evolved:
+def _evolve(run: PlannedRun, checkpoint: Path) -> Evolved:
     """Evolves the seeds of a run, and keeps the checkpoint if the search was long."""
-    spec, search, _ = run
-    aim = pluralize(spec.maps, "map") if spec.part is None else "part {} of {} of a run for maps".format(*spec.part)
+    spec, search = run.spec, run.search
+    maps = pluralize(spec.maps, "map")
+    if spec.part is not None:
+        maps = "part {} of {} of a run for maps".format(*spec.part)
+    runs = pluralize(len(spec.seed_indices), "run")
     announce(
-        f"evolving {aim} of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, {search.preset}, "
-        f"{pluralize(len(spec.seed_indices), 'run')} of {_budget(search)}"
+        f"evolving {maps} of {spec.size[0]} x {spec.size[1]} tiles: {search.settings.method}, "
+        f"{search.settings.preset}, {runs} of {_budget(search)}"
     )
     start = time.perf_counter()
-    result = evolve(keys, spec.size, spec=search, checkpoint=checkpoint, every=_SECONDS_A_CHECKPOINT)
+    keys = keys_of_seeds(spec.seed, spec.seed_indices)
+    result = evolve_search(search, keys, checkpoint=checkpoint, every=_SECONDS_A_CHECKPOINT)
     if result.history.seconds < _WORTH_KEEPING:
         remove(checkpoint)
-    seconds = max(time.perf_counter() - start, result.history.seconds)  # a resumed search has earlier seconds
     speeds = result.history.evaluations_per_second
-    speed = round(float(np.median(speeds))) if speeds.size else None
-    return Evolved(run, result, seconds, speed, jax.devices()[0].device_kind)
+    return Evolved(
+        run=run,
+        result=result,
+        seconds=max(time.perf_counter() - start, result.history.seconds),  # a resumed search has earlier seconds
+        speed=round(float(np.median(speeds))) if speeds.size else None,
+        device=jax.devices()[0].device_kind,
+    )
 
 
 def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
@@ -131,22 +100,27 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
 
     For a part of a run, only the archive and the record are written. Raises `NotEnoughMapsError`.
     """
-    (spec, search, tiles), result, start = evolved.run, evolved.result, time.perf_counter()
-    choice = None if spec.part else choose_maps(result, spec.maps, spec.at_most, seed=spec.seed)
-    chosen, maps = time.perf_counter(), []
-    if choice:
+    spec, search, tiles = evolved.run
+    start = time.perf_counter()
+    choice = None
+    if spec.part is None:
+        choice = choose_enough(evolved.result, spec.maps, at_most=spec.at_most, seed=spec.seed)
+    chosen = time.perf_counter()
+    maps: list[RoadMap] = []
+    if choice is not None:
         title = (
-            f"{pluralize(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, {search.method}, "
-            f"{pluralize(spec.seeds, 'seed')}, {_budget(search)}, seed {spec.seed}"
+            f"{pluralize(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, "
+            f"{search.settings.method}, {pluralize(spec.seeds, 'seed')}, {_budget(search)}, seed {spec.seed}"
         )
-        maps = write_maps(folder, choice.maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
-    result.save(folder / ARCHIVE, state=False, seed=spec.seed)
+        drawing = Drawing(tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
+        maps = write_maps(folder, choice.maps, title, drawing)
+    evolved.result.save(folder / ARCHIVE, state=False, seed=spec.seed)
     seconds = {"evolve": evolved.seconds + chosen - start, "draw": time.perf_counter() - chosen}
-    about = {
+    record = {
         "settings": spec.to_plain(),
-        "weights": search.all_weights._asdict(),
-        **describe_source(tiles, result, choice),
-        "archive": describe_archive(result),
+        "weights": search.weights._asdict(),
+        **describe_source(tiles, evolved.result, choice),
+        "archive": describe_archive(evolved.result),
         "versions": installed_versions(),
         "device": evolved.device,
         "times": {
@@ -154,41 +128,11 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
             "evaluations_per_second": evolved.speed,
         },
     }
-    write_json(folder / RECORD, about)
+    write_json(folder / RECORD, record)
     return maps
 
 
-def describe_archive(result: Result) -> dict[str, list[float]]:
-    """Returns two metrics of an archive, by seed. An elite worse than 0 does not count."""
-    valid = result.elites.valid
-    return {"coverage": coverage(valid).tolist(), "qd_score": qd_score(result.elites.fitness, valid, worst=0).tolist()}
-
-
-def choose_maps(result: Result, count: int, at_most: bool, hint: str | None = None, **options: UserValue) -> Choice:
-    """Chooses maps with the options of `Result.choose`; raises `NotEnoughMapsError`, also for none with `at_most`.
-
-    The hint says what finds more; its default depends on the search.
-    """
-    with Progress("choosing maps"):
-        choice = result.choose(count, **options)
-    if len(choice.maps) < (1 if at_most else count):
-        height, width = result.elites.grids.shape[-2:]
-        hint = hint or choice.hint(result.spec.method, (height, width))
-        raise NotEnoughMapsError(choice.describe_shortage(count, hint))
-    return choice
-
-
-def describe_source(tiles: TileSet, result: Result, choice: Choice | None) -> dict[str, Plain]:
-    """Returns the entries that the records of all folders of maps share, plain values for JSON."""
-    chosen = choice and {"elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}}
-    return {
-        "config": result.config and config_to_plain(result.config),
-        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "blend")},
-        "axes": [axis._asdict() for axis in result.axes],
-        **(chosen or {}),
-    }
-
-
-def _budget(search: SearchSpec) -> str:
-    evaluations = search.generations is None
-    return f"{search.evaluations:,} evaluations" if evaluations else f"{search.generations:,} generations"
+def _budget(search: Search) -> str:
+    if search.settings.generations is None:
+        return f"{search.settings.evaluations:,} evaluations"
+    return f"{search.settings.generations:,} generations"

@@ -12,12 +12,14 @@ from elitelanes_jax._util.folders import first_difference, has_unfinished, outpu
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.choosing import describe_archive
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps
-from elitelanes_jax.maps.generation import Evolved, Run, describe_archive, plan_run, write_run
+from elitelanes_jax.maps.generation import Evolved, write_run
+from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
 from elitelanes_jax.search.joining import join_results
+from elitelanes_jax.search.resolve import has_other_alphabet, spec_from_plain
 from elitelanes_jax.search.result import Result
-from elitelanes_jax.search.spec import SearchSpec
 
 _EXPECTED = "expected a part of a run, made by elitelanes generate --part"
 
@@ -100,19 +102,20 @@ def _read_record(folder: Path) -> dict[str, Plain]:
 
 def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
     try:
-        return GenerateSpec(**settings | {"search": SearchSpec.from_plain(settings["search"])})
+        return GenerateSpec(**settings | {"search": spec_from_plain(settings["search"])})
     except (InputError, TypeError, KeyError) as error:
         raise InputError(f"{folder / RECORD}: expected settings of a run, got: {error}") from None
 
 
-def _read_archive(folder: Path, run: Run, part: tuple[int, int], archives: dict[Path, Plain]) -> Result:
-    file, (spec, search, tiles) = folder / ARCHIVE, run
+def _read_archive(folder: Path, run: PlannedRun, part: tuple[int, int], archives: dict[Path, Plain]) -> Result:
+    file = folder / ARCHIVE
     result = Result.load(file)
-    if result.spec != search:
-        if result.spec == search.replace(alphabet=result.spec.alphabet):
-            raise InputError(f"{folder}: expected a part for the tile set {tiles.name!r}, got one for another set")
+    if result.search != run.search:
+        if has_other_alphabet(result.search, run.search):
+            raise InputError(f"{folder}: expected a part for the tile set {run.tiles.name!r}, got one for another set")
         raise InputError(f"{file}: expected the search in {RECORD} next to it, got another search")
-    shape, expected = result.elites.grids.shape, (len(spec.replace(part=part).seed_indices), *spec.size)
+    seeds = len(run.spec.replace(part=part).seed_indices)
+    shape, expected = result.elites.grids.shape, (seeds, *run.spec.size)
     if shape[:-3] + shape[-2:] != expected:
         raise InputError("{}: expected {} seeds of {} x {}, got {}".format(file, *expected, shape))
     if describe_archive(result) != archives[folder]:

@@ -1,10 +1,10 @@
-"""From archives of earlier searches to a folder of other maps, without another search."""
+"""From results of earlier searches to a folder of other maps, without another search."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
-from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -15,26 +15,40 @@ from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import AnyArray, Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps, write_maps
-from elitelanes_jax.maps.generation import choose_maps, describe_source
+from elitelanes_jax.maps.choosing import choose_enough, describe_source
+from elitelanes_jax.maps.folder import ARCHIVE, RECORD, Drawing, foreign_to_maps, write_maps
 from elitelanes_jax.maps.spec import PickSpec
-from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET
+from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.records import Metrics
-from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
+from elitelanes_jax.problem.descriptor import compute_descriptor, resolve_axes
 from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for
 from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search.elites import MeasuredElites
+from elitelanes_jax.search.resolve import Search, resolve_again
 from elitelanes_jax.search.result import Result, load_with_seed
-from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+
+class _Source(NamedTuple):
+    """Where maps may come from.
+
+    Attributes:
+      name: in messages; the file, if there is one.
+      result: with an axis of seeds.
+      seed: that the keys of the search were made from, or None.
+    """
+
+    name: str
+    result: Result
+    seed: int | None
 
 
 def pick(
     spec: PickSpec,
-    archives: str | Path | Result | Sequence[str | Path],
+    archives: str | Path | Sequence[str | Path],
     out: str | Path,
     *,
     force: bool = False,
@@ -46,8 +60,7 @@ def pick(
 
     Args:
       spec: of the choice.
-      archives: one file or several, ``archive.npz`` of `generate` or of `Result.save`, of maps of one size; or a
-        result, which is written to the folder as ``archive.npz``.
+      archives: one file or several, ``archive.npz`` of `generate` or of `Result.save`, of maps of one size.
       out: the folder, new or empty.
       force: whether the folder is replaced, if an earlier run wrote all files in it, and it has no archive.
       force_archive: whether a folder with an archive is replaced too. `pick` does not write that archive again.
@@ -62,114 +75,189 @@ def pick(
       OSError: if the folder cannot be written.
     """
     spec, out = check_named("spec", instance(PickSpec), spec), Path(check_named("out", path, out))
-    own = archives if isinstance(archives, Result) else None
-    files: list[Path] = [out / ARCHIVE] if own else check_named("archives", paths, archives)
+    files = check_named("archives", paths, archives)
     check_unique("archives", "file", map(str, files))
-    if folder := next(filter(Path.is_dir, files), None):
-        raise InputError(f"{folder}: expected an archive, such as {folder / ARCHIVE}, got a folder")
+    for file in files:
+        if file.is_dir():
+            raise InputError(f"{file}: expected an archive, such as {file / ARCHIVE}, got a folder")
     tiles = load_tiles(spec.tiles)
-    found = [(own, None)] if own else [load_with_seed(file) for file in files]
-    results = [_with_seeds(result) for result, _ in found]
-    height, width = shape = results[0].elites.grids.shape[-2:]
-    for file, result in zip(files, results, strict=True):
-        if result.elites.grids.shape[-2:] != shape:
-            sizes = ("{} x {}".format(*size) for size in (shape, result.elites.grids.shape[-2:]))
-            raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(file, *sizes))
-    search = _search(spec, results[0].spec)
-    alphabets = [result.spec.alphabet or ROAD_ALPHABET for result in results]
-    search.replace(alphabet=sorted({*chain(*alphabets)})).check_maps((height, width))
-    axes = results[0].axes if spec.axes is None else resolve_axes(spec.axes, (height, width), search.features)
-    measured = _measured(search, axes, results)
-    foreign, force = foreign_to_maps if force_archive or own else _foreign_or_archive, force or force_archive
-    inputs = [*spec.inputs, *(own.spec.inputs if own else files)]
-    with output_folder(out, {"command": "pick"}, inputs=inputs, foreign=foreign, force=force) as work:
-        elites = _join(files, results, measured, axes, tiles)
-        size, count = f"{height} x {width} tiles", pluralize(spec.maps, "map")
-        announce(f"choosing {count} of {size} among {elites.valid.sum():,} elites")
-        result = replace(results[0], elites=elites, spec=search, axes=axes)
-        choice = choose_maps(
-            result,
-            spec.maps,
-            spec.at_most,
-            hint=None if own else "wider ranges or more archives" if search.where else "more archives",
-            exclude=[np.array(grid, np.int8) for grid in spec.unlike],
-        )
-        runs = [
-            None if seed is None else (seed, run)
-            for (_, seed), one in zip(found, results, strict=True)
-            for run in range(len(one.elites.grids))
-        ]
-        maps = [replace(road_map, seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
-        title = f"{pluralize(len(maps), 'road map')} of {size}, chosen from {pluralize(len(results), 'archive')}"
-        maps = write_maps(work.files, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
-        if own:
-            own.save(work.files / ARCHIVE, state=False)
-            files = [work.files / ARCHIVE]
-        about = {
-            "settings": spec.to_plain(),
-            "archives": [
-                {"file": ARCHIVE if own else str(file), "sha256": sha256(file.read_bytes()).hexdigest()}
-                for file in files
-            ],
-            "search": search.to_plain(),
-            **describe_source(tiles, result, choice),
-            "versions": installed_versions(),
-        }
-        write_json(work.files / RECORD, about)
+    sources = [_read_source(file) for file in files]
+    search = _resolve_choice(spec, sources)
+    foreign = foreign_to_maps if force_archive else _foreign_or_archive
+    with output_folder(
+        out,
+        {"command": "pick"},
+        inputs=[*spec.inputs, *files],
+        foreign=foreign,
+        force=force or force_archive,
+    ) as work:
+        hint = "wider ranges or more archives" if search.ranges else "more archives"
+        maps, record = _write_choice(work.files, spec, sources, search, tiles, hint)
+        _write_record(work.files, spec, files, record)
     return maps
 
 
-def _foreign_or_archive(folder: Path) -> str | None:
-    hint = f"{ARCHIVE}, which pick does not write again; force_archive=True replaces it too"
-    return foreign_to_maps(folder) or (hint if (folder / ARCHIVE).exists() else None)
+def write_result(
+    result: Result, out: str | Path, maps: int = 16, *, force: bool = False, **options: UserValue
+) -> list[RoadMap]:
+    """Writes the folder that `generate` writes: chosen maps with pictures and masks, a sheet, and the archive.
+
+    Args:
+      result: of `evolve`.
+      out: the folder, new or empty.
+      maps: the number of maps.
+      force: whether the folder is replaced, if an earlier run wrote all files in it.
+      **options: more fields of `PickSpec`, such as `where`, `at_most`, `tiles`, `tile_px` and `seed`.
+
+    Returns:
+      The maps, as they were written.
+
+    Raises:
+      InputError: for a bad option, or a folder with other files.
+      NotEnoughMapsError: if there are fewer valid and different maps than requested.
+      OSError: if the folder cannot be written.
+    """
+    check_named("result", instance(Result), result)
+    spec, out = PickSpec().replace(maps=maps, **options), Path(check_named("out", path, out))
+    tiles = load_tiles(spec.tiles)
+    sources = [_Source("result", _with_seeds(result), None)]
+    search = _resolve_choice(spec, sources)
+    inputs = [*spec.inputs, *result.search.inputs]
+    with output_folder(out, {"command": "pick"}, inputs=inputs, foreign=foreign_to_maps, force=force) as work:
+        chosen, record = _write_choice(work.files, spec, sources, search, tiles)
+        archive = work.files / ARCHIVE
+        result.save(archive, state=False)
+        _write_record(work.files, spec, [archive], record)
+    return chosen
+
+
+def _read_source(file: Path) -> _Source:
+    result, seed = load_with_seed(file)
+    return _Source(str(file), _with_seeds(result), seed)
 
 
 def _with_seeds(result: Result) -> Result:
     """Adds an axis of seeds to the elites of a single seed."""
-    several = result.elites.valid.ndim > 1
-    return result if several else replace(result, elites=jax.tree.map(lambda array: array[None], result.elites))
+    if result.elites.valid.ndim > 1:
+        return result
+    return replace(result, elites=jax.tree.map(lambda array: array[None], result.elites))
 
 
-def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
-    """Returns the search with the ranges and rules of the choice. Axes of the choice also remove its targets."""
-    asked = parse_ranges(map(str, spec.where), search.features)
-    ranges = {item.name: item for item in (*search.where, *asked)}
-    targets = search.targets if spec.axes is None else ()
-    return search.replace(where=tuple(ranges.values()), rules=spec.rules or search.rules, targets=targets)
+def _foreign_or_archive(folder: Path) -> str | None:
+    """Returns the first file in a folder that `generate` and `pick` did not write, or its archive, or None."""
+    foreign = foreign_to_maps(folder)
+    if foreign is None and (folder / ARCHIVE).exists():
+        return f"{ARCHIVE}, which pick does not write again; force_archive=True replaces it too"
+    return foreign
 
 
-def _measured(search: SearchSpec, axes: Sequence[Axis], results: Sequence[Result]) -> list[str]:
+def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
+    """Resolves the search of the first source with the ranges, rules and axes of the choice.
+
+    Raises:
+      InputError: for sources of several sizes, or constraints that no map meets.
+    """
+    first = sources[0].result.search
+    alphabet: set[int] = set()
+    for source in sources:
+        search = source.result.search
+        if search.shape != first.shape:
+            sizes = ("{} x {}".format(*shape) for shape in (first.shape, search.shape))
+            raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(source.name, *sizes))
+        alphabet.update(search.alphabet)
+    settings = first.settings
+    asked = parse_ranges(map(str, spec.where), settings.features)
+    by_name = {item.name: item for item in (*settings.where, *asked)}
+    options: dict[str, UserValue] = {"where": tuple(by_name.values())}
+    if spec.rules is not None:
+        options["rules"] = spec.rules
+    if spec.axes is not None:  # axes also remove the targets
+        axes = resolve_axes(spec.axes, first.shape, settings.features)
+        options |= {"axes": axes, "targets": ()}
+    return resolve_again(first, options, tuple(sorted(alphabet)))
+
+
+def _measured(search: Search, sources: Sequence[_Source]) -> list[str]:
     """Returns the maps' features beside metrics: those that the choice uses, and those that all archives have."""
-    used = {*(axis.metric for axis in axes), *(item.name for item in search.where)}
-    used |= {target.name for target in search.targets} | set(TOWN_FEATURES).intersection(search.measured)
-    used |= {name for name in search.features if all(name in one.spec.features for one in results)}
+    used = {axis.metric for axis in search.axes}
+    used.update(item.name for item in search.ranges)
+    used.update(target.name for target in search.settings.targets)
+    used.update(name for name in search.measured if name in TOWN_FEATURES)
+    for name in search.settings.features:
+        if all(name in source.result.search.settings.features for source in sources):
+            used.add(name)
     return [name for name in search.measured if name in used]
 
 
-def _join(
-    files: Sequence[Path],
-    results: Sequence[Result],
-    measured: Sequence[str],
-    axes: tuple[Axis, ...],
+def _write_choice(
+    folder: Path,
+    spec: PickSpec,
+    sources: Sequence[_Source],
+    search: Search,
     tiles: TileSet,
-) -> MeasuredElites:
-    """Joins the runs of all results, and pads results with fewer slots with vacant ones."""
-    slots = max(one.elites.valid.shape[1] for one in results)
+    hint: str | None = None,
+) -> tuple[list[RoadMap], dict[str, Plain]]:
+    """Chooses maps among all sources, and writes them; returns them and the entries of the record about the choice."""
+    elites = _join(sources, search, tiles)
+    size = "{} x {} tiles".format(*search.shape)
+    announce(f"choosing {pluralize(spec.maps, 'map')} of {size} among {elites.valid.sum():,} elites")
+    result = replace(sources[0].result, elites=elites, search=search)
+    unlike = [np.array(grid, np.int8) for grid in spec.unlike]
+    choice = choose_enough(result, spec.maps, at_most=spec.at_most, exclude=unlike, hint=hint)
+    runs: list[tuple[int, int] | None] = []
+    for source in sources:
+        for run in range(len(source.result.elites.grids)):
+            runs.append(None if source.seed is None else (source.seed, run))
+    maps = []
+    for road_map in choice.maps:
+        assert road_map.seed is not None
+        maps.append(replace(road_map, seed=runs[road_map.seed[1]]))
+    archives = pluralize(len(sources), "archive")
+    title = f"{pluralize(len(maps), 'road map')} of {size}, chosen from {archives}"
+    drawing = Drawing(tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
+    record = {"search": search.to_plain(), **describe_source(tiles, result, choice)}
+    return write_maps(folder, maps, title, drawing), record
+
+
+def _write_record(folder: Path, spec: PickSpec, archives: Sequence[Path], record: dict[str, Plain]) -> None:
+    """Writes the record of a choice; an archive in the folder itself is named without its path."""
+    listed = []
+    for file in archives:
+        name = file.name if file.parent == folder else str(file)
+        listed.append({"file": name, "sha256": sha256(file.read_bytes()).hexdigest()})
+    about = {"settings": spec.to_plain(), "archives": listed, **record, "versions": installed_versions()}
+    write_json(folder / RECORD, about)
+
+
+def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> MeasuredElites:
+    """Joins the runs of all sources, and pads results with fewer slots with vacant ones."""
+    results = [source.result.elites for source in sources]
+    slots = max(elites.valid.shape[1] for elites in results)
 
     def join(arrays: Sequence[AnyArray]) -> AnyArray:
-        widths = ([(0, 0), (0, slots - array.shape[1]), *[(0, 0)] * (array.ndim - 2)] for array in arrays)
-        return np.concatenate([np.pad(array, width) for array, width in zip(arrays, widths, strict=True)])
+        padded = []
+        for array in arrays:
+            width = [(0, 0), (0, slots - array.shape[1]), *[(0, 0)] * (array.ndim - 2)]
+            padded.append(np.pad(array, width))
+        return np.concatenate(padded)
 
-    elites = [one.elites for one in results]
-    grids, fitness, valid = (join([getattr(one, name) for one in elites]) for name in ("grids", "fitness", "valid"))
-    metrics = {name: join([getattr(one.metrics, name) for one in elites]) for name in Metrics._fields}
+    grids = join([elites.grids for elites in results])
+    metrics = {name: join([getattr(elites.metrics, name) for elites in results]) for name in Metrics._fields}
     allowed = (*tiles.alphabet, *KINDS["end"], *KINDS["empty"])
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
-    columns = columns_for((axis.metric for axis in axes), measured)
+    columns = columns_for((axis.metric for axis in search.axes), _measured(search, sources))
     others = [name for name in columns if name not in metrics]
-    named = zip(map(str, files), elites, strict=True)
-    each = [with_town_features(one.features, others, one.grids, file) for file, one in named]
-    features = {name: join([values[name] for values in each]) for name in others}
-    stacked = np.stack([(metrics | features)[name] for name in columns], axis=-1).astype(np.int32)
-    descriptor = compute_descriptor(stacked, columns, axes)
-    return MeasuredElites(grids, fitness, descriptor, valid, Metrics(**metrics), features)
+    measured = []
+    for source, elites in zip(sources, results, strict=True):
+        measured.append(with_town_features(elites.features, others, elites.grids, source.name))
+    features = {name: join([values[name] for values in measured]) for name in others}
+    by_name = metrics | features
+    stacked = np.stack([by_name[name] for name in columns], axis=-1).astype(np.int32)
+    return MeasuredElites(
+        grids=grids,
+        fitness=join([elites.fitness for elites in results]),
+        descriptor=compute_descriptor(stacked, columns, search.axes),
+        valid=join([elites.valid for elites in results]),
+        metrics=Metrics(**metrics),
+        features=features,
+    )

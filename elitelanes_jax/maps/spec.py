@@ -11,11 +11,12 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.maps.exporting import FORMATS, FormatOptions
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.network.checks import check_shape
-from elitelanes_jax.network.codes import CROSSINGS
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import RULES
-from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds, parse_initial
+from elitelanes_jax.search.resolve import plain_spec
+from elitelanes_jax.search.settings import parse_initial
+from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds
 
 SPLITS = ("train", "validation", "test")
 """The parts of a dataset or a pack."""
@@ -54,35 +55,6 @@ def parse_part(part: UserValue) -> tuple[int, int]:
         raise InputError(f"expected a part such as 3/10, from 1/10 on, got {shorten(repr(part), 40)}") from None
 
 
-def _lacks_crossings(search: SearchSpec, shape: tuple[int, int]) -> bool:
-    """Returns whether some maps may have no crossing, and need no sign."""
-    most = {"crossings": 0, "crossing_share": 0, "cyclomatic": 1}
-    return (
-        search.fix is not None
-        or sum(shape) <= 5
-        or not {*CROSSINGS} & {*(search.alphabet or CROSSINGS)}
-        or any(item.high is not None and item.high <= most.get(item.name, -1) for item in search.where)
-    )
-
-
-def check_furnishable(furnish: FurnishSpec, search: SearchSpec, shape: tuple[int, int]) -> None:
-    """Refuses objects for which no map ``(height, width)`` of a search has room, and signs for which some have none."""
-    search = search.on(shape)
-    all_signable = any(item.name == "signable" and item.low == 1 for item in search.where)
-    if furnish.signs == "all" and not (all_signable or search.rules == "duckietown" or _lacks_crossings(search, shape)):
-        raise InputError(
-            "furnish: expected rules=duckietown or where signable=1 with signs at every crossing, got neither; "
-            "signs=possible leaves out crossings that have a road at a corner"
-        )
-    # Fixed cells may be empty, or leave free cells empty between them.
-    if furnish.on_blocks and search.repair_fills and search.fix is None:
-        asked = " ".join(f"{name}={amount:g}" for name, amount in furnish.on_blocks.items())
-        raise InputError(
-            f"furnish: expected rules=duckietown or a style such as town with {asked}, got a search whose maps have no "
-            "cells without road; a share below 1 places as many as fit"
-        )
-
-
 @dataclass(frozen=True)
 class GenerateSpec(Record):
     """A folder of generated maps.
@@ -119,18 +91,14 @@ class GenerateSpec(Record):
         return range(self.seeds * (index - 1) // count, self.seeds * index // count)
 
     def check_together(self) -> None:
-        """Checks the search on maps of the size, their objects, and that every part has a seed."""
+        """Checks that every part has a seed."""
         if self.part is not None and self.part[1] > self.seeds:
             raise InputError(f"part: expected at most {self.seeds} parts, one for each seed, got {self.part[1]}")
-        if self.furnish is not None:
-            check_furnishable(self.furnish, self.search, self.size)
-        self.search.check_on(self.size)
-        self.search.check_maps(self.size)
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
         return self.values() | {
-            "search": self.search.to_plain(),
+            "search": plain_spec(self.search),
             "tiles": self.tiles and str(self.tiles),
             "furnish": self.furnish and self.furnish.settings(),
         }

@@ -42,8 +42,18 @@ def count_refused(evaluated: Population) -> Int32[Array, ""]:
 class Optimizer(NamedTuple):
     """One algorithm on one problem.
 
-    Keys are consumed. A step is one generation and depends on its key and the state alone. Steps can therefore be the
-    body of `jax.lax.scan`, and `jax.vmap` over keys runs many seeds at once; `run` does both.
+    Keys are consumed. A step is one generation and depends on its key and the state alone. Steps are therefore the body
+    of a scan, and `jax.vmap` over keys runs many seeds at once. `run` does both::
+
+        optimizer = ea(road_problem((12, 12)))
+
+        def evolve_one(key):
+            first, later = jax.random.split(key)
+            state = optimizer.init(first)
+            step = lambda state, key: optimizer.step(key, state)
+            return jax.lax.scan(step, state, jax.random.split(later, 100))
+
+        states, info = jax.vmap(evolve_one)(jax.random.split(jax.random.key(0), 8))
 
     Attributes:
       init: key -> state, a pytree of arrays.

@@ -13,6 +13,7 @@ from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.network.bits import THREEFRY, fold_in, threefry
+from elitelanes_jax.network.edges import check_array, check_same_tree
 from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.problem.archive import Population
@@ -108,19 +109,15 @@ def advance(
 
         return over_seeds(step_one, keys, states)
 
-    row = jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), jax.eval_shape(step, states, jnp.int32(0))[1])
-    table = jax.tree.map(lambda one: jnp.zeros((most, *one.shape), one.dtype), row)
-    if not most:
-        return states, table
     first, last = (jnp.asarray(bound, jnp.int32) for bound in (first, last))
+    row = jax.eval_shape(step, states, jnp.int32(0))[1]
+    no_row = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), row)
 
-    def generation(index: Array, carry: tuple[Pytree, Info]) -> tuple[Pytree, Info]:
-        # In a loop of one round, because otherwise steps of towns take 1.12 times as long on a processor.
-        states, info = run_if(index <= last, lambda _, before: step(before[0], index), (carry[0], row))
-        return states, jax.tree.map(lambda rows, one: rows.at[index - first].set(one), carry[1], info)
+    def run_generation(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
+        # The loop of one round in `run_if` passes on the states of a round that does nothing without a copy.
+        return run_if(generation <= last, lambda _, carry: step(carry[0], generation), (states, no_row))
 
-    # Of as many rounds as generations, because on a GPU a round that does nothing takes time too.
-    return lax.fori_loop(first, jnp.minimum(last, first + most - 1) + 1, generation, (states, table))
+    return lax.scan(run_generation, states, first + jnp.arange(most, dtype=jnp.int32))
 
 
 def check_state(state: Pytree) -> Pytree:
@@ -134,33 +131,35 @@ def check_elites(elites: UserValue, shape: tuple[int, int], features: int) -> Po
     """Returns the elites of an optimiser for grids of a shape; raises `InputError` if they do not fit."""
     check_named("optimizer: elites", instance(Population), elites)
     slots = np.shape(elites.fitness)[:1]
-    expected = {"grids": (*slots, *shape), "fitness": slots, "features": (*slots, features)}
-    arrays = [jnp.asarray(array) for array in elites]
-    for (name, sides), array in zip(expected.items(), arrays, strict=True):
-        fits = (
-            array.dtype in (jnp.int32, jnp.float32) if name == "fitness" else jnp.issubdtype(array.dtype, jnp.integer)
-        )
-        if not fits or array.shape != sides or not slots:
-            kind = f"{'int32 or float32' if name == 'fitness' else 'whole numbers'} {list(sides)}"
-            raise InputError(f"optimizer: elites: expected {name} {kind}, got {array.dtype} {list(array.shape)}")
-    return Population(arrays[0].astype(jnp.int8), arrays[1], arrays[2].astype(jnp.int32))
+    grids, fitness, columns = (jnp.asarray(array) for array in elites)
+    for name, array in (("grids", grids), ("features", columns)):
+        if not jnp.issubdtype(array.dtype, jnp.integer):
+            raise InputError(f"optimizer: elites: expected {name} of whole numbers, got {array.dtype}")
+    grids, columns = grids.astype(jnp.int8), columns.astype(jnp.int32)
+    check_array("optimizer: elites: fitness", fitness, slots or ("N",), jnp.int32, jnp.float32)
+    check_array("optimizer: elites: grids", grids, (*slots, *shape), jnp.int8)
+    check_array("optimizer: elites: features", columns, (*slots, features), jnp.int32)
+    return Population(grids, fitness, columns)
 
 
-def _check_step(state: Pytree, found: UserValue) -> None:
+def _check_step(state: Pytree, outcome: UserValue) -> None:
     """Raises `InputError` unless a step returned a state like the one that it took, and an `Info` of scalars."""
-    if not isinstance(found, tuple) or len(found) != 2 or not set(Info._fields) <= {*getattr(found[1], "_fields", ())}:
-        got = f"({', '.join(type(each).__name__ for each in found)})" if isinstance(found, tuple) else repr(found)
+    if not _is_state_and_info(outcome):
+        got = repr(outcome)
+        if isinstance(outcome, tuple):
+            got = f"({', '.join(type(part).__name__ for part in outcome)})"
         raise InputError(f"optimizer: expected a step that returns (state, Info), got {shorten(got)}")
+    new_state, info = outcome
     for name in Info._fields:
-        if np.shape(value := getattr(found[1], name)):
-            raise InputError(f"optimizer: expected an Info of scalars, got {name} of shape {np.shape(value)}")
-    if jax.tree.structure(state) != jax.tree.structure(found[0]):  # type: ignore[operator]
-        before, after = (shorten(repr(jax.tree.map(lambda _: 0, each))) for each in (state, found[0]))
-        raise InputError(f"optimizer: expected a step that returns a state as {before}, got one as {after}")
-    for (path, old), new in zip(jax.tree.leaves_with_path(state), jax.tree.leaves(found[0]), strict=True):
-        kinds = [(jnp.asarray(leaf).dtype.name, np.shape(leaf)) for leaf in (old, new)]
-        weak = jnp.asarray(old).weak_type  # of a Python number, which takes any dtype
-        if kinds[0][weak:] != kinds[1][weak:]:
-            texts = [f"{dtype} {list(shape)}" for dtype, shape in kinds]
-            name = f"state{jax.tree_util.keystr(path)}"
-            raise InputError(f"optimizer: expected a step that keeps {name} {texts[0]}, got {texts[1]}")
+        shape = np.shape(getattr(info, name))
+        if shape:
+            raise InputError(f"optimizer: expected an Info of scalars, got {name} of shape {shape}")
+    check_same_tree(
+        "optimizer: expected a step that keeps the structure, shapes and dtypes of its state", state, new_state
+    )
+
+
+def _is_state_and_info(outcome: UserValue) -> bool:
+    if not isinstance(outcome, tuple) or len(outcome) != 2:
+        return False
+    return set(Info._fields) <= set(getattr(outcome[1], "_fields", ()))

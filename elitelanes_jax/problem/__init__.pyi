@@ -20,4 +20,4 @@ from .kernels import Kernel as Kernel
 from .kernels import with_town_features as with_town_features
 from .problem import Evaluation as Evaluation
 from .problem import Problem as Problem
-from .problem import road_problem as road_problem
+from .road import road_problem as road_problem

@@ -1,53 +1,33 @@
 """A problem: the grids that an optimiser may make, and how they are evaluated."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import prod
-from types import MappingProxyType
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real
+from jaxtyping import Array, ArrayLike, Bool, Int8, Int32, Key, Real
 from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.checks import (
-    LARGEST,
     check_named,
     check_unique,
-    flag,
     function,
     function_of,
-    instance,
     listed,
     none_or,
 )
 from elitelanes_jax._util.errors import InputError, shorten, suggest
-from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.checks import check_shape
-from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
-from elitelanes_jax.network.fitness import fitness as weighted_sum
-from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
-from elitelanes_jax.network.records import METRIC_NAMES, Weights, check_weights
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.xla import materialize
+from elitelanes_jax.network.codes import check_alphabet
 from elitelanes_jax.problem.archive import VACANT, Population, vacant_fitness
-from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, resolve_axes
-from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, check_feature, columns_for, largest_addend
-from elitelanes_jax.problem.fixed_cells import FixedCells, check_fits, parse_fixed_cells
-from elitelanes_jax.problem.kernels import (
-    Fitness,
-    Kernel,
-    apply_fitness,
-    arguments_of,
-    check_fitness,
-    check_kernels,
-    measure_features,
-)
-from elitelanes_jax.problem.ranges import largest_penalty, parse_ranges, range_limits, range_penalty
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, resolve_axes
+from elitelanes_jax.problem.features import SHARES
 
 
 class Evaluation(NamedTuple):
@@ -215,201 +195,3 @@ def _to_alphabet(
 ) -> Int8[Array, "H W"]:
     codes = [code if code in alphabet else alphabet[code % len(alphabet)] for code in range(16)]
     return grid if codes == list(range(16)) else jnp.array(codes, jnp.int8)[grid]
-
-
-def road_problem(
-    shape: tuple[int, int] = (12, 12),
-    axes: UserValue = None,
-    *,
-    alphabet: Iterable[int] | None = None,
-    weights: Weights = Weights(),
-    fill: bool = False,
-    where: UserValue = (),
-    limits: Int32[Array | np.ndarray, "2 C"] | None = None,
-    measured: Iterable[str] = (),
-    feature_weights: Int[ArrayLike, " K"] | None = None,
-    features: Mapping[str, Kernel] = MappingProxyType({}),
-    fitness: Fitness | None = None,
-    fix: UserValue = None,
-    initial: Int8[Array | np.ndarray, "N H W"] | None = None,
-) -> Problem:
-    """Makes the paper's problem: road networks of one size.
-
-    A grid is refused if a feature or the fitness of the user is out of range or not a number (see `Kernel` and
-    `Fitness`), or if the sizes of the weighted features add up to over 2**29. It has the fitness of a vacant slot and
-    becomes no elite.
-
-    Args:
-      shape: (height, width), each at least 2.
-      axes: axes of the descriptor space, such as ``"cyclomatic:8"`` or several `Axis`; by default `paper_axes`.
-      alphabet: the codes to draw from, by default all tiles with two or more connections. A repaired grid may hold
-        others: `dead_ends` and `coverage` count stubs and empty cells, `off_alphabet` any other code.
-      weights: weights of the metrics in the fitness; may be traced.
-      fill: whether repair also fills (see `elitelanes_jax.network.repair`).
-      where: ranges of features, such as ``{"bridges": (0, 3)}``; the distance from them adds to the fitness.
-      limits: the same as an array that may be traced: the least and the greatest value of each feature and then of each
-        share that follows from them; replaces `where`.
-      measured: the names of K features to measure beside the metrics; features of axes and ranges may be omitted.
-      feature_weights: int ``[K]``, weights of these features in the fitness, in the order of `measured`; may be traced.
-        By default 0.
-      features: kernels of the user's features, by name: letters, digits and _, and no name of another feature.
-      fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of ranges is added.
-      fix: cells that never change: rows of codes, with None for a free cell, or the path of a JSON file with them.
-      initial: int8 ``[N, H, W]``, grids that every run starts from.
-
-    Raises:
-      InputError: for a bad shape, alphabet, axis, range, feature, kernel, fitness, cell or initial grid, another number
-        of weights than K, or weights with which a fitness might not fit int32, if they are not traced.
-    """
-    shape = check_shape(shape, new=True)
-    check_named("weights", instance(Weights), weights)
-    check_named("fill", flag, fill)
-    alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
-    features = check_kernels(features, shape)
-    axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape, features)
-    ranges, fix = parse_ranges(where, features), None if fix is None else parse_fixed_cells(fix)
-    if fix is not None:
-        check_fits(fix, shape)
-    measured = measured if isinstance(measured, str) else tuple(measured)
-    measured = tuple(check_feature("measured", one, features) for one in check_named("measured", listed(str), measured))
-    feature_names = columns_for((axis.metric for axis in axes), measured, (item.name for item in ranges))
-    if ranges and limits is None:
-        limits = range_limits(ranges, feature_names)
-    factors = None if feature_weights is None else _check_feature_weights(feature_weights, measured)
-    _check_total(shape, weights, measured, factors, largest_penalty(len(ranges), feature_names))
-    if fitness is not None:
-        check_fitness(fitness, shape, feature_names)
-    return make_road_problem(
-        shape,
-        axes,
-        feature_names,
-        alphabet=alphabet,
-        weights=weights,
-        fill=fill,
-        limits=limits,
-        measured=measured,
-        feature_weights=factors,
-        features=features,
-        fitness=fitness,
-        fix=fix,
-        initial=initial,
-    )
-
-
-def make_road_problem(
-    shape: tuple[int, int],
-    axes: tuple[Axis, ...],
-    feature_names: tuple[str, ...],
-    *,
-    alphabet: tuple[int, ...],
-    weights: Weights,
-    fill: bool,
-    limits: Int32[Array | np.ndarray, "2 C"] | None,
-    measured: tuple[str, ...],
-    feature_weights: Int[Array | np.ndarray, " K"] | None,
-    features: Mapping[str, Kernel],
-    fitness: Fitness | None,
-    fix: FixedCells | None,
-    initial: Int8[Array | np.ndarray, "N H W"] | None,
-) -> Problem:
-    """Makes the problem of `road_problem` from its checked arguments; `feature_names` are all that are measured."""
-    others = feature_names[len(METRIC_NAMES) :]
-    users = np.array([feature_names.index(name) for name in others if name in features], int)
-    # The column of each weight; where they are in order, a slice, so that XLA gathers nothing.
-    weighed = np.array([feature_names.index(name) for name in measured if feature_weights is not None], int)
-    columns_weighed = np.s_[len(METRIC_NAMES) :] if measured == others else weighed
-    own = np.array([place for place, name in enumerate(measured) if name in features], int)
-    allowed = (*alphabet, *KINDS["end"], *KINDS["empty"])
-    fixed = None if fix is None else fix.fixed
-
-    def repair_grid(grid: Array, dirty: Array | None = None, raster: Numeric = False) -> Array:
-        if fix is not None:
-            grid = jnp.where(fix.fixed, fix.grid, grid)
-        return repair(grid, dirty, raster=raster, fill=fill, fixed=fixed)
-
-    def weigh(features: Array, weights: Weights, least: int | None = None) -> Array:
-        total = weighted_sum(unstack_metrics(features, shape[0] * shape[1]), weights)
-        if feature_weights is not None:
-            addends = features[..., columns_weighed] * feature_weights
-            total += addends.clip(least).sum(axis=-1, dtype=jnp.int32)
-        return total
-
-    def outside(features: Array) -> Array:
-        return jnp.int32(0) if limits is None else range_penalty(features, feature_names, limits, shape)
-
-    def refuse(features: Array, total: Array) -> Array:
-        refused = jnp.zeros(total.shape, bool)
-        if users.size:
-            refused |= (jnp.abs(features[..., users]) >= LARGEST).any(axis=-1)
-        if users.size and feature_weights is not None:
-            refused |= _sum_exceeds(LARGEST_FITNESS, features[..., weighed[own]], jnp.asarray(feature_weights)[own])
-        if fitness is not None and total.dtype == jnp.float32:
-            refused |= ~jnp.isfinite(total)
-        elif fitness is not None:
-            refused |= jnp.abs(total) > LARGEST_FITNESS
-        return refused
-
-    def evaluate(grids: Array) -> Evaluation:
-        grids = jnp.asarray(grids)
-        if grids.shape[1:] != shape or grids.dtype != jnp.int8:
-            raise InputError(f"grids: expected int8 [P, {shape[0]}, {shape[1]}], got {grids.dtype} {grids.shape}")
-        metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
-        columns = materialize(stack_metrics(metrics))
-        if others:
-            columns = jnp.concatenate([columns, materialize(measure_features(grids, others, features))], axis=-1)
-        total = weigh(columns, weights)
-        if fitness is not None:
-            total = apply_fitness(fitness, feature_names, grids, columns, total)
-        refused, total = refuse(columns, total), materialize(total + outside(columns))
-        if users.size or fitness is not None:
-            total = jnp.where(refused, jnp.asarray(vacant_fitness(total.dtype), total.dtype), total)
-        return Evaluation(total, columns)
-
-    def penalties(features: Array) -> Array:
-        if fitness is not None and "usual" not in arguments_of(fitness):
-            return outside(features) + jnp.zeros(features.shape[:-1], jnp.int32)
-        alone = Weights(*(jnp.maximum(weight, 0) for weight in weights))._replace(constant=0)
-        return weigh(features, alone, least=0) + outside(features)
-
-    return Problem(
-        shape, evaluate, feature_names, axes, alphabet, repair_grid, penalties, initial, fill=fill, fixed=fixed
-    )
-
-
-def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyArray:
-    """Checks the weights of the measured features; returns them as an array."""
-    array = weights if hasattr(weights, "dtype") else np.asarray(weights)
-    check_unique("measured", "name", measured)
-    if array.shape != (len(measured),):
-        got = f"shape {[*array.shape]}"
-        raise InputError(f"feature_weights: expected {len(measured)} numbers, one for each of measured, got {got}")
-    if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
-        raise InputError(f"feature_weights: expected whole numbers, got {array.dtype}")
-    for name in measured:
-        if name in SHARES:
-            raise InputError(f"measured: expected features that may be weighed, got the share {name}")
-    return array
-
-
-def _check_total(
-    shape: tuple[int, int], weights: Weights, measured: Sequence[str], feature_weights: AnyArray | None, penalty: int
-) -> None:
-    """Checks that a fitness with these weights and a penalty fits int32; traced weights are unknown."""
-    if any(isinstance(one, jax.core.Tracer) for one in (*weights, feature_weights)):
-        return
-    others = {} if feature_weights is None else dict(zip(measured, np.asarray(feature_weights).tolist(), strict=True))
-    weights = check_weights(weights, shape)
-    both = {name: getattr(weights, name) + weight for name, weight in others.items() if name in METRIC_NAMES}
-    check_weights(weights._replace(**both), shape, penalty + largest_addend(others.items(), shape))
-
-
-def _sum_exceeds(most: int, values: Int32[Array, "... K"], weights: Int32[Array, " K"]) -> Bool[Array, "..."]:
-    """Returns whether the sizes of weighted values add up to over `most`, at most 2**29; exact, in 32 bits."""
-    sizes = jnp.abs(weights).astype(jnp.uint32)
-    # A larger value gives an addend that exceeds `most` too.
-    least = most // jnp.maximum(sizes, 1) + 1
-    addends = jnp.minimum(jnp.abs(values).astype(jnp.uint32), least) * sizes
-    total = jnp.zeros(values.shape[:-1], jnp.uint32)
-    for column in range(weights.size):
-        total = jnp.minimum(total + addends[..., column], most + 1)
-    return total > most

@@ -2,6 +2,7 @@ from .compile_cache import use_compile_cache as use_compile_cache
 from .elites import MeasuredElites as MeasuredElites
 from .evolution import evolve as evolve
 from .joining import join_results as join_results
+from .resolve import Search as Search
 from .result import History as History
 from .result import Result as Result
 from .result import RunState as RunState

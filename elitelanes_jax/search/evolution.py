@@ -3,9 +3,9 @@
 import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import lru_cache, partial
+from dataclasses import dataclass, replace
+from functools import partial
 from hashlib import sha256
-from inspect import unwrap
 from pathlib import Path
 from typing import NamedTuple, TypeVar, Unpack
 
@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key, UInt32
 
-from elitelanes_jax._util.checks import SEED, check_named, flag, instance, is_whole, none_or, real
-from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten
+from elitelanes_jax._util.checks import check_named, flag, instance, none_or, real
+from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize
 from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
@@ -24,27 +24,26 @@ from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.network.checks import check_shape
-from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.optimizers.base import Optimizer
-from elitelanes_jax.optimizers.loop import check_state, seed_key_data
-from elitelanes_jax.optimizers.presets import (
-    PRESETS,
-    Config,
-    config_to_plain,
-    find_preset,
-    user_moves,
-    with_moves,
-)
-from elitelanes_jax.problem.bounds import check_ranges, find_bounds
-from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, check_kernels, digest
+from elitelanes_jax.optimizers.presets import Config, config_to_plain
+from elitelanes_jax.problem.kernels import Fitness, Kernel, check_kernels
 from elitelanes_jax.problem.problem import Problem
-from elitelanes_jax.problem.ranges import Range, range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint
 from elitelanes_jax.search._devices import choose_devices, cut, divide, join
-from elitelanes_jax.search._programs import MOST, Programs, States, Static, Traced, find_programs
+from elitelanes_jax.search._programs import MOST_GENERATIONS, Programs, States, find_programs
+from elitelanes_jax.search._setup import Setup, make_setup
+from elitelanes_jax.search._user_functions import (
+    Extensions,
+    ask_for_method,
+    check_extensions,
+    digest_functions,
+    find_config,
+    name_what_makes,
+)
+from elitelanes_jax.search.keys import SearchKeys, check_keys
+from elitelanes_jax.search.resolve import Room, Search, resolve
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted, check_can_save
-from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchOptions, SearchSpec, check_seeds
+from elitelanes_jax.search.spec import SearchOptions, SearchSpec
 
 T = TypeVar("T")
 
@@ -114,111 +113,225 @@ def evolve(
         far. A checkpoint has this result too, if the search took ten seconds.
       NotEnoughMemoryError: a `MemoryError`, if the search does not fit into the free memory.
     """
-    extensions = {"features": features, "fitness": fitness, "moves": moves, "config": config, "optimizer": optimizer}
-    search = _check(key, shape, spec, options, seeds=seeds, devices=devices, **extensions)
-    done, inner = (0, None) if state is None else _restore(state, search)
+    shape = check_shape(shape, new=True)
+    kernels = check_kernels(features, shape)
+    spec = _with_options(spec, options if features is None else {**options, "features": tuple(kernels)})
+    extensions = Extensions(
+        config=config,
+        optimizer=optimizer,
+        kernels=kernels,
+        fitness=fitness,
+        moves=moves,
+    )
+    spec = ask_for_method(spec, options, extensions)
+    # The user's optimiser may make any grids.
+    room_for: Room = "grids" if optimizer is None else "anything"
+    search = resolve(spec, shape, room_for=room_for, shape_name="shape")
+    return evolve_search(
+        search,
+        check_keys(key, seeds),
+        extensions,
+        state=state,
+        checkpoint=checkpoint,
+        every=every,
+        progress=progress,
+        devices=devices,
+    )
+
+
+def evolve_search(
+    search: Search,
+    keys: SearchKeys,
+    extensions: Extensions = Extensions(),
+    *,
+    state: RunState | None = None,
+    checkpoint: str | Path | None = None,
+    every: float = 60.0,
+    progress: bool | None = None,
+    devices: int | Sequence[jax.Device] | None = None,
+) -> Result:
+    """Runs a resolved search. The other arguments, and the errors, are those of `evolve`."""
     check_named("progress", none_or(flag), progress)
     every = check_named("every", real(0), every)
+    run = plan_run(search, keys, extensions, choose_devices(devices))
+    done, states = 0, None
+    if state is not None:
+        done, states = _restore(state, run)
     if checkpoint is None:
-        return _evolve(search, done, inner, None, progress)
+        return _evolve(run, done, states, None, progress)
     folder = Path(checkpoint)
-    check_can_save(search.programs.states)
+    check_can_save(run.programs.states)
     with locked(folder, folder):
-        return _evolve(search, done, inner, Checkpoint(folder, _identity(search, done), every), progress)
+        return _evolve(run, done, states, Checkpoint(folder, _identity(run, done), every), progress)
 
 
-def compile_search(key: Key[Array, " S"], shape: tuple[int, int], spec: SearchSpec, *, compiles: bool = True) -> None:
-    """Prepares what `evolve` with these arguments runs, so that it finds the programs; in another thread, for instance.
+def compile_search(search: Search, keys: SearchKeys) -> None:
+    """Compiles what `evolve_search` with these arguments runs, so that it finds the programs.
 
-    Without `compiles`, programs on disk are loaded, and nothing is traced or compiled.
+    Call it in another thread, for instance.
 
     Raises:
       NotEnoughMemoryError: as `evolve`.
     """
-    search = _check(key, shape, spec, {})
-    programs = search.programs
-    if compiles or programs.kept:
-        _check_memory(programs.memory, len(search.keys), shape)
-        generations = spec.steps(programs.evaluations_per_step) + 1 - programs.first_generation
-        programs.prepare(starts=True, generations=generations, runs=False, compiles=compiles)
+    run = plan_run(search, keys, Extensions(), choose_devices())
+    facts = run.programs.facts
+    _check_memory(run.programs.memory, len(keys.data), search.shape)
+    generations = search.steps(facts.evaluations_per_step) + 1 - facts.first_generation
+    run.programs.prepare(starts=True, generations=generations, counts=False)
 
 
-def _check(
-    key: UserValue,
-    shape: tuple[int, int],
-    spec: SearchSpec,
-    options: Mapping[str, UserValue],
-    *,
-    seeds: int | None = None,
-    devices: int | Sequence[jax.Device] | None = None,
-    **extensions: UserValue,
-) -> "_Search":
-    """Checks the arguments of `evolve`, and finds the programs of the search."""
-    keys, impl, single = _check_keys(key, seeds)
-    shape = check_shape(shape, new=True)
-    chosen = choose_devices(devices)
-    if len(keys) == 1 or impl != "threefry2x32":  # the bits of other keys depend on the whole batch
-        chosen = parts = chosen[:1]
+def _with_options(spec: UserValue, options: Mapping[str, UserValue]) -> SearchSpec:
+    """Returns a specification with the options of a call."""
+    spec = check_named("spec", instance(SearchSpec), spec)
+    for option, argument in (("size", "shape"), ("seed", "key")):  # as the command calls them
+        if option in options:
+            value = options[option]
+            raise InputError(f"{option}: expected it as {argument}={value!r}, got {option}=")
+    return spec.replace(**options) if options else spec
+
+
+@dataclass(frozen=True)
+class Run:
+    """One call of `evolve`, checked and planned.
+
+    Attributes:
+      search: what makes the result.
+      config: of the method; None for the user's own optimiser.
+      setup: of the programs.
+      keys: of all seeds.
+      fingerprint: uint32, of the setup and the keys.
+      programs: of the search.
+      numbers: the numbers of the setup, on the default device.
+      devices: of the parts of the seeds.
+      workers: the number of parts that run side by side.
+    """
+
+    search: Search
+    config: Config | None
+    setup: Setup
+    keys: SearchKeys
+    fingerprint: UInt32[np.ndarray, ""]
+    programs: Programs
+    numbers: tuple[Array, ...]
+    devices: list[jax.Device]
+    workers: int
+
+    @property
+    def seeds(self) -> int:
+        return len(self.keys.data)
+
+    def on_parts(self, program: Callable[..., T], arguments: Sequence[tuple[Pytree, ...]]) -> list[T]:
+        """Calls a program with the device and the arguments of each part; returns the results in order."""
+        calls = []
+        for device, part in zip(self.devices, arguments, strict=False):
+            calls.append(partial(program, device, self.numbers, *part))
+        return side_by_side(calls, workers=self.workers)
+
+    def result(self, states: Sequence[States], parts: Sequence[History], first: int) -> Result:
+        """Returns the result of the generations after `first`; states by device, the history in parts."""
+        elites, inner = self.programs.collect(self.numbers, join(states, self.seeds))
+        history = History.joined([History.empty(self.seeds), *parts])
+        history = history._replace(best_fitness=history.best_fitness.astype(elites.fitness.dtype))
+        generation = np.array(first + history.generation.size, np.int32)
+        if self.keys.single:
+            history = history._replace(**{name: getattr(history, name)[0] for name in _OF_SEEDS})
+        state = RunState(generation, inner, self.fingerprint)
+        return Result(elites, history, state, self.search, self.config, self.setup.digests)
+
+
+def plan_run(search: Search, keys: SearchKeys, extensions: Extensions, devices: Sequence[jax.Device]) -> Run:
+    """Checks the user's functions, and finds the programs of a search."""
+    check_extensions(search, extensions)
+    config = find_config(search, extensions)
+    setup = make_setup(
+        search,
+        config,
+        keys.kind,
+        factory=extensions.optimizer,
+        kernels=extensions.kernels,
+        fitness=extensions.fitness,
+    )
+    digests = digest_functions(setup)
+    setup = replace(setup, digests=tuple((name, digest.digits) for name, digest in digests.items()))
+    if len(keys.data) == 1 or keys.kind != THREEFRY:  # the bits of other keys depend on the whole batch
+        devices = parts = [devices[0]]
     else:
-        parts = divide(chosen, len(keys))
-    spec, config, static, traced = prepare(spec, shape, options, **extensions)
-    static = static._replace(impl=impl)
-    digests = _digests(static, traced)
-    static = static._replace(digests=tuple((name, digits) for name, (digits, _) in digests.items()))
-    # The names of the user's functions do not count.
-    numbers = [leaf.tolist() for leaf in jax.tree.leaves(traced)]
-    said = repr((static._replace(factory=None, kernels=(), fitness=None), numbers))
-    fingerprint = np.array(zlib.crc32(said.encode() + keys.tobytes()), np.uint32)
-    programs = find_programs(static, traced, keys, single, parts, any(floats for _, floats in digests.values()))
-    traced = programs.put(traced, said)
-    return _Search(static, traced, keys, single, spec, config, fingerprint, parts, len(chosen), programs)
+        parts = divide(devices, len(keys.data))
+    uses_floats = any(digest.uses_floats for digest in digests.values())
+    programs = find_programs(setup, keys.data, keys.single, parts, uses_floats)
+    fingerprint = zlib.crc32(_describe(setup).encode() + keys.data.tobytes())
+    return Run(
+        search=name_what_makes(search, config, extensions),
+        config=config,
+        setup=setup,
+        keys=keys,
+        fingerprint=np.array(fingerprint, np.uint32),
+        programs=programs,
+        numbers=programs.put_numbers(setup, fingerprint),
+        devices=parts,
+        workers=len(devices),
+    )
 
 
-def _evolve(
-    search: "_Search", first: int, inner: States | None, kept: Checkpoint | None, progress: bool | None
-) -> Result:
+def _describe(setup: Setup) -> str:
+    """Returns all that matters of a setup as a text; the names of the user's functions do not."""
+    numbers, structure = jax.tree.flatten(setup.without_functions())
+    return repr((structure, [number.tolist() for number in numbers]))
+
+
+def _evolve(run: Run, first: int, inner: States | None, checkpoint: Checkpoint | None, progress: bool | None) -> Result:
     """Runs a search from generation `first`, or from its checkpoint; `inner` is None at generation 0."""
-    spec, shape = search.spec, search.static.shape
-    per_step = search.programs.evaluations_per_step
-    last = first + spec.steps(per_step)
-    done, parts = first, []
-    if kept is not None and (before := kept.load()) is not None:
-        done, inner = _restore(before.state, search)
-        if done > last:
-            expected, got = (f"{steps * per_step:,} evaluations ({steps} generations)" for steps in (done, last))
-            raise InputError(f"{kept.folder}: expected {expected} or more, as many as are done, got {got}")
-        seeded = {name: np.atleast_2d(getattr(before.history, name)) for name in _OF_SEEDS}
-        parts.append(before.history._replace(**seeded))
+    programs, shape = run.programs, run.search.shape
+    last = first + run.search.steps(programs.facts.evaluations_per_step)
+    done = first
+    parts: list[History] = []
+    if checkpoint is not None:
+        earlier = checkpoint.load()
+        if earlier is not None:
+            done, inner = _restore(earlier.state, run)
+            _check_budget(run, checkpoint, done, last)
+            seeded = {name: np.atleast_2d(getattr(earlier.history, name)) for name in _OF_SEEDS}
+            parts.append(earlier.history._replace(**seeded))
+    is_complete = bool(parts) and done == last
     count = len(parts)
-    resumed = bool(parts) and done == last
-    with Progress(f"{spec.optimizer} {shape[0]}x{shape[1]}", last, "generations", done=done, shown=progress) as bar:
+    name = f"{run.search.optimizer} {shape[0]}x{shape[1]}"
+    with Progress(name, last, "generations", done=done, shown=progress) as bar:
         if inner is None:
-            _check_memory(search.programs.memory, len(search.keys), shape)
-            done = search.programs.first_generation - 1  # -1 if the first step is generation 0
-        states = None if inner is None else cut(inner, search.devices)
+            _check_memory(programs.memory, run.seeds, shape)
+            done = programs.facts.first_generation - 1  # -1 if the first step is generation 0
+        states = None if inner is None else cut(inner, run.devices)
         try:
             with bar.doing("compiling"):
-                search.programs.prepare(starts=states is None, generations=last - done)
+                programs.prepare(starts=states is None, generations=last - done)
                 if states is None:
-                    keys = cut(search.keys, search.devices)
-                    states = search.on_parts(search.programs.start, [(search.traced, part) for part in keys])
-            for after, part in _run(search, states, done, last, bar):
-                parts.append(part)
+                    keys = cut(run.keys.data, run.devices)
+                    states = run.on_parts(programs.start, [(part,) for part in keys])
+            for after, history in _advance(run, states, done, last, bar):
+                parts.append(history)
                 states, count = after, count + 1  # one statement, so that an interruption cannot split it
-                if kept is not None and kept.due:
-                    kept.save(search.result(states, parts, first))
+                if checkpoint is not None and checkpoint.due:
+                    checkpoint.save(run.result(states, parts, first))
         except KeyboardInterrupt:
             if states is None or (done < 0 and not count):
                 raise
-            found = partial(search.result, states, parts[:count], first)
-            if kept is not None and kept.keeps_interrupted:
-                kept.save(found())
             generation = first + sum(part.generation.size for part in parts[:count])
-            raise SearchInterrupted(f"at generation {generation} of {last}", found) from None
-        result = search.result(states, parts, first)
-    if kept is not None and not resumed:
-        kept.save(result)
+            make_result = partial(run.result, states, parts[:count], first)
+            if checkpoint is not None and checkpoint.keeps_interrupted:
+                checkpoint.save(make_result())
+            raise SearchInterrupted(f"at generation {generation} of {last}", make_result) from None
+        result = run.result(states, parts, first)
+    if checkpoint is not None and not is_complete:
+        checkpoint.save(result)
     return result
+
+
+def _check_budget(run: Run, checkpoint: Checkpoint, done: int, last: int) -> None:
+    """Raises `InputError` if a checkpoint has more generations than the budget."""
+    if done <= last:
+        return
+    per_step = run.programs.facts.evaluations_per_step
+    expected, got = (f"{steps * per_step:,} evaluations ({steps} generations)" for steps in (done, last))
+    raise InputError(f"{checkpoint.folder}: expected {expected} or more, as many as are done, got {got}")
 
 
 def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
@@ -236,257 +349,95 @@ def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
     )
 
 
-class _Search(NamedTuple):
-    """One call of `evolve`, checked."""
-
-    static: Static
-    traced: Traced
-    keys: UInt32[np.ndarray, "S B"]
-    single: bool
-    spec: SearchSpec
-    config: Config | None
-    fingerprint: UInt32[np.ndarray, ""]
-    devices: list[jax.Device]  # of the parts
-    workers: int  # the number of parts that run side by side
-    programs: Programs
-
-    def on_parts(self, program: Callable[..., T], arguments: Sequence[tuple[Pytree, ...]]) -> list[T]:
-        """Calls a program with the device and the arguments of each part; returns the results in order."""
-        calls = [partial(program, device, *each) for device, each in zip(self.devices, arguments, strict=False)]
-        return side_by_side(calls, workers=self.workers)
-
-    def result(self, states: Sequence[States], parts: Sequence[History], first: int) -> Result:
-        """Returns the result of the generations after `first`; states by device, the history in parts."""
-        seeds = len(self.keys)
-        elites, inner = self.programs.collect(self.traced, join(states, seeds))
-        history = History.joined([History.empty(seeds), *parts])
-        history = history._replace(best_fitness=history.best_fitness.astype(elites.fitness.dtype))
-        generation = np.array(first + history.generation.size, np.int32)
-        if self.single:
-            history = history._replace(**{name: getattr(history, name)[0] for name in _OF_SEEDS})
-        state = RunState(generation, inner, self.fingerprint)
-        return Result(elites, history, state, self.spec, self.static.axes, self.config, self.static.digests)
-
-
-def _check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S B"], str, bool]:
-    """Returns the data of the keys, their implementation, and whether there was one key alone."""
-    if is_whole(key):
-        key = check_named("key", SEED, key)
-        count = check_named("seeds", check_seeds, SEEDS if seeds is None else seeds)
-        return seed_key_data(key, np.arange(count)), THREEFRY, False
-    if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        raise InputError(f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}")
-    if seeds is not None:
-        raise InputError(f"seeds: expected none with keys, because each key is a seed, got {seeds!r}")
-    if key.ndim > 1 or key.size == 0:
-        raise InputError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")
-    data = np.asarray(jax.random.key_data(key))
-    return data.reshape(-1, data.shape[-1]), str(jax.random.key_impl(key)), key.ndim == 0
-
-
-def prepare(
-    spec: SearchSpec,
-    shape: tuple[int, int],
-    options: Mapping[str, UserValue],
-    *,
-    config: Config | None = None,
-    optimizer: Callable[[Problem], Optimizer] | None = None,
-    features: Mapping[str, Kernel] | None = None,
-    fitness: Fitness | None = None,
-    moves: Mapping[str, UserValue] | None = None,
-) -> tuple[SearchSpec, Config | None, Static, Traced]:
-    """Checks the options of a search, and divides them into static and traced arguments of its programs.
-
-    Returns:
-      The specification, which says what makes the result; the configuration, None for an optimizer; and both arguments.
-    """
-    spec = check_named("spec", instance(SearchSpec), spec)
-    for option, argument in (("size", "shape"), ("seed", "key")):  # as the command calls them
-        if option in options:
-            raise InputError(f"{option}: expected it as {argument}={options[option]!r}, got {option}=")
-    kernels = check_kernels(features, shape)
-    given = dict(options) if features is None else {**options, "features": tuple(kernels)}
-    spec = (spec.replace(**given) if given else spec).on(shape)
-    exact = True
-    if optimizer is not None:
-        if not callable(optimizer):
-            expected = "a function from a problem to an Optimizer (method= takes names)"
-            raise InputError(f"optimizer: expected {expected}, got {shorten(repr(optimizer))}")
-        if config is not None:
-            raise InputError(f"config: expected none with an optimizer, got {shorten(repr(config), 60)}")
-        spec = spec if spec.method in METHODS else spec.replace(method="map-elites", preset="tuned")
-    elif config is not None:
-        if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(config)):
-            raise InputError(f"config: expected plain numbers, got an array in {config}")
-        method, preset, exact = find_preset(config)
-        if "method" in options and method != spec.method:
-            raise InputError(f"config: expected one of {spec.method}, got {type(config).__name__}")
-        spec = spec.replace(method=method, preset=preset)
-    spec.check_on(shape, "shape")
-    config = None if optimizer is not None else config or PRESETS[spec.method, spec.preset]
-    unknown = [name for name in spec.features if name not in kernels]
-    if unknown:
-        raise InputError(
-            f"features: expected the kernel of {unknown[0]}, as evolve(features={{name: kernel}}), got none"
-        )
-    if optimizer is None:  # a user's optimiser may make any grids
-        with spec.naming_origins():
-            _check_ranges(spec.where, shape, spec.repair_fills and spec.fix is None)
-    for name, function in [("optimizer", optimizer), ("fitness", fitness), *kernels.items()]:
-        if not _is_hashable(function):
-            raise InputError(f"{name}: expected a function with a hash, got {shorten(repr(function))}")
-    if fitness is not None:
-        check_fitness(fitness, shape, (*METRIC_NAMES, *spec.measured))
-    if moves is not None:
-        if config is None:
-            raise InputError("moves: expected a method with moves, such as preset tuned, got an optimizer")
-        config = with_moves(config, moves)
-        exact = exact and find_preset(config)[2]
-    leaves, structure = jax.tree.flatten(config)
-    static = Static(
-        shape=shape,
-        axes=spec.axes_on(shape),
-        alphabet=spec.alphabet or ROAD_ALPHABET,
-        fill=spec.repair_fills,
-        fix=spec.fix,
-        bounded=bool(spec.where),
-        config=None if config is None else structure,
-        factory=optimizer,
-        measured=spec.measured,
-        kernels=tuple((name, kernels[name]) for name in spec.measured if name in kernels),
-        fitness=fitness,
-    )
-    traced = Traced(
-        weights=Weights(*(np.asarray(weight, np.int32) for weight in spec.all_weights)),
-        limits=range_limits(spec.where, (*METRIC_NAMES, *spec.measured)),
-        config=tuple((np.int32 if is_whole(leaf) else np.float32)(leaf) for leaf in leaves),
-        initial=np.array(spec.initial, np.int8) if spec.initial else None,
-        feature_weights=None if spec.feature_weights is None else np.array(spec.feature_weights, np.int32),
-    )
-    if optimizer is not None:
-        spec = spec.replace(method=CUSTOM, preset=_name_of(optimizer), axes=static.axes)
-    elif not exact:
-        spec = spec.replace(preset=CUSTOM, axes=static.axes)
-    return spec, config, static, traced
-
-
-def _is_hashable(value: UserValue) -> bool:
-    try:
-        hash(value)
-    except TypeError:
-        return False
-    return True
-
-
-def _name_of(factory: Callable[..., Optimizer]) -> str:
-    """Returns the module and the name of a function, or of the type of a callable object."""
-    while isinstance(factory, partial):
-        factory = factory.func
-    named = unwrap(factory) if hasattr(factory, "__qualname__") else type(factory)
-    return f"{named.__module__}.{named.__qualname__}"
-
-
-@lru_cache(maxsize=32)
-def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], filled: bool) -> None:
-    """Checks ranges against the bounds of the metrics of a search's grids; raises `InputError`."""
-    limits = find_bounds(shape, dict.fromkeys(("dead_ends", "empty_cells") if filled else (), 0))
-    check_ranges(where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
-
-
-def _digests(static: Static, traced: Traced) -> dict[str, tuple[str, bool]]:
-    """Returns what `digest` finds of the user's functions, by name, because an edited function keeps its name.
-
-    They are traced at every call, because a global or an attribute that a function reads may have changed.
-    """
-    if static.factory is not None:
-        leaves, structure = jax.tree.flatten(traced)
-        numbers = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-        return {"optimizer": _digest_optimizer(static, structure, numbers)}
-    grid = jax.ShapeDtypeStruct(static.shape, jnp.int8)
-    found = {name: digest(kernel, grid) for name, kernel in static.kernels}
-    if static.fitness is not None:
-        names = (*METRIC_NAMES, *static.measured)
-        kinds = [(static.shape, jnp.int8), ((len(names),), jnp.int32), ((), jnp.int32)]
-        arguments = [jax.ShapeDtypeStruct((1, *shape), dtype) for shape, dtype in kinds]
-        found["fitness"] = digest(partial(apply_fitness, static.fitness, names), *arguments)
-    for name, move in user_moves(jax.tree.unflatten(static.config, traced.config)).items():
-        found[name] = digest(move.apply, jax.ShapeDtypeStruct((move.bits,), jnp.uint32), grid, grid)
-    return found
-
-
-@lru_cache(maxsize=32)
-def _digest_optimizer(static: Static, structure: Pytree, numbers: tuple[jax.ShapeDtypeStruct, ...]) -> tuple[str, bool]:
-    """Returns what `digest` finds of the user's optimiser, which takes up to a second to trace.
-
-    `structure` and `numbers` are the structure, shapes and dtypes of the program's other arguments.
-    """
-    traced = jax.tree.unflatten(structure, numbers)
-    key = jax.eval_shape(partial(jax.random.key, impl=static.impl), 0)
-    return digest(partial(_call_all, static), traced, key)
-
-
-def _call_all(static: Static, traced: Traced, key: Array) -> Pytree:
-    optimizer = static.optimizer(traced)
-    state = check_state(optimizer.init(key))
-    return optimizer.step(key, state), optimizer.elites(state), optimizer.evaluations_per_step
-
-
-def _identity(search: _Search, first: int) -> dict[str, Plain]:
+def _identity(run: Run, first: int) -> dict[str, Plain]:
     """Returns all that a search depends on except its budget, plain values for JSON."""
-    options = search.spec.to_plain()
+    options = run.search.to_plain()
     del options["evaluations"], options["generations"], options["style"]
     return {
         "search": options,
-        "size": search.static.shape,
-        "config": None if search.config is None else config_to_plain(search.config),
-        "functions": dict(search.static.digests),
-        "seeds": len(search.keys),
-        "keys": sha256(search.keys.tobytes()).hexdigest()[:16],
-        "fingerprint": int(search.fingerprint),
+        "size": run.search.shape,
+        "config": None if run.config is None else config_to_plain(run.config),
+        "functions": dict(run.setup.digests),
+        "seeds": run.seeds,
+        "keys": sha256(run.keys.data.tobytes()).hexdigest()[:16],
+        "fingerprint": int(run.fingerprint),
         "after": first,
         "versions": installed_versions(),
     }
 
 
-def _restore(state: Pytree, search: _Search) -> tuple[int, States]:
+def _restore(state: Pytree, run: Run) -> tuple[int, States]:
     """Returns the generation and the optimiser's states of a `RunState`, with an axis of seeds."""
     if not isinstance(state, RunState):
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
     if not jax.tree.leaves(state.inner):
         raise InputError("state: expected one to continue from, got that of a result that was saved without its state")
-    arrays = tuple(jnp.asarray(array)[None if search.single else ...] for array in jax.tree.leaves(state.inner))
-    kinds = [[(leaf.shape, leaf.dtype) for leaf in those] for those in (arrays, search.programs.states)]
-    if int(state.fingerprint) != int(search.fingerprint) or kinds[0] != kinds[1]:
-        rows, columns = search.static.shape
+    arrays = tuple(jnp.asarray(leaf) for leaf in jax.tree.leaves(state.inner))
+    if run.keys.single:
+        arrays = tuple(array[None] for array in arrays)
+    kinds = [(leaf.shape, leaf.dtype) for leaf in arrays]
+    expected = [(leaf.shape, leaf.dtype) for leaf in run.programs.states]
+    if int(state.fingerprint) != int(run.fingerprint) or kinds != expected:
+        rows, columns = run.search.shape
         raise InputError(
-            f"state: expected one of this run ({rows} x {columns}, seeds: {len(search.keys)}), "
+            f"state: expected one of this run ({rows} x {columns}, seeds: {run.seeds}), "
             "got one of a run with another key, other options or functions"
         )
     return int(state.generation), arrays
 
 
-def _run(
-    search: _Search, states: list[States], done: int, last: int, bar: Progress
+class _Rows(NamedTuple):
+    """What the generations of one call report, generations first: arrays ``[G, S]``."""
+
+    best_fitness: np.ndarray
+    elite_count: np.ndarray
+    refused: np.ndarray
+
+
+def _advance(
+    run: Run, states: list[States], done: int, last: int, bar: Progress
 ) -> Iterator[tuple[list[States], History]]:
     """Runs the generations after `done` call by call; yields the states by device and the history, seeds first."""
-    seeds, keys, stretch = len(search.keys), cut(search.keys, search.devices), MOST // 2
-    per_step, advance = search.programs.evaluations_per_step, search.programs.advance
-
+    keys = cut(run.keys.data, run.devices)
+    per_step = run.programs.facts.evaluations_per_step
+    stretch = MOST_GENERATIONS // 2
     while done < last:
         count = min(stretch, last - done)
         began = time.perf_counter()
-        span = done + 1, done + count
-        parts = [(search.traced, key, state, *span) for key, state in zip(keys, states, strict=True)]
-        states, infos = [list(each) for each in zip(*search.on_parts(advance, parts), strict=True)]
-        best, elites, refused = (
-            np.concatenate([getattr(info, name) for info in infos], axis=1)[:count, :seeds] for name in _OF_SEEDS
-        )
+        parts = [(key, state, done + 1, done + count) for key, state in zip(keys, states, strict=True)]
+        advanced = run.on_parts(run.programs.advance, parts)
         seconds = time.perf_counter() - began
+        states = [part_states for part_states, _ in advanced]
+        rows = _join_rows([info for _, info in advanced], count, run.seeds)
         generation = np.arange(done + 1, done + count + 1)
-        speeds = np.full(count, count * per_step * seeds / seconds)
+        speed = count * per_step * run.seeds / seconds
         done += count
-        words = f"best {best[-1].min():,}, {elites[-1].mean():,.0f} elites, {speeds[-1]:,.0f} evaluations/s"
-        bar.update(done, words + (f", {refused[-1].sum():,} refused" if refused[-1].any() else ""))
-        rows = (generation, generation * per_step, best, elites, speeds, refused)
-        yield states, History(*(each[generation > 0].T for each in rows))
-        stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, MOST))
+        bar.update(done, _describe_rows(rows, speed))
+        counted = generation > 0  # generation 0 evaluates the initial grids
+        yield (
+            states,
+            History(
+                generation=generation[counted],
+                evaluations=generation[counted] * per_step,
+                best_fitness=rows.best_fitness[counted].T,
+                elite_count=rows.elite_count[counted].T,
+                evaluations_per_second=np.full(counted.sum(), speed),
+                refused=rows.refused[counted].T,
+            ),
+        )
+        longer = count * _SECONDS_A_CALL / seconds
+        stretch = int(min(max(longer, 1), 2 * stretch, MOST_GENERATIONS))
+
+
+def _join_rows(infos: Sequence[Pytree], count: int, seeds: int) -> _Rows:
+    """Joins the reports of all parts. The last parts may repeat a seed, and calls have room for more generations."""
+    return _Rows(
+        *(np.concatenate([getattr(info, name) for info in infos], axis=1)[:count, :seeds] for name in _Rows._fields)
+    )
+
+
+def _describe_rows(rows: _Rows, speed: float) -> str:
+    words = f"best {rows.best_fitness[-1].min():,}, {rows.elite_count[-1].mean():,.0f} elites, "
+    words += f"{speed:,.0f} evaluations/s"
+    refused = rows.refused[-1].sum()
+    return f"{words}, {refused:,} refused" if refused else words

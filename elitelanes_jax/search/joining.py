@@ -40,9 +40,9 @@ def join_results(results: Sequence[Result]) -> Result:
 
 def _search_of(result: Result) -> dict[str, UserValue]:
     """Returns by name all that results of one search have in common."""
-    options = {name: getattr(result.spec, name) for name in result.spec.options()}
+    options = result.search.settings.values()
     generations = [count.tolist() for count in (result.history.generation, result.history.evaluations)]
-    rest = {"size": result.elites.grids.shape[-2:], "axes": result.axes, "config": result.config}
+    rest = {"size": result.search.shape, "axes": result.search.axes, "config": result.config}
     functions = {f"function {name!r}": digest for name, digest in result.functions}
     return options | rest | functions | {"generations of the history": generations}
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.checks import SEED, check_named, file_named, is_whole, none_or, whole
 from elitelanes_jax._util.checks import path as checked_path
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax._util.packages import __version__
@@ -23,12 +23,13 @@ from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.records import Metrics
 from elitelanes_jax.optimizers.presets import Config, config_from_plain, config_to_plain, find_preset
 from elitelanes_jax.problem.archive import vacant_fitness
-from elitelanes_jax.problem.descriptor import Axis, parse_axes
+from elitelanes_jax.problem.descriptor import parse_axes
 from elitelanes_jax.problem.kernels import with_town_features
-from elitelanes_jax.problem.ranges import parse_ranges, satisfies
+from elitelanes_jax.problem.ranges import Range, parse_ranges, satisfies
 from elitelanes_jax.search.elites import MeasuredElites, in_short
+from elitelanes_jax.search.resolve import Search, search_from_plain, with_ranges
 from elitelanes_jax.search.selection import MIN_DIFFERENCE, Choice, choose_maps
-from elitelanes_jax.search.spec import CUSTOM, METHODS, SearchSpec
+from elitelanes_jax.search.settings import CUSTOM, METHODS
 
 _FORMAT = "elitelanes result, version 1"
 
@@ -127,8 +128,8 @@ class Result:
       elites: the grids found, with their metrics.
       history: of the generations of this call.
       state: to continue from.
-      spec: the search. Its method and preset say what made the result; `custom` is your own configuration or optimiser.
-      axes: of the descriptor.
+      search: with all its settings. Its method and preset say what made the result; `custom` is your own configuration
+        or optimiser.
       config: the configuration of the method; None for your own optimiser.
       functions: names and digests of your own functions, which tell edited functions apart.
     """
@@ -136,8 +137,7 @@ class Result:
     elites: MeasuredElites
     history: History
     state: RunState
-    spec: SearchSpec = field(metadata={"static": True})
-    axes: tuple[Axis, ...] = field(metadata={"static": True})
+    search: Search = field(metadata={"static": True})
     config: Config | None = field(default=None, metadata={"static": True})
     functions: tuple[tuple[str, str], ...] = field(default=(), metadata={"static": True})
 
@@ -148,8 +148,8 @@ class Result:
         return jnp.take_along_axis(self.elites.grids, index, axis=-3)[..., 0, :, :]
 
     def satisfies(self) -> Bool[np.ndarray, "*S N"]:
-        """Returns which elites are in all ranges of the specification, exactly."""
-        return np.asarray(self.elites.valid) & satisfies(self.elites.by_name(), self.spec.where)
+        """Returns which elites are in all ranges of the search, exactly."""
+        return np.asarray(self.elites.valid) & satisfies(self.elites.by_name(), self.search.ranges)
 
     def maps(self, count: int = 16, *, where: UserValue = ()) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
@@ -165,34 +165,23 @@ class Result:
         Raises:
           InputError: for a bad count or range.
         """
-        ranges = {item.name: item for item in (*self.spec.where, *parse_ranges(where, self.spec.features))}
-        elites = self.elites
-        features: dict[str, AnyArray] = dict(with_town_features(elites.features, ranges, elites.grids, "where"))
-        elites = elites._replace(features=features)
-        result = replace(self, elites=elites, spec=self.spec.replace(where=ranges.values()))
-        return result.choose(check_named("count", whole(1), count)).maps
+        count = check_named("count", whole(1), count)
+        result = self.with_ranges(parse_ranges(where, self.search.settings.features))
+        return result.choose(count).maps
 
-    def write(self, folder: str | Path, maps: int = 16, *, force: bool = False, **options: UserValue) -> list[RoadMap]:
-        """Writes the folder that `generate` writes: chosen maps with pictures and masks, a sheet, and the archive.
-
-        Args:
-          folder: new or empty.
-          maps: the number of maps.
-          force: whether the folder is replaced, if an earlier run wrote all files in it.
-          **options: more fields of `PickSpec`, such as `where`, `at_most`, `tiles`, `tile_px` and `seed`.
-
-        Returns:
-          The maps, as they were written.
+    def with_ranges(self, ranges: Sequence[Range]) -> "Result":
+        """Returns the result with more ranges; they override those of the same feature. Measures what they need.
 
         Raises:
-          InputError: for a bad option, or a folder with other files.
-          NotEnoughMapsError: if there are fewer valid and different maps than requested.
-          OSError: if the folder cannot be written.
+          InputError: for a feature of the user that the search has not measured.
         """
-        from elitelanes_jax.maps.picking import pick
-        from elitelanes_jax.maps.spec import PickSpec
-
-        return pick(PickSpec().replace(maps=maps, **options), self, folder, force=force)
+        if not ranges:
+            return self
+        search = with_ranges(self.search, ranges)
+        elites = self.elites
+        names = [item.name for item in search.ranges]
+        features: dict[str, AnyArray] = dict(with_town_features(elites.features, names, elites.grids, "where"))
+        return replace(self, elites=elites._replace(features=features), search=search)
 
     def choose(
         self,
@@ -203,32 +192,40 @@ class Result:
         min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
         """Chooses maps as `maps` does, and says why the others were rejected."""
-        return choose_maps(
-            self.elites, self.spec, self.axes, count, seed, exclude=exclude, min_difference=min_difference
-        )
+        return choose_maps(self.elites, self.search, count, seed, exclude=exclude, min_difference=min_difference)
 
     def __repr__(self) -> str:
         """Returns the search and its elites, in a few lines."""
-        fitness, (height, width) = self.elites.fitness, self.elites.grids.shape[-2:]
+        fitness = self.elites.fitness
         if not hasattr(fitness, "__array__") or isinstance(fitness, jax.core.Tracer):
-            return f"Result(elites={self.elites!r}, spec={self.spec!r})"
-        valid, seeds = np.asarray(self.elites.valid), 1 if fitness.ndim == 1 else len(fitness)
-        best = f"the best with fitness {np.asarray(fitness)[valid].min()}" if valid.any() else "none valid"
-        spent = self.history.evaluations[-1] if len(self.history.evaluations) else 0
-        axes = " ".join(f"{axis.metric}:{axis.bins}:{axis.width}" for axis in self.axes)
-        where = " ".join(map(str, self.spec.where))
-        preset = f", preset {self.spec.preset}" if self.spec.method in METHODS else ""
-        return "\n".join(
-            [
-                f"Result of {self.spec.optimizer}{preset}: {height} x {width} tiles, "
-                f"{seeds} {'seed' if seeds == 1 else 'seeds'}, {spent:,} evaluations each",
-                f"  elites   {valid.sum():,} in {valid.size:,} slots, {best}",
-                f"  axes     {axes}",
-                *([f"  where    {where}"] if where else []),
-                *([f"  config   {self.config}"] if self.config is not None and self.spec.preset == CUSTOM else []),
-                "  fields   elites, history, state, spec, axes, config",
-                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; write(folder); save(path)",
-            ]
+            return f"Result(elites={self.elites!r}, search={self.search!r})"
+        valid = np.asarray(self.elites.valid)
+        best = "none valid"
+        if valid.any():
+            best = f"the best with fitness {np.asarray(fitness)[valid].min()}"
+        lines = [
+            self._describe_search(),
+            f"  elites   {valid.sum():,} in {valid.size:,} slots, {best}",
+            "  axes     " + " ".join(f"{axis.metric}:{axis.bins}:{axis.width}" for axis in self.search.axes),
+        ]
+        if self.search.ranges:
+            lines.append("  where    " + " ".join(map(str, self.search.ranges)))
+        if self.config is not None and self.search.settings.preset == CUSTOM:
+            lines.append(f"  config   {self.config}")
+        lines.append("  fields   elites, history, state, search, config")
+        lines.append("  methods  best(): the fittest grid; maps(count, where=...): chosen maps; save(path)")
+        return "\n".join(lines)
+
+    def _describe_search(self) -> str:
+        """Returns the method, the size and the budget in a line."""
+        settings = self.search.settings
+        preset = f", preset {settings.preset}" if settings.method in METHODS else ""
+        height, width = self.search.shape
+        seeds = 1 if self.elites.fitness.ndim == 1 else len(self.elites.fitness)
+        evaluations = self.history.evaluations[-1] if len(self.history.evaluations) else 0
+        return (
+            f"Result of {self.search.optimizer}{preset}: {height} x {width} tiles, "
+            f"{pluralize(seeds, 'seed')}, {evaluations:,} evaluations each"
         )
 
     def save(self, path: str | Path, *, state: bool = True, seed: int | None = None) -> None:
@@ -255,14 +252,14 @@ class Result:
             arrays[name] = np.asarray(values, kind if isinstance(kind, str) else None)
         if not arrays[_REFUSED].any():
             del arrays[_REFUSED]
-        arrays["axes"] = np.array([axis.metric for axis in self.axes])
+        arrays["axes"] = np.array([axis.metric for axis in self.search.axes])
         if state:
             arrays |= {f"{_STATE}{name}": array for name, array in _state_arrays(self.state).items()}
         else:
             del arrays[_SPEED]
-        axes = [axis._asdict() for axis in self.axes]
+        axes = [axis._asdict() for axis in self.search.axes]
         settings: dict[str, Plain] = {"format": _FORMAT, "version": __version__, "seed": seed, "axes": axes}
-        settings |= {"search": self.spec.to_plain(), "config": self.config and config_to_plain(self.config)}
+        settings |= {"search": self.search.to_plain(), "config": self.config and config_to_plain(self.config)}
         if self.functions:
             settings["functions"] = dict(self.functions)
         write_atomic(file, pack(arrays, settings))
@@ -283,19 +280,21 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     """Returns what `Result.load` returns, and the seed that is noted in the file, or None."""
     settings, arrays = unpack(check_named("path", checked_path, path))
     try:
-        spec, config, axes, seed = _read_settings(settings)
-        functions = _read_functions(settings)
+        stored = _read_settings(settings, arrays)
         state = _read_state(arrays)
-        arrays.setdefault(_SPEED, np.full(arrays.get("history.generation", np.empty(0)).shape, np.nan))
+        generations = arrays.get("history.generation", np.empty(0))
+        arrays.setdefault(_SPEED, np.full(generations.shape, np.nan))
         arrays.setdefault(_REFUSED, np.zeros_like(arrays.get("history.elite_count", np.empty(0, np.int32))))
-        _check_arrays(arrays, len(axes), spec.measured)
+        _check_arrays(arrays, stored.search)
     except InputError as error:
         raise InputError(f"{path}: expected a result, of generate or Result.save, got {error}") from None
-    metrics = Metrics(*(jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields))
-    features = {name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in spec.measured}
-    elites = MeasuredElites(**{name: jnp.asarray(arrays[name]) for name in _ELITES}, metrics=metrics, features=features)
+    elites = MeasuredElites(
+        **{name: jnp.asarray(arrays[name]) for name in _ELITES},
+        metrics=Metrics(*(jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields)),
+        features={name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in stored.search.measured},
+    )
     history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
-    return Result(elites, history, state, spec, axes, config, functions), seed
+    return Result(elites, history, state, stored.search, stored.config, stored.functions), stored.seed
 
 
 class SearchInterrupted(KeyboardInterrupt):
@@ -330,32 +329,49 @@ def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
     return {"generation": generation, "fingerprint": fingerprint} | inner
 
 
-def _read_settings(settings: Plain) -> tuple[SearchSpec, Config | None, tuple[Axis, ...], int | None]:
-    """Reads the specification, the configuration, the axes and the seed; error messages continue "got"."""
+class _Stored(NamedTuple):
+    """The settings in a file."""
+
+    search: Search
+    config: Config | None
+    functions: tuple[tuple[str, str], ...]
+    seed: int | None
+
+
+def _read_settings(settings: Plain, arrays: Mapping[str, np.ndarray]) -> _Stored:
+    """Reads the settings of a file with some arrays; error messages continue "got"."""
     if not isinstance(settings, dict) or "format" not in settings:
         raise InputError("a file without options")
     if settings["format"] != _FORMAT:
         raise InputError(f"one of the format {shorten(repr(settings['format']))}, not {_FORMAT!r}")
+    grids = arrays.get("grids", np.empty(0))
+    if grids.ndim < 3 or not grids.size:
+        raise InputError("a file without grids")
     try:
-        spec = SearchSpec.from_plain(settings["search"])
-        config = None if spec.method == CUSTOM else config_from_plain(settings["config"])
-        if config is not None and find_preset(config)[0] != spec.method:
-            raise InputError(f"config: expected one of {spec.method}, got {type(config).__name__}")
-        axes, seed = parse_axes(settings["axes"], spec.features), settings["seed"]
-        if seed is not None and not is_whole(seed):
-            raise InputError(f"seed: expected a whole number, got {seed!r}")
+        return _parse_settings(settings, (grids.shape[-2], grids.shape[-1]))
     except (InputError, KeyError, TypeError) as error:
         raise InputError(f"a file with wrong options: {error}") from None
-    return spec, config, axes, seed
+
+
+def _parse_settings(settings: Plain, shape: tuple[int, int]) -> _Stored:
+    search = search_from_plain(settings["search"], shape)
+    axes = parse_axes(settings["axes"], search.settings.features)
+    config = None
+    if search.settings.method != CUSTOM:
+        config = config_from_plain(settings["config"])
+    if config is not None and find_preset(config)[0] != search.settings.method:
+        raise InputError(f"config: expected one of {search.settings.method}, got {type(config).__name__}")
+    seed = settings["seed"]
+    if seed is not None and not is_whole(seed):
+        raise InputError(f"seed: expected a whole number, got {seed!r}")
+    return _Stored(replace(search, axes=axes), config, _read_functions(settings), seed)
 
 
 def _read_functions(settings: dict[str, Plain]) -> tuple[tuple[str, str], ...]:
     """Reads the digests of the user's functions; error messages continue "got"."""
     digests = settings.get("functions", {})
     if not isinstance(digests, dict) or not all(isinstance(text, str) for text in digests.values()):
-        raise InputError(
-            f"a file with wrong options: functions: expected digests by name, got {shorten(repr(digests))}"
-        )
+        raise InputError(f"functions: expected digests by name, got {shorten(repr(digests))}")
     return tuple(digests.items())
 
 
@@ -372,11 +388,11 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
     return RunState(generation, inner, fingerprint)
 
 
-def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, measured: Sequence[str]) -> None:
-    """Checks names, dtypes and shapes against each other; error messages continue "got"."""
-    sizes = {"D": axes}
+def _check_arrays(arrays: Mapping[str, np.ndarray], search: Search) -> None:
+    """Checks names, dtypes and shapes against each other and a search; error messages continue "got"."""
+    sizes = {"D": len(search.axes)}
     seeds = arrays.get("grids", np.empty(0)).ndim == 4
-    kinds = _ARRAYS | {f"{_EXTRA}{name}": _OF_EXTRA for name in measured}
+    kinds = _ARRAYS | {f"{_EXTRA}{name}": _OF_EXTRA for name in search.measured}
     for name, (dtype, letters) in kinds.items():
         letters = letters if seeds else letters.replace("S", "")
         array = arrays.get(name)
@@ -390,5 +406,5 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, measured: Sequenc
     if unknown := set(arrays) - set(kinds):
         raise InputError(f"a file with {min(unknown)}, which no result has")
     grids = arrays["grids"]
-    if not grids.size or not 0 <= grids.min() <= grids.max() <= 15 or max(grids.shape[-2:]) > LONGEST_SIDE:
+    if not 0 <= grids.min() <= grids.max() <= 15 or max(grids.shape[-2:]) > LONGEST_SIDE:
         raise InputError(f"grids that are not of tile codes 0 to 15, of shape {grids.shape}")

@@ -12,14 +12,14 @@ from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_metrics import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, canonical_forms, images_of
-from elitelanes_jax.problem.descriptor import Axis, niche_bins
+from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
 from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.problem.ranges import satisfies
 from elitelanes_jax.problem.rules import map_constraints
-from elitelanes_jax.problem.targets import SupportPoints
+from elitelanes_jax.problem.targets import ExampleValues, SupportPoints
 from elitelanes_jax.search.elites import MeasuredElites
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.search.resolve import Search
 
 _OUTSIDE = "outside the ranges"
 
@@ -66,8 +66,7 @@ class Choice(NamedTuple):
 
 def choose_maps(
     elites: MeasuredElites,
-    spec: SearchSpec,
-    axes: tuple[Axis, ...],
+    search: Search,
     count: int,
     seed: int = 0,
     *,
@@ -77,7 +76,7 @@ def choose_maps(
     """Chooses up to `count` maps of a search.
 
     A map is one component without dead ends, boundary violations or mismatches. All its cells are tiles of the search's
-    alphabet, or empty where rules, fixed cells or an inventory allow it. It is in the ranges of the specification,
+    alphabet, or empty where rules, fixed cells or an inventory allow it. It is in the ranges of the search,
     keeps its rules, and is no copy of an example map in `like`. Of maps that are the same when rotated or mirrored, the
     fittest is chosen. With an inventory, the metrics of a map also say how many tiles of each kind it leaves.
 
@@ -87,8 +86,7 @@ def choose_maps(
 
     Args:
       elites: of a search.
-      spec: of the search.
-      axes: of the descriptor.
+      search: that found them.
       count: the number of maps.
       seed: of the run; it is noted in the maps.
       exclude: grids, of any size, that no chosen map may equal; the chosen maps should differ from them too.
@@ -96,18 +94,19 @@ def choose_maps(
         mirrored. If there are too few such maps, the next share applies.
 
     """
+    settings, axes = search.settings, search.axes
     if elites.valid.ndim == 1:
         elites = jax.tree.map(lambda array: array[None], elites)
     valid = np.asarray(elites.valid)
     shape = (elites.grids.shape[-2], elites.grids.shape[-1])
     grids, fitness = np.asarray(elites.grids).reshape(-1, *shape), np.asarray(elites.fitness).ravel()
     metrics = {name: values.ravel() for name, values in elites.by_name().items()}
-    useful, rejected = without_flaws(valid.ravel(), metrics, spec)
-    satisfied = satisfies(metrics, spec.where)
+    useful, rejected = without_flaws(valid.ravel(), metrics, search)
+    satisfied = satisfies(metrics, search.ranges)
     rejected[_OUTSIDE] = int((useful & ~satisfied).sum())
     useful &= satisfied
 
-    examples = [np.array(grid, np.int8) for grid in spec.like]
+    examples = [np.array(grid, np.int8) for grid in settings.like]
     # A map of another size cannot be equal.
     exclude = [grid for grid in (*exclude, *examples) if sorted(grid.shape) == sorted(shape)]
     kept = _distinct(grids, fitness, useful, exclude, examples)
@@ -117,7 +116,9 @@ def choose_maps(
     # Niches outside the target bins were stepping stones. They give maps only if the others have too few.
     target = np.array([-1 if axis.target is None else axis.target for axis in axes])
     on_target = ((bins == target) | (target < 0)).all(axis=1)
-    pursuit = SupportPoints(_target_features(metrics, kept, spec), spec.targets) if spec.targets else None
+    pursuit = (
+        SupportPoints(_target_features(metrics, kept, settings.targets), settings.targets) if settings.targets else None
+    )
     chosen: list[int] = []
     for group in (np.flatnonzero(on_target), np.flatnonzero(~on_target)):
         order = _follow(pursuit, group) if pursuit else _spread(points[group], seeds[group])
@@ -129,7 +130,7 @@ def choose_maps(
             metrics={name: _value(name, values[kept[index]].item()) for name, values in metrics.items()}
             | {
                 f"{COUNTED[kind]}_left": count - metrics[COUNTED[kind]][kept[index]].item()
-                for kind, count in spec.inventory or ()
+                for kind, count in settings.inventory or ()
             },
             fitness=fitness[kept[index]].item(),
             descriptor={axis.metric: int(value) for axis, value in zip(axes, descriptor[index], strict=True)},
@@ -143,18 +144,18 @@ def choose_maps(
 
 
 def without_flaws(
-    valid: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]], spec: SearchSpec
+    valid: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]], search: Search
 ) -> tuple[NDArray[np.bool_], Counter[str]]:
     """Returns which elites violate no constraint of the search, and the number of the others by reason.
 
     Args:
       valid: bool of any shape, which slots are filled.
       metrics: arrays of the same shape, by name.
-      spec: of the search, with rules and fixed cells.
+      search: with rules and fixed cells.
     """
     rejected: Counter[str] = Counter()
     useful = valid.copy()
-    for name, right, words in map_constraints(spec.rules, filled=spec.repair_fills and spec.fix is None):
+    for name, right, words in map_constraints(search.settings.rules, filled=search.fills_all_cells):
         if name not in metrics:
             raise InputError(f"metrics: expected {name}, got {', '.join(metrics) or 'none'}")
         flawed = useful & (metrics[name] != right)
@@ -190,10 +191,10 @@ def _value(name: str, number: float) -> float:
 
 
 def _target_features(
-    metrics: dict[str, NDArray[np.generic]], kept: NDArray[np.int_], spec: SearchSpec
+    metrics: dict[str, NDArray[np.generic]], kept: NDArray[np.int_], targets: Sequence[ExampleValues]
 ) -> NDArray[np.float64]:
     """Returns the features that have targets, of the kept elites, in the order and units of the targets."""
-    names = [target.name for target in spec.targets]
+    names = [target.name for target in targets]
     columns = columns_for(names)
     features = np.stack([metrics[name][kept] for name in columns], axis=-1).astype(np.int32)
     return select_features(features, columns, names) / np.array([feature_unit(name) for name in names])

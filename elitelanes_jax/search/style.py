@@ -1,6 +1,6 @@
 """Styles: named options of a search, in TOML files of the package or of users."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -14,9 +14,6 @@ FOLDER = Path(__file__).parent / "styles"
 
 STYLES = ("paper", "town")
 """The names of the package's own styles. `paper` has no options, so it equals a search without a style."""
-
-# Each of these options discards another option of the layers before it, which depends on it or would override it.
-_DISCARDS = {"method": "preset", "axes": "targets"}
 
 
 class Style(NamedTuple):
@@ -46,23 +43,3 @@ def read_style(style: UserValue) -> Style:
 @cache
 def _read_own(name: str) -> Style:
     return Style(name, read_toml(FOLDER / f"{name}.toml", f"style {name!r}"))
-
-
-def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserValue]:
-    """Merges layers of checked options; each layer overrides the ones before it.
-
-    Ranges and weights are merged feature by feature. A method discards the preset of the layers before, and axes
-    discard the targets.
-    """
-    merged: dict[str, UserValue] = {}
-    for layer in layers:
-        for name, other in _DISCARDS.items():
-            if layer.get(name) is not None:
-                merged.pop(other, None)
-        joined = {
-            name: tuple(({item[0]: item for item in merged.get(name, ())} | {item[0]: item for item in items}).values())
-            for name, items in layer.items()
-            if name in ("where", "weights")
-        }
-        merged |= {**layer, **joined}
-    return merged

@@ -107,7 +107,7 @@ def _archive(seed: int, budget: MapBudget) -> tuple[NDArray[np.int8], NDArray[np
     found = _search(keys, evaluations=budget.evaluations, axes=AXES)
     whole = np.asarray(found.elites.valid) & (np.asarray(found.elites.metrics.components) == 1)
     grids = np.asarray(found.elites.grids)[whole]
-    bins = np.asarray(niche_bins(np.asarray(found.elites.descriptor)[whole], found.axes))
+    bins = np.asarray(niche_bins(np.asarray(found.elites.descriptor)[whole], found.search.axes))
     different = {canonical_form(grid): number for number, grid in reversed(list(enumerate(grids)))}
     order = sorted(different.values())
     return grids[order], bins[order]

@@ -34,7 +34,7 @@ def _compare(options: argparse.Namespace) -> None:
     result = evolve(
         0, tuple(options.size), seeds=options.seeds, style=options.style, evaluations=options.evaluations, progress=True
     )
-    filled, _ = without_flaws(result.satisfies(), result.elites.by_name(), result.spec)
+    filled, _ = without_flaws(result.satisfies(), result.elites.by_name(), result.search)
     if not filled.any():
         raise InputError(f"evaluations: expected enough to fill a niche, got {options.evaluations}")
     runs = filled.sum(axis=1) / filled.any(axis=0).sum()

@@ -21,6 +21,7 @@ from elitelanes_jax.cli import program
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.cli.signals import catch_interrupts
 from elitelanes_jax.network import canonical_form
+from elitelanes_jax.search.resolve import plain_spec
 from elitelanes_jax.tiles import default_tiles
 
 # The EA with the paper's settings compiles fast; all searches that go on for generations use this one program.
@@ -71,7 +72,7 @@ def test_the_run_record_and_the_archive(generated):
     run = json.loads((generated / "run.json").read_text())
     assert run["settings"]["size"] == [5, 6]
     assert run["settings"]["seeds"] == 3
-    assert SearchSpec.from_plain(run["settings"]["search"]) == SearchSpec(method="ea", preset="paper", generations=5)
+    assert run["settings"]["search"] == plain_spec(SearchSpec(method="ea", preset="paper", generations=5))
     assert run["config"]["population"] == 20
     assert run["weights"]["dead_ends"] == 480
     assert set(run["versions"]) == {"elitelanes_jax", "python", "jax", "jaxlib", "numpy", "opencv"}

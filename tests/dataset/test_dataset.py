@@ -30,6 +30,7 @@ from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network import canonical_form, plain_measure
 from elitelanes_jax.optimizers import seed_keys
 from elitelanes_jax.search import SearchSpec
+from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, default_tiles
 
 # The searches of all tests of the command are one compiled program for each size.
@@ -289,8 +290,8 @@ def test_each_niche_is_split_in_the_same_shares():
 
 
 def test_each_round_evolves_other_seeds():
-    size = _Size(5, SearchSpec(), (5, 5), 9, Path())
-    rounds = np.concatenate([key_data(size._keys(number)) for number in range(3)])
+    size = _Size(5, resolve(SearchSpec(), (5, 5)), 9, Path())
+    rounds = np.concatenate([size._keys(number).data for number in range(3)])
     np.testing.assert_array_equal(rounds, key_data(seed_keys(5, 48)))
 
 

@@ -8,7 +8,10 @@ import pytest
 
 from elitelanes_jax import DatasetSpec, InputError, SearchSpec
 from elitelanes_jax.dataset import STANDARD, Transforms
+from elitelanes_jax.dataset.planning import plan_dataset
 from elitelanes_jax.dataset.spec import maps_by_shape, maps_by_split
+from elitelanes_jax.search.resolve import plain_spec, spec_from_plain
+from elitelanes_jax.search.settings import OPTIONS
 
 SQUARES = [(3, 3), (4, 4)]
 RECTANGLES = [(3, 5), (4, 5)]
@@ -47,10 +50,11 @@ def test_plain_values_are_json(tmp_path):
     for one in (DatasetSpec(), spec):
         plain = json.loads(json.dumps(one.to_plain()))
         assert set(plain) == set(DatasetSpec.options())
-        assert set(plain["search"]) == set(SearchSpec.options())
-        searched = SearchSpec.from_plain(plain.pop("search"))
+        assert set(plain["search"]) == {*OPTIONS, "large"}
+        searched = plain.pop("search")
         transforms = plain.pop("transforms")
-        back = DatasetSpec(**plain, search=searched)
+        assert plain_spec(spec_from_plain(searched)) == searched
+        back = DatasetSpec(**plain, search=one.search)
         assert back.replace(transforms=one.transforms) == one
         assert Transforms(**transforms | {"scale": tuple(transforms["scale"])}) == one.transforms
 
@@ -98,29 +102,29 @@ def test_given_maps_may_be_thin_and_be_replaced():
 
 def test_objects_without_room_are_refused_unless_cells_may_be_empty():
     with pytest.raises(InputError, match="^furnish: expected rules=duckietown or a style .* with trees=3, got"):
-        DatasetSpec(furnish="trees=3")
+        plan_dataset(DatasetSpec(furnish="trees=3"))
     free = [{"rules": "duckietown"}, {"style": "town"}, {"fill": False}, {"inventory": {"straight": 200}}]
     for search in (*free, {"fill": True, "inventory": {"straight": 200}}):
         make = partial(DatasetSpec, size=14, furnish="trees=3 lane_duckies=2", search=SearchSpec(**search))
         if search in free:
-            make()
+            plan_dataset(make())
         else:
             with pytest.raises(InputError, match="with trees=3, got a search"):
-                make()
-    DatasetSpec(size=2, furnish="trees=3", search=SearchSpec(fix=[[None, None], [None, None]]))
-    DatasetSpec(furnish="trees=0.5 lane_duckies=2 lane_robots=1 signs=possible")
+                plan_dataset(make())
+    plan_dataset(DatasetSpec(size=2, furnish="trees=3", search=SearchSpec(fix=[[None, None], [None, None]])))
+    plan_dataset(DatasetSpec(furnish="trees=0.5 lane_duckies=2 lane_robots=1 signs=possible"))
 
 
 def test_maps_without_crossings_need_no_signs():
     free = [{"where": "crossings=..0"}, {"where": "cyclomatic=1"}, {"alphabet": [3, 5, 6, 9, 10, 12]}]
     for search in free:
-        DatasetSpec(furnish="signs", search=SearchSpec(**search))
-    DatasetSpec(furnish="signs", size=2)
+        plan_dataset(DatasetSpec(furnish="signs", search=SearchSpec(**search)))
+    plan_dataset(DatasetSpec(furnish="signs", size=2))
 
 
 def test_signs_at_every_crossing_need_maps_that_can_have_them():
     with pytest.raises(InputError, match="^furnish: expected rules=duckietown or where signable=1 with signs"):
-        DatasetSpec(furnish="signs")
-    DatasetSpec(furnish="signs", search=SearchSpec(style="town"))
-    DatasetSpec(furnish="signs", search=SearchSpec(where=["signable=1"]))
-    DatasetSpec(furnish="signs", maps_from=[[[6, 3], [12, 9]]], split=(1, 0, 0))
+        plan_dataset(DatasetSpec(furnish="signs"))
+    plan_dataset(DatasetSpec(furnish="signs", search=SearchSpec(style="town")))
+    plan_dataset(DatasetSpec(furnish="signs", search=SearchSpec(where=["signable=1"])))
+    plan_dataset(DatasetSpec(furnish="signs", maps_from=[[[6, 3], [12, 9]]], split=(1, 0, 0)))

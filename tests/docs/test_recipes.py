@@ -26,7 +26,7 @@ from elitelanes_jax.search.spec import SearchSpec
 code = main("generate --size 2 2 --maps 1 --seeds 1 --generations 0 --note lake --out maps".split())
 result = evolve(jax.random.key(0), (2, 2), generations=0, note="lake")
 about = DatasetSpec(search=SearchSpec(note="lake")).to_plain()
-print(code, result.spec.note, about["search"]["note"])
+print(code, result.search.settings.note, about["search"]["note"])
 for make in (lambda: main(["generate", "--note", " ", "--out", "none"]), lambda: SearchSpec(note=1)):
     try:
         print(make())

@@ -9,6 +9,7 @@ import pytest
 from elitelanes_jax import InputError, SearchSpec
 from elitelanes_jax.formats import to_duckietown
 from elitelanes_jax.network import measure_town
+from elitelanes_jax.search.resolve import resolve
 from experiments.realism.study import (
     FEATURES,
     PEOPLE,
@@ -112,7 +113,7 @@ def test_maps_of_a_size_with_fewer_come_more_than_once():
 
 def test_the_styles_targets_are_peoples_features():
     people = json.loads(PEOPLE.read_text()).values()
-    targets = {target.name: target.values for target in SearchSpec(style="town").targets}
+    targets = {target.name: target.values for target in resolve(SearchSpec(style="town"), (6, 6)).settings.targets}
     assert set(targets) == set(TUNED) - {"unlinked_per_tile", "crowded_per_tile"}
     for name, values in targets.items():
         assert sorted(values) == pytest.approx(sorted(row[name] for row in people), abs=6e-4)

@@ -15,6 +15,7 @@ from elitelanes_jax.network.plain_metrics import plain_town
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.problem import paper_axes
 from elitelanes_jax.search import History, MeasuredElites, RunState
+from elitelanes_jax.search.resolve import resolve
 
 __all__ = ["IN_BROWSER", "big_result", "float_result", "own_result", "write_run"]
 
@@ -48,15 +49,17 @@ def own_result():
     )
     values = {name: np.array([one[name] for one in measures]).reshape(2, 20) for name in measures[0]}
     features = {name: values[name].astype(np.int32) for name in ("symmetry", "corners", "box_length")}
-    weights = spec.all_weights._asdict() | dict(spec.weights)
-    fitness = sum(weights[name] * values[name] for name in (*METRIC_NAMES, *dict(spec.weights))) - weights["components"]
+    search = resolve(spec, (6, 6))
+    weights = search.weights._asdict() | dict(search.settings.weights)
+    names = (*METRIC_NAMES, *dict(search.settings.weights))
+    fitness = sum(weights[name] * values[name] for name in names) - weights["components"]
     metrics = Metrics(*[values[name] for name in Metrics._fields])
-    descriptor = np.stack([features[axis.metric] for axis in spec.axes], axis=-1)
+    descriptor = np.stack([features[axis.metric] for axis in search.axes], axis=-1)
     elites = MeasuredElites(
         grids.reshape(2, 20, 6, 6), fitness.astype(np.int32), descriptor, np.ones((2, 20), bool), metrics, features
     )
     state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
-    return Result(elites, History.empty(2), state, spec, spec.axes_on((6, 6)))
+    return Result(elites, History.empty(2), state, search)
 
 
 def float_result():
@@ -80,4 +83,4 @@ def big_result():
     steps, counts = np.arange(1, 501), np.zeros((32, 500), np.int32)
     history = History(steps, steps * 40, counts, counts, steps * 1.0, counts)
     state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
-    return Result(elites, history, state, SearchSpec(), axes)
+    return Result(elites, history, state, replace(resolve(SearchSpec(), (12, 12)), axes=axes))

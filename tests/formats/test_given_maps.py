@@ -29,8 +29,8 @@ def forms(file):
 
 TAKE = {
     "as_maps": lambda maps: as_maps(maps)[0].codes,
-    "like": lambda maps: SearchSpec(like=maps, rules=None).like[0],
-    "initial": lambda maps: SearchSpec(initial=maps).initial[0],
+    "like": lambda maps: SearchSpec(like=maps, rules=None).options["like"][0],
+    "initial": lambda maps: SearchSpec(initial=maps).options["initial"][0],
     "unlike": lambda maps: PickSpec(unlike=maps).unlike[0],
     "maps_from": lambda maps: DatasetSpec(maps_from=maps, split=(1, 0, 0)).maps_from.maps[0].codes,
     "grids": lambda maps: make_levels(jax.random.key(0), maps, 2).grid[1],

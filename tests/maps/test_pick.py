@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import PickSpec, Result, SearchSpec, evolve, measure, read_map
+from elitelanes_jax import PickSpec, Result, evolve, measure, read_map
 from elitelanes_jax import pick as pick_maps
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.maps.picking import _search
+from elitelanes_jax.maps.picking import _resolve_choice, _Source
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.tiles import default_tiles
 
@@ -99,9 +99,11 @@ def test_only_maps_that_the_tiles_can_draw_are_picked(searched, tmp_path):
 
 
 def test_axes_of_ones_own_replace_the_targets_of_the_search():
-    town = SearchSpec(style="town")
-    assert _search(PickSpec(), town).targets == town.targets != ()
-    assert _search(PickSpec(axes="turns:5"), town).targets == ()
+    result = evolve(0, (6, 6), seeds=1, style="town", generations=0)
+    sources = [_Source("result", result, None)]
+    town = result.search.settings
+    assert _resolve_choice(PickSpec(), sources).settings.targets == town.targets != ()
+    assert _resolve_choice(PickSpec(axes="turns:5"), sources).settings.targets == ()
 
 
 def test_archives_of_maps_of_other_sizes_are_refused(searched, tmp_path, capsys):

@@ -303,3 +303,13 @@ def test_a_run_of_no_generation_is_its_start():
     states, info = jax.jit(partial(run, optimizer, generations=0))(KEYS)
     chex.assert_trees_all_equal(states, jax.jit(partial(start, optimizer))(KEYS))
     assert info.best_fitness.shape == (0, len(KEYS))
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_generations_are_the_rounds_of_a_scan(maker):
+    optimizer = MAKERS[maker](PROBLEMS[False])
+    keys = jax.random.split(jax.random.key(0), 2)
+    jaxpr = jax.make_jaxpr(lambda keys: run(optimizer, keys, 7))(keys)
+    scans = [equation for equation in jaxpr.jaxpr.eqns if equation.primitive.name == "scan"]
+    rounds = 7 + 1 - optimizer.first_generation
+    assert rounds in [equation.params["length"] for equation in scans]

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elitelanes_jax import GenerateSpec, InputError, SearchSpec
+from elitelanes_jax import InputError, SearchSpec
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
 from elitelanes_jax.network import measure_town, plain_measure, repair
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
@@ -21,6 +21,7 @@ from elitelanes_jax.problem.features import FEATURES, feature_unit
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import map_constraints
+from elitelanes_jax.search.resolve import resolve
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (3, 3)]
 
@@ -140,7 +141,7 @@ def test_messages_say_the_bound():
         ({"alphabet": [3, 5, 6, 9, 10]}, r"alphabet: expected the turns \(3, 6, 9, 12\), which every map has, got no"),
     ):
         with pytest.raises(InputError, match=message.replace("..", r"\.\.")):
-            GenerateSpec(size=(4, 4), search=SearchSpec(**options))
+            resolve(SearchSpec(**options), (4, 4), room_for="maps")
 
 
 FREE = None

@@ -10,6 +10,7 @@ from elitelanes_jax import InputError, Result, SearchSpec, random_grids, road_pr
 from elitelanes_jax.network import METRIC_NAMES, measure_town
 from elitelanes_jax.problem.kernels import digest
 from elitelanes_jax.problem.problem import _sum_exceeds
+from elitelanes_jax.search.resolve import resolve
 
 SHAPE, PAPER = (5, 5), {"preset": "paper"}
 
@@ -55,7 +56,7 @@ def test_chosen_maps_are_in_the_ranges_and_have_the_values(result):
 def test_a_result_is_saved_and_read_with_them(result, tmp_path):
     result.save(tmp_path / "result.npz")
     read = Result.load(tmp_path / "result.npz")
-    assert read.spec == result.spec and read.axes == result.axes
+    assert read.search == result.search
     jax.tree.map(np.testing.assert_array_equal, read.elites, result.elites)
     np.testing.assert_array_equal(read.satisfies(), result.satisfies())
 
@@ -150,8 +151,9 @@ def test_a_digest_knows_floats_that_the_result_depends_on():
 
 def test_own_features_come_after_the_metrics():
     spec = SearchSpec(features=["a", "b", "c"], axes=["turns:3", "c:4:1"], weights={"b": 1})
-    assert spec.measured == ("c", "b", "a") and spec.feature_weights == (0, 1, 0)
-    assert not set(spec.measured) & set(METRIC_NAMES)
+    search = resolve(spec, (4, 4))
+    assert search.measured == ("c", "b", "a") and search.feature_weights == (0, 1, 0)
+    assert not set(search.measured) & set(METRIC_NAMES)
 
 
 def test_features_of_a_town_are_measured_where_they_are_named():

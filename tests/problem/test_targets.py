@@ -7,6 +7,7 @@ import pytest
 
 from elitelanes_jax import InputError, SearchSpec
 from elitelanes_jax.problem.targets import ExampleValues, SupportPoints, parse_targets
+from elitelanes_jax.search.resolve import resolve, search_from_plain
 
 TWO = (ExampleValues("turn_share", (0.25, 0.5)), ExampleValues("crossings", (0.0, 3.0)))
 
@@ -15,8 +16,10 @@ def test_targets_are_read_from_mappings_and_pairs_alike():
     assert parse_targets({"turn_share": [0.25, 0.5], "crossings": (0, 3)}) == parse_targets(TWO) == TWO
     assert parse_targets({"mine": [4]}, ["mine"]) == (ExampleValues("mine", (4.0,)),)
     spec = SearchSpec(targets=TWO)
-    assert SearchSpec.from_plain(json.loads(json.dumps(spec.to_plain()))) == spec and "symmetry" not in spec.measured
-    assert SearchSpec(targets={"symmetry": [1]}).measured == ("symmetry",)
+    search = resolve(spec, (6, 6))
+    read = search_from_plain(json.loads(json.dumps(search.to_plain())), (6, 6))
+    assert read == search and "symmetry" not in search.measured
+    assert resolve(SearchSpec(targets={"symmetry": [1]}), (6, 6)).measured == ("symmetry",)
 
 
 @pytest.mark.parametrize(
@@ -45,10 +48,13 @@ def test_wrong_targets_are_named(targets, message):
 
 
 def test_targets_give_way_to_axes():
-    assert SearchSpec(style="town").targets and not SearchSpec(style="town", axes="turns:5").targets
-    assert not SearchSpec(style="town").replace(axes="turns:5").targets
+    def targets_of(spec):
+        return resolve(spec, (6, 6)).settings.targets
+
+    assert targets_of(SearchSpec(style="town")) and not targets_of(SearchSpec(style="town", axes="turns:5"))
+    assert not targets_of(SearchSpec(style="town").replace(axes="turns:5"))
     both = SearchSpec(style="town", axes="turns:5", targets=TWO)
-    assert both.targets == TWO and both.replace() == both
+    assert targets_of(both) == TWO and both.replace() == both
 
 
 def energy(chosen, wanted):

@@ -8,10 +8,9 @@ import pytest
 from certified import evolve
 
 from elitelanes_jax import GenerateSpec, SearchSpec, generate
-from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.problem.inventory import COUNTED, parse_inventory
-from elitelanes_jax.search.evolution import prepare
+from elitelanes_jax.search.resolve import plain_spec, resolve, search_from_plain, spec_from_plain
 
 SHELF = {"straight": 20, "turn": 10, "crossing3": 4, "crossing4": 0}
 
@@ -38,31 +37,38 @@ def test_an_inventory_can_be_written_in_many_ways(given, tmp_path):
     assert parse_inventory(tmp_path / "shelf.toml") == tuple(SHELF.items())
 
 
+def ranges_of(spec, shape=(6, 6)):
+    return {item.name: (item.low, item.high) for item in resolve(spec, shape, room_for="anything").ranges}
+
+
 def test_an_inventory_narrows_the_ranges_and_leaves_cells_empty():
     spec = SearchSpec(style="town", inventory=SHELF, where=["turns=6..20", "straights=3..8"])
-    limits = {item.name: (item.low, item.high) for item in spec.where}
+    limits = ranges_of(spec)
     assert limits["turns"] == (6, 10) and limits["straights"] == (3, 8) and limits["crossings4"] == (None, 0)
-    assert not SearchSpec(inventory=SHELF).repair_fills
-    assert spec.replace(inventory=None) == SearchSpec(style="town", where=["turns=6..20", "straights=3..8"])
-    assert SearchSpec.from_plain(json.loads(json.dumps(spec.to_plain()))) == spec.replace()
-    for other in (spec.on((6, 6)), SearchSpec.from_plain(spec.to_plain())):
-        assert other.where == spec.where
-        assert {item.name: item.high for item in other.replace(inventory={"turn": 15}).where}["turns"] == 15
-        assert "crossings4" not in {item.name for item in other.replace(inventory=None).where}
+    assert not resolve(SearchSpec(inventory=SHELF), (6, 6)).fills
+    without = SearchSpec(style="town", where=["turns=6..20", "straights=3..8"])
+    assert ranges_of(spec.replace(inventory=None)) == ranges_of(without)
+    search = resolve(spec, (6, 6), room_for="anything")
+    read = search_from_plain(json.loads(json.dumps(search.to_plain())), (6, 6))
+    assert read == search == resolve(search.to_spec(), (6, 6), room_for="anything")
+    for other in (spec_from_plain(json.loads(json.dumps(plain_spec(spec)))), read.to_spec()):
+        assert ranges_of(other) == limits
+        assert ranges_of(other.replace(inventory={"turn": 15}))["turns"] == (6, 15)
+        assert "crossings4" not in ranges_of(other.replace(inventory=None))
     equal = SearchSpec(inventory=SHELF, where=["crossings=..5", f"turns=..{SHELF['turn']}"])
-    for other in (equal.on((8, 8)), SearchSpec.from_plain(equal.to_plain())):
-        assert other == equal
-        assert [item.name for item in other.replace(inventory=None).where] == ["crossings", "turns"]
+    for other in (spec_from_plain(plain_spec(equal)), resolve(equal, (8, 8)).to_spec()):
+        assert ranges_of(other, (8, 8)) == ranges_of(equal, (8, 8))
+        assert [*ranges_of(other.replace(inventory=None), (8, 8))] == ["crossings", "turns"]
     like = SearchSpec(like=[[6, 5, 3], [10, 0, 10], [12, 5, 9]], inventory=SHELF)
-    assert {"turn_share", "turns"} <= {item.name for item in like.where}
+    assert {"turn_share", "turns"} <= set(ranges_of(like))
 
 
 def test_searches_without_these_counts_measure_nothing_more():
-    """The program of a search depends on its static arguments: a crossing is counted only in searches that name it."""
-    static, traced = prepare(SearchSpec(), (5, 5), {})[2:]
-    assert static.measured == () and len(traced.limits[0]) == len(METRIC_NAMES) + 4
-    assert set(SearchSpec(inventory=SHELF).measured) == {"crossings3", "crossings4"}
-    assert SearchSpec(weights="crossings4=-9", axes="crossings3:4").measured == ("crossings3", "crossings4")
+    """The program of a search depends on its static fields: a crossing is counted only in searches that name it."""
+    assert resolve(SearchSpec(), (5, 5)).measured == ()
+    assert set(resolve(SearchSpec(inventory=SHELF), (5, 5)).measured) == {"crossings3", "crossings4"}
+    named = resolve(SearchSpec(weights="crossings4=-9", axes="crossings3:4"), (5, 5))
+    assert named.measured == ("crossings3", "crossings4")
 
 
 def test_maps_need_what_the_shelf_has(tmp_path):

@@ -40,7 +40,7 @@ def test_a_joined_result_is_that_of_all_keys_together(parts, tmp_path):
     for name in (*OF_SEEDS, "generation", "evaluations"):
         np.testing.assert_array_equal(getattr(joined.history, name), getattr(together.history, name))
     assert joined.history.seconds == pytest.approx(sum(part.history.seconds for part in parts))
-    assert (joined.spec, joined.functions) == (together.spec, together.functions)
+    assert (joined.search, joined.functions) == (together.search, together.functions)
     joined.save(tmp_path / "joined.npz", state=False)
     together.save(tmp_path / "together.npz", state=False)
     assert (tmp_path / "joined.npz").read_bytes() == (tmp_path / "together.npz").read_bytes()
@@ -74,18 +74,22 @@ def test_another_function_is_seen_by_its_digest(parts):
         join_results([parts[0], search(KEYS[2], turn=51)])
 
 
+def other_search(result, **changes):
+    return replace(result.search, **changes)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda one: {"functions": ()}, "one search with function 'corner' '"),
         (
-            lambda one: {"spec": one.spec.replace(weights=["turns=1"])},
+            lambda one: {"search": other_search(one, settings=replace(one.search.settings, weights=(("turns", 1),)))},
             r"one search with weights \(\), got .* at index 1",
         ),
-        (lambda one: {"axes": one.axes[:1]}, "one search with axes "),
+        (lambda one: {"search": other_search(one, axes=one.search.axes[:1])}, "one search with axes "),
         (lambda one: {"config": None}, "one search with config "),
         (lambda one: {"history": one.history._replace(generation=np.arange(3))}, "one search with generations of the"),
-        (lambda one: {"elites": one.elites._replace(grids=one.elites.grids.swapaxes(-1, -2))}, r"one search with size"),
+        (lambda one: {"search": other_search(one, shape=one.search.shape[::-1])}, r"one search with size"),
     ],
 )
 def test_results_of_other_searches_are_refused(parts, change, words):

@@ -17,6 +17,7 @@ from elitelanes_jax import InputError, Optimizer, Result, SearchSpec, ea
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax.optimizers import PRESETS, AnnealedGwoConfig, EvolutionConfig, MapElitesConfig
 from elitelanes_jax.optimizers.presets import config_from_plain, config_to_plain, find_preset
+from elitelanes_jax.search.resolve import plain_spec, search_from_plain
 
 SHAPE = (5, 6)
 KEYS = jax.random.split(jax.random.key(3), 3)
@@ -32,7 +33,7 @@ def result():
 
 
 def same(one, other):
-    assert (one.spec, one.axes, one.config) == (other.spec, other.axes, other.config)
+    assert (one.search, one.config) == (other.search, other.config)
     for kept, first in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
         np.testing.assert_array_equal(kept, first)
         assert kept.dtype == first.dtype
@@ -46,7 +47,8 @@ def test_what_is_saved_is_loaded(result, tmp_path):
     assert isinstance(kept.elites.grids, jax.Array)
     np.testing.assert_array_equal(kept.best(), result.best())
     with np.load(tmp_path / "result.npz") as stored:
-        assert SearchSpec.from_plain(json.loads(str(stored["settings"]))["search"]) == result.spec
+        plain = json.loads(str(stored["settings"]))["search"]
+        assert search_from_plain(plain, SHAPE) == result.search
     kept.save(tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "result.npz").read_bytes()
     alone = search(KEYS[1], SHAPE, generations=0)
@@ -55,7 +57,7 @@ def test_what_is_saved_is_loaded(result, tmp_path):
 
 
 def test_without_the_state_equal_searches_give_equal_bytes(result, tmp_path):
-    again = evolve(KEYS, SHAPE, spec=result.spec)
+    again = evolve(KEYS, SHAPE, spec=result.search.to_spec())
     for number, one in enumerate((result, again)):
         one.save(tmp_path / f"{number}.npz", state=False)
     assert (tmp_path / "0.npz").read_bytes() == (tmp_path / "1.npz").read_bytes()
@@ -63,7 +65,7 @@ def test_without_the_state_equal_searches_give_equal_bytes(result, tmp_path):
     chex.assert_trees_all_equal(kept.elites, result.elites)
     assert np.isnan(kept.history.evaluations_per_second).all()
     with pytest.raises(InputError, match="got that of a result that was saved without its state"):
-        evolve(KEYS, SHAPE, spec=result.spec, state=kept.state)
+        evolve(KEYS, SHAPE, spec=result.search.to_spec(), state=kept.state)
 
 
 def counting(problem):
@@ -112,7 +114,7 @@ CONFIGS = [*PRESETS.values(), MapElitesConfig(EvolutionConfig(tile_rate=0.3)), A
 def test_a_result_says_what_made_it(made_by, method, preset, tmp_path, capsys):
     options = {"shape": (3, 4), "generations": 0, "progress": True}
     result = evolve(KEYS, **options, **made_by)
-    assert (result.spec.method, result.spec.preset) == (method, preset)
+    assert (result.search.settings.method, result.search.settings.preset) == (method, preset)
     name = preset if method == "custom" else method
     assert repr(result).startswith(f"Result of {name}{'' if method == 'custom' else f', preset {preset}'}: 3 x 4 tiles")
     assert name in capsys.readouterr().err
@@ -122,15 +124,15 @@ def test_a_result_says_what_made_it(made_by, method, preset, tmp_path, capsys):
     kept = Result.load(tmp_path / "result.npz")
     same(kept, result)
     # It can be made again with what it says.
-    again = evolve(KEYS, spec=kept.spec, config=kept.config, optimizer=made_by.get("optimizer"), **options)
+    again = evolve(KEYS, spec=kept.search.to_spec(), config=kept.config, optimizer=made_by.get("optimizer"), **options)
     same(again, result)
     if method == "custom":
         with pytest.raises(InputError, match="method: expected one of map-elites, .*optimizer, got 'custom'"):
-            evolve(KEYS, spec=kept.spec, **options)
+            evolve(KEYS, spec=kept.search.to_spec(), **options)
     elif preset == "custom":
         with pytest.raises(InputError, match="preset: expected one of tuned, .*config, got 'custom'"):
-            evolve(KEYS, spec=kept.spec, **options)
-        assert evolve(KEYS, spec=kept.spec, preset="paper", **options).spec.preset == "paper"
+            evolve(KEYS, spec=kept.search.to_spec(), **options)
+        assert evolve(KEYS, spec=kept.search.to_spec(), preset="paper", **options).search.settings.preset == "paper"
 
 
 @pytest.mark.parametrize("config", CONFIGS)
@@ -210,7 +212,7 @@ def changed(file, **changes):
         ),
         ({"format": None}, "a file without options"),
         ({"search": {"method": "luck"}}, "a file with wrong options: search: expected all options"),
-        ({"search": SearchSpec().to_plain() | {"method": "luck"}}, ".* method: expected one of map-elites"),
+        ({"search": plain_spec(SearchSpec()) | {"method": "luck"}}, ".* method: expected one of map-elites"),
         ({"config": config_to_plain(MapElitesConfig())}, ".* config: expected one of ea, got MapElitesConfig"),
         ({"config": {"kind": "EvolutionConfig", "population": 3}}, ".* config: expected population, offspring"),
         ({"axes": "luck"}, "a file with wrong options: axes"),

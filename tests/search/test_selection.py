@@ -16,6 +16,7 @@ from elitelanes_jax.network.metrics import stack_metrics
 from elitelanes_jax.problem import paper_axes
 from elitelanes_jax.problem.descriptor import compute_descriptor
 from elitelanes_jax.search import History, MeasuredElites, RunState
+from elitelanes_jax.search.resolve import resolve
 
 AXES = paper_axes((6, 6))
 
@@ -33,7 +34,14 @@ def result(grids, fitness, alphabet=None):
     found = MeasuredElites(
         grids, jnp.asarray(fitness), compute_descriptor(stack_metrics(metrics), METRIC_NAMES, AXES), valid, metrics, {}
     )
-    return Result(found, History(*[np.zeros(0)] * 6), RunState(0, None, 0), SearchSpec(), AXES)
+    search = replace(resolve(SearchSpec(), (6, 6)), axes=AXES)
+    return Result(found, History(*[np.zeros(0)] * 6), RunState(0, None, 0), replace(search, shape=grids.shape[-2:]))
+
+
+def again(evolved, **options):
+    """The result of the same search with other options."""
+    spec = evolved.search.to_spec().replace(**options)
+    return replace(evolved, search=resolve(spec, evolved.search.shape, room_for="anything"))
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +74,7 @@ def test_a_result_hands_its_maps_over(evolved):
         assert road_map.metrics["turns"] >= 8 and road_map.metrics["cyclomatic"] <= 4
         assert "\n" not in repr(road_map) and repr(road_map).startswith("RoadMap(6 x 6, fitness ")
         assert measure(road_map).turns == road_map.metrics["turns"]
-    ranged = replace(evolved, spec=evolved.spec.replace(where="turns=100.."))
+    ranged = again(evolved, where="turns=100..")
     assert not ranged.maps() and len(ranged.maps(where={"turns": (8, None)})) == 16
     alone = jax.tree.map(lambda array: array[1] if array.ndim else array, evolved.elites)
     of_one = replace(evolved, elites=alone).maps(3)
@@ -179,12 +187,12 @@ def test_maps_follow_the_targets(evolved):
     """Of two kinds of targets each gives half of the maps, and all differ."""
     turns = {road_map.metrics["turns"] for road_map in evolved.maps(10**4)}
     low, high = min(turns), max(turns)
-    aimed = replace(evolved, spec=evolved.spec.replace(targets={"turns": [low, high]}))
+    aimed = again(evolved, targets={"turns": [low, high]})
     chosen = [road_map.metrics["turns"] for road_map in aimed.choose(6, min_difference=(0.0,)).maps]
     assert low in chosen and high in chosen
     everything = [one.choose(10**4).maps for one in (evolved, aimed)]
     forms = [sorted(canonical_form(road_map.codes) for road_map in maps) for maps in everything]
     assert forms[0] == forms[1] and len(set(forms[1])) == len(forms[1])
-    beyond = replace(evolved, spec=evolved.spec.replace(targets={"turns": [high, high]}))
+    beyond = again(evolved, targets={"turns": [high, high]})
     first = beyond.choose(1).maps[0]
     assert first.metrics["turns"] == high

@@ -13,13 +13,14 @@ from certified import evolve
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elitelanes_jax import Axis, DatasetSpec, GenerateSpec, InputError, SearchSpec, rotate
+from elitelanes_jax import Axis, DatasetSpec, InputError, SearchSpec, rotate
 from elitelanes_jax.cli.arguments import add_options, read_options
 from elitelanes_jax.network import canonical_form, measure_town, plain_measure
 from elitelanes_jax.network.plain_metrics import cut_to_roads, plain_town
 from elitelanes_jax.problem.features import feature_unit
-from elitelanes_jax.search.evolution import prepare
 from elitelanes_jax.search.like import settings_like
+from elitelanes_jax.search.resolve import plain_spec, resolve, search_from_plain, spec_from_plain
+from elitelanes_jax.search.settings import OPTIONS, Settings
 from elitelanes_jax.search.style import STYLES, Style
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 6, 9], [12, 5, 9, 0]], np.int8)
@@ -28,21 +29,32 @@ EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.in
 
 def plain(spec):
     """What a file gives back of a specification."""
-    return SearchSpec.from_plain(json.loads(json.dumps(spec.to_plain())))
+    return spec_from_plain(json.loads(json.dumps(plain_spec(spec))))
+
+
+def stored(search):
+    """What a file gives back of a resolved search."""
+    return search_from_plain(json.loads(json.dumps(search.to_plain())), search.shape)
+
+
+def settings_of(spec, shape=(6, 6)):
+    return resolve(spec, shape, room_for="anything").settings
 
 
 @pytest.mark.parametrize("style", STYLES)
 def test_a_style_is_a_specification(style):
     spec = SearchSpec(style=style)
-    assert spec == SearchSpec().replace(style=style) == plain(spec) and spec.style == style
+    assert spec == SearchSpec().replace(style=style) and plain_spec(plain(spec)) == plain_spec(spec)
     for shape in ((6, 6), (12, 15)):
-        resolved = spec.on(shape)
-        assert resolved == resolved.on(shape) == resolved.replace() == plain(spec).on(shape) == plain(resolved)
+        search = resolve(spec, shape)
+        assert search.settings.style == style
+        assert search == resolve(search.to_spec(), shape) == resolve(plain(spec), shape) == stored(search)
 
 
 def test_the_papers_style_changes_nothing_but_the_name():
     assert SearchSpec(style="paper") == SearchSpec().replace(style="paper") != SearchSpec()
-    assert SearchSpec(style="paper").replace(style=None) == SearchSpec()
+    assert settings_of(SearchSpec(style="paper")) == replace(settings_of(SearchSpec()), style="paper")
+    assert settings_of(SearchSpec(style="paper").replace(style=None)) == settings_of(SearchSpec())
 
 
 STYLE = """
@@ -115,9 +127,9 @@ def on_the_command_line(given, defaults):
     parser, words = argparse.ArgumentParser(), []
     add_options(parser, defaults)
     for name, value in given.items():
-        option = SearchSpec.options()[name]
+        option = OPTIONS.get(name)
         texts = value if isinstance(value, list) else [value]
-        if option.metavar is None or not all(isinstance(text, str | int) for text in texts):
+        if option is None or option.metavar is None or not all(isinstance(text, str | int) for text in texts):
             return None
         words += [f"--{option.flag or name}", *map(str, texts)]
     return read_options(parser.parse_args(words), defaults)
@@ -143,7 +155,10 @@ def in_a_file(given):
 
 def resolved(spec, **changed):
     """All options but the style's name."""
-    return spec.to_plain() | {"style": None} | changed
+    return plain_spec(spec) | {"style": None} | changed
+
+
+SHAPES = ((5, 5), (12, 13))
 
 
 @given(options())
@@ -154,22 +169,27 @@ def test_all_ways_in_agree(drawn):
     assert replaced == expected
     if isinstance(expected, str):
         return
-    assert expected == plain(expected) == pickle.loads(pickle.dumps(expected)) == expected.replace()
+    assert expected == pickle.loads(pickle.dumps(expected)) == expected.replace()
+    assert plain_spec(plain(expected)) == plain_spec(expected)
     first, then = ({name: given[name] for name in given if (name in names) is part} for part in (True, False))
-    if isinstance(spec := outcome(lambda: SearchSpec(**first)), str):
-        first, then, spec = {}, given, SearchSpec()
-    assert spec.replace(**then) == expected
+    assert plain_spec(SearchSpec(**first).replace(**then)) == plain_spec(expected)
     if (said := outcome(lambda: on_the_command_line(given, SearchSpec()))) is not None:
         assert said == expected
     if (read := outcome(lambda: in_a_file(given))) is not None:
         assert resolved(read) == resolved(expected)
     dataset = DatasetSpec().search.replace(**given)
-    if expected.generations is None:
-        assert dataset.evaluations == (expected.evaluations if "evaluations" in given else 100_000)
-    assert resolved(dataset.on((5, 5)), evaluations=0) == resolved(expected.on((5, 5)), evaluations=0)
-    for shape in ((5, 5), (12, 13)):
-        searched = outcome(lambda shape=shape: prepare(spec, shape, then)[0])
-        assert isinstance(searched, str) or searched == expected.on(shape) == plain(expected).on(shape)
+    if given.get("generations") is None:
+        usual = dataset.options["evaluations"]
+        assert usual == (expected.options["evaluations"] if "evaluations" in given else 100_000)
+    assert resolved(dataset, evaluations=0) == resolved(expected, evaluations=0)
+    for shape in SHAPES:
+        search, other = (
+            outcome(lambda spec=spec, shape=shape: resolve(spec, shape)) for spec in (expected, plain(expected))
+        )
+        if isinstance(search, str):
+            assert isinstance(other, str)  # what it read has no style to be named
+        else:
+            assert search == other == resolve(search.to_spec(), shape) == stored(search)
 
 
 @given(options())
@@ -177,21 +197,28 @@ def test_what_is_given_stands(drawn):
     given, _ = drawn
     if isinstance(spec := outcome(lambda: SearchSpec(**given)), str):
         return
-    for name, value in given.items():
-        alone = getattr(SearchSpec(**{name: value}), name)
-        if name in ("where", "weights"):
-            assert set(alone) <= set(getattr(spec, name))
-        elif name not in ("style", "like", "large"):
-            assert getattr(spec, name) == alone
+    for shape in SHAPES:
+        if isinstance(search := outcome(lambda shape=shape: resolve(spec, shape)), str):
+            continue
+        large = (spec.options.get("large") or {}) if shape == SHAPES[1] else {}
+        for name, value in given.items():
+            if name == "large" or name in large:
+                continue
+            alone = SearchSpec(**{name: value}).options[name]
+            if name in ("where", "weights"):
+                changed = {item[0] for item in large.get(name, ())}
+                assert {item for item in alone if item[0] not in changed} <= set(getattr(search.settings, name))
+            elif name not in ("style", "like"):
+                assert getattr(search.settings, name) == alone
 
 
 def test_large_towns_are_those_of_their_style():
-    town, large = (SearchSpec(style="town").on(shape) for shape in ((11, 11), (12, 24)))
-    assert town.targets and not large.targets and town.large is large.large is None
+    town, large = (settings_of(SearchSpec(style="town"), shape) for shape in ((11, 11), (12, 24)))
+    assert town.targets and not large.targets
     assert "mean_block" in {axis.metric for axis in large.axes} & {item.name for item in large.where}
     with pytest.raises(InputError, match="large: expected one of method, .*, got 'large'"):
         SearchSpec(large={"large": {}})
-    assert prepare(SearchSpec(style="town"), (12, 24), {})[0] == large and large.style == "town"
+    assert large.style == "town"
 
 
 def test_errors_name_the_origin_of_an_option_that_nobody_gave():
@@ -199,7 +226,7 @@ def test_errors_name_the_origin_of_an_option_that_nobody_gave():
         ({"where": "tiles=..3"}, "where"),
         ({"style": Style("few", {"where": "tiles=..3"})}, "style 'few': where"),
     ):
-        for search in (lambda spec: GenerateSpec(search=spec), lambda spec: evolve(0, spec=spec)):
+        for search in (lambda spec: resolve(spec, (12, 12), room_for="maps"), lambda spec: evolve(0, spec=spec)):
             with pytest.raises(InputError, match=f"^{origin} 'tiles=..3': expected a range with 144"):
                 search(SearchSpec(**options))
     with pytest.raises(InputError, match="^like: where 'box_fill="):
@@ -218,7 +245,7 @@ def test_plain_features_are_those_of_the_kernel():
 
 
 def test_what_is_like_given_maps():
-    spec = SearchSpec(like=[RING, EIGHT])
+    spec = settings_of(SearchSpec(like=[RING, EIGHT]))
     assert spec.rules == "duckietown" and spec.preset == "irregular"
     for grid in (RING, EIGHT):
         values = plain_town(grid) | plain_measure(grid)
@@ -226,20 +253,19 @@ def test_what_is_like_given_maps():
             part = {"turn_share": "turns", "crossing_share": "crossings"}.get(item.name)
             value = values[part] / values["tiles"] if part else values[item.name] / feature_unit(item.name)
             assert item.low <= value <= item.high, item
-    assert plain(spec) == spec
     square = np.pad(np.array([[6, 3], [12, 9]], np.int8), 1)
     long = np.array([[6, *[5] * 10, 3], [12, *[5] * 10, 9]], np.int8)
     rings = [plain_town(grid)["loops_per_tile"] / 1000 for grid in (square, long)]
     assert rings == [0.25, 0.041]
     found = settings_like([square, long])["where"]["loops_per_tile"]
     assert found == (0.0, 0.303), "a quarter of the range on either side, and none below 0"
-    full = SearchSpec(like=[np.full((3, 3), 15)])
-    assert full.rules is None and full.repair_fills
+    full = resolve(SearchSpec(like=[np.full((3, 3), 15)]), (6, 6), room_for="anything")
+    assert full.settings.rules is None and full.fills
     crowded = [[6, 7, 3, 0], [14, 15, 11, 0], [12, 15, 15, 3], [0, 12, 13, 9]]
-    assert not SearchSpec(like=[crowded]).repair_fills
+    assert not resolve(SearchSpec(like=[crowded]), (6, 6), room_for="anything").fills
     assert settings_like([RING])["where"] == settings_like([np.pad(RING, 2)])["where"]
     with pytest.raises(InputError, match="like: expected maps with roads"):
-        SearchSpec(like=[np.zeros((3, 3), int)])
+        resolve(SearchSpec(like=[np.zeros((3, 3), int)]), (6, 6))
 
 
 @pytest.mark.parametrize("name", ["like", "initial"])
@@ -249,7 +275,7 @@ def test_an_empty_list_of_maps_is_refused(name):
             evolve(0, **{name: empty})
     with pytest.raises(InputError, match=f"^large: {name}: " if name == "initial" else "^large: like: expected one of"):
         SearchSpec(large={name: []})
-    assert SearchSpec(**{name: ()}) == SearchSpec() == plain(SearchSpec())
+    assert settings_of(SearchSpec(**{name: ()})) == settings_of(SearchSpec()) == Settings()
 
 
 def test_a_given_map_is_none_of_the_chosen_wherever_it_lies():
@@ -257,19 +283,16 @@ def test_a_given_map_is_none_of_the_chosen_wherever_it_lies():
     found = evolve(jax.random.split(jax.random.key(0), 1), (6, 6), rules="duckietown", initial=[moved], generations=0)
     assert moved.tolist() in [road_map.codes.tolist() for road_map in found.maps(99)]
     for example in (RING, moved):
-        like = replace(found, spec=found.spec.replace(like=[example], where=_anything()))
+        rows = tuple(map(tuple, example.tolist()))
+        settings = replace(found.search.settings, like=(rows,))
+        like = replace(found, search=replace(found.search, settings=settings))
         forms = {canonical_form(cut_to_roads(road_map.codes)) for road_map in like.maps(99)}
         assert canonical_form(RING) not in forms
 
 
-def _anything():
-    """Ranges of the features that `like` has ranges of, so that it sets nothing else."""
-    return [f"{name}=0.." for name in settings_like([RING])["where"]]
-
-
 def test_given_settings_stay_beside_maps_to_be_like():
-    spec = SearchSpec().replace(like=[RING], preset="tuned", rules=None)
+    spec = settings_of(SearchSpec().replace(like=[RING], preset="tuned", rules=None))
     assert (spec.preset, spec.rules) == ("tuned", None) and len(spec.where) == 6 and spec.targets
-    assert SearchSpec().replace(like=[RING], method="ea").preset == "tuned"
-    assert SearchSpec().replace(style="town", method="ea").preset == "tuned"
-    assert not SearchSpec().replace(like=[RING], axes="turns:5").targets
+    assert settings_of(SearchSpec().replace(like=[RING], method="ea")).preset == "tuned"
+    assert settings_of(SearchSpec().replace(style="town", method="ea")).preset == "tuned"
+    assert not settings_of(SearchSpec().replace(like=[RING], axes="turns:5")).targets

@@ -127,7 +127,7 @@ def _fits(
     for side in splits:
         if not _is_connected(blocks, other_blocks, -1, side):
             return False
-    for side in other_splits:  # noqa: SIM110 (compiled)
+    for side in other_splits:
         if not _is_connected(other_blocks, blocks, -1, side):
             return False
     return True

@@ -20,34 +20,39 @@ import pytest
 
 from elitelanes_jax._util.progress import reporting
 from elitelanes_jax._util.threads import start_thread
-from elitelanes_jax.optimizers.loop import seed_keys
-from elitelanes_jax.search import _executables, _programs
-from elitelanes_jax.search._executables import Kept, find_file, find_folder, load, save
+from elitelanes_jax.search import _compiling, _programs, _stored_programs
+from elitelanes_jax.search._programs import ProgramKey
+from elitelanes_jax.search._stored_programs import StoredPrograms, find_file, find_folder, load, save
 from elitelanes_jax.search.evolution import compile_search, evolve
+from elitelanes_jax.search.keys import keys_of_seeds
+from elitelanes_jax.search.resolve import resolve
 from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.tiles.tileset import load_tiles
 
 SHAPE = (4, 5)
 run = partial(evolve, 3, SHAPE, seeds=2, method="ea", preset="paper", generations=3, progress=False)
-START, ADVANCE, COLLECT = (f"{program} {jax.devices()[0]}, level 0" for program in ("start", "advance", "collect"))
-NAMES = {START, ADVANCE, COLLECT}
+NAMES = {"start", "advance", "collect"}
 
 
 def arrays(result):
     return [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves((result.elites, result.state))]
 
 
+def forget():
+    """As in a new process, no program is known."""
+    jax.clear_caches()
+    for kept in ("_find", "_start_in_structure", "_start_program", "_advance_program", "_collect_program"):
+        getattr(_programs, kept).cache_clear()
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """The folder of the files, empty at first; no search knows the programs of an earlier one."""
-    jax.clear_caches()
-    _programs._jitted.cache_clear()
-    monkeypatch.setattr(_executables, "LOADED", time.time_ns())  # somebody may edit sources during the tests
+    forget()
+    monkeypatch.setattr(_stored_programs, "LOADED", time.time_ns())  # somebody may edit sources during the tests
     before = jax.config.values["jax_compilation_cache_dir"]
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "cache"))
-    _programs._find.cache_clear()
-    yield tmp_path / "cache" / "executables"
-    _programs._find.cache_clear()
+    yield tmp_path / "cache" / "exported"
+    forget()
     jax.config.update("jax_compilation_cache_dir", before)
 
 
@@ -58,21 +63,17 @@ def test_forgotten_programs_leave_nothing(folder):
 
     fitness = Doubled()
     known = weakref.ref(fitness)
-    # Not as many seeds as elsewhere: XLA may not serialise a program that has run in this process.
-    run(seeds=3, fitness=fitness)
+    run(fitness=fitness)
     del fitness
-    _programs._find.cache_clear()
-    _programs._jitted.cache_clear()
+    forget()
     gc.collect()
     assert known() is None
 
 
 def in_a_new_process(monkeypatch):
     """As in a new process, no program is known; from here on none may be traced."""
-    _programs._find.cache_clear()
-    _programs._jitted.cache_clear()
-    for name in ("_start", "_advance", "_collect"):
-        monkeypatch.setattr(_programs, name, None)
+    forget()
+    monkeypatch.setattr(_programs.Programs, "_exportable", None)
 
 
 @pytest.mark.parametrize(
@@ -104,25 +105,30 @@ def test_loaded_programs_find_what_compiled_ones_find(settings, folder, monkeypa
 def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch):
     start = run(generations=0)
     (file,) = folder.iterdir()
-    assert set(load(file).programs) == {START, COLLECT}
-    _programs._find.cache_clear()
+    assert set(load(file).exports) == {"start", "collect"}
+    forget()
     whole = run()
-    assert set(load(file).programs) == NAMES
+    assert set(load(file).exports) == NAMES
     in_a_new_process(monkeypatch)
     assert arrays(run(generations=0)) == arrays(start)
     assert arrays(run()) == arrays(whole)
 
 
-def test_programs_are_optimised_from_so_many_cells_on(folder, monkeypatch):
+def test_programs_are_optimised_from_so_many_cells_on(monkeypatch):
+    levels = {"start": [], "advance": [], "collect": []}
+    lower = _programs.Programs._lower
+
+    def note(programs, key):
+        levels[key.program].append(key.level)
+        return lower(programs, key)
+
+    monkeypatch.setattr(_programs.Programs, "_lower", note)
+    _programs._find.cache_clear()
     results = [run()]
     cells = 2 * 4 * 5 * int(results[0].history.evaluations[-1])  # of two seeds
-    monkeypatch.setattr(_programs, "_MOST_CELLS", (2 * cells, 3 * cells))
-    (file,) = folder.iterdir()
-    names = set(NAMES)
-    for level, programs in ((0, []), (1, [START, ADVANCE]), (2, [ADVANCE])):
-        results.append(run())
-        names |= {program.replace("level 0", f"level {level}") for program in programs}
-        assert set(load(file).programs) == names
+    monkeypatch.setattr(_compiling, "_MOST_CELLS", (2 * cells, 3 * cells))
+    results += [run() for _ in range(3)]
+    assert levels == {"start": [0, 1], "advance": [0, 1, 2], "collect": [0]}
     assert len({tuple(arrays(result)) for result in results}) == 1
 
 
@@ -131,7 +137,7 @@ def test_a_search_goes_on_while_another_one_needs_a_higher_level(folder, monkeyp
 
     def prepare_then_another(programs, **given):
         prepare(programs, **given)
-        programs._cells = 10**12  # as a search in another thread does before it compiles
+        programs._evaluated_cells = 10**12  # as a search in another thread does before it compiles
 
     monkeypatch.setattr(_programs.Programs, "prepare", prepare_then_another)
     assert len(run().history.generation) == 3
@@ -139,48 +145,31 @@ def test_a_search_goes_on_while_another_one_needs_a_higher_level(folder, monkeyp
 
 @pytest.mark.parametrize(("platform", "levels"), [("cpu", [0, 1, 2]), ("gpu", [2, 2, 2])])
 def test_only_programs_for_the_processor_have_levels(platform, levels):
-    assert [_programs._least_level(platform, cells) for cells in (0, 10**8, 10**9)] == levels
+    assert [_compiling.least_level(platform, cells) for cells in (0, 10**8, 10**9)] == levels
 
 
 def test_options_that_this_compiler_does_not_know_are_left_out(monkeypatch):
     known, unknown = ("xla_backend_optimization_level", "0"), ("xla_of_another_version", True)
-    monkeypatch.setattr(_executables, "_OPTIONS", (dict([known, unknown]),))
-    monkeypatch.setattr(_executables, "_unknown", set())
+    monkeypatch.setattr(_compiling, "_OPTIONS", (dict([known, unknown]),))
+    monkeypatch.setattr(_compiling, "_unknown_options", set())
     for _ in range(2):
-        assert _executables.compile_program(jax.jit(lambda x: x + 1).lower(1.0), 0)(1.0) == 2
-        assert _executables._unknown == {"xla_of_another_version"}
+        assert _compiling.compile_at(jax.jit(lambda x: x + 1).lower(1.0), 0)(1.0) == 2
+        assert _compiling._unknown_options == {"xla_of_another_version"}
 
 
 def test_a_search_finds_what_other_threads_compiled(folder, monkeypatch):
-    """Two at once; neither writes to JAX's own cache, and its setting is as before when both have ended."""
-    setting = "jax_persistent_cache_min_compile_time_secs"
-    before = getattr(jax.config, setting)
     spec = SearchSpec(method="ea", preset="paper", evaluations=200)
-    waits = [start_thread(partial(compile_search, seed_keys(3, 2), (size, 5), spec)) for size in (4, 3)]
+    keys = keys_of_seeds(3, range(2))
+    waits = [start_thread(partial(compile_search, resolve(spec, (size, 5)), keys)) for size in (4, 3)]
     for wait in waits:
         wait()
-    assert getattr(jax.config, setting) == before
     assert len(list(folder.iterdir())) == 2
     monkeypatch.setattr(_programs.Programs, "_compile", None)
     found = [evolve(3, (size, 5), seeds=2, spec=spec, progress=False) for size in (4, 3)]
     monkeypatch.undo()
-    _programs._find.cache_clear()
+    forget()
     folder.rename(folder.with_name("aside"))
     assert arrays(found[0]) == arrays(evolve(3, (4, 5), seeds=2, spec=spec, progress=False))
-
-
-def test_programs_on_disk_are_loaded_ahead_and_missing_ones_are_not_compiled(folder, monkeypatch):
-    spec = SearchSpec(method="ea", preset="paper", evaluations=200)
-    ahead = partial(compile_search, seed_keys(3, 2), SHAPE, spec, compiles=False)
-    with monkeypatch.context() as patch:
-        in_a_new_process(patch)
-        ahead()
-    assert not folder.exists()
-    expected = arrays(evolve(3, SHAPE, seeds=2, spec=spec, progress=False))
-    in_a_new_process(monkeypatch)
-    ahead()
-    monkeypatch.setattr(_programs.Programs, "_load", lambda _, names: [] if not names else pytest.fail(str(names)))
-    assert arrays(evolve(3, SHAPE, seeds=2, spec=spec.replace(alphabet=load_tiles().alphabet))) == expected
 
 
 def flip(content):
@@ -188,10 +177,10 @@ def flip(content):
 
 
 def other_programs(content):
-    """A whole file whose programs XLA cannot load."""
+    """A whole file whose programs JAX cannot load."""
     head = json.loads(content[32:].split(b"\n", 1)[0])
-    body = json.dumps(head).encode() + b"\n" + bytes(sum(head["programs"].values()))
-    return _executables.sha256(body).digest() + body
+    body = json.dumps(head).encode() + b"\n" + bytes(sum(head["sizes"].values()))
+    return _stored_programs.sha256(body).digest() + body
 
 
 def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
@@ -202,13 +191,12 @@ def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
     line = rf"{re.escape(str(file))}: compiled programs cannot be loaded \(.+\); they are compiled again\n"
     for spoilt in (flip(whole), other_programs(whole)):
         file.write_bytes(spoilt)
-        _programs._find.cache_clear()
-        jax.clear_caches()  # XLA does not serialise a program that has run
+        forget()
         capsys.readouterr()
         with reporting(quiet=False):
             assert arrays(first()) == expected
         assert re.fullmatch(line, capsys.readouterr().err)
-        assert load(file).programs.keys() == {START, COLLECT}
+        assert load(file).exports.keys() == {"start", "collect"}
     for spoilt in (whole[: len(whole) // 2], b"", b"{}\n" * 99):
         file.write_bytes(spoilt)
         with reporting(quiet=False):
@@ -223,12 +211,9 @@ def test_a_file_is_found_by_all_that_its_programs_depend_on(folder, monkeypatch)
     assert find("other") != file
     with jax.numpy_rank_promotion("raise"):
         assert find("static") != file
-    with monkeypatch.context() as patch:
-        patch.setenv("XLA_FLAGS", "--xla_luck=1")
-        assert find("static") != file
-    for value in ("sources", "versions", "processor"):
+    for name in ("_digest_sources", "installed_versions"):
         with monkeypatch.context() as patch:
-            patch.setattr(_executables, "_of_machine", lambda value=value: value)
+            patch.setattr(_stored_programs, name, lambda: "others")
             assert find("static") != file
     jax.config.update("jax_compilation_cache_dir", None)
     assert find_folder() is None
@@ -243,38 +228,33 @@ def test_functions_of_the_user_are_in_no_file(folder):
 @pytest.mark.parametrize(("fitness", "level"), [(lambda usual: usual / 3, 2), (lambda usual: usual // 3, 0)])
 def test_floats_of_the_user_are_rounded_the_same_in_each_run(fitness, level, monkeypatch):
     """The compiler fuses products with sums at some levels of optimisation."""
-    names = []
+    keys: list[ProgramKey] = []
     compiles = _programs.Programs._compile
-    monkeypatch.setattr(_programs.Programs, "_compile", lambda self, new: [names.extend(new), compiles(self, new)])
+    monkeypatch.setattr(_programs.Programs, "_compile", lambda self, new: [keys.extend(new), compiles(self, new)])
     run(fitness=fitness, generations=1)
-    assert names and all(name.endswith(f"level {level}") for name in names)
+    assert keys and all(key.level == level for key in keys)
 
 
 def test_programs_of_other_sources_than_those_loaded_are_not_kept(folder, monkeypatch):
-    sources = _executables._list_sources()
+    sources = _stored_programs._list_sources()
     assert len(sources) > 50
-    monkeypatch.setattr(_executables, "_list_sources", lambda: [*sources, folder.parent / "edited.py"])
+    monkeypatch.setattr(_stored_programs, "_list_sources", lambda: [*sources, folder.parent / "edited.py"])
     folder.parent.mkdir()
     (folder.parent / "edited.py").write_text("")
-    later = _executables.LOADED + 10**9  # file systems round times
+    later = _stored_programs.LOADED + 10**9  # file systems round times
     os.utime(folder.parent / "edited.py", ns=(later, later))
     assert find_file(folder, "static") is None
-    monkeypatch.setattr(_executables, "_list_sources", list)
+    monkeypatch.setattr(_stored_programs, "_list_sources", list)
     assert find_file(folder, "static") is None
 
 
 def test_settings_under_which_programs_are_not_kept(folder):
-    device = jax.devices()[0]
     assert find_folder() == folder
     jax.config.update("jax_enable_compilation_cache", False)
     try:
         assert find_folder() is None
     finally:
         jax.config.update("jax_enable_compilation_cache", True)
-    with jax.default_device(device):
-        assert find_folder() == folder
-    with jax.default_device(jax.devices()[-1]):
-        assert find_folder() == (folder if device == jax.devices()[-1] else None)
     if use := getattr(jax.sharding, "use_abstract_mesh", None):  # from JAX 0.8 on
         with use(jax.sharding.AbstractMesh((1,), ("x",))):
             assert find_folder() is None
@@ -284,28 +264,18 @@ def test_the_folder_may_change_in_a_process(folder, tmp_path):
     run(generations=0)
     (file,) = folder.iterdir()
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "other"))
-    jax.clear_caches()
     run(generations=0)
-    assert [one.name for one in (tmp_path / "other" / "executables").iterdir()] == [file.name]
-
-
-def test_programs_that_another_process_added_stay_in_the_file(folder):
-    programs = partial(Kept, {"states": []})
-    run(seeds=4, generations=0)
-    (file,) = folder.iterdir()
-    save(file, programs({**load(file).programs, "of another process": b"program"}))
-    run(seeds=4)
-    assert set(load(file).programs) == {*NAMES, "of another process"}
+    assert [one.name for one in (tmp_path / "other" / "exported").iterdir()] == [file.name]
 
 
 def test_a_file_of_another_user_is_read(folder, monkeypatch):
-    save(folder / "file", Kept({}, {"program": b"bytes"}))
+    save(folder / "file", StoredPrograms({}, {"program": b"bytes"}))
 
     def refuse(*_):
         raise PermissionError("of another user")
 
     monkeypatch.setattr(os, "utime", refuse)
-    assert load(folder / "file") == Kept({}, {"program": b"bytes"})
+    assert load(folder / "file") == StoredPrograms({}, {"program": b"bytes"})
 
 
 def test_threads_that_trace_and_threads_that_lower_do_not_wait_for_each_other(folder):
@@ -313,7 +283,7 @@ def test_threads_that_trace_and_threads_that_lower_do_not_wait_for_each_other(fo
     shapes = [(4, 5), (4, 6), (4, 7)]
     for shape in shapes:
         evolve(3, shape, seeds=2, method="ea", preset="paper", generations=0, progress=False)
-    _programs._find.cache_clear()
+    forget()
     calls = [(shape, 2) for shape in shapes] + [((3, width), 0) for width in (5, 6, 7)]
     threads = [
         Thread(
@@ -331,14 +301,14 @@ def test_threads_that_trace_and_threads_that_lower_do_not_wait_for_each_other(fo
 
 
 def test_files_used_least_recently_are_removed(tmp_path, monkeypatch):
-    monkeypatch.setattr(_executables, "_MOST_BYTES", 2500)
+    monkeypatch.setattr(_stored_programs, "_MOST_BYTES", 2500)
     files = [tmp_path / name for name in "dcba"]
     for age, file in enumerate(files[:3]):
-        save(file, Kept({}, {"program": bytes(900)}))
+        save(file, StoredPrograms({}, {"program": bytes(900)}))
         os.utime(file, (age, age))
     assert not files[0].exists()
-    assert load(files[1]) == Kept({}, {"program": bytes(900)})  # it is used: the other one is older now
-    save(files[3], Kept({}, {"program": bytes(900)}))
+    assert load(files[1]) == StoredPrograms({}, {"program": bytes(900)})  # it is used: the other one is older now
+    save(files[3], StoredPrograms({}, {"program": bytes(900)}))
     assert [file.exists() for file in files] == [False, True, False, True]
 
 
@@ -376,7 +346,7 @@ def end(process):
 def test_a_second_process_compiles_nothing(tmp_path):
     """The file keeps its place on disk, which every new one changes."""
     first = end(start(tmp_path))
-    (file,) = (tmp_path / "executables").iterdir()
+    (file,) = (tmp_path / "exported").iterdir()
     before = file.stat().st_ino
     second = end(start(tmp_path))
     assert first == second and first[0] == 0 and first[2] == ""
@@ -400,5 +370,5 @@ def test_processes_that_start_at_once_and_are_killed_leave_no_wrong_file(tmp_pat
             code, out, err = end(process)
             assert (code, out, err) == expected or (process in killed and code == -signal.SIGKILL)
         assert end(start(cache)) == expected
-        for file in (cache / "executables").iterdir():
+        for file in (cache / "exported").iterdir():
             assert file.name.startswith(".") or load(file) is not None

@@ -1,0 +1,92 @@
+"""From a specification to a planned dataset: tiles are read and searches are resolved, before JAX is imported."""
+
+from typing import NamedTuple
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.maps.given import GivenMaps
+from elitelanes_jax.maps.planning import check_furnishable, resolve_to_draw
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.movements import list_movements
+from elitelanes_jax.search.resolve import Search
+from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+
+class PlannedDataset(NamedTuple):
+    """A dataset before its maps are evolved.
+
+    Attributes:
+      spec: of the dataset.
+      tiles: to draw the maps with.
+      searches: resolved, by the (height, width) of the maps; empty for given maps.
+      objects: whose pictures to draw the maps' objects with; None if there are no objects.
+    """
+
+    spec: DatasetSpec
+    tiles: TileSet
+    searches: dict[tuple[int, int], Search]
+    objects: ObjectSet | None
+
+
+def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
+    """Loads the pictures of a dataset, and resolves its search on each size.
+
+    Raises:
+      InputError: for constraints that no map can meet, given maps that cannot be drawn, objects that no map has room
+        for, or a bad set of tiles or objects.
+    """
+    tiles = load_tiles(spec.tiles)
+    searches = {}
+    if spec.maps_from is None:
+        _check_fixed_cells(spec)
+        for shape in maps_by_shape(spec):
+            searches[shape] = resolve_to_draw(spec.search, shape, tiles)
+            if spec.furnish is not None:
+                check_furnishable(spec.furnish, searches[shape])
+    else:
+        _check_given(spec, spec.maps_from, tiles)
+    return PlannedDataset(spec, tiles, searches, _load_objects(spec))
+
+
+def _check_fixed_cells(spec: DatasetSpec) -> None:
+    """Checks that all maps have the size of the user's fixed cells."""
+    fix = spec.search.options.get("fix")
+    if fix is None or spec.shapes == [fix.shape]:
+        return
+    got = "{} x {}".format(*spec.shapes[0]) if len(spec.shapes) == 1 else f"{len(spec.shapes)} sizes"
+    rows, columns = fix.shape
+    raise InputError(f"fix: expected maps of the given cells' size, {rows} x {columns}, got {got}")
+
+
+def _check_given(spec: DatasetSpec, given: GivenMaps, tiles: TileSet) -> None:
+    """Checks that the tiles can draw given maps, and that they have lanes for a camera."""
+    for road_map, name in zip(given.maps, given.names, strict=True):
+        if spec.camera is not None and not len(list_movements(road_map.codes)):
+            raise InputError(f"maps_from: expected maps with lanes, for a camera, got none, {name}")
+        missing = set(road_map.codes.flat) - set(tiles.rotations)
+        if missing:
+            kinds = [kind for kind, members in KINDS.items() if not missing.isdisjoint(members)]
+            got = " and ".join(kinds)
+            raise InputError(f"maps_from: expected codes that the tile set has pictures for, got {got}, {name}")
+
+
+def _load_objects(spec: DatasetSpec) -> ObjectSet | None:
+    """Loads the pictures of the maps' objects; None if there are no objects.
+
+    Raises:
+      InputError: if the set has no pictures of an object of the given maps.
+    """
+    objects_of_maps: list[MapObject] = []
+    for road_map in () if spec.maps_from is None else spec.maps_from.maps:
+        objects_of_maps += road_map.objects or ()
+    if spec.furnish is not None:
+        return load_objects(spec.objects)
+    if not objects_of_maps:
+        if spec.objects is not None:
+            load_objects(spec.objects)  # a wrong folder is refused
+        return None
+    pictures = load_objects(spec.objects)
+    pictures.choose(objects_of_maps)
+    return pictures

@@ -1,0 +1,64 @@
+"""Checks of arrays at the edges of kernels, problems and optimisers, by chex.
+
+They run while JAX traces, so a compiled call costs nothing more.
+"""
+
+from collections.abc import Sequence
+
+import chex
+import jax.numpy as jnp
+from jaxtyping import Array
+from numpy.typing import DTypeLike
+
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import AnyArray, Pytree
+
+
+def check_array(name: str, array: AnyArray, shape: Sequence[int | str], *dtypes: DTypeLike) -> Array:
+    """Checks the shape and the dtype of an array; returns it as an array of JAX.
+
+    Args:
+      name: in messages.
+      array: of numbers.
+      shape: the length of each axis; a text stands for any length.
+      *dtypes: one of which the array must have.
+
+    Raises:
+      InputError: for another shape or dtype.
+    """
+    array = jnp.asarray(array)
+    lengths = [length if isinstance(length, int) else None for length in shape]
+    try:
+        chex.assert_shape(array, lengths)
+        chex.assert_equal(any(array.dtype == dtype for dtype in dtypes), True)
+    except AssertionError:
+        kinds = " or ".join(str(jnp.dtype(dtype)) for dtype in dtypes)
+        expected = f"{kinds} [{', '.join(map(str, shape))}]"
+        raise InputError(f"{name}: expected {expected}, got {array.dtype} {list(array.shape)}") from None
+    return array
+
+
+def check_same_tree(name: str, before: Pytree, after: Pytree) -> None:
+    """Checks that two pytrees have one structure, and leaves of the same shapes and dtypes.
+
+    Raises:
+      InputError: otherwise; the message names the leaves that differ.
+    """
+    try:
+        chex.assert_trees_all_equal_structs(before, after)
+        chex.assert_trees_all_equal_comparator(_have_one_kind, _describe_kinds, before, after)
+    except AssertionError as error:
+        words = str(error).partition(" failed: ")[2]
+        raise InputError(f"{name}: {shorten(words, 400)}") from None
+
+
+def _have_one_kind(before: AnyArray, after: AnyArray) -> bool:
+    before, after = jnp.asarray(before), jnp.asarray(after)
+    if before.shape != after.shape:
+        return False
+    return before.weak_type or before.dtype == after.dtype  # a Python number takes any dtype
+
+
+def _describe_kinds(before: AnyArray, after: AnyArray) -> str:
+    before, after = jnp.asarray(before), jnp.asarray(after)
+    return f"expected {before.dtype} {list(before.shape)}, got {after.dtype} {list(after.shape)}"

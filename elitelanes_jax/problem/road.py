@@ -1,0 +1,321 @@
+"""The paper's problem: road networks of one size, and all that distinguishes one such problem from another."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from types import MappingProxyType
+from typing import TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
+
+from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, flag, instance, listed
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, Numeric, Untyped, UserValue
+from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
+from elitelanes_jax.network.edges import check_array
+from elitelanes_jax.network.fitness import fitness as weighted_sum
+from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
+from elitelanes_jax.network.records import METRIC_NAMES, Weights, check_weights
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.xla import materialize
+from elitelanes_jax.problem.archive import vacant_fitness
+from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes
+from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, check_feature, columns_for, largest_addend
+from elitelanes_jax.problem.fixed_cells import FixedCells, check_fits, parse_fixed_cells
+from elitelanes_jax.problem.kernels import (
+    Fitness,
+    Kernel,
+    apply_fitness,
+    arguments_of,
+    check_fitness,
+    check_kernels,
+    measure_features,
+)
+from elitelanes_jax.problem.problem import Evaluation, Problem
+from elitelanes_jax.problem.ranges import largest_penalty, parse_ranges, range_limits, range_penalty
+
+# `jax.jit` compiles a program for each value of such a field.
+_STATIC = {"static": True}
+
+# Arrays, or their shapes and dtypes alone: programs are looked up by these.
+_Numbers: TypeAlias = Untyped
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True)
+class RoadProblem:
+    """All that makes one road problem, checked; a pytree.
+
+    Programs are compiled for the static fields. The numbers, which may be traced, are weights, limits, feature_weights
+    and initial.
+
+    Attributes:
+      shape: (height, width) of the grids.
+      axes: of the descriptor space.
+      feature_names: the names of the F columns of features: the metrics, then all others that are measured.
+      alphabet: the codes that new tiles are drawn from.
+      fill: whether repair also fills.
+      fix: cells that never change, or None.
+      measured: the names of K features besides the metrics that may have a weight.
+      kernels: the names and kernels of the user's features among `feature_names`.
+      fitness: of the user, or None.
+      weights: of the metrics in the fitness.
+      limits: int32 ``[2, C]``, the least and the greatest value of each column of `with_shares`; None for no ranges.
+      feature_weights: int ``[K]``, of the `measured` features in the fitness; None if all are 0.
+      initial: int8 ``[N, H, W]``, grids that every run starts from, or None.
+    """
+
+    shape: tuple[int, int] = field(metadata=_STATIC)
+    axes: tuple[Axis, ...] = field(metadata=_STATIC)
+    feature_names: tuple[str, ...] = field(metadata=_STATIC)
+    alphabet: tuple[int, ...] = field(default=ROAD_ALPHABET, metadata=_STATIC)
+    fill: bool = field(default=False, metadata=_STATIC)
+    fix: FixedCells | None = field(default=None, metadata=_STATIC)
+    measured: tuple[str, ...] = field(default=(), metadata=_STATIC)
+    kernels: tuple[tuple[str, Kernel], ...] = field(default=(), metadata=_STATIC)
+    fitness: Fitness | None = field(default=None, metadata=_STATIC)
+    weights: Weights = Weights()
+    limits: Int32[_Numbers, "2 C"] | None = None
+    feature_weights: Int[_Numbers, " K"] | None = None
+    initial: Int8[_Numbers, "N H W"] | None = None
+
+
+def road_problem(
+    shape: tuple[int, int] = (12, 12),
+    axes: UserValue = None,
+    *,
+    alphabet: Iterable[int] | None = None,
+    weights: Weights = Weights(),
+    fill: bool = False,
+    where: UserValue = (),
+    limits: Int32[Array | np.ndarray, "2 C"] | None = None,
+    measured: Iterable[str] = (),
+    feature_weights: Int[ArrayLike, " K"] | None = None,
+    features: Mapping[str, Kernel] = MappingProxyType({}),
+    fitness: Fitness | None = None,
+    fix: UserValue = None,
+    initial: Int8[Array | np.ndarray, "N H W"] | None = None,
+) -> Problem:
+    """Makes the paper's problem: road networks of one size.
+
+    A grid is refused if a feature or the fitness of the user is out of range or not a number (see `Kernel` and
+    `Fitness`), or if the sizes of the weighted features add up to over 2**29. It has the fitness of a vacant slot and
+    becomes no elite.
+
+    Args:
+      shape: (height, width), each at least 2.
+      axes: axes of the descriptor space, such as ``"cyclomatic:8"`` or several `Axis`; by default `paper_axes`.
+      alphabet: the codes to draw from, by default all tiles with two or more connections. A repaired grid may hold
+        others: `dead_ends` and `coverage` count stubs and empty cells, `off_alphabet` any other code.
+      weights: weights of the metrics in the fitness; may be traced.
+      fill: whether repair also fills (see `elitelanes_jax.network.repair`).
+      where: ranges of features, such as ``{"bridges": (0, 3)}``; the distance from them adds to the fitness.
+      limits: the same as an array that may be traced: the least and the greatest value of each feature and then of each
+        share that follows from them; replaces `where`.
+      measured: the names of K features to measure beside the metrics; features of axes and ranges may be omitted.
+      feature_weights: int ``[K]``, weights of these features in the fitness, in the order of `measured`; may be traced.
+        By default 0.
+      features: kernels of the user's features, by name: letters, digits and _, and no name of another feature.
+      fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of ranges is added.
+      fix: cells that never change: rows of codes, with None for a free cell, or the path of a JSON file with them.
+      initial: int8 ``[N, H, W]``, grids that every run starts from.
+
+    Raises:
+      InputError: for a bad shape, alphabet, axis, range, feature, kernel, fitness, cell or initial grid, another number
+        of weights than K, or weights with which a fitness might not fit int32, if they are not traced.
+    """
+    shape = check_shape(shape, new=True)
+    check_named("weights", instance(Weights), weights)
+    check_named("fill", flag, fill)
+    alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
+    features = check_kernels(features, shape)
+    axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape, features)
+    ranges = parse_ranges(where, features)
+    if fix is not None:
+        fix = parse_fixed_cells(fix)
+        check_fits(fix, shape)
+    names = check_named("measured", listed(str), measured if isinstance(measured, str) else tuple(measured))
+    measured = tuple(check_feature("measured", name, features) for name in names)
+    feature_names = columns_for([axis.metric for axis in axes], measured, [item.name for item in ranges])
+    if ranges and limits is None:
+        limits = range_limits(ranges, feature_names)
+    if feature_weights is not None:
+        feature_weights = _check_feature_weights(feature_weights, measured)
+    _check_total(shape, weights, measured, feature_weights, largest_penalty(len(ranges), feature_names))
+    if fitness is not None:
+        check_fitness(fitness, shape, feature_names)
+    kernels = [(name, kernel) for name, kernel in features.items() if name in feature_names]
+    road = RoadProblem(
+        shape=shape,
+        axes=axes,
+        feature_names=feature_names,
+        alphabet=alphabet,
+        fill=fill,
+        fix=fix,
+        measured=measured,
+        kernels=tuple(kernels),
+        fitness=fitness,
+        weights=weights,
+        limits=limits,
+        feature_weights=feature_weights,
+        initial=initial,
+    )
+    return make_problem(road)
+
+
+def make_problem(road: RoadProblem) -> Problem:
+    """Makes the functions of a road problem."""
+    return Problem(
+        shape=road.shape,
+        evaluate=partial(_evaluate, road),
+        feature_names=road.feature_names,
+        axes=road.axes,
+        alphabet=road.alphabet,
+        repair=partial(_repair, road),
+        penalties=partial(_penalties, road),
+        initial=road.initial,
+        fill=road.fill,
+        fixed=None if road.fix is None else road.fix.fixed,
+    )
+
+
+def _repair(
+    road: RoadProblem,
+    grid: Int8[Array, "H W"],
+    dirty: Bool[Array, "H W"] | None = None,
+    raster: Numeric = False,
+) -> Int8[Array, "H W"]:
+    """Repairs a grid, and puts the fixed cells back."""
+    fixed = None
+    if road.fix is not None:
+        fixed = road.fix.fixed
+        grid = jnp.where(fixed, road.fix.grid, grid)
+    return repair(grid, dirty, raster=raster, fill=road.fill, fixed=fixed)
+
+
+def _evaluate(road: RoadProblem, grids: Int8[Array, "P H W"]) -> Evaluation:
+    """Measures grids, and computes their fitness."""
+    grids = check_array("grids", grids, ("P", *road.shape), jnp.int8)
+    features = _measure(road, grids)
+    total = _weigh(road, features, road.weights)
+    if road.fitness is not None:
+        total = apply_fitness(road.fitness, road.feature_names, grids, features, total)
+    refused = _refuse(road, features, total)
+    total = materialize(total + _penalty(road, features))
+    if road.kernels or road.fitness is not None:
+        vacant = jnp.asarray(vacant_fitness(total.dtype), total.dtype)
+        total = jnp.where(refused, vacant, total)
+    return Evaluation(total, features)
+
+
+def _measure(road: RoadProblem, grids: Int8[Array, "P H W"]) -> Int32[Array, "P F"]:
+    """Measures the metrics and the other features of grids."""
+    allowed = (*road.alphabet, *KINDS["end"], *KINDS["empty"])
+    metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
+    features = materialize(stack_metrics(metrics))
+    others = road.feature_names[len(METRIC_NAMES) :]
+    if others:
+        more = measure_features(grids, others, dict(road.kernels))
+        features = jnp.concatenate([features, materialize(more)], axis=-1)
+    return features
+
+
+def _weigh(
+    road: RoadProblem, features: Int32[Array, "... F"], weights: Weights, *, rewards: bool = True
+) -> Int32[Array, "..."]:
+    """Returns the weighted sum of features. Without `rewards`, addends of `feature_weights` below 0 do not count."""
+    total = weighted_sum(unstack_metrics(features, road.shape[0] * road.shape[1]), weights)
+    if road.feature_weights is not None:
+        addends = features[..., _weighed_columns(road)] * road.feature_weights
+        addends = addends.clip(None if rewards else 0)
+        total += addends.sum(axis=-1, dtype=jnp.int32)
+    return total
+
+
+def _weighed_columns(road: RoadProblem) -> slice | Int[np.ndarray, " K"]:
+    """Returns the columns of the `measured` features; as a slice if they are in order, so that XLA gathers nothing."""
+    if road.measured == road.feature_names[len(METRIC_NAMES) :]:
+        return slice(len(METRIC_NAMES), None)
+    return _columns(road, road.measured)
+
+
+def _columns(road: RoadProblem, names: Sequence[str]) -> Int[np.ndarray, " K"]:
+    return np.array([road.feature_names.index(name) for name in names], int)
+
+
+def _penalty(road: RoadProblem, features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
+    """Returns the penalty for the distance from the ranges."""
+    if road.limits is None:
+        return jnp.int32(0)
+    return range_penalty(features, road.feature_names, road.limits, road.shape)
+
+
+def _refuse(road: RoadProblem, features: Int32[Array, "P F"], total: Real[Array, " P"]) -> Bool[Array, " P"]:
+    """Returns which grids have a value of the user's that is out of range or not a number."""
+    refused = jnp.zeros(total.shape, bool)
+    names = [name for name, _ in road.kernels]
+    if names:
+        values = features[..., _columns(road, names)]
+        refused |= (jnp.abs(values) >= LARGEST).any(axis=-1)
+    if names and road.feature_weights is not None:
+        weighed = [name for name in road.measured if name in names]
+        indices = np.array([road.measured.index(name) for name in weighed], int)
+        weights = jnp.asarray(road.feature_weights)[indices]
+        refused |= _sum_exceeds(LARGEST_FITNESS, features[..., _columns(road, weighed)], weights)
+    if road.fitness is None:
+        return refused
+    if total.dtype == jnp.float32:
+        return refused | ~jnp.isfinite(total)
+    return refused | (jnp.abs(total) > LARGEST_FITNESS)
+
+
+def _penalties(road: RoadProblem, features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
+    """Returns the part of the fitness that no reward lowers, see `Problem`."""
+    outside = _penalty(road, features)
+    if road.fitness is not None and "usual" not in arguments_of(road.fitness):
+        return outside + jnp.zeros(features.shape[:-1], jnp.int32)
+    positive = Weights(*(jnp.maximum(weight, 0) for weight in road.weights))
+    return _weigh(road, features, positive._replace(constant=0), rewards=False) + outside
+
+
+def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyArray:
+    """Checks the weights of the measured features; returns them as an array."""
+    array = weights if hasattr(weights, "dtype") else np.asarray(weights)
+    check_unique("measured", "name", measured)
+    if array.shape != (len(measured),):
+        got = f"shape {[*array.shape]}"
+        raise InputError(f"feature_weights: expected {len(measured)} numbers, one for each of measured, got {got}")
+    if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
+        raise InputError(f"feature_weights: expected whole numbers, got {array.dtype}")
+    for name in measured:
+        if name in SHARES:
+            raise InputError(f"measured: expected features that may be weighed, got the share {name}")
+    return array
+
+
+def _check_total(
+    shape: tuple[int, int], weights: Weights, measured: Sequence[str], feature_weights: AnyArray | None, penalty: int
+) -> None:
+    """Checks that a fitness with these weights and a penalty fits int32; traced weights are unknown."""
+    if any(isinstance(one, jax.core.Tracer) for one in (*weights, feature_weights)):
+        return
+    others = {} if feature_weights is None else dict(zip(measured, np.asarray(feature_weights).tolist(), strict=True))
+    weights = check_weights(weights, shape)
+    both = {name: getattr(weights, name) + weight for name, weight in others.items() if name in METRIC_NAMES}
+    check_weights(weights._replace(**both), shape, penalty + largest_addend(others.items(), shape))
+
+
+def _sum_exceeds(most: int, values: Int32[Array, "... K"], weights: Int32[Array, " K"]) -> Bool[Array, "..."]:
+    """Returns whether the sizes of weighted values add up to over `most`, at most 2**29; exact, in 32 bits."""
+    sizes = jnp.abs(weights).astype(jnp.uint32)
+    # A larger value gives an addend that exceeds `most` too.
+    least = most // jnp.maximum(sizes, 1) + 1
+    addends = jnp.minimum(jnp.abs(values).astype(jnp.uint32), least) * sizes
+    total = jnp.zeros(values.shape[:-1], jnp.uint32)
+    for column in range(weights.size):
+        total = jnp.minimum(total + addends[..., column], most + 1)
+    return total > most

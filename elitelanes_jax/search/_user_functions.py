@@ -1,0 +1,182 @@
+"""The functions and configurations of a user: how they are checked, and how a changed function is recognised."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from inspect import unwrap
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Key
+
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import Pytree, UserValue
+from elitelanes_jax.optimizers.loop import check_state
+from elitelanes_jax.optimizers.presets import PRESETS, Config, find_preset, user_moves, with_moves
+from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, digest
+from elitelanes_jax.search._setup import Factory, Setup
+from elitelanes_jax.search.resolve import Search, describe_method
+from elitelanes_jax.search.settings import CUSTOM
+from elitelanes_jax.search.spec import SearchSpec
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extensions:
+    """What a user adds to a search beside its options, checked. The fields are arguments of `evolve`.
+
+    Attributes:
+      config: a configuration in place of the preset's, or None.
+      optimizer: a factory in place of a method, or None.
+      kernels: of the user's features, by name.
+      fitness: of the user, or None.
+      moves: of the user, or None.
+    """
+
+    config: Config | None = None
+    optimizer: Factory | None = None
+    kernels: Mapping[str, Kernel] = field(default_factory=dict)
+    fitness: Fitness | None = None
+    moves: Mapping[str, UserValue] | None = None
+
+
+class Digest(NamedTuple):
+    """What a function of the user computes: equal digits for the same operations and constants."""
+
+    digits: str
+    uses_floats: bool
+
+
+def ask_for_method(spec: SearchSpec, options: Mapping[str, UserValue], extensions: Extensions) -> SearchSpec:
+    """Returns a specification that asks for the method of a configuration, or for any method beside an optimiser.
+
+    Args:
+      spec: with the options of the call.
+      options: of the call.
+      extensions: of the call.
+
+    Raises:
+      InputError: for a configuration or an optimiser of the wrong type, both, or the configuration of another method
+        than the one in `options`.
+    """
+    config, optimizer = extensions.config, extensions.optimizer
+    if optimizer is not None:
+        if not callable(optimizer):
+            expected = "a function from a problem to an Optimizer (method= takes names)"
+            raise InputError(f"optimizer: expected {expected}, got {shorten(repr(optimizer))}")
+        if config is not None:
+            raise InputError(f"config: expected none with an optimizer, got {shorten(repr(config), 60)}")
+        if extensions.moves is not None:
+            raise InputError("moves: expected a method with moves, such as preset tuned, got an optimizer")
+        if spec.options.get("method") == CUSTOM:  # of an earlier result
+            return spec.replace(method="map-elites", preset="tuned")
+        return spec
+    if config is None:
+        return spec
+    if any(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(config)):
+        raise InputError(f"config: expected plain numbers, got an array in {config}")
+    method, preset, _ = find_preset(config)
+    if options.get("method", method) != method:
+        raise InputError(f"config: expected one of {options['method']}, got {type(config).__name__}")
+    return spec.replace(method=method, preset=preset)
+
+
+def check_extensions(search: Search, extensions: Extensions) -> None:
+    """Checks the user's functions against a resolved search.
+
+    Raises:
+      InputError: for a feature without a kernel, a function without a hash, or a fitness that JAX cannot trace.
+    """
+    for name in search.settings.features:
+        if name not in extensions.kernels:
+            expected = f"the kernel of {name}, as evolve(features={{name: kernel}})"
+            raise InputError(f"features: expected {expected}, got none")
+    functions = {"optimizer": extensions.optimizer, "fitness": extensions.fitness, **extensions.kernels}
+    for name, function in functions.items():
+        if not _is_hashable(function):
+            raise InputError(f"{name}: expected a function with a hash, got {shorten(repr(function))}")
+    if extensions.fitness is not None:
+        check_fitness(extensions.fitness, search.shape, search.feature_names)
+
+
+def find_config(search: Search, extensions: Extensions) -> Config | None:
+    """Returns the configuration of a search: the user's, or the preset's, with the user's moves; None for an optimiser.
+
+    Raises:
+      InputError: for moves of a method that has none.
+    """
+    if extensions.optimizer is not None:
+        return None
+    config = extensions.config
+    if config is None:
+        config = PRESETS[search.settings.method, search.settings.preset]
+    if extensions.moves is not None:
+        config = with_moves(config, extensions.moves)
+    return config
+
+
+def name_what_makes(search: Search, config: Config | None, extensions: Extensions) -> Search:
+    """Returns a search whose settings say what makes the result, if it is no preset of a method."""
+    if extensions.optimizer is not None:
+        return describe_method(search, CUSTOM, _name_of(extensions.optimizer))
+    if config != PRESETS[search.settings.method, search.settings.preset]:
+        return describe_method(search, search.settings.method, CUSTOM)
+    return search
+
+
+def _is_hashable(value: UserValue) -> bool:
+    try:
+        hash(value)
+    except TypeError:
+        return False
+    return True
+
+
+def _name_of(factory: Factory) -> str:
+    """Returns the module and the name of a function, or of the type of a callable object."""
+    while isinstance(factory, partial):
+        factory = factory.func
+    named = unwrap(factory) if hasattr(factory, "__qualname__") else type(factory)
+    return f"{named.__module__}.{named.__qualname__}"
+
+
+def digest_functions(setup: Setup) -> dict[str, Digest]:
+    """Returns the digests of the user's functions, by name, because an edited function keeps its name.
+
+    They are traced at every call, because a global or an attribute that a function reads may have changed.
+    """
+    if setup.factory is not None:
+        leaves, structure = jax.tree.flatten(setup)
+        numbers = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
+        return {"optimizer": _digest_optimizer(structure, numbers)}
+    problem = setup.problem
+    grid = jax.ShapeDtypeStruct(problem.shape, jnp.int8)
+    digests = {name: Digest(*digest(kernel, grid)) for name, kernel in problem.kernels}
+    if problem.fitness is not None:
+        grids = jax.ShapeDtypeStruct((1, *problem.shape), jnp.int8)
+        features = jax.ShapeDtypeStruct((1, len(problem.feature_names)), jnp.int32)
+        usual = jax.ShapeDtypeStruct((1,), jnp.int32)
+        fitness = partial(apply_fitness, problem.fitness, problem.feature_names)
+        digests["fitness"] = Digest(*digest(fitness, grids, features, usual))
+    assert setup.config is not None
+    for name, move in user_moves(setup.config).items():
+        bits = jax.ShapeDtypeStruct((move.bits,), jnp.uint32)
+        digests[name] = Digest(*digest(move.apply, bits, grid, grid))
+    return digests
+
+
+@lru_cache(maxsize=32)
+def _digest_optimizer(structure: Pytree, numbers: tuple[jax.ShapeDtypeStruct, ...]) -> Digest:
+    """Returns the digest of the user's optimiser, which takes up to a second to trace.
+
+    `structure` is that of the setup; `numbers` are the shapes and dtypes of its leaves.
+    """
+    setup: Setup = jax.tree.unflatten(structure, numbers)
+    key = jax.eval_shape(partial(jax.random.key, impl=setup.key_kind), 0)
+    return Digest(*digest(_call_all, setup, key))
+
+
+def _call_all(setup: Setup, key: Key[Array, ""]) -> Pytree:
+    optimizer = setup.make_optimizer()
+    state = check_state(optimizer.init(key))
+    return optimizer.step(key, state), optimizer.elites(state), optimizer.evaluations_per_step

@@ -1,0 +1,55 @@
+"""The random keys of a search: one for each seed."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import UInt32
+
+from elitelanes_jax._util.checks import SEED, check_named, is_whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.network.bits import THREEFRY
+from elitelanes_jax.optimizers.loop import seed_key_data
+from elitelanes_jax.search.spec import SEEDS, check_seeds
+
+
+class SearchKeys(NamedTuple):
+    """The keys of all seeds.
+
+    Attributes:
+      data: uint32 ``[S, B]``, see `jax.random.key_data`.
+      kind: the implementation, such as threefry2x32.
+      single: whether there was one key alone, so that results have no axis of seeds.
+    """
+
+    data: UInt32[np.ndarray, "S B"]
+    kind: str
+    single: bool
+
+
+def keys_of_seeds(seed: int, indices: Iterable[int]) -> SearchKeys:
+    """Returns the keys of some seeds of a run; each depends on `seed` and its index alone, see `seed_keys`."""
+    return SearchKeys(seed_key_data(seed, np.array([*indices])), THREEFRY, single=False)
+
+
+def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
+    """Returns the keys of a whole number and a number of seeds, of one key, or of an array of keys.
+
+    Raises:
+      InputError: for anything else.
+    """
+    if is_whole(key):
+        seed = check_named("key", SEED, key)
+        count = check_named("seeds", check_seeds, SEEDS if seeds is None else seeds)
+        return keys_of_seeds(seed, range(count))
+    if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        raise InputError(f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}")
+    if seeds is not None:
+        raise InputError(f"seeds: expected none with keys, because each key is a seed, got {seeds!r}")
+    if key.ndim > 1 or key.size == 0:
+        raise InputError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")
+    data = np.asarray(jax.random.key_data(key))
+    return SearchKeys(data.reshape(-1, data.shape[-1]), str(jax.random.key_impl(key)), single=key.ndim == 0)

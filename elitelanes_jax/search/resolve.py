@@ -1,0 +1,338 @@
+"""Resolves what a user asks of a search, once, to a record that all later steps read; without JAX."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Literal, TypeAlias
+
+from elitelanes_jax._util.errors import InputError, pluralize, shorten
+from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.network.codes import ROAD_ALPHABET
+from elitelanes_jax.network.records import (
+    LONGEST_DETOUR,
+    LONGEST_TOWN,
+    METRIC_NAMES,
+    Weights,
+    check_weights,
+    largest_side,
+)
+from elitelanes_jax.problem.bounds import check_feasible, check_ranges, find_bounds
+from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes, tuned_axes
+from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for, largest_addend
+from elitelanes_jax.problem.fixed_cells import check_fits
+from elitelanes_jax.problem.inventory import within_inventory
+from elitelanes_jax.problem.ranges import Range, largest_penalty
+from elitelanes_jax.problem.rules import RULES
+from elitelanes_jax.search._layers import merge_layers, naming_origins
+from elitelanes_jax.search.settings import CUSTOM, METHODS, Settings, settings_from_plain
+from elitelanes_jax.search.spec import NOT_OF_LARGE, SearchSpec
+from elitelanes_jax.search.style import Style
+
+LARGE = 12
+"""Maps whose shorter side is at least this long are large."""
+
+Room: TypeAlias = Literal["maps", "grids", "anything"]
+"""What the constraints must leave room for: maps to write, repaired grids, or what a user's optimiser makes."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search for grids of one shape: all its settings, and what follows from them. It is never changed.
+
+    Attributes:
+      shape: (height, width) of the grids.
+      settings: a value for each option.
+      alphabet: the codes that new tiles are drawn from.
+      fills: whether repair also gives every tile two connections.
+      axes: of the niches.
+      ranges: that every map meets: those asked for, and the limits of the inventory.
+      measured: the features that are measured besides the metrics.
+      weights: of the metrics and the constant in the fitness.
+      feature_weights: of the `measured` features in the fitness; None if all are 0.
+      inputs: the files and folders that the options named.
+    """
+
+    shape: tuple[int, int]
+    settings: Settings
+    alphabet: tuple[int, ...]
+    fills: bool
+    axes: tuple[Axis, ...]
+    ranges: tuple[Range, ...]
+    measured: tuple[str, ...]
+    weights: Weights
+    feature_weights: tuple[int, ...] | None
+    inputs: tuple[str, ...] = field(default=(), compare=False, repr=False)
+
+    @property
+    def feature_names(self) -> tuple[str, ...]:
+        """The names of the features that are measured: the metrics, then the others."""
+        return (*METRIC_NAMES, *self.measured)
+
+    @property
+    def optimizer(self) -> str:
+        """The name of the method, or in results the module and name of the user's own optimiser."""
+        return self.settings.preset if self.settings.method == CUSTOM else self.settings.method
+
+    @property
+    def fills_all_cells(self) -> bool:
+        """Whether every cell of a map has a road, unless rules leave cells empty."""
+        return self.fills and self.settings.fix is None
+
+    def steps(self, evaluations_per_step: int) -> int:
+        """Returns the number of steps of an optimiser within the budget, rounded up."""
+        if self.settings.generations is not None:
+            return self.settings.generations
+        return -(-self.settings.evaluations // evaluations_per_step)
+
+    def to_plain(self) -> dict[str, Plain]:
+        """Returns plain values for JSON, from which `search_from_plain` makes an equal search."""
+        return self.settings.to_plain() | {"large": None}
+
+    def to_spec(self) -> SearchSpec:
+        """Returns a specification that asks for exactly this search, with all options given."""
+        return _spec_of_settings(self.settings)
+
+
+def resolve(
+    spec: SearchSpec,
+    shape: tuple[int, int],
+    alphabet: tuple[int, ...] | None = None,
+    *,
+    room_for: Room = "grids",
+    shape_name: str = "size",
+) -> Search:
+    """Resolves a specification on a shape and an alphabet, and checks all options together.
+
+    Args:
+      spec: what the user asks for.
+      shape: (height, width) of the grids, checked.
+      alphabet: the codes of the tile set, which the search draws from unless the user names an alphabet.
+      room_for: what the constraints must leave room for.
+      shape_name: how messages call the shape.
+
+    Raises:
+      InputError: for options that exclude each other, cells or initial maps of another shape, weights with which the
+        fitness of a grid could exceed 32 bits, or constraints that leave no room.
+    """
+    merged = merge_layers(spec)
+    settings = merged.small
+    if merged.large is not None and min(shape) >= LARGE:
+        settings = merged.large
+    if settings.alphabet is None:
+        settings = replace(settings, alphabet=alphabet)
+    search = replace(_complete(settings, shape), inputs=spec.inputs)
+    limited = [item.name for item in search.ranges if item not in settings.where]
+    with naming_origins(merged.origins | {f"where {name}": "inventory" for name in limited}):
+        _check_choices(settings)
+        _check_shape(search, shape_name)
+        _check_room(search, room_for)
+    return search
+
+
+def plain_spec(spec: SearchSpec) -> dict[str, Plain]:
+    """Returns what a specification asks for on any shape, plain values for JSON.
+
+    ``large`` has the options that differ for large maps, or None.
+    """
+    merged = merge_layers(spec)
+    plain = merged.small.to_plain()
+    large = None
+    if merged.large is not None:
+        options = merged.large.to_plain()
+        large = {name: value for name, value in options.items() if value != plain[name]}
+    return plain | {"large": large}
+
+
+def spec_from_plain(plain: Plain) -> SearchSpec:
+    """Returns the specification that `plain_spec` described, with all options given. The style is not read again.
+
+    Raises:
+      InputError: for a missing or unknown option, or a wrong value.
+    """
+    options, large = _split_large(plain)
+    spec = _spec_of_settings(settings_from_plain(options))
+    if large is None:
+        return spec
+    if not isinstance(large, Mapping):
+        raise InputError(f"large: expected options by their names, got {shorten(repr(large))}")
+    all_of_large = settings_from_plain({**options, **large}).values()
+    return spec.replace(large={name: all_of_large[name] for name in all_of_large if name not in NOT_OF_LARGE})
+
+
+def search_from_plain(plain: Plain, shape: tuple[int, int]) -> Search:
+    """Returns the search on a shape that `Search.to_plain` described.
+
+    Raises:
+      InputError: for a missing or unknown option, or a wrong value.
+    """
+    options, large = _split_large(plain)
+    if large is not None:
+        raise InputError(f"large: expected none in a search on one shape, got {shorten(repr(large))}")
+    return _complete(settings_from_plain(options), shape)
+
+
+def has_other_alphabet(search: Search, other: Search) -> bool:
+    """Returns whether two searches differ in nothing but the alphabet."""
+    settings = replace(search.settings, alphabet=other.settings.alphabet)
+    return search != other and settings == other.settings
+
+
+def _split_large(plain: Plain) -> tuple[dict[str, Plain], Plain]:
+    """Returns the plain options without those for large maps, and these, or None."""
+    if not isinstance(plain, Mapping) or "large" not in plain:
+        raise InputError(f"search: expected all options of a search, got {shorten(repr(plain))}")
+    options = dict(plain)
+    large = options.pop("large")
+    return options, large
+
+
+def _spec_of_settings(settings: Settings) -> SearchSpec:
+    options = settings.values()
+    if settings.style is not None:
+        options["style"] = Style(settings.style, {})
+    if settings.generations is not None:
+        del options["evaluations"]
+    return SearchSpec(**options)
+
+
+def resolve_again(search: Search, options: Mapping[str, UserValue], alphabet: tuple[int, ...]) -> Search:
+    """Resolves a search with other options for maps that are chosen among its elites.
+
+    Args:
+      search: that found the elites.
+      options: checked values by name.
+      alphabet: all codes that the elites may have.
+
+    Raises:
+      InputError: for constraints that no map meets.
+    """
+    settings = replace(search.settings, **options)
+    _check_room(_complete(replace(settings, alphabet=alphabet), search.shape), "maps")
+    return _complete(settings, search.shape)
+
+
+def with_ranges(search: Search, ranges: Sequence[Range]) -> Search:
+    """Returns a search with more ranges, which override those of the same feature."""
+    by_name = {item.name: item for item in (*search.ranges, *ranges)}
+    settings = replace(search.settings, where=tuple(by_name.values()))
+    return replace(_complete(settings, search.shape), axes=search.axes)
+
+
+def describe_method(search: Search, method: str, preset: str) -> Search:
+    """Returns a search whose settings say what makes its result: a custom configuration or the user's optimiser."""
+    settings = replace(search.settings, method=method, preset=preset, axes=search.axes)
+    return replace(search, settings=settings)
+
+
+def _complete(settings: Settings, shape: tuple[int, int]) -> Search:
+    """Computes what follows from settings on a shape."""
+    ranges = settings.where
+    if settings.inventory is not None:
+        ranges = within_inventory(settings.where, settings.inventory)
+    axes = _axes(settings, shape)
+    measured = _measured(settings, ranges)
+    usual = Weights() if settings.rules is None else RULES[settings.rules].weights
+    asked = dict(settings.weights)
+    feature_weights = tuple(asked.get(name, 0) for name in measured)
+    fills = settings.fill
+    if fills is None:
+        fills = settings.rules is None and settings.inventory is None
+    return Search(
+        shape=shape,
+        settings=settings,
+        alphabet=settings.alphabet or ROAD_ALPHABET,
+        fills=fills,
+        axes=axes,
+        ranges=ranges,
+        measured=measured,
+        weights=usual._replace(**{name: asked[name] for name in Weights._fields if name in asked}),
+        feature_weights=feature_weights if any(feature_weights) else None,
+    )
+
+
+def _axes(settings: Settings, shape: tuple[int, int]) -> tuple[Axis, ...]:
+    if settings.axes:
+        return resolve_axes(settings.axes, shape, settings.features)
+    if settings.preset in ("tuned", "irregular"):
+        return tuned_axes(shape)
+    return paper_axes(shape)
+
+
+def _measured(settings: Settings, ranges: tuple[Range, ...]) -> tuple[str, ...]:
+    """Returns the features that are measured besides the metrics: all that the settings name, and the user's."""
+    columns = columns_for(
+        [axis.metric for axis in settings.axes or ()],
+        [item.name for item in ranges],
+        [name for name, _ in settings.weights if name not in Weights._fields],
+        settings.features,
+        [target.name for target in settings.targets],
+    )
+    return columns[len(METRIC_NAMES) :]
+
+
+def _check_choices(settings: Settings) -> None:
+    """Checks the method and the preset, and options against each other."""
+    if settings.method == CUSTOM:
+        expected = f"one of {', '.join(METHODS)}, or evolve's argument optimizer"
+        raise InputError(f"method: expected {expected}, got {CUSTOM!r}")
+    presets = METHODS[settings.method]
+    if settings.preset == CUSTOM:
+        expected = f"one of {', '.join(presets)}, or evolve's argument config"
+        raise InputError(f"preset: expected {expected}, got {CUSTOM!r}")
+    if settings.preset not in presets:
+        expected = f"one of {', '.join(presets)} for {settings.method}"
+        raise InputError(f"preset: expected {expected}, got {settings.preset!r}")
+    if settings.rules is not None and settings.fill:
+        expected = f"none with the rules of {settings.rules}, which leave cells empty"
+        raise InputError(f"fill: expected {expected}, got True")
+    if settings.initial and (settings.method, settings.preset) == ("pso", "paper"):
+        expected = "none with the paper's PSO, whose particles are no grids; tuned would do"
+        raise InputError(f"initial: expected {expected}, got {pluralize(len(settings.initial), 'grid')}")
+
+
+def _check_shape(search: Search, shape_name: str) -> None:
+    """Checks that fixed cells, initial maps, measured features and the fitness fit the shape."""
+    settings, shape = search.settings, search.shape
+    size = f"{shape[0]} x {shape[1]}"
+    if settings.fix is not None:
+        check_fits(settings.fix, shape)
+    if not set(search.measured).isdisjoint(TOWN_FEATURES):
+        longest, what = LONGEST_TOWN, "the features of a town"
+        if "mean_detour" in search.measured:
+            longest, what = LONGEST_DETOUR, "the mean detour"
+        if max(shape) > longest:
+            raise InputError(f"{shape_name}: expected sides of at most {longest} for {what}, got {size}")
+    for grid in settings.initial:
+        if (len(grid), len(grid[0])) != shape:
+            raise InputError(f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}")
+    penalty = largest_penalty(len(search.ranges), (*METRIC_NAMES, *search.measured))
+    try:
+        check_weights(search.weights, shape, penalty + largest_addend(settings.weights, shape))
+    except InputError:
+        if settings.weights:
+            raise
+        side = largest_side(search.weights, penalty)
+        expected = f"grids whose fitness has 32 bits, such as all up to {side} x {side}"
+        raise InputError(f"{shape_name}: expected {expected}, got {size}") from None
+
+
+def _check_room(search: Search, room_for: Room) -> None:
+    """Checks that the constraints leave room for maps, or for repaired grids."""
+    if room_for == "maps":
+        check_feasible(
+            search.shape,
+            search.ranges,
+            fix=search.settings.fix,
+            rules=search.settings.rules,
+            filled=search.fills,
+            alphabet=search.settings.alphabet,
+        )
+    elif room_for == "grids":
+        _check_ranges(search.ranges, search.shape, search.fills_all_cells)
+
+
+@lru_cache(maxsize=32)
+def _check_ranges(ranges: tuple[Range, ...], shape: tuple[int, int], filled: bool) -> None:
+    """Checks ranges against the bounds of the metrics of repaired grids. A search may be repeated for other seeds."""
+    certain = dict.fromkeys(("dead_ends", "empty_cells"), 0) if filled else {}
+    check_ranges(ranges, find_bounds(shape, certain), f"repaired grids of {shape[0]} x {shape[1]}")

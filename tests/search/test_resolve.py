@@ -1,0 +1,76 @@
+"""A search is resolved and checked once for each command and size; and what is resolved says all that follows."""
+
+import pytest
+
+from elitelanes_jax import InputError, SearchSpec
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.maps import planning
+from elitelanes_jax.search import evolution
+from elitelanes_jax.search import resolve as module
+from elitelanes_jax.search.resolve import resolve
+
+SEARCH = "--method ea --preset paper --generations 2 --seeds 2 --at-most --quiet"
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """The calls that resolve a search, and those that check it."""
+    calls = {"resolve": 0, "_check_choices": 0, "_check_shape": 0, "_check_room": 0}
+
+    def counting(name, function):
+        def call(*arguments, **named):
+            calls[name] += 1
+            return function(*arguments, **named)
+
+        return call
+
+    for name in ("_check_choices", "_check_shape", "_check_room"):
+        monkeypatch.setattr(module, name, counting(name, getattr(module, name)))
+    counted_resolve = counting("resolve", module.resolve)
+    for user in (module, planning, evolution):
+        monkeypatch.setattr(user, "resolve", counted_resolve)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("line", "sizes"),
+    [
+        (f"generate --size 5 6 --maps 1 {SEARCH} --style paper --out OUT", 1),
+        (
+            "dataset --size 4..5 --maps 4 --split 1 0 0 --preset paper --evaluations 2000 --tile-px 16"
+            " --quiet --out OUT",
+            2,
+        ),
+    ],
+)
+def test_a_command_resolves_and_checks_each_size_once(line, sizes, counted, tmp_path):
+    assert main(line.replace("OUT", str(tmp_path / "out")).split()) == 0
+    assert set(counted.values()) == {sizes}
+
+
+def test_parts_are_resolved_once_and_joined_once(counted, tmp_path):
+    for part in (1, 2):
+        out = str(tmp_path / str(part))
+        assert main(f"generate --size 5 6 --maps 1 {SEARCH} --part {part}/2 --out {out}".split()) == 0
+    assert set(counted.values()) == {2}
+    line = f"merge {tmp_path / '1'} {tmp_path / '2'} --quiet --out {tmp_path / 'both'}"
+    assert main(line.split()) == 0
+    assert set(counted.values()) == {3}
+
+
+def test_evolve_resolves_once(counted):
+    evolution.evolve(0, (4, 5), seeds=1, method="ea", preset="paper", generations=1, where="turns=1..")
+    assert set(counted.values()) == {1}
+
+
+def test_a_search_draws_from_the_alphabet_of_the_tiles_unless_the_user_names_one():
+    turns = (3, 5, 6, 9, 10, 12)
+    assert resolve(SearchSpec(), (5, 5), turns).alphabet == turns
+    assert resolve(SearchSpec(alphabet=[3, 6, 9, 12]), (5, 5), turns).alphabet == (3, 6, 9, 12)
+
+
+def test_room_for_maps_is_less_than_room_for_grids():
+    spec = SearchSpec(where="cyclomatic=0", rules="duckietown")
+    resolve(spec, (5, 5))
+    with pytest.raises(InputError, match="where 'cyclomatic=0': expected a range with some of 1"):
+        resolve(spec, (5, 5), room_for="maps")
