@@ -1,7 +1,7 @@
 """Progress of long work: a line that changes in a terminal or a notebook, and lines in a log.
 
 Work opens a `Progress` and counts. A thread draws, so that the display moves while XLA compiles. The display of the
-outermost work also names the work within it.
+outermost work also names the work within it. Where work begins or counts, it ends after an interruption.
 """
 
 import os
@@ -13,6 +13,8 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from types import TracebackType
 from typing import TextIO
+
+from elitelanes_jax._util.interruption import raise_if_interrupted
 
 # Seconds between two drawings in a terminal, between two lines in a log, and before the first drawing in a terminal.
 _REDRAW, _LINES, _DELAY = 0.2, 30.0, 1.0
@@ -82,20 +84,25 @@ class Progress:
         self._shown = shown
 
     def update(self, done: int, note: str = "") -> None:
-        """Sets the count, and a text to show after it."""
+        """Sets the count, and a text to show after it; raises `KeyboardInterrupt` after an interruption."""
+        raise_if_interrupted()
         self._done, self._note = done, note
 
     def count(self, more: int = 1) -> None:
+        """Adds to the count; raises `KeyboardInterrupt` after an interruption."""
+        raise_if_interrupted()
         self._done += more
 
     @contextmanager
     def doing(self, step: str) -> Iterator[None]:
         """Shows the name of a step, such as compiling, instead of the count while the block runs."""
+        raise_if_interrupted()
         before, self._step, self._since = self._step, step, time.monotonic()
         try:
             yield
         finally:
             self._step, self._since = before, time.monotonic()
+        raise_if_interrupted()
 
     def __str__(self) -> str:
         """Returns the text for a display."""
@@ -107,6 +114,7 @@ class Progress:
         return f"{self._name} {self._done:,}/{self._total:,} {self._unit}{self._note and f', {self._note}'}{left}"
 
     def __enter__(self) -> "Progress":
+        raise_if_interrupted()
         if self._shown is not False:
             _running.append(self)
             if len(_running) == 1:

@@ -14,9 +14,9 @@ from shutil import which
 from typing import NoReturn, TextIO
 
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, NotEnoughMemoryError
+from elitelanes_jax._util.interruption import catch_interrupts, was_interrupted
 from elitelanes_jax._util.memory import is_out_of_memory
 from elitelanes_jax._util.progress import is_quiet, reporting
-from elitelanes_jax.cli.signals import catch_interrupts, was_interrupted
 
 INTERRUPTED = 130
 """The exit code after an interruption."""

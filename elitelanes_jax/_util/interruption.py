@@ -1,0 +1,68 @@
+"""Signals that end a program: `KeyboardInterrupt` in its main thread, and again at the next step of its work."""
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+_interrupted = False  # since the current block of `catch_interrupts` began
+
+
+@contextmanager
+def catch_interrupts() -> Iterator[None]:
+    """Makes SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in its block. Signals that are ignored stay ignored.
+
+    A signal that comes while the exception is handled raises nothing, so that cleaning up is not disturbed. Nor does
+    one that comes while a module loads, because native modules crash: `raise_if_interrupted` raises it later.
+    """
+    global _interrupted
+    _interrupted = False
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        _interrupted = False
+
+
+def was_interrupted() -> bool:
+    """Returns whether a signal came in the block of `catch_interrupts`. Native code may make another error of it."""
+    return _interrupted
+
+
+def raise_if_interrupted() -> None:
+    """Raises `KeyboardInterrupt` if a signal came whose exception was lost.
+
+    Python drops an exception in a callback of the garbage collector, and JAX's native code one in a comparison. So work
+    that counts its steps calls this function.
+    """
+    if _interrupted and not _is_handled():
+        raise KeyboardInterrupt
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    global _interrupted
+    _interrupted = True
+    if not _is_loading(frame):
+        raise_if_interrupted()
+
+
+def _is_loading(frame: FrameType | None) -> bool:
+    while frame is not None and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
+        frame = frame.f_back
+    return frame is not None
+
+
+def _is_handled() -> bool:
+    """Returns whether the main thread handles a `KeyboardInterrupt`, or an error that followed from it."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
