@@ -46,7 +46,7 @@ def search() -> None:
             flaws = ("components", "dead_ends", "boundary_violations", "off_alphabet", name)
             weights = {other: 0 for other in Weights._fields if other not in flaws} | {name: sign * weight}
             result = evolve(0, (SIDE, SIDE), seeds=2, method="ea", evaluations=150_000, weights=weights)
-            found = [road_map.codes for road_map in result.maps(999)]
+            found = [road_map.codes for road_map in result.choose(999).maps]
             pool += found
             values = [features_of(grid)[name] for grid in found]
             print(

@@ -152,8 +152,10 @@ def test_an_error_of_the_user_is_not_blamed_on_jax():
 
 @methods(slow=SLOW | {("ea", "tuned"), ("map-elites", "paper"), ("pso", "paper"), ("gwo", "paper")})
 def test_a_search_may_refuse_all_grids(which):
-    result = search(which, fitness=lambda grid: jnp.nan, generations=3)
-    assert not result.elites.valid.any() and result.maps() == []
+    with pytest.warns(UserWarning, match="the result has no elites"):
+        result = search(which, fitness=lambda grid: jnp.nan, generations=3)
+    with pytest.warns(UserWarning, match="found 0 of 16 maps among 0 elites"):
+        assert not result.elites.valid.any() and result.maps() == []
     assert (result.history.refused > 0).all()
     assert (result.history.elite_count == 0).all()
 
@@ -242,6 +244,16 @@ def test_functions_are_traced_a_few_times():
         evolve(0, SHAPE, seeds=1, method="ea", preset="paper", generations=2, **options)
         assert max(calls.values()) <= most
         calls |= dict.fromkeys(calls, 0)
+
+
+@pytest.mark.parametrize("worst", [np.inf, -np.inf, np.nan])
+def test_a_fitness_that_is_nowhere_finite_is_a_warning(worst):
+    options = {"seeds": 2, "method": "ea", "preset": "paper", "generations": 2}
+    words = (
+        r"^the result has no elites: \d+ grids were refused, because their fitness or a feature is not a finite number"
+    )
+    with pytest.warns(UserWarning, match=words):
+        evolve(0, SHAPE, fitness=lambda usual: usual + worst, **options)
 
 
 def test_chosen_maps_have_a_float_fitness():

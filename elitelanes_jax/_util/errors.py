@@ -1,7 +1,9 @@
-"""Errors that a user's input can cause, and words for their messages."""
+"""Errors and warnings that a user's input can cause, and words for their messages."""
 
 import re
 import reprlib
+import sys
+import warnings
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -28,6 +30,14 @@ class NotEnoughMapsError(Exception):
 
 class NotEnoughMemoryError(MemoryError):
     """A search needs more memory than is free; the message says how much, and what needs less."""
+
+
+def warn_user(message: str) -> None:
+    """Warns at the line of the user's code that called the package."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith(f"{__package__.split('.')[0]}."):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, stacklevel=level)
 
 
 def suggest(name: UserValue, known: Iterable[str]) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, flag, instance, none_or, real
-from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize
+from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, warn_user
 from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
@@ -101,7 +101,7 @@ def evolve(
       fitness: your own fitness: a function of any of the arguments ``metrics``, ``features``, ``grid`` and ``usual``,
         that returns a scalar; see `Fitness`. ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual
         fitness. Ranges in `where` add their penalty to it. A grid with a feature or a fitness that is out of range, or
-        not a number, becomes no elite; the history counts these grids.
+        not a number, becomes no elite; the history counts these grids. A result without any elite is warned of.
       moves: other weights of moves, such as ``{"mirror": 0}``, and your own moves with their weights, such as
         ``{"zigzag": (4, zigzag)}``; see `MoveWeights.with_moves`. For the tuned methods.
       **options: options of `SearchSpec`, which override those of `spec`.
@@ -322,7 +322,18 @@ def _evolve(run: Run, first: int, inner: States | None, checkpoint: Checkpoint |
         result = run.result(states, parts, first)
     if checkpoint is not None and not is_complete:
         checkpoint.save(result)
+    _warn_of_refused(result)
     return result
+
+
+def _warn_of_refused(result: Result) -> None:
+    """Warns the user if no grid became an elite because grids were refused."""
+    refused = int(result.history.refused.sum())
+    if refused and not np.asarray(result.elites.valid).any():
+        warn_user(
+            f"the result has no elites: {refused:,} grids were refused, because their fitness or a feature is not a "
+            "finite number or is too large"
+        )
 
 
 def _check_budget(run: Run, checkpoint: Checkpoint, done: int, last: int) -> None:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.checks import SEED, check_named, file_named, is_whole, none_or, whole
 from elitelanes_jax._util.checks import path as checked_path
-from elitelanes_jax._util.errors import InputError, pluralize, shorten
+from elitelanes_jax._util.errors import InputError, pluralize, shorten, warn_user
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax._util.packages import __version__
@@ -154,8 +154,10 @@ class Result:
     def maps(self, count: int = 16, *, where: UserValue = ()) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
 
+        If there are fewer maps than `count`, a warning says how many there are, and why the other elites were rejected.
+
         Args:
-          count: the largest number of maps; there may be fewer.
+          count: the number of maps.
           where: ranges as in `evolve`, added to those of the search. They override the search's range of the same
             feature.
 
@@ -167,7 +169,11 @@ class Result:
         """
         count = check_named("count", whole(1), count)
         result = self.with_ranges(parse_ranges(where, self.search.settings.features))
-        return result.choose(count).maps
+        choice = result.choose(count)
+        if len(choice.maps) < count:
+            hint = choice.hint(result.search.settings.method, result.search.shape)
+            warn_user(choice.describe_shortage(count, hint, writable=False))
+        return choice.maps
 
     def with_ranges(self, ranges: Sequence[Range]) -> "Result":
         """Returns the result with more ranges; they override those of the same feature. Measures what they need.

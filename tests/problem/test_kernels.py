@@ -1,5 +1,7 @@
 """Features of one's own: measured where they are asked for, in ranges, axes and weights, and kept with the result."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -43,7 +45,7 @@ def test_values_are_those_of_the_kernels(result):
 
 
 def test_chosen_maps_are_in_the_ranges_and_have_the_values(result):
-    for road_map in result.maps(50):
+    for road_map in result.choose(50).maps:
         assert 30 <= road_map.codes[0].sum() <= 40
         assert road_map.metrics["row_sum"] == road_map.codes[0].sum()
         assert road_map.descriptor["middle"] == road_map.codes[2, 2]
@@ -167,7 +169,11 @@ def test_features_of_a_town_are_measured_where_they_are_named():
     np.testing.assert_array_equal(np.asarray(found.elites.descriptor)[valid][:, 0], towns.symmetry)
     inside = (np.asarray(towns.box_fill) >= 500) & (np.asarray(towns.repetition) <= 900)
     np.testing.assert_array_equal(found.satisfies()[valid], inside)
-    for road_map in found.maps(9, where="mean_street=2.."):  # measured for the choice
-        assert measure_town(road_map.codes).mean_street == 1000 * road_map.metrics["mean_street"] >= 2000
+    # The few grids of this search without flaws break the rules.
+    free = replace(found, spec=found.spec.replace(rules=None, fill=False, where="box_fill=0.."))
+    with pytest.warns(UserWarning, match="^found [1-9] of 99 maps"):
+        maps = free.maps(99, where="mean_street=1..")  # measured for the choice
+    for road_map in maps:
+        assert measure_town(road_map.codes).mean_street == 1000 * road_map.metrics["mean_street"] >= 1000
     with pytest.raises(InputError, match="sides of at most 32 for the mean detour, got 33 x 4"):
         evolve(0, (33, 4), where="mean_detour=1..2")

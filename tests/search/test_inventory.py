@@ -101,7 +101,7 @@ def test_a_map_for_every_shelf(size, style):
                 inventory=shelf,
                 evaluations=budget,
             )
-            maps = result.maps(1000)
+            maps = result.choose(1000).maps
         assert maps, shelf
         for road_map in maps:
             assert all(count <= shelf[kind] for kind, count in tiles_of(road_map.codes).items())
