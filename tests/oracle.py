@@ -1,4 +1,4 @@
-"""The metrics as their definitions read, slow and obvious: one tile at a time, the graph's by NetworkX."""
+"""Metrics, repair and comparison as their definitions read, slow and obvious: the graph's metrics by NetworkX."""
 
 from pathlib import Path
 
@@ -158,3 +158,32 @@ def fill(grid, fixed):
         for row, column in [cell for cell in np.ndindex(grid.shape) if int(grid[cell]).bit_count() < 2]:
             link(row, column, side)
     return grid
+
+
+def difference(one, other):
+    """The least share of cells that differ, over all images of one grid at all positions on the other."""
+    one, other = np.asarray(one, np.int8), np.asarray(other, np.int8)
+    least = min(_count_differing(one, image) for image in _images(other))
+    return least / max(one.size, other.size)
+
+
+def _count_differing(one, other):
+    """Lays a grid on another at every position, also beside it. Cells outside a grid are empty."""
+    height, width = other.shape
+    around = np.pad(one, ((height, height), (width, width)))
+    windows = np.lib.stride_tricks.sliding_window_view(around, other.shape)
+    inside = (windows != other).sum(axis=(2, 3))
+    outside = (one > 0).sum() - (windows > 0).sum(axis=(2, 3))
+    return (inside + outside).min()
+
+
+def _images(grid):
+    for image in (grid, _with_sides(grid[:, ::-1], {8: 8, 4: 1, 2: 2, 1: 4})):
+        for _ in range(4):
+            yield image
+            image = _with_sides(np.rot90(image, -1), {8: 4, 4: 2, 2: 1, 1: 8})
+
+
+def _with_sides(grid, new_sides):
+    """Replaces each connection of each tile by the one on its new side."""
+    return np.int8(sum(np.where(grid & old, new, 0) for old, new in new_sides.items()))

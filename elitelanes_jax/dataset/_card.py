@@ -11,6 +11,7 @@ from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.spec import describe_sides
 from elitelanes_jax.maps.spec import SPLITS
+from elitelanes_jax.network.likeness import ALIKE
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS
 
@@ -69,11 +70,12 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str, guide: str) -
     else:
         seen = f"views from above, {asked['tile_px']} pixels a tile"
     changing = {name: value for name, value in asked["transforms"].items() if value not in (0, False, [1.0, 1.0])}
-    whose = (
-        "They were given, not evolved."
-        if about["given_maps"]
-        else "Each is connected, and differs from all others however they are rotated or mirrored."
-    )
+    whose = "They were given, not evolved." if about["given_maps"] else "Each is connected."
+    whose += " No two have the same roads, even if these are moved, rotated or mirrored."
+    if sum(count > 0 for count in counts.values()) > 1:
+        whose += f" Maps of different splits differ in at least {100 * ALIKE:g} % of their tiles in the same sense."
+        if about["given_maps"]:
+            whose += " Empty rows and columns around the roads do not count as tiles."
     rows = [
         f"| {label} | {name} | rgb{tuple(LABEL_COLOURS[label])} | "
         + " | ".join(_share(about["class_pixels"][split], label) for split in SPLITS)

@@ -1,4 +1,4 @@
-"""The maps of a dataset, and the split of each map."""
+"""The maps of a dataset, evolved round by round."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ from elitelanes_jax._util.errors import NotEnoughMapsError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.threads import count_cores, start_thread
-from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape, maps_by_split
+from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.search.evolution import compile_search, evolve_search
 from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
@@ -31,8 +31,8 @@ _AHEAD = 2
 def evolve_maps(spec: DatasetSpec, searches: Mapping[tuple[int, int], Search], work: Path) -> list[RoadMap]:
     """Evolves the maps round by round, and writes a file after each round to the folder `work`.
 
-    All are valid, and each differs from all others in `MIN_DIFFERENCE` of its tiles, however they are rotated or
-    mirrored. If no more such maps are found, the next, smaller difference applies. The maps of a round are spread
+    All are valid, and the `difference` of each from all others, of any size, is the first of `MIN_DIFFERENCE` or more.
+    If no more such maps of a size are found, the next, smaller difference applies. The maps of a round are spread
     evenly over the niches. Raises `NotEnoughMapsError`.
     """
     sizes = [_Size(spec.seed, searches[shape], count, work) for shape, count in maps_by_shape(spec).items()]
@@ -43,7 +43,7 @@ def evolve_maps(spec: DatasetSpec, searches: Mapping[tuple[int, int], Search], w
         for index, size in enumerate(sizes):
             compiled += [later.compile_aside() for later in sizes[len(compiled) : index + 1 + _AHEAD]]
             compiled[index]()
-            for found in size.rounds():
+            for found in size.rounds([road_map.codes for road_map in maps]):
                 maps += found
                 bar.count(len(found))
     return maps
@@ -61,14 +61,15 @@ class _Size(NamedTuple):
     def shape(self) -> tuple[int, int]:
         return self.search.shape
 
-    def rounds(self) -> Iterator[list[RoadMap]]:
-        """Yields the maps of each round; evolves missing rounds."""
+    def rounds(self, others: Sequence[NDArray[np.int8]]) -> Iterator[list[RoadMap]]:
+        """Yields the maps of each round; evolves missing rounds. The maps differ from `others`, of any sizes."""
         found: list[NDArray[np.int8]] = []
         number = level = 0
         while len(found) < self.wanted:
             file = self._file(number)
             if not file.exists():
-                lines = (vars(one) | {"codes": one.codes.tolist()} for one in self._evolve(number, found, level))
+                chosen = self._evolve(number, found, others, level)
+                lines = (vars(road_map) | {"codes": road_map.codes.tolist()} for road_map in chosen)
                 write_atomic(file, (f"{json.dumps(line)}\n".encode() for line in lines))
             new = [RoadMap(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
             # If few maps differ enough, the next ones may differ less.
@@ -95,29 +96,17 @@ class _Size(NamedTuple):
     def _keys(self, number: int) -> SearchKeys:
         return keys_of_seeds(self.seed, range(number * _SEEDS, (number + 1) * _SEEDS))
 
-    def _evolve(self, number: int, found: Sequence[NDArray[np.int8]], level: int) -> list[RoadMap]:
+    def _evolve(
+        self, number: int, found: Sequence[NDArray[np.int8]], others: Sequence[NDArray[np.int8]], level: int
+    ) -> list[RoadMap]:
         """Evolves the maps of a round, which differ from all earlier maps by at least `MIN_DIFFERENCE[level]`."""
         result = evolve_search(self.search, self._keys(number))
         count = min(self.wanted - len(found), _FROM_ROUND)
-        choice = result.choose(count, self.seed, exclude=found, min_difference=(MIN_DIFFERENCE[level],))
-        if not choice.maps and not found:
+        exclude = [*others, *found]
+        choice = result.choose(count, self.seed, exclude=exclude, min_difference=(MIN_DIFFERENCE[level],))
+        usable = choice.found - sum(choice.rejected.values())  # the others may be like maps of another size
+        if not usable and not found:
             hint = choice.hint(self.search.settings.method, self.shape)
             raise NotEnoughMapsError(choice.describe_shortage(self.wanted, hint, writable=False))
         first = number * _SEEDS
         return [replace(road_map, seed=(self.seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]
-
-
-def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
-    """Assigns each map to a split, an index in `SPLITS`, int ``[maps]``.
-
-    Every split has its share of every size and every niche, as evenly as possible.
-    """
-    niches = [(*road_map.codes.shape, *(road_map.niche or ())) for road_map in maps]
-    order = np.array(sorted(range(len(niches)), key=lambda index: (niches[index], index)))
-    splits = np.zeros(len(order), int)
-    counts = maps_by_split(spec)
-    for split in (2, 1):
-        free = order[splits[order] == 0]
-        evenly = (np.arange(counts[split]) * 2 + 1) * len(free) // (2 * max(counts[split], 1))
-        splits[free[evenly]] = split
-    return splits

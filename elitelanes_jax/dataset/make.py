@@ -21,8 +21,9 @@ from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._card import draw_boxes, sample_sheet, write_card
 from elitelanes_jax.dataset._layouts import RECORD, Layout, find_layout, foreign_to_dataset, write_sample
-from elitelanes_jax.dataset._plan import evolve_maps, split_maps
+from elitelanes_jax.dataset._plan import evolve_maps
 from elitelanes_jax.dataset._samples import draw_sample
+from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
@@ -126,8 +127,8 @@ def make_dataset(
       The record in ``dataset.json``.
 
     Raises:
-      InputError: for constraints that no map can meet, given maps that cannot be drawn, a bad tile set, or a folder
-        with other files.
+      InputError: for constraints that no map can meet, given maps that cannot be drawn, maps too alike to be split, a
+        bad tile set, or a folder with other files.
       NotEnoughMapsError: if the searches return too few maps.
       OSError: that names the file, if a file cannot be written. The same call resumes.
     """
@@ -162,11 +163,11 @@ def make_planned(
             words = f"{pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
             announce(f"making a dataset of {words}")
             maps = evolve_maps(spec, plan.searches, work.kept) if given is None else given.maps
+            splits = split_maps(spec, maps)
         except (InputError, NotEnoughMapsError):  # the next run has other settings
             remove(work.kept)
             raise
         _resume_pictures(out, work, identity, force)
-        splits = split_maps(spec, maps)
         drawing = _Drawing(spec, maps, tiles, objects, splits, work.files, work.kept / "records")
         with Progress("drawing", drawing.total, "pictures", done=drawing.count_drawn()) as bar:
             try:
@@ -180,7 +181,10 @@ def make_planned(
                     raise
                 hint = "the maps are kept for the same command with other objects"
                 raise InputError(f"{error}; {hint}") from None
-        return _finish(drawing, identity)
+        about = _finish(drawing, identity)
+    if given is not None:
+        given.announce_left_out()
+    return about
 
 
 def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> dict[str, Plain]:

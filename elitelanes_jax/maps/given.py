@@ -6,14 +6,15 @@ from hashlib import sha256
 from pathlib import Path
 
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import MIB, parse_json, read_text
+from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json, read_maps, refresh
 from elitelanes_jax.maps.faults import warn_of_faults
+from elitelanes_jax.network.likeness import road_forms
 from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.symmetry import canonical_form
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class GivenMaps:
       digest: of all fields of all maps.
       paths: the files and folders they were read from.
       names: of the maps in messages: the index, and the file if there is one.
-      left_out: the number of other maps, which are the same as one of these when rotated or mirrored.
+      left_out: the number of other maps, whose roads are those of one of these, see `road_form`.
     """
 
     maps: tuple[RoadMap, ...] = field(compare=False, repr=False)
@@ -33,6 +34,12 @@ class GivenMaps:
     paths: tuple[Path, ...] = field(default=(), compare=False, repr=False)
     names: tuple[str, ...] = field(default=(), compare=False, repr=False)
     left_out: int = field(default=0, compare=False, repr=False)
+
+    def announce_left_out(self) -> None:
+        """Says how many maps were left out, if any."""
+        if self.left_out:
+            total = pluralize(len(self.maps) + self.left_out, "map")
+            announce(f"{self.left_out} of {total} left out: the same as another one when moved, rotated or mirrored")
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
@@ -45,8 +52,8 @@ def parse_given(sources: UserValue) -> GivenMaps:
 
     The sources are one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a
     pack, or all files ``map.json`` in them, or without any the files ``.json``, ``.yaml`` and ``.yml`` and the folders
-    of Duckietown's layers right in them. Of maps that are the same when rotated or mirrored, the first one is used, so
-    that no two splits have the same network.
+    of Duckietown's layers right in them. Of maps whose roads are the same when moved, rotated or mirrored, the first
+    one is used, so that no two splits have the same network.
     """
     if isinstance(sources, GivenMaps):
         return sources
@@ -58,8 +65,10 @@ def parse_given(sources: UserValue) -> GivenMaps:
     found = as_maps(listed)
     if not found:
         raise InputError("expected at least one map, got none")
-    distinct = {canonical_form(road_map.codes): road_map for road_map in reversed(found)}
-    maps = [road_map for road_map in found if distinct[canonical_form(road_map.codes)] is road_map]
+    distinct: dict[bytes, RoadMap] = {}
+    for form, road_map in zip(road_forms([road_map.codes for road_map in found]), found, strict=True):
+        distinct.setdefault(form, road_map)
+    maps = list(distinct.values())
     files = [file_of.get(id(one), "") for one in maps]
     names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
     shares = Counter(files)

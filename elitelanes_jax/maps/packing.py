@@ -16,7 +16,7 @@ from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic, write_json
 from elitelanes_jax._util.folders import foreign_file, output_folder
 from elitelanes_jax._util.packages import installed_versions
-from elitelanes_jax._util.progress import Progress, announce
+from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph
@@ -25,7 +25,8 @@ from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.spec import SPLITS, PackSpec
-from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.network.likeness import ALIKE, group_alike, road_forms
+from elitelanes_jax.network.plain_metrics import cut_to_roads
 
 RECORD, SUMS = "pack.json", "SHA256SUMS"
 """The files with the settings of a pack, and with the checksums of its other files, for ``sha256sum -c``."""
@@ -36,7 +37,7 @@ _SHOWN = ("tiles", "crossings", "turns", "cyclomatic", "bridges", "dead_ends", "
 
 
 class _Packed(NamedTuple):
-    """A map with its id, which is the same for its rotations and mirror images, its niche's name, and its split."""
+    """A map with its id, which is the same for all maps with its roads, its niche's name, and its split."""
 
     id: str
     niche: str
@@ -52,7 +53,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
     Args:
       spec: of the pack.
       sources: a folder of `generate` or `pick`, a dataset, a pack, or maps in any form that `as_maps` takes; or several
-        of these. Of maps that are the same when rotated or mirrored the first one is packed.
+        of these. Of maps whose roads are the same when moved, rotated or mirrored, the first one is packed.
       out: the folder, new or empty.
       force: whether another pack in the folder is replaced, if nothing else is in the folder.
 
@@ -61,7 +62,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
 
     Raises:
       InputError: for bad maps, one without lanes or that a format cannot hold, a setting that a format refuses, fewer
-        niches than splits, or a folder that may not be replaced.
+        niches than splits, also because their maps are alike, or a folder that may not be replaced.
       OSError: that names the file, if a file cannot be written. The same call resumes.
     """
     spec, out = check_named("spec", instance(PackSpec), spec), Path(check_named("out", path, out))
@@ -96,9 +97,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         write_json(work.files / RECORD, about)
         write_atomic(work.files / "README.md", _card(spec, about, rows).encode())
         write_atomic(work.files / SUMS, "".join(_sums(work.files)).encode())
-    if maps.left_out:
-        total = pluralize(len(packed) + maps.left_out, "map")
-        announce(f"{maps.left_out} of {total} left out: the same as another one when rotated or mirrored")
+    maps.announce_left_out()
     return about
 
 
@@ -107,25 +106,49 @@ def _settings(spec: PackSpec, to: str) -> dict[str, UserValue]:
 
 
 def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Packed]:
-    """Assigns whole niches to splits, in a random order: each to the split that lacks most maps; none stays empty."""
-    niches = ["x".join(map(str, one.codes.shape)) + "".join(f"-{part:02d}" for part in one.niche or ()) for one in maps]
-    counts = Counter(niches)
+    """Assigns whole niches to splits, in a random order: each to the split that lacks most maps; none stays empty.
+
+    Niches with maps that are alike, see `group_alike`, are in one split.
+    """
+    niches = [_name_niche(road_map) for road_map in maps]
+    # People leave any number of empty rows and columns. With these, all small maps in a large grid would be alike.
+    codes = [cut_to_roads(road_map.codes) for road_map in maps]
+    groups = group_alike(codes, np.unique(niches, return_inverse=True)[1]).tolist()
+    counts = Counter(groups)
     lacking = {name: share * len(maps) for name, share in zip(SPLITS, spec.split, strict=True) if share}
     if len(counts) < len(lacking):
+        got = f"{len(set(niches))} in all"
+        if len(set(niches)) > len(counts):
+            got += f", in {pluralize(len(counts), 'group')} with maps that differ in less than {100 * ALIKE:g} %"
         hint = "; a split of 1 0 0 trains on all"
-        raise InputError(f"split: expected a niche for each of {len(lacking)} splits, got {len(counts)} in all{hint}")
-    held: dict[str, list[str]] = {name: [] for name in lacking}
-    for niche in sorted(counts, key=lambda niche: sha256(f"{spec.seed} {niche}".encode()).digest()):
+        raise InputError(f"split: expected a niche for each of {len(lacking)} splits, got {got}{hint}")
+    held: dict[str, list[int]] = {name: [] for name in lacking}
+    for group in _shuffle_groups(spec.seed, groups, niches):
         name = max(lacking, key=lambda name: lacking[name])
-        held[name].append(niche)
-        lacking[name] -= counts[niche]
+        held[name].append(group)
+        lacking[name] -= counts[group]
     for name in held:
         if not held[name]:
             held[name].append(max(held.values(), key=len).pop())
-    split_of = {niche: name for name, listed in held.items() for niche in listed}
-    ids = [sha256(canonical_form(one.codes)).hexdigest()[:12] for one in maps]
-    parts = zip(ids, niches, maps, strict=True)
-    return [_Packed(one, niche, split_of[niche], road_map) for one, niche, road_map in parts]
+    split_of = {group: name for name, listed in held.items() for group in listed}
+    ids = [sha256(form).hexdigest()[:12] for form in road_forms(codes)]
+    parts = zip(ids, niches, groups, maps, strict=True)
+    return [_Packed(map_id, niche, split_of[group], road_map) for map_id, niche, group, road_map in parts]
+
+
+def _name_niche(road_map: RoadMap) -> str:
+    """Returns the size of a map and its bins, such as 6x6-03-12."""
+    size = "x".join(map(str, road_map.codes.shape))
+    return size + "".join(f"-{part:02d}" for part in road_map.niche or ())
+
+
+def _shuffle_groups(seed: int, groups: Sequence[int], niches: Sequence[str]) -> list[int]:
+    """Returns each group once, in an order that depends on the seed and on the niches alone."""
+    draws: dict[int, bytes] = {}
+    for group, niche in zip(groups, niches, strict=True):
+        draw = sha256(f"{seed} {niche}".encode()).digest()
+        draws[group] = min(draw, draws.get(group, draw))
+    return sorted(draws, key=draws.__getitem__)
 
 
 def _write(spec: PackSpec, one: _Packed, folder: Path) -> dict[str, Plain]:
@@ -205,8 +228,9 @@ def _card(spec: PackSpec, about: Mapping[str, Plain], rows: Sequence[Mapping[str
             *(f"| {name} | " + " | ".join(spread(name, part) for part in parts.values()) + " |" for name in measured),
             "",
             "The numbers are the least, the median and the largest of the split. `lanes` counts ways across a tile. "
-            "`trip` is a map's mean trip, in tiles. No niche is in two splits. A map's id is the same for its "
-            "rotations and mirror images.",
+            "`trip` is a map's mean trip, in tiles. No niche is in two splits. Maps of two splits differ in at least "
+            f"{100 * ALIKE:g} % of their tiles, even if they are moved, rotated or mirrored. Empty rows and columns "
+            "around the roads do not count as tiles. A map's id is the same for all maps with the same roads.",
             "",
             "| file | content |",
             "|---|---|",

@@ -13,6 +13,8 @@ from .codes import ROAD_ALPHABET as ROAD_ALPHABET
 from .codes import SIDE_TOWARDS as SIDE_TOWARDS
 from .codes import SOUTH as SOUTH
 from .codes import WEST as WEST
+from .likeness import difference as difference
+from .likeness import road_form as road_form
 from .metrics import measure as measure
 from .plain_metrics import plain_measure as plain_measure
 from .records import METRIC_NAMES as METRIC_NAMES

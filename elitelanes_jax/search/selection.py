@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.network.plain_metrics import cut_to_roads
-from elitelanes_jax.network.symmetry import canonical_form, canonical_forms, images_of
+from elitelanes_jax.network.likeness import ALIKE, RoadSet, road_forms
 from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
 from elitelanes_jax.problem.inventory import COUNTED
@@ -23,8 +22,8 @@ from elitelanes_jax.search.resolve import Search
 
 _OUTSIDE = "outside the ranges"
 
-MIN_DIFFERENCE = (0.15, 0.05, 0.0)
-"""The shares of tiles in which two maps should differ. The first share applies until there are no more such maps."""
+MIN_DIFFERENCE = (ALIKE, 0.05, 0.0)
+"""The least `difference` of two maps. The first share applies until there are no more such maps, then the next one."""
 
 _Grids: TypeAlias = NDArray[np.int8]
 _Round: TypeAlias = Callable[[NDArray[np.float64], float, int], Iterator[int]]
@@ -38,7 +37,7 @@ class Choice(NamedTuple):
     maps: list[RoadMap]  # the chosen maps, sorted by niche, and within a niche by fitness
     found: int  # the number of elites
     rejected: dict[str, int]  # the number of elites that violate a constraint, by reason
-    alike: int  # the number of elites that equal another elite, or an excluded map, when rotated or mirrored
+    alike: int  # the number of elites with the same roads as another elite or an excluded map
 
     def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
         """Returns how many of the `wanted` maps were found, the reasons against the other elites, and what finds more.
@@ -47,7 +46,7 @@ class Choice(NamedTuple):
         """
         reasons = [f"{count} {reason}" for reason, count in self.rejected.items()]
         if self.alike:
-            reasons.append(f"{self.alike} like another when rotated or mirrored")
+            reasons.append(f"{self.alike} like another when moved, rotated or mirrored")
         found = f"found {len(self.maps)} of {pluralize(wanted, 'map')} among {pluralize(self.found, 'elite')}"
         against = f" ({', '.join(reasons)})" if reasons else ""
         at_most = "; at_most=True writes those found" if writable and self.maps else ""
@@ -77,8 +76,9 @@ def choose_maps(
 
     A map is one component without dead ends, boundary violations or mismatches. All its cells are tiles of the search's
     alphabet, or empty where rules, fixed cells or an inventory allow it. It is in the ranges of the search,
-    keeps its rules, and is no copy of an example map in `like`. Of maps that are the same when rotated or mirrored, the
-    fittest is chosen. With an inventory, the metrics of a map also say how many tiles of each kind it leaves.
+    keeps its rules, and has not the roads of an example map in `like`. Of maps whose roads are the same when moved,
+    rotated or mirrored, the fittest is chosen. With an inventory, the metrics of a map also say how many tiles of each
+    kind it leaves.
 
     Every niche gives one map before any niche gives a second, and the seeds give equally many maps if possible. If the
     specification has targets, maps are instead chosen one by one, so that the energy distance between the features of
@@ -89,9 +89,9 @@ def choose_maps(
       search: that found them.
       count: the number of maps.
       seed: of the run; it is noted in the maps.
-      exclude: grids, of any size, that no chosen map may equal; the chosen maps should differ from them too.
-      min_difference: the least share of tiles in which each map differs from all others, however they are rotated or
-        mirrored. If there are too few such maps, the next share applies.
+      exclude: grids, of any size, whose roads no chosen map may have; the chosen maps should differ from them too.
+      min_difference: the least `difference` of each map from all others. If there are too few such maps, the next share
+        applies.
 
     """
     settings, axes = search.settings, search.axes
@@ -106,10 +106,8 @@ def choose_maps(
     rejected[_OUTSIDE] = int((useful & ~satisfied).sum())
     useful &= satisfied
 
-    examples = [np.array(grid, np.int8) for grid in settings.like]
-    # A map of another size cannot be equal.
-    exclude = [grid for grid in (*exclude, *examples) if sorted(grid.shape) == sorted(shape)]
-    kept = _distinct(grids, fitness, useful, exclude, examples)
+    exclude = [*exclude, *(np.array(grid, np.int8) for grid in settings.like)]
+    kept = _distinct(grids, fitness, useful, exclude)
     descriptor = np.asarray(elites.descriptor).reshape(-1, len(axes))[kept]
     seeds, bins = kept // valid.shape[1], np.asarray(niche_bins(descriptor, axes))
     points = bins / [max(1, axis.bins - 1) for axis in axes]
@@ -165,22 +163,14 @@ def without_flaws(
 
 
 def _distinct(
-    grids: _Grids,
-    fitness: NDArray[np.int32],
-    useful: NDArray[np.bool_],
-    exclude: Sequence[_Grids],
-    examples: Sequence[_Grids],
+    grids: _Grids, fitness: NDArray[np.int32], useful: NDArray[np.bool_], exclude: Sequence[_Grids]
 ) -> NDArray[np.int_]:
-    """Returns the indices of useful elites, fittest first, without copies of each other, of excluded and example maps.
-
-    An example map is compared by its roads, at any position in a larger grid.
-    """
-    seen = {canonical_form(grid) for grid in exclude}
-    roads = {canonical_form(cut_to_roads(grid)) for grid in examples}
+    """Returns the indices of useful elites, fittest first, without copies of each other and of excluded maps."""
+    excluded = set(road_forms(exclude))
     distinct: dict[bytes, int] = {}
     order = np.flatnonzero(useful)[np.argsort(fitness[useful], kind="stable")]
-    for index, form in zip(order.tolist(), canonical_forms(grids[order]), strict=True):
-        if form not in seen and not (roads and canonical_form(cut_to_roads(grids[index])) in roads):
+    for index, form in zip(order.tolist(), road_forms(grids[order]), strict=True):
+        if form not in excluded:
             distinct.setdefault(form, index)
     return np.array([*distinct.values()], int)
 
@@ -205,15 +195,16 @@ def _choose(order: _Round, grids: _Grids, count: int, before: Sequence[_Grids], 
 
     Each differs from the maps before and from each other in the first share of its tiles, then in the next share.
     """
-    difference = np.ones(len(grids))  # from the most similar chosen map; under 0 for the chosen maps
-    for grid in before if len(grids) else ():
-        np.minimum(difference, _difference(grids, grid), out=difference)
+    roads, largest = RoadSet(grids), max(shares)
+    difference = np.full(len(grids), np.inf)  # from the most similar chosen map; under 0 for the chosen maps
+    for grid in before if count > 0 else ():
+        np.minimum(difference, roads.differences(grid, largest), out=difference)
     chosen: list[int] = []
     for share in shares:
         while len(chosen) < count and (difference >= share).any():
             for index in order(difference, share, count - len(chosen)):
                 chosen.append(index)
-                np.minimum(difference, _difference(grids, grids[index]), out=difference)
+                np.minimum(difference, roads.differences(grids[index], largest), out=difference)
                 difference[index] = -1
     return chosen
 
@@ -249,12 +240,6 @@ def _follow(pursuit: SupportPoints, group: NDArray[np.int_]) -> _Round:
         yield index
 
     return order
-
-
-def _difference(grids: _Grids, grid: _Grids) -> NDArray[np.float64]:
-    """Returns the share of tiles in which each of ``[M, H, W]`` differs from the most similar image of a map."""
-    images = [image for image in images_of(grid) if image.shape == grid.shape]
-    return np.min([(grids != image).mean(axis=(1, 2)) for image in images], axis=0)
 
 
 def _farthest(points: NDArray[np.float64], count: int) -> list[int]:

@@ -22,8 +22,9 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import STANDARD
 from elitelanes_jax.dataset._card import sample_sheet
 from elitelanes_jax.dataset._layouts import write_sample
-from elitelanes_jax.dataset._plan import _Size, split_maps
+from elitelanes_jax.dataset._plan import _Size
 from elitelanes_jax.dataset._samples import Sample
+from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset._views import View, warp
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.spec import SPLITS
@@ -282,8 +283,8 @@ def test_memory_does_not_depend_on_the_number_of_views(tmp_path, monkeypatch):
 
 
 def test_each_niche_is_split_in_the_same_shares():
-    maps = [replace(road_map, niche=[number // 40]) for number, road_map in enumerate(random_maps(200, 3))]
-    splits = split_maps(DatasetSpec(maps=200, size=3), maps)
+    maps = [replace(road_map, niche=[number // 40]) for number, road_map in enumerate(random_maps(200, 6))]
+    splits = split_maps(DatasetSpec(maps=200, size=6), maps)
     for niche in range(5):
         part = np.bincount(splits[niche * 40 : niche * 40 + 40], minlength=3)
         assert np.abs(part - (32, 4, 4)).max() <= 1

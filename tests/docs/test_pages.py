@@ -22,6 +22,7 @@ from elitelanes_jax import DatasetSpec, GenerateSpec, RoadMap, load_tiles, read_
 from elitelanes_jax.cli.arguments import read_options
 from elitelanes_jax.cli.main import main, make_parser
 from elitelanes_jax.formats import map_to_json, to_duckietown
+from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.tiles.masking import COLOURS, parse_colour
 from elitelanes_jax.tiles.tileset import inspect_tiles
 
@@ -85,14 +86,11 @@ def test_commands_are_accepted(page, tmp_path, monkeypatch):
     town = DOCS / "examples" / "town.json"
     Path("exported.yaml").write_text(to_duckietown(read_map(town).codes))
     made = {command[command.index("--out") + 1] for command in commands(PAGES[page]) if command[0] == "generate"}
-    for folder, number in product({"maps", *made}, range(10)):  # of 12 x 12 tiles
+    grids = generate_batch(np.random.default_rng(0), 10, (12, 12), border="closed").grid
+    for folder, number in product({"maps", *made}, range(10)):
         file = Path(f"{folder}/maps/{number:04d}/map.json")
         file.parent.mkdir(parents=True)
-        file.write_text(
-            map_to_json(
-                RoadMap(np.pad(read_map(town).codes, [(number // 2, 7 - number // 2), (number % 2, 5 - number % 2)]))
-            )
-        )
+        file.write_text(map_to_json(RoadMap(grids[number])))
     Path("selection.json").write_text(
         "[{}]".format(", ".join(file.read_text() for file in Path("maps").rglob("*.json")))
     )

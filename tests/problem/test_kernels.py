@@ -170,7 +170,8 @@ def test_features_of_a_town_are_measured_where_they_are_named():
     inside = (np.asarray(towns.box_fill) >= 500) & (np.asarray(towns.repetition) <= 900)
     np.testing.assert_array_equal(found.satisfies()[valid], inside)
     # The few grids of this search without flaws break the rules.
-    free = replace(found, spec=found.spec.replace(rules=None, fill=False, where="box_fill=0.."))
+    spec = found.search.to_spec().replace(rules=None, fill=False, where="box_fill=0..")
+    free = replace(found, search=resolve(spec, found.search.shape, room_for="anything"))
     with pytest.warns(UserWarning, match="^found [1-9] of 99 maps"):
         maps = free.maps(99, where="mean_street=1..")  # measured for the choice
     for road_map in maps:

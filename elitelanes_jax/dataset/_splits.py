@@ -1,0 +1,87 @@
+"""The split of each map of a dataset."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError, pluralize
+from elitelanes_jax._util.progress import announce
+from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_split
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.spec import SPLITS
+from elitelanes_jax.network.likeness import ALIKE, group_alike
+from elitelanes_jax.network.plain_metrics import cut_to_roads
+
+_REASON = f"maps that differ in less than {100 * ALIKE:g} % of their tiles are in one split"
+
+
+def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
+    """Assigns each map to a split, an index in `SPLITS`, int ``[maps]``.
+
+    Every split has its share of every size and every niche, as evenly as possible. All maps of a group that
+    `group_alike` makes are in one split. If large groups leave too few maps for the other splits, these splits get
+    fewer maps than their shares, which is announced.
+
+    Raises:
+      InputError: if there are fewer groups than splits.
+    """
+    codes = [road_map.codes for road_map in maps]
+    if spec.maps_from is not None:
+        # People leave any number of empty rows and columns. With these, all small maps in a large grid would be alike.
+        codes = [cut_to_roads(grid) for grid in codes]
+    groups = group_alike(codes)
+    counts = maps_by_split(spec)
+    filled = [split for split in (2, 1, 0) if counts[split]]
+    if groups.max() + 1 < len(filled):
+        raise InputError(
+            f"split: expected a group of maps for each of {len(filled)} splits, got {len(maps)} maps in "
+            f"{pluralize(int(groups.max()) + 1, 'group')}: {_REASON}; a split of 1 0 0 trains on all"
+        )
+    niches = [(*road_map.codes.shape, *(road_map.niche or ())) for road_map in maps]
+    order = np.array(sorted(range(len(niches)), key=lambda index: (niches[index], index)))
+    *others, rest = filled
+    splits = np.full(len(maps), rest)
+    for split, count in _counts_of_others(others, counts, groups).items():
+        _take_evenly(splits, order[splits[order] == rest], groups, split, count)
+    _fill_empty(splits, groups, others)
+    numbers = np.bincount(splits, minlength=len(SPLITS)).tolist()
+    if numbers != list(counts):
+        got = ", ".join(map(str, numbers))
+        expected = ", ".join(map(str, counts))
+        announce(f"the splits have {got} maps instead of {expected}: {_REASON}")
+    return splits
+
+
+def _counts_of_others(others: Sequence[int], counts: Sequence[int], groups: NDArray[np.int_]) -> dict[int, int]:
+    """Returns the number of maps for each split in `others`, less than in `counts` if few groups are small enough."""
+    if not others:
+        return {}
+    sizes = np.bincount(groups)[groups]
+    small = int((sizes <= min(counts[split] for split in others)).sum())
+    expected = sum(counts[split] for split in others)
+    return {split: counts[split] * min(small, expected) // expected for split in others}
+
+
+def _take_evenly(
+    splits: NDArray[np.int_], free: NDArray[np.int_], groups: NDArray[np.int_], split: int, count: int
+) -> None:
+    """Assigns up to `count` of the maps `free` to a split, evenly spaced in their order, each with all of its group."""
+    sizes, lacking = np.bincount(groups)[groups], count
+    for position in (np.arange(count) * 2 + 1) * len(free) // (2 * max(count, 1)):
+        # If the map is taken or its group does not fit, the next map in order is tried.
+        waiting = np.roll(free, -position)
+        fitting = waiting[(splits[waiting] != split) & (sizes[waiting] <= lacking)]
+        if fitting.size:
+            members = groups == groups[fitting[0]]
+            splits[members] = split
+            lacking -= int(members.sum())
+
+
+def _fill_empty(splits: NDArray[np.int_], groups: NDArray[np.int_], others: Sequence[int]) -> None:
+    """Assigns a group to each split in `others` without maps: the smallest one of the split with most groups."""
+    sizes = np.bincount(groups)
+    for split in others:
+        if not (splits == split).any():
+            donor = max((np.unique(groups[splits == other]) for other in range(len(SPLITS))), key=len)
+            splits[groups == donor[np.argmin(sizes[donor])]] = split
