@@ -21,7 +21,7 @@ shift of one vector.
 """
 
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -108,128 +108,191 @@ def _initial_labels(layout: PaddedLayout) -> np.ndarray:
     return np.where(inner, indices, _OUTER).astype(wide)
 
 
-def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bool) -> UInt[Array, "*B padded"]:
-    """Labels the corners of grids on a layout, all grids together: a corner's label is the least one of its face.
+class _Arrangement(NamedTuple):
+    """How the grids of a batch lie in one array of cells. Empty rows at both ends give every corner its neighbours.
 
     Laid end to end, as one long vector, grids suit the caches of a processor. Laid side by side, with the cells of a
     grid far apart, they suit a GPU, whose threads read four neighbouring numbers at once.
     """
-    initial = _initial_labels(layout)
-    stride = layout.stride
-    margin = (_FAR - 1) * stride
-    pairs = _PAIRS_BESIDE if beside else _PAIRS
-    followable = initial.dtype != np.uint8
-    closed = initial.dtype.type(np.iinfo(initial.dtype).max)  # or-ed onto a label it loses every comparison
 
-    def extend(cells: Array, before: int, after: int) -> Array:
-        return jnp.pad(cells, [(before, after), *[(0, 0)] * (cells.ndim - 1)])
+    layout: PaddedLayout
+    beside: bool
 
-    def keep(cells: Pytree) -> Pytree:
+    @property
+    def initial(self) -> np.ndarray:
+        """The labels of one grid before the first sweep."""
+        return _initial_labels(self.layout)
+
+    @property
+    def margin(self) -> int:
+        """The number of empty cells at each end."""
+        return (_FAR - 1) * self.layout.stride
+
+    @property
+    def closed(self) -> "np.unsignedinteger[Any]":
+        """The value of a wall: a label that it is or-ed onto loses every comparison."""
+        return self.initial.dtype.type(np.iinfo(self.initial.dtype).max)
+
+    @property
+    def labels_name_corners(self) -> bool:
+        """Whether a label is the index of a corner."""
+        return self.initial.dtype != np.uint8
+
+    def arrange(self, grids: Array) -> Array:
+        """Lays out grids ``[N, padded]``."""
+        if self.beside:
+            return _extend(grids.T, self.margin, self.margin)
+        rows = grids.reshape(-1, self.layout.stride)
+        return materialize(_extend(rows, _FAR - 1, _FAR - 1)).reshape(-1)
+
+    def take_apart(self, cells: Array, shape: tuple[int, ...]) -> Array:
+        """Returns the grids again, without the empty rows, in the shape of the batch."""
+        cells = cells[self.margin : cells.shape[0] - self.margin]
+        if self.beside:
+            cells = cells.T
+        return cells.reshape(shape)
+
+    def store(self, cells: Pytree) -> Pytree:
         """Makes XLA for GPUs store arrays, instead of computing them again for each use or copying them."""
-        return lax.optimization_barrier(cells) if beside else cells
+        return lax.optimization_barrier(cells) if self.beside else cells
 
-    def sweep(labels: Array, walls: Links, into: Array, steps: int) -> Array:
-        """Gives each corner the least label among its own and those of corners some steps away without a wall between.
+    def named_corners(self, labels: Array) -> tuple[Array, ...]:
+        """Returns the indices of the corners that labels name."""
+        if self.beside:
+            return self.margin + labels.astype(jnp.int32), jnp.arange(labels.shape[1])
+        count = (labels.size - 2 * self.margin) // self.initial.size
+        first_of_grid = self.margin + jnp.arange(count) * self.initial.size
+        first_of_grid = jnp.pad(jnp.repeat(first_of_grid, self.initial.size), self.margin)
+        return (first_of_grid + labels,)
 
-        Writes to `into`, another array than `labels`, so that XLA computes it in place and in one pass. Both ends of
-        the array belong to the outer face and do not change.
-        """
-        first = margin + stride
-        length = labels.shape[0] - 2 * first  # `len` would refuse the symbolic sizes of `jax.export`
 
-        def cut(cells: Array, ahead: int) -> Array:
-            return lax.slice_in_dim(cells, first + ahead, first + ahead + length)
+def _extend(cells: Array, before: int, after: int) -> Array:
+    """Adds zeros along the first axis."""
+    return jnp.pad(cells, [(before, after), *[(0, 0)] * (cells.ndim - 1)])
 
-        least = cut(labels, 0)
-        for ahead, wall in (
-            (-steps * stride, cut(walls.east, 0)),  # north
-            (steps * stride, cut(walls.east, steps * stride)),  # south
-            (-steps, cut(walls.south, 0)),  # west
-            (steps, cut(walls.south, steps)),  # east
-        ):
-            least = jnp.minimum(least, cut(labels, ahead) | wall)
-        return keep(lax.dynamic_update_slice_in_dim(into, least, first, 0))
 
-    def propagate(labels: Array, walls: Links) -> tuple[Array, Array]:
-        """Sweeps to and fro between two arrays until they are equal; followable labels for `_PATIENCE` sweeps at most.
+def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bool) -> UInt[Array, "*B padded"]:
+    """Labels the corners of grids on a layout, all grids together: a corner's label is the least one of its face."""
+    arrangement = _Arrangement(layout, beside)
+    initial = arrangement.initial
+    if 0 in padded.shape[:-1]:
+        return jnp.zeros(padded.shape, initial.dtype)
+    grids = padded.reshape(-1, initial.size)
+    walls = _find_walls(arrangement, arrangement.arrange(grids))
+    # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
+    labels = arrangement.arrange(jnp.broadcast_to(initial, grids.shape)) | (walls.east & 0)
+    labels, changing = _propagate(arrangement, labels, walls)
+    if arrangement.labels_name_corners:
+        labels = _hook_and_jump(arrangement, labels, walls, changing)
+    return arrangement.take_apart(labels, padded.shape)
 
-        Every other sweep goes `_FAR` steps, because corridors mostly run straight. The longest corridor of a batch then
-        takes two thirds as many sweeps.
-        """
-        far_walls = keep(Links(farther(walls.east, stride), farther(walls.south, 1)))
 
-        def sweep_on(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-            here, there, _, done = carry
-            for _ in range(pairs):
-                there = sweep(here, far_walls, there, _FAR)
-                here = sweep(there, walls, here, 1)
-            # XLA computes the largest difference faster than whether there is any.
-            return here, there, jnp.max(here ^ there, initial=0) > 0, done + 2 * pairs
+class _Walls(NamedTuple):
+    """For each link of a tile the value `closed`, elsewhere 0: a road is a wall between the corners beside it.
 
-        def unsettled(carry: tuple[Array, Array, Array, Array]) -> Array:
-            _, _, changing, done = carry
-            return changing & (done < _PATIENCE) if followable else changing
+    `find_links` finds the same links in each grid. With walls made from those, a search takes 1.1 times as long.
+    """
 
-        changing = labels[:1].any() | True
-        labels, _, changing, _ = lax.while_loop(unsettled, sweep_on, (labels, labels, changing, jnp.int32(0)))
-        return labels, changing
+    east: Array  # along the links to the east
+    south: Array  # along the links to the south
 
-    def farther(walls: Array, step: int) -> Array:
-        """Returns walls between corners `_FAR` steps apart: there is one if a wall cuts any of these steps."""
+
+def _find_walls(arrangement: _Arrangement, codes: Array) -> _Walls:
+    """Finds the walls between the corners of grids."""
+    stride = arrangement.layout.stride
+
+    def wall(side: int, opposite: int, ahead: int) -> Array:
+        linked = (codes[:-ahead] & side > 0) & (codes[ahead:] & opposite > 0)
+        values = jnp.where(linked, arrangement.closed, arrangement.initial.dtype.type(0))
+        return _extend(values, 0, ahead)
+
+    walls: _Walls = arrangement.store(_Walls(wall(EAST, WEST, 1), wall(SOUTH, NORTH, stride)))
+    return walls
+
+
+def _far_walls(arrangement: _Arrangement, walls: _Walls) -> _Walls:
+    """Returns walls between corners `_FAR` steps apart: there is one if a wall cuts any of these steps."""
+
+    def any_wall(walls: Array, step: int) -> Array:
         first = (_FAR - 1) * step
         far = walls[first:]
         for start in range(0, first, step):
             far |= walls[start : start + far.shape[0]]
-        return extend(far, first, 0)
+        return _extend(far, first, 0)
 
-    def hook_and_jump(labels: Array, walls: Links, changing: Array) -> Array:
-        """Passes each better label to the corner that the old label names, then follows every label once.
+    far: _Walls = arrangement.store(_Walls(any_wall(walls.east, arrangement.layout.stride), any_wall(walls.south, 1)))
+    return far
 
-        Each round shortens a corridor by a factor, so that the longest spiral takes about log(corners) rounds: the idea
-        of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
-        """
 
-        def named(labels: Array) -> tuple[Array, ...]:
-            """Returns where the corners are that labels name."""
-            if beside:
-                return margin + labels.astype(jnp.int32), jnp.arange(labels.shape[1])
-            firsts = margin + jnp.arange((labels.size - 2 * margin) // initial.size) * initial.size
-            return (jnp.pad(jnp.repeat(firsts, initial.size), margin) + labels,)
+def _sweep(arrangement: _Arrangement, labels: Array, walls: _Walls, into: Array, steps: int) -> Array:
+    """Gives each corner the least label among its own and those of corners some steps away without a wall between.
 
-        def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:
-            before, _ = carry
-            after = sweep(before, walls, before, 1)
-            labels = after.at[named(before)].min(after)
-            return labels[named(labels)], jnp.any(before != after)
+    Writes to `into`, another array than `labels`, so that XLA computes it in place and in one pass. Both ends of the
+    array belong to the outer face and do not change.
+    """
+    stride = arrangement.layout.stride
+    first = arrangement.margin + stride
+    length = labels.shape[0] - 2 * first  # `len` would refuse the symbolic sizes of `jax.export`
 
-        return lax.while_loop(lambda carry: carry[1], once_more, (labels, changing))[0]
+    def shifted(cells: Array, ahead: int) -> Array:
+        return lax.slice_in_dim(cells, first + ahead, first + ahead + length)
 
-    def wall(codes: Array, side: int, opposite: int, ahead: int) -> Array:
-        """Returns `closed` where a tile is linked to the tile `ahead` cells later in the array, and 0 elsewhere.
+    least = shifted(labels, 0)
+    for ahead, wall in (
+        (-steps * stride, shifted(walls.east, 0)),  # north
+        (steps * stride, shifted(walls.east, steps * stride)),  # south
+        (-steps, shifted(walls.south, 0)),  # west
+        (steps, shifted(walls.south, steps)),  # east
+    ):
+        least = jnp.minimum(least, shifted(labels, ahead) | wall)
+    swept: Array = arrangement.store(lax.dynamic_update_slice_in_dim(into, least, first, 0))
+    return swept
 
-        `find_links` finds the same links in each grid. With walls made from those, a search takes 1.1 times as long.
-        """
-        here, there = codes[:-ahead] & side > 0, codes[ahead:] & opposite > 0
-        return extend(jnp.where(here & there, closed, initial.dtype.type(0)), 0, ahead)
 
-    def arrange(grids: Array) -> Array:
-        """Lays the grids of a batch out with empty rows at both ends, so that each corner has neighbours there."""
-        if beside:
-            return extend(grids.T, margin, margin)
-        return materialize(extend(grids.reshape(-1, stride), _FAR - 1, _FAR - 1)).reshape(-1)
+def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple[Array, Array]:
+    """Sweeps to and fro between two arrays until they are equal; labels that name corners `_PATIENCE` times at most.
 
-    grids = padded.reshape(-1, initial.size)
-    if 0 in padded.shape[:-1]:
-        return jnp.zeros(padded.shape, initial.dtype)
-    codes = arrange(grids)
-    walls = keep(Links(wall(codes, EAST, WEST, 1), wall(codes, SOUTH, NORTH, stride)))
-    # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
-    labels = arrange(jnp.broadcast_to(initial, grids.shape)) | (walls.east & 0)
-    labels, changing = propagate(labels, walls)
-    if followable:
-        labels = hook_and_jump(labels, walls, changing)
-    labels = labels[margin : labels.shape[0] - margin]
-    return (labels.T if beside else labels).reshape(padded.shape)
+    Every other sweep goes `_FAR` steps, because corridors mostly run straight. The longest corridor of a batch then
+    takes two thirds as many sweeps.
+
+    Returns the labels, and whether they still change.
+    """
+    far_walls = _far_walls(arrangement, walls)
+    pairs = _PAIRS_BESIDE if arrangement.beside else _PAIRS
+
+    def sweep_on(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        here, there, _, sweeps = carry
+        for _ in range(pairs):
+            there = _sweep(arrangement, here, far_walls, there, _FAR)
+            here = _sweep(arrangement, there, walls, here, 1)
+        # XLA computes the largest difference faster than whether there is any.
+        changing = jnp.max(here ^ there, initial=0) > 0
+        return here, there, changing, sweeps + 2 * pairs
+
+    def unsettled(carry: tuple[Array, Array, Array, Array]) -> Array:
+        _, _, changing, sweeps = carry
+        return changing & (sweeps < _PATIENCE) if arrangement.labels_name_corners else changing
+
+    true = labels[:1].any() | True
+    labels, _, changing, _ = lax.while_loop(unsettled, sweep_on, (labels, labels, true, jnp.int32(0)))
+    return labels, changing
+
+
+def _hook_and_jump(arrangement: _Arrangement, labels: Array, walls: _Walls, changing: Array) -> Array:
+    """Passes each better label to the corner that the old label names, then follows every label once.
+
+    Each round shortens a corridor by a factor, so that the longest spiral takes about log(corners) rounds: the idea of
+    Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
+    """
+
+    def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        before, _ = carry
+        after = _sweep(arrangement, before, walls, before, 1)
+        hooked = after.at[arrangement.named_corners(before)].min(after)
+        jumped = hooked[arrangement.named_corners(hooked)]
+        return jumped, jnp.any(before != after)
+
+    return lax.while_loop(lambda carry: carry[1], once_more, (labels, changing))[0]
 
 
 # A primitive, so that programs for each kind of device have their own form. It takes leading axes, so that a batch is
