@@ -10,7 +10,7 @@ from elitelanes_jax.network.xla import UNIT
 from elitelanes_jax.optimizers._annealing import AnnealingConfig, Cooling, metropolis_accepts, random_grid
 from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.descriptor import tuned_axes
-from elitelanes_jax.problem.problem import road_problem
+from elitelanes_jax.problem.road import road_problem
 
 
 def test_worse_grids_are_accepted_as_metropolis_says():

@@ -38,7 +38,7 @@ from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.loop import advance, run, start
 from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.descriptor import compute_descriptor, niche_index, paper_axes
-from elitelanes_jax.problem.problem import road_problem
+from elitelanes_jax.problem.road import road_problem
 
 SHAPE = (5, 6)
 AXES = paper_axes(SHAPE)

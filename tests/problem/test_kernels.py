@@ -11,7 +11,7 @@ from certified import evolve
 from elitelanes_jax import InputError, Result, SearchSpec, random_grids, road_problem
 from elitelanes_jax.network import METRIC_NAMES, measure_town
 from elitelanes_jax.problem.kernels import digest
-from elitelanes_jax.problem.problem import _sum_exceeds
+from elitelanes_jax.problem.road import _sum_exceeds
 from elitelanes_jax.search.resolve import resolve
 
 SHAPE, PAPER = (5, 5), {"preset": "paper"}
