@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.network.codes import CONNECTIONS, SIDES, Side
+from elitelanes_jax.network.codes import CONNECTIONS, EAST, SIDES, WEST, Side, exchange_sides
 from elitelanes_jax.tiles.files import Tile
 
 _MOST = {"red": 0.25, "yellow": 0.15}  # of a tile's area
@@ -40,7 +40,24 @@ def misplaced_lines(tiles: Sequence[Tile]) -> list[tuple[str, str, str]]:
     right-hand lane at each open side of a crossing. The tiles' roads must reach the sides that they open, and no other.
     """
     separated = any(tile.yellow.any() for tile in tiles)
-    return [(tile.name, *fault) for tile in tiles for fault in _faults(tile, separated)]
+    errors = []
+    for tile in tiles:
+        faults = list(_faults(tile, separated))
+        if faults and CONNECTIONS[tile.code] > 2 and not list(_faults(_mirrored(tile), separated)):
+            faults = [("image", "expected a picture that is not mirrored, got stop lines on the outgoing lanes")]
+        errors += [(tile.name, *fault) for fault in faults]
+    return errors
+
+
+def _mirrored(tile: Tile) -> Tile:
+    return tile._replace(
+        code=int(exchange_sides(tile.code, EAST, WEST)),
+        image=np.fliplr(tile.image),
+        road=np.fliplr(tile.road),
+        red=np.fliplr(tile.red),
+        yellow=np.fliplr(tile.yellow),
+        opaque=None if tile.opaque is None else np.fliplr(tile.opaque),
+    )
 
 
 def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:

@@ -16,13 +16,18 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.files import Layer, read_image, read_mask
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
 _CLEAN = 1 / 96  # of a tile: thinner pieces are no tape, narrower gaps are wear
 _CUT = 1 / 48  # of a tile: parts joined to the road by a narrower bridge are beyond a worn edge
+_RIM = 0.004  # of a tile: one of four photographs has a white line of 0.0025 along a side that its road leaves by
+_SLIVER = 0.02  # of a tile: a cut is off by less
 _LEAST = {"red": 0.003, "yellow": 0.0004}  # of a tile's area: smaller pieces are specks; a tenth of a line or dash
+# Shadows are brightened until the ground has this brightness. Between road and white tape, more contrast is needed.
+_DARKEST = {"tape": 55, "road": 65}
 _TOP = (179, 255, 255)
 _SHEET_PX = 240  # side of a tile on the sheet
 _SHEET_COLOURS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}
@@ -87,15 +92,15 @@ def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLO
     if not isinstance(colours, Mapping) or not all(isinstance(colours.get(name), tuple) for name in COLOURS):
         raise InputError(f"colours: expected a Colour for {', '.join(COLOURS)}, got {shorten(repr(colours))}")
     size = image.shape[0]
-    hsv = np.asarray(cv2.cvtColor(cv2.medianBlur(np.ascontiguousarray(image), 3), cv2.COLOR_RGB2HSV), np.uint8)
     fine = _disc(size * _CLEAN)
     lines = {}
     for name in ("red", "yellow"):
-        lines[name] = _pieces(_clean(_in_range(hsv, colours[name]), fine, fine), _LEAST[name] * size * size)
+        in_range = _in_range(image, colours[name], _DARKEST["tape"])
+        lines[name] = _pieces(_clean(in_range, fine, fine), _LEAST[name] * size * size)
     lines["yellow"] &= ~lines["red"]
     tape = lines["red"] | lines["yellow"]
-    dark = np.where(tape, np.uint8(255), _in_range(hsv, colours["road"]))
-    road = _largest(_clean(dark, fine, _disc(size * _CUT)))
+    dark = np.where(tape, np.uint8(255), _in_range(image, colours["road"], _DARKEST["road"]))
+    road = _largest(_without_slivers(_clean(dark, fine, _disc(size * _CUT)), round(size * _SLIVER)))
     return {"road": road, "red": lines["red"] & road, "yellow": lines["yellow"] & road}
 
 
@@ -182,7 +187,9 @@ def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint
     return contact_sheet(title, pictures, captions)
 
 
-def _in_range(hsv: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
+def _in_range(image: NDArray[np.uint8], colour: Colour, darkest: float) -> NDArray[np.uint8]:
+    """Finds a colour in a picture whose ground is brought to at least the brightness `darkest`."""
+    hsv = np.asarray(cv2.cvtColor(cv2.medianBlur(even_light(image, darkest), 3), cv2.COLOR_RGB2HSV), np.uint8)
     (first, last), *rest = colour
     hues = [(first, last)] if first <= last else [(first, _TOP[0]), (0, last)]
     masks = [
@@ -193,9 +200,27 @@ def _in_range(hsv: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
 
 
 def _clean(mask: NDArray[np.uint8], close: NDArray[np.uint8], cut: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Closes the gaps of a mask, then removes bridges and specks, all narrower than a disc."""
-    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, close)
-    return np.asarray(cv2.morphologyEx(closed, cv2.MORPH_OPEN, cut), np.uint8)
+    """Closes the gaps of a mask, then removes bridges and specks, all narrower than a disc.
+
+    The mask goes on beyond the picture as it ends there, so that tape of which the border leaves little stays a line.
+    The outermost pixels do not count: they may show a little of what is beyond the tile.
+    """
+    rim = max(1, round(len(mask) * _RIM))
+    around = rim + max(len(close), len(cut))
+    wide = cv2.copyMakeBorder(mask[rim:-rim, rim:-rim], around, around, around, around, cv2.BORDER_REPLICATE)
+    closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, close)
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, cut)
+    beyond = around - rim
+    return np.asarray(opened[beyond:-beyond, beyond:-beyond], np.uint8)
+
+
+def _without_slivers(mask: NDArray[np.uint8], margin: int) -> NDArray[np.uint8]:
+    """Removes what the tape along a side separates from the middle: a sliver of the floor around a tile is dark too."""
+    kept = mask.copy()
+    for turns in range(4):
+        side = np.rot90(kept, turns)[: margin + 1]
+        side[:] = np.minimum.accumulate(side[::-1], axis=0)[::-1]
+    return kept
 
 
 def _disc(width: float) -> NDArray[np.uint8]:

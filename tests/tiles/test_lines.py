@@ -54,9 +54,14 @@ def test_mirrored_crossings_have_their_stop_lines_on_the_wrong_lane(drawn_tiles)
     for name in CROSSINGS:
         tile = own(drawn_tiles, name)
         red = np.flipud(tile.red)
+        mirrored = misplaced_lines([tile._replace(red=red, image=np.flipud(tile.image))])
+        assert [words for *_, words in mirrored] == [
+            "expected a picture that is not mirrored, got stop lines on the outgoing lanes"
+        ]
+        # One line that is beside its lane is no mirror image.
+        red = tile.red & (np.arange(len(red))[:, None] > 40) | red & (np.arange(len(red))[:, None] <= 40)
         found = "\n".join(words for *_, words in misplaced_lines([tile._replace(red=red, image=np.flipud(tile.image))]))
-        assert "expected a stop line across the incoming, right-hand lane, got one on 0% of it" in found
-        assert "expected no stop line on the outgoing lane, got one on" in found
+        assert "expected" in found and "mirrored" not in found
 
 
 def test_a_road_is_in_the_middle_and_in_one_piece(drawn_tiles):
