@@ -40,7 +40,7 @@ def photograph(tile: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def cropped(photo: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Returns the square that docs/tiles.md crops out of a photograph."""
+    """Returns the square that is cut out of a photograph."""
     back = cv2.getPerspectiveTransform(np.array(CORNERS, np.float32), _square(4 * SIDE))
     large = cv2.warpPerspective(photo, back, (4 * SIDE, 4 * SIDE), flags=cv2.INTER_CUBIC)
     return np.asarray(cv2.resize(large, (SIDE, SIDE), interpolation=cv2.INTER_AREA), np.uint8)

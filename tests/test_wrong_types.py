@@ -41,7 +41,16 @@ VALUES = [None, "x", -1, 2.5, object(), [], {}, np.zeros((2, 3, 4, 5)), KEY]
 
 # These search, compile or write with whatever fits, so they are given only what cannot fit.
 SLOW = {"collect", "draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
-SLOW |= {"make_rides", "measure_town", "random_level", "random_population", "random_pose", "repair", "run"}
+SLOW |= {
+    "make_rides",
+    "measure_town",
+    "propose_tiles",
+    "random_level",
+    "random_population",
+    "random_pose",
+    "repair",
+    "run",
+}
 ELSEWHERE = {"show"}  # they need other packages
 
 
@@ -54,14 +63,20 @@ def arguments():
     found = Population(np.zeros((2, 4, 4), np.int8), np.zeros(2, np.int32), np.zeros((2, len(made.feature_names)), int))
     run = SimpleNamespace(evaluations=np.arange(3), best_fitness=np.arange(3), elite_count=np.arange(3))
     spaces = SimpleNamespace(Discrete=print, Box=print)
-    road_map = RoadMap(grid)
+    road_map, tile = RoadMap(grid), tile_set.tiles[0]
+    photo, corners = (
+        tiles.Photograph("a.jpg", np.zeros((240, 320, 3), np.uint8)),
+        [[50, 50], [150, 50], [150, 150], [50, 150]],
+    )
+    proposal = tiles.Proposal("a.jpg", 320, 240, corners, np.eye(3).tolist(), 0.0, [[6]], [[1.0]], 1.0, {}, "")
     return {
         "apply": print, "archive": made.empty_archive(), "archives": "a.npz",
         "asked": np.array([0, 1]), "atlas": drive.make_atlas(scaled["image"], scaled["labels"]),
         "axes": paper_axes((4, 4)), "best": np.full((1, len(task.optimum)), np.inf), "best_known": np.zeros(3),
         "bits": np.zeros(3, np.uint32), "camera": drive.Camera(), "codes": grid, "config": optimizers.EvolutionConfig(),
-        "count": 2, "depth": 3.0, "descriptor": np.zeros((2, 5), int), "dtype": np.dtype(np.int32),
-        "environment": drive.RoadNav, "evaluate": made.evaluate, "features": {}, "file": "map.json", "fill": True,
+        "count": 2, "cuts": [tiles.Cut("turn_1", 6, tile.image, "a.jpg", 0, 0)], "depth": 3.0,
+        "descriptor": np.zeros((2, 5), int), "dtype": np.dtype(np.int32), "environment": drive.RoadNav,
+        "evaluate": made.evaluate, "features": {}, "file": "map.json", "fill": True,
         "fitness": np.zeros(3), "folder": "folder", "found": found, "function": measure, "generations": 1,
         "goal": drive.LaneNode(0, 1, 1), "grid": grid, "grids": np.zeros((2, 4, 4), np.int8),
         "groups": {"a": {"turns": [1, 2]}}, "gymnasium": SimpleNamespace(Env=object, spaces=spaces), "image": "map.pgm",
@@ -71,6 +86,7 @@ def arguments():
         "move": optimizers.toggle_link(), "name": "turns", "names": ["turns"], "niche": np.zeros(2, np.int32),
         "number": 3, "objects": [], "optimizer": ea(made), "out": "out", "params": drive.RoadNavParams(levels),
         "parts": "a", "payload": collect([road_map], tile_px=16), "picture": render(grid, tile_set, tile_px=16),
+        "photograph": photo, "plan": grid, "proposal": proposal, "tile": tile, "turns": 1,
         "pictures": (), "pixels": grid.astype(np.uint8), "points": [[1, 2]], "pose": drive.Pose(0.5, 0.5, 0.0),
         "position": (1, 9), "prefix": "city", "probability": 0.5, "problem": made, "record": run, "results": {},
         "rides": None, "road_map": road_map, "rotations": tile_set.rotations, "rows": [{"file": "a"}], "scale": 0.5,

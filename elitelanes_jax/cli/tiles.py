@@ -1,4 +1,7 @@
-"""The commands ``elitelanes tiles``: checks of a tile set, and proposed masks."""
+"""The commands ``elitelanes tiles``: checks of a tile set, and proposed masks.
+
+The commands on photographs are in `photographs`.
+"""
 
 import argparse
 import shutil
@@ -11,6 +14,7 @@ from elitelanes_jax._util.checks import name, path
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
+from elitelanes_jax.cli.photographs import add_cut, add_read
 from elitelanes_jax.cli.program import say, warn
 
 if TYPE_CHECKING:
@@ -21,8 +25,10 @@ _MASKED = ("road", "red", "yellow")
 
 
 def add_tiles(commands: Commands) -> None:
-    tiles = commands.add_parser("tiles", help="check tile sets, and propose masks")
+    tiles = commands.add_parser("tiles", help="cut tiles out of photographs, check tile sets, and propose masks")
     below = tiles.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    add_cut(below)
+    add_read(below)
     check = add_command(below, "check", _check, help="describe a tile set, or list all its errors")
     check.add_argument("folder", type=checked_by(path), metavar="DIR")
     masks = add_command(
@@ -44,13 +50,14 @@ def add_tiles(commands: Commands) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    from elitelanes_jax.tiles.sides import describe_lanes
     from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles
 
     tiles, problems = inspect_tiles(options.folder, lines=True)
     if tiles is None:
         warn("\n".join(problems))
         return 2
-    say(describe_tiles(tiles))
+    say(f"{describe_tiles(tiles)}\n{describe_lanes(tiles.tiles)}")
     return 0
 
 

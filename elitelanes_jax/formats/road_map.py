@@ -57,6 +57,7 @@ class RoadMap:
       seed: of the run, and the index of the run's seed that found the map, from 0.
       drawn: its tile pictures.
       objects: what stands on it, such as signs and trees.
+      unsure: row and column of each cell whose code is unsure, in a map that was read from a photograph.
     """
 
     codes: NDArray[np.int8]
@@ -67,6 +68,7 @@ class RoadMap:
     seed: tuple[int, int] | None = None
     drawn: Drawn | None = None
     objects: tuple[MapObject, ...] | None = None
+    unsure: list[list[int]] | None = None
 
     def __post_init__(self) -> None:
         """Checks all fields; raises `InputError`."""
@@ -317,6 +319,10 @@ def _is_drawn(value: Plain) -> bool:
     )
 
 
+def _are_cells(value: Plain) -> bool:
+    return _all(lambda cell: _all(is_whole, cell) and len(cell) == 2 and min(cell) >= 0, value)
+
+
 def _is_number(value: Plain) -> bool:
     return is_real(value) and abs(value) <= sys.float_info.max  # `isfinite` fails for whole numbers over that
 
@@ -332,5 +338,6 @@ _FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "descriptor": (_numbers_by_name, "numbers by name"),
     "niche": (lambda value: _all(is_whole, value), "whole numbers"),
     "seed": (lambda value: _all(is_whole, value) and len(value) == 2, "two whole numbers"),
+    "unsure": (_are_cells, "a list of cells, each a row and a column"),
     "drawn": (_is_drawn, f"a record of {', '.join(Drawn._fields)}, turns 0 to 3"),
 }

@@ -30,6 +30,7 @@ from typing import NamedTuple
 import cv2
 import pytest
 from folders import files
+from photographed import draw_photographs
 
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.tiles.tileset import default_tiles
@@ -67,7 +68,7 @@ CASES = {file.stem: read_cases(file) for file in sorted(HERE.glob("*.cases"))}
 
 @pytest.fixture(scope="session")
 def things(tmp_path_factory):
-    """A folder with all that lines may name: the inputs; four small tiles; a folder of generated maps."""
+    """A folder with all that lines may name: the inputs; small tiles; photographs; a folder of generated maps."""
     folder = tmp_path_factory.mktemp("things")
     shutil.copytree(HERE / "inputs", folder, dirs_exist_ok=True)
     for kind in ("turn_1", "straight_1", "crossing3_1", "crossing4_1"):
@@ -84,6 +85,7 @@ def things(tmp_path_factory):
         place = folder / name / tile
         masks = {mask: cv2.imread(str(place / f"{mask}.png"), cv2.IMREAD_UNCHANGED) for mask in ("red", "yellow")}
         cv2.imwrite(str(place / f"{target}.png"), source(masks))
+    draw_photographs(folder)
     program = folder / "bin" / "elitelanes"
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m elitelanes_jax "$@"\n')

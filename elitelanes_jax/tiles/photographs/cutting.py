@@ -1,0 +1,126 @@
+"""Cuts tiles out of photographs, each a square picture seen from above."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
+from elitelanes_jax.tiles._light import ground_of
+from elitelanes_jax.tiles.masking import Proposal as Masked
+from elitelanes_jax.tiles.masking import propose_masks
+from elitelanes_jax.tiles.photographs.proposals import SURE, Proposal
+from elitelanes_jax.tiles.photographs.reading import Photograph
+from elitelanes_jax.tiles.photographs.views import flatten, places_of
+from elitelanes_jax.tiles.rendering import write_png
+from elitelanes_jax.tiles.tileset import MASKS
+
+_SIZES = (128, 512)  # the least and the largest side of a picture; between them, what the photograph has
+_COMPARED_PX = 96  # the side of a tile at which pictures are compared
+_COPY = 0.2  # the correlation of the ground from which two pictures show the same tile
+
+
+class Cut(NamedTuple):
+    """A tile cut out of a photograph.
+
+    Attributes:
+      name: of its folder in a tile set, ``<kind>_<number>``.
+      code: the sides that it opens, as a tile code.
+      image: uint8 ``[S, S, 3]``, RGB.
+      photo: the name of the photograph.
+      row: of the tile in it, from 0.
+      column: of the tile in it, from 0.
+      copy_of: the name of an earlier tile that looks nearly the same, empty if there is none.
+    """
+
+    name: str
+    code: int
+    image: NDArray[np.uint8]
+    photo: str
+    row: int
+    column: int
+    copy_of: str = ""
+
+
+def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut] = ()) -> list[Cut]:
+    """Cuts the tiles of a proposal whose kind is sure.
+
+    Args:
+      photograph: that the proposal was made for.
+      proposal: where the tiles are. Its score is not checked.
+      earlier: tiles of other photographs. Names continue after theirs.
+
+    Returns:
+      The new tiles, by row and column.
+    """
+    codes, sure = np.array(proposal.codes), np.array(proposal.sure)
+    rows, columns = codes.shape
+    seen = proposal.view.tile_pixels(rows, columns)
+    tile_px = int(np.clip(round(seen / 32) * 32, *_SIZES))
+    cuts: list[Cut] = []
+    for row, column in np.argwhere((codes > 0) & (sure >= SURE)).tolist():
+        places = places_of(1, 1, 2 * tile_px, 0) + np.array([column, row])
+        large = flatten(photograph.image, proposal.view, places, 2 * tile_px)
+        image = np.asarray(cv2.resize(large, (tile_px, tile_px), interpolation=cv2.INTER_AREA), np.uint8)
+        code = int(codes[row, column])
+        others = [cut for cut in (*earlier, *cuts) if KIND_OF[cut.code] == KIND_OF[code]]
+        copied = next((cut.name for cut in others if not cut.copy_of and likeness(cut, code, image) > _COPY), "")
+        name = f"{KIND_OF[code]}_{len(others) + 1}"
+        cuts.append(Cut(name, code, image, photograph.name, row, column, copied))
+    return cuts
+
+
+def likeness(cut: Cut, code: int, image: NDArray[np.uint8]) -> float:
+    """Returns the correlation of the grounds of two tiles of a kind, in the rotation in which they agree most."""
+    ground, bare = _texture(cut.code, cut.image)
+    other, other_bare = _texture(code, image)
+    best = 0.0
+    for turns in _turns_to_first(KINDS[KIND_OF[code]][0]):
+        both = bare & np.rot90(other_bare, turns)
+        pair = np.corrcoef(ground[both], np.rot90(other, turns)[both]) if both.sum() > 100 else np.zeros((2, 2))
+        best = max(best, float(pair[0, 1]))
+    return best
+
+
+def _texture(code: int, image: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Returns the fine brightness of a tile turned to its kind's first code, and where there is no tape near."""
+    turned = np.rot90(image, _turns_to_first(code)[0])
+    small = np.asarray(cv2.resize(turned, (_COMPARED_PX,) * 2, interpolation=cv2.INTER_AREA), np.uint8)
+    value = np.log(small.max(axis=2).astype(np.float32) + 4)
+    tape = value > np.log(ground_of(small, _COMPARED_PX)) + 0.3
+    bare = cv2.erode((~tape).astype(np.float32), np.ones((9, 9)), borderValue=0)
+    mean = cv2.GaussianBlur(value * bare, (0, 0), 3) / np.maximum(cv2.GaussianBlur(bare, (0, 0), 3), 1e-3)
+    return np.asarray((value - mean) * bare, np.float32), bare > 0
+
+
+def _turns_to_first(code: int) -> list[int]:
+    """Returns the quarter turns that bring a code to the first one of its kind."""
+    return [turns for turns in range(4) if rotate_codes(code, turns) == KINDS[KIND_OF[code]][0]]
+
+
+def mask_cut(cut: Cut) -> dict[str, NDArray[np.bool_]]:
+    """Proposes the masks of a tile. Stop lines are on crossings alone."""
+    masks = propose_masks(cut.image)
+    if CONNECTIONS[cut.code] < 3:
+        masks["red"] = np.zeros_like(masks["red"])
+    return masks
+
+
+def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[Masked]:
+    """Writes a tile set: the picture of each tile, and proposed masks. Files of the same names are replaced.
+
+    Returns:
+      What was written, for `proposal_sheet`.
+    """
+    folder, written = Path(check_named("folder", path, folder)), []
+    for cut in cuts:
+        tile = Masked(folder / cut.name, cut.image, mask_cut(cut), MASKS)
+        write_png(tile.folder / "image.png", tile.image)
+        for name, mask in tile.masks.items():
+            write_png(tile.folder / f"{name}.png", mask.astype(np.uint8) * 255)
+        written.append(tile)
+    return written

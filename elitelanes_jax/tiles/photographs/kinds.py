@@ -1,0 +1,152 @@
+"""Reads the kind and the direction of every tile of a floor: which picture of a tile set each cell looks like.
+
+Each cell is compared with all pictures of the set in all rotations, displaced by up to an eighth of a tile, without the
+light: colours are relative to the ground around them. Neighbours agree about the side that they share. This is a Markov
+random field on the grid; belief propagation (Pearl 1982) finds its best codes.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.tiles._light import ground_of
+from elitelanes_jax.tiles.rendering import scale_tiles
+from elitelanes_jax.tiles.tileset import TileSet
+
+READ_PX = 32
+"""The side of a tile in pixels at which kinds are read."""
+
+MARGIN_PX = READ_PX // 8
+"""The margin in pixels around a floor, in which its tiles are looked for."""
+
+_EMPTY = 0.42  # the correlation that counts for a cell without a tile: tiles of other sets have more
+_DISAGREE = 0.25  # the correlation that a road which ends at a side costs; at the border half of it
+_COLOURED = 0.25  # the least correlation of coloured lines with those of a cell's code
+_ROUNDS = 12
+_MOST_PICTURES = 3  # of each code that cells are compared with
+_CHROMA = 2.0  # the weight of colour beside brightness: white lines are the largest but tell kinds apart least
+
+
+class Kinds(NamedTuple):
+    """The kinds of a floor's cells.
+
+    Attributes:
+      codes: int8 ``[H, W]``, 0 for cells without a tile.
+      alike: float ``[H, W]``, the correlation with the most similar picture of the code.
+      margins: float ``[H, W]``, by how much the code is better than any other; 0 if a cell may have no tile.
+      scores: float ``[H, W, 16]``, the correlation with each code's most similar picture; -1 if the set has none.
+    """
+
+    codes: NDArray[np.int8]
+    alike: NDArray[np.float64]
+    margins: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+
+def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet) -> Kinds:
+    """Reads the codes of a floor.
+
+    Args:
+      flat: uint8, RGB, the floor from above, a tile `READ_PX` pixels wide, with a margin of `MARGIN_PX` around it.
+      rows: of tiles.
+      columns: of tiles.
+      tiles: whose pictures the cells are compared with.
+    """
+    scores = _correlate(flat, rows, columns, tiles)
+    beliefs = scores if rows * columns == 1 else _agree(scores)
+    codes = beliefs.argmax(axis=-1)
+    best_two = np.sort(beliefs, axis=-1)[..., -2:]
+    margins = best_two[..., 1] - best_two[..., 0]
+    bare = _lacks_colour(flat, codes, tiles)
+    codes, margins = np.where(bare, 0, codes), np.where(bare, 0.0, margins)
+    alike = np.take_along_axis(scores, codes[..., None], -1)[..., 0]
+    return Kinds(codes.astype(np.int8), alike, margins, scores)
+
+
+def _correlate(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet) -> NDArray[np.float64]:
+    pictures = scale_tiles(tiles, READ_PX)["image"]
+    templates = [
+        (code, _without_light(pictures[4 * drawn.tile + drawn.quarter_turns]))
+        for code, draws in tiles.rotations.items()
+        for drawn in draws[:: -(-len(draws) // _MOST_PICTURES)]
+        if code
+    ]
+    floor = _without_light(flat)
+    scores = np.full((rows, columns, 16), -1.0)
+    if rows * columns > 1:
+        scores[..., 0] = _EMPTY
+    side = READ_PX + 2 * MARGIN_PX
+    for row in range(rows):
+        for column in range(columns):
+            cell = floor[row * READ_PX : row * READ_PX + side, column * READ_PX : column * READ_PX + side]
+            for code, template in templates:
+                alike = cv2.matchTemplate(cell, template, cv2.TM_CCOEFF_NORMED).max()
+                scores[row, column, code] = max(scores[row, column, code], alike)
+    return scores
+
+
+def _lacks_colour(flat: NDArray[np.uint8], codes: NDArray[np.int_], tiles: TileSet) -> NDArray[np.bool_]:
+    """Finds cells ``[H, W]`` without the coloured lines of their code, where most cells have them.
+
+    The edges of a bright floor in cells without a tile look like white lines, but nothing in such a cell is coloured.
+    """
+    pictures, floor = scale_tiles(tiles, READ_PX)["image"], _without_light(flat)[..., 1:]
+    side = READ_PX + 2 * MARGIN_PX
+    alike = np.ones(codes.shape)
+    for row, column in np.argwhere(codes > 0).tolist():
+        cell = floor[row * READ_PX : row * READ_PX + side, column * READ_PX : column * READ_PX + side]
+        correlations = []
+        for drawn in tiles.rotations[int(codes[row, column])][:_MOST_PICTURES]:
+            template = _without_light(pictures[4 * drawn.tile + drawn.quarter_turns])[..., 1:]
+            for channel in range(2):
+                part, lines = np.ascontiguousarray(cell[..., channel]), np.ascontiguousarray(template[..., channel])
+                correlations.append(float(cv2.matchTemplate(part, lines, cv2.TM_CCOEFF_NORMED).max()))
+        alike[row, column] = max(correlations)
+    if codes.size == 1 or np.median(alike[codes > 0] if codes.any() else 0) < 2 * _COLOURED:
+        return np.zeros(codes.shape, np.bool_)
+    return np.asarray(alike < _COLOURED, np.bool_)
+
+
+def _without_light(flat: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Returns how bright, red and yellow each pixel is beside the ground around it, ``[H, W, 3]``."""
+    relative = (flat.astype(np.float32) + 4) / ground_of(flat, READ_PX)[..., None]
+    red, green, blue = np.moveaxis(relative, -1, 0)
+    bright = np.clip(np.maximum(np.maximum(red, green), blue), 0, 3)
+    parts = [
+        bright,
+        _CHROMA * np.clip(red - np.maximum(green, blue), 0, 2),
+        _CHROMA * np.clip(np.minimum(red, green) - blue, 0, 2),
+    ]
+    return np.asarray(cv2.GaussianBlur(np.stack(parts, axis=-1), (0, 0), 1), np.float32)
+
+
+def _agree(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the score of the best floor with each code in each cell, ``[H, W, 16]``, by max-sum messages."""
+    rows, columns = scores.shape[:2]
+    codes = np.arange(16)
+    messages = np.zeros((4, rows, columns, 16))  # to each cell, from its neighbour on each side
+    outside = [-_DISAGREE / 2 * ((codes & side.bit) > 0) for side in SIDES]
+    for _ in range(_ROUNDS):
+        total = scores + messages.sum(axis=0)
+        sent = np.empty_like(messages)
+        for index, side in enumerate(SIDES):
+            back = (index + 2) % 4
+            # What a cell tells its neighbour on a side: its best score for an open and for a closed side.
+            told = total - messages[index]
+            is_open = (codes & side.bit) > 0
+            opened, closed = told[..., is_open].max(axis=-1), told[..., ~is_open].max(axis=-1)
+            if_open = np.maximum(opened, closed - _DISAGREE)
+            if_closed = np.maximum(closed, opened - _DISAGREE)
+            best = np.maximum(if_open, if_closed)
+            faces = (codes & side.opposite) > 0
+            message = np.where(faces, (if_open - best)[..., None], (if_closed - best)[..., None])
+            moved = np.roll(message, (side.down, side.right), (0, 1))
+            edge = [slice(None), slice(None)]
+            edge[0 if side.down else 1] = slice(0, 1) if side.down + side.right > 0 else slice(-1, None)
+            moved[tuple(edge)] = outside[back]
+            sent[back] = moved
+        messages = sent
+    return scores + messages.sum(axis=0)

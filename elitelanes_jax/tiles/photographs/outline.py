@@ -1,0 +1,117 @@
+"""Finds the corners of tiles in a photograph: guesses to start from, to be fitted later.
+
+Guesses are made of four masks: what differs from the colours at the photograph's border (GrabCut, Rother et al. 2004),
+bright tape, another hue than the border's, and the dark part. Each is the quadrangle around the largest piece.
+"""
+
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.tiles.photographs.views import Points
+
+_SEARCH_PX = 400  # the longer side of the photograph in which outlines are looked for
+_MOST_EDGES = 12  # of an outline that may be sides of the quadrangle
+_SAME = 6  # pixels by which two guesses differ at least
+_LEAST = 0.03  # the least part of a photograph that tiles cover
+
+
+def find_corners(image: NDArray[np.uint8]) -> list[Points]:
+    """Returns guesses of the corners of the tiles, float ``[4, 2]`` in pixels, clockwise, the top left one first."""
+    scale = _SEARCH_PX / max(image.shape[:2])
+    size = max(16, round(image.shape[1] * scale)), max(16, round(image.shape[0] * scale))
+    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    stretch = np.array([image.shape[1], image.shape[0]]) / size
+    quads: list[Points] = []
+    for mask in (_unlike_border(small), _tape(small), _other_colour(small), _dark(small)):
+        quad = _quadrangle(mask)
+        if quad is not None and all(np.abs(quad - other).max() > _SAME for other in quads):
+            quads.append(quad)
+    return [(quad + 0.5) * stretch - 0.5 for quad in quads]
+
+
+def _unlike_border(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Separates what differs from the photograph's border, whose light is a plane."""
+    height, width = small.shape[:2]
+    lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB).astype(np.float32).reshape(-1, 3)
+    y, x = np.mgrid[0:height, 0:width]
+    plane = np.stack([np.ones(lab.shape[0]), x.ravel() / width, y.ravel() / height], axis=1)
+    rim = max(3, min(height, width) // 40)
+    edge = np.ones((height, width), bool)
+    edge[rim:-rim, rim:-rim] = False
+    light, *_ = np.linalg.lstsq(plane[edge.ravel()], lab[edge.ravel()], rcond=None)
+    away = np.linalg.norm(lab - plane @ light, axis=1).reshape(height, width)
+    likely = away > np.percentile(away[edge], 97) + 6
+    labels = np.where(likely, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[edge] = cv2.GC_BGD
+    if likely[~edge].any() and not likely[~edge].all():
+        cv2.setRNGSeed(0)  # its clusters start at random
+        cv2.grabCut(small, labels, (0, 0, 0, 0), np.zeros((1, 65)), np.zeros((1, 65)), 4, cv2.GC_INIT_WITH_MASK)
+    return np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
+
+
+def _dark(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Separates the darker part of the photograph, without its light."""
+    value = small.max(axis=2).astype(np.float32) + 4
+    light = cv2.GaussianBlur(cv2.dilate(value, np.ones((25, 25), np.uint8)), (0, 0), 60)
+    relative = np.clip(value / light * 200, 0, 255).astype(np.uint8)
+    return np.asarray(cv2.threshold(relative, 0, 1, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)[1], np.uint8)
+
+
+def _tape(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Separates thin lines that are brighter than what is around them."""
+    value = small.max(axis=2).astype(np.float32) + 4
+    ground = cv2.morphologyEx(value, cv2.MORPH_OPEN, np.ones((9, 9), np.uint8))
+    return (value > 1.4 * cv2.GaussianBlur(ground, (0, 0), 3)).astype(np.uint8)
+
+
+def _other_colour(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Separates what has another hue than the photograph's border, in light and shadow: grey asphalt on a floor."""
+    logs = np.log(cv2.GaussianBlur(small, (0, 0), 2).astype(np.float32) + 4)
+    hue = logs[..., [0, 2]] - logs[..., [1]]
+    rim = max(3, min(small.shape[:2]) // 20)
+    edge = np.concatenate([part.reshape(-1, 2) for part in (hue[:rim], hue[-rim:], hue[:, :rim], hue[:, -rim:])])
+    away = np.linalg.norm(hue - np.median(edge, axis=0), axis=-1)
+    # Red and yellow tape are far away from both; what tells asphalt from the floor is little.
+    scaled = np.clip(away / np.clip(np.percentile(away, 90), 0.06, 0.5) * 255, 0, 255).astype(np.uint8)
+    return np.asarray(cv2.threshold(scaled, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[1], np.uint8)
+
+
+def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
+    """Returns the corners of the smallest quadrangle around the largest piece of a mask, None if there is none."""
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((17, 17), np.uint8))
+    outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    filled = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)
+    opened = cv2.morphologyEx(filled, cv2.MORPH_OPEN, np.ones((9, 9), np.uint8))
+    outlines, _ = cv2.findContours(opened, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not outlines:
+        return None
+    hull = cv2.convexHull(max(outlines, key=cv2.contourArea))
+    if cv2.contourArea(hull) < _LEAST * mask.size:
+        return None
+    edges = cv2.approxPolyDP(hull, 0.006 * cv2.arcLength(hull, True), True)[:, 0].astype(np.float64)
+    ends = np.roll(edges, -1, axis=0)
+    longest = np.sort(np.argsort(-np.linalg.norm(ends - edges, axis=1))[:_MOST_EDGES])
+    one = np.ones((len(longest), 1))
+    lines = np.cross(np.hstack([edges[longest], one]), np.hstack([ends[longest], one]))
+    best = None
+    for chosen in combinations(range(len(longest)), 4):
+        meet = np.cross(lines[list(chosen)], lines[[*chosen[1:], chosen[0]]])
+        if (np.abs(meet[:, 2]) < 1e-9).any():
+            continue
+        quad = (meet[:, :2] / meet[:, 2:]).astype(np.float32)
+        area = cv2.contourArea(quad)
+        around = all(cv2.pointPolygonTest(quad, tuple(map(float, point)), True) > -3 for point in edges)
+        if around and cv2.isContourConvex(quad) and (best is None or area < best[0]):
+            best = area, quad
+    return None if best is None else first_at_top_left(best[1].astype(np.float64))
+
+
+def first_at_top_left(corners: Points) -> Points:
+    """Returns corners in clockwise order as seen, beginning with the one nearest to the picture's top left."""
+    x, y = corners.T
+    if (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() < 0:
+        corners = corners[::-1]
+    return np.roll(corners, -int(corners.sum(axis=1).argmin()), axis=0)

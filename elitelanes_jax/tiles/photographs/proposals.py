@@ -1,0 +1,280 @@
+"""Proposes where the tiles in a photograph are, which kind each is, and how sure that is."""
+
+from collections.abc import Collection
+from itertools import product
+from math import exp
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.tiles.photographs.kinds import MARGIN_PX, READ_PX, Kinds, read_kinds
+from elitelanes_jax.tiles.photographs.outline import find_corners
+from elitelanes_jax.tiles.photographs.reading import Photograph
+from elitelanes_jax.tiles.photographs.registration import Fit, contrast_around, fit_view, largest_spread
+from elitelanes_jax.tiles.photographs.views import Points, View, flatten, places_of, view_of
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+SURE = 0.5
+"""The least score of a proposal that is cut, and of a cell whose kind is sure."""
+
+_FOCAL = np.geomspace(0.45, 4, 200)  # usual focal lengths, in widths of the picture
+_TAPE_INSET = 0.07  # tiles from the border to the outer white lines, at which some guesses end
+_STARTS = 3  # guesses that are fitted at most
+_ENOUGH = 0.9  # the score at which no other guess is tried
+
+
+class Proposal(NamedTuple):
+    """Where the tiles in a photograph are. All values are plain, as JSON has them: `Proposal(**values)`.
+
+    Attributes:
+      photo: the name of the photograph.
+      width: of the photograph in pixels.
+      height: of the photograph in pixels.
+      corners: of the tiles in pixels, x and y, ``[4][2]``: clockwise, from the first row's first tile.
+      homography: ``[3][3]``, from tiles (x to the right, y down) to pixels without distortion.
+      radial: distortion of the lens, see `View`.
+      codes: of the tiles ``[H][W]``; 0 is a cell without a tile.
+      sure: how sure each cell's code is ``[H][W]``, 0 to 1.
+      score: how sure it is that the corners of every tile are within 1 % of a tile, 0 to 1.
+      evidence: what the score is made of, by name.
+      advice: what is wrong and what to do if the score is below `SURE`, otherwise empty.
+    """
+
+    photo: str
+    width: int
+    height: int
+    corners: list[list[float]]
+    homography: list[list[float]]
+    radial: float
+    codes: list[list[int]]
+    sure: list[list[float]]
+    score: float
+    evidence: dict[str, float]
+    advice: str
+
+    @property
+    def view(self) -> View:
+        """The camera's view of the tiles."""
+        return View(np.array(self.homography), self.radial, self.width, self.height)
+
+
+_UNLIKE = "the outlined area does not look like road tiles; check the size, and give the corners"
+_CROPPED = (
+    "the outlined tiles are no squares in space; check the size, take a photograph that is not cropped, or give the "
+    "corners"
+)
+_HIDDEN = "the tile's border is not seen; photograph it on a floor of another colour, or give its exact corners"
+
+# Limits at which a score is a half, their widths, and what to do below. A negative width is of an upper limit. Measured
+# on photographs of `experiments/perception/cutting.py`.
+_LIMITS: dict[str, dict[str, tuple[float, float, str]]] = {
+    "floor": {
+        "alike": (0.5, 0.03, _UNLIKE),
+        "out_of_square": (0.025, -0.004, _CROPPED),
+        "repeats": (0.87, 0.015, "the tiles do not repeat in this grid; check the size, and give the corners"),
+        "spread": (0.009, -0.0008, "too few lines and too little of the border are seen; photograph it from closer"),
+    },
+    "tile": {
+        "alike": (0.5, 0.03, _UNLIKE),
+        "out_of_square": (0.02, -0.003, _CROPPED),
+        "border": (0.4, 0.03, _HIDDEN),
+        "contrast": (3.0, 0.15, _HIDDEN),
+        "spread": (0.006, -0.0006, _HIDDEN),
+    },
+}
+
+
+class _Start(NamedTuple):
+    """A guess of a view, and how much the cells look like tiles in it."""
+
+    support: float
+    view: View
+    codes: NDArray[np.int8]
+
+
+def propose_tiles(
+    photograph: Photograph,
+    *,
+    shape: tuple[int, int] = (1, 1),
+    corners: Points | None = None,
+    codes: NDArray[np.int8] | None = None,
+    tiles: TileSet | None = None,
+    fit: bool = True,
+) -> Proposal:
+    """Proposes where the tiles in a photograph are.
+
+    Args:
+      photograph: from `read_photograph`.
+      shape: rows and columns of tiles. A single tile may lie in any direction.
+      corners: of all tiles in pixels ``[4, 2]``, clockwise from the first row's first tile, off by up to a tenth of a
+        tile. By default they are found.
+      codes: of the map that is laid, ``[H, W]``, in any of the four directions. By default they are read.
+      tiles: pictures that kinds are read with; by default the package's own.
+      fit: whether the corners are fitted to the photograph, or taken as they are.
+
+    Raises:
+      InputError: if corners cross, or no tile is found.
+    """
+    shape = shape if codes is None else codes.shape
+    tiles = load_tiles() if tiles is None else tiles
+    quads = find_corners(photograph.image) if corners is None else [check_corners(photograph, corners)]
+    starts = [
+        start for quad in quads for start in _starts(photograph.image, quad, shape, codes, tiles, corners is None)
+    ]
+    if not quads:
+        raise InputError(
+            f"{photograph.name}: expected tiles that stand out from the floor, found none; give their corners, or "
+            "photograph them on a floor of another colour"
+        )
+    if not starts:
+        floor = f"{shape[0]} x {shape[1]} road tiles"
+        raise InputError(f"{photograph.name}: expected {floor}, found none; check the size, and give the corners")
+    starts.sort(key=lambda start: -start.support)
+    proposals = []
+    # A single tile is often outlined well, and a wide search for its border finds lines on it.
+    searches = (False, True) if fit and shape == (1, 1) else (False,)
+    for start, near in product(starts[: _STARTS if fit else 1], searches):
+        fitted = Fit(start.view, np.eye(9) * 1e-7, 1.0, np.ones(4))
+        if fit:
+            fitted = fit_view(photograph.image, start.view, start.codes, near=near)
+        kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
+        told = {"out_of_square"} if corners is not None else set[str]()
+        proposals.append(_proposal(photograph, fitted, kinds, codes, told if fit else told | {"contrast"}))
+        if proposals[-1].score > _ENOUGH:
+            break
+    return max(proposals, key=lambda proposal: proposal.score)
+
+
+def check_corners(photograph: Photograph, corners: Points) -> Points:
+    """Checks four corners in pixels ``[4, 2]``: in the photograph, clockwise, around a convex area."""
+    points = np.asarray(corners, np.float64)
+    if points.shape != (4, 2) or not np.isfinite(points).all():
+        raise InputError(f"corners: expected four points x, y, got {list(points.shape)}")
+    height, width = photograph.image.shape[:2]
+    outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)
+    if outside.any():
+        raise InputError(f"corners: expected points within {photograph.name}, {width} x {height} pixels")
+    x, y = points.T
+    area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
+    if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:
+        raise InputError("corners: expected the corners of a convex area in order around it, got lines that cross")
+    if area < 0:
+        raise InputError("corners: expected them clockwise, as in the photograph, got them counter-clockwise")
+    return points
+
+
+def out_of_square(view: View) -> float:
+    """Returns how far the tiles are from squares in space, 0 for squares: ratio of the sides, and angle in radians.
+
+    The camera's axis is the photograph's middle, and its pixels are square. The focal length is unknown; the usual one
+    that fits best counts.
+    """
+    middle = np.array([[1, 0, -(view.width - 1) / 2], [0, 1, -(view.height - 1) / 2], [0, 0, 1.0]])
+    across, down = (middle @ view.homography)[:, :2].T
+    focal = view.width * _FOCAL[:, None]
+    across, down = (np.hstack([side[:2] / focal, np.full_like(focal, side[2])]) for side in (across, down))
+    lengths = np.linalg.norm(across, axis=1), np.linalg.norm(down, axis=1)
+    slant = np.arcsin(np.clip((across * down).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1))
+    return float(np.hypot(np.log(lengths[0] / lengths[1]), slant).min())
+
+
+def _starts(
+    image: NDArray[np.uint8],
+    quad: Points,
+    shape: tuple[int, int],
+    codes: NDArray[np.int8] | None,
+    tiles: TileSet,
+    found: bool,
+) -> list[_Start]:
+    """Returns the views of a quadrangle in all directions that the tiles may have."""
+    rows, columns = shape
+    if shape == (1, 1):
+        quads = [quad]
+    elif codes is not None:
+        quads = [np.roll(quad, -turn, axis=0) for turn in range(4)]
+    else:
+        turned = np.roll(quad, -1, axis=0)
+        upright = min(turned, np.roll(turned, -2, axis=0), key=lambda corners: corners[0].sum())
+        quads = [quad] if rows == columns else [quad, upright]
+    starts = []
+    for corners in quads:
+        for inset in (0.0, _TAPE_INSET) if found and shape != (1, 1) else (0.0,):
+            view = view_of(corners, rows, columns, image.shape[1], image.shape[0])
+            if inset:
+                low, right, bottom = -inset, columns + inset, rows + inset
+                outer = np.array([[low, low], [right, low], [right, bottom], [low, bottom]])
+                view = view_of(view.pixels_of(outer), rows, columns, view.width, view.height)
+            kinds = _read(image, view, shape, tiles)
+            laid = kinds.codes if codes is None else codes
+            if laid.any():
+                starts.append(_Start(float(_alike(kinds, laid).mean()), view, laid))
+    return starts
+
+
+def _read(
+    image: NDArray[np.uint8], view: View, shape: tuple[int, int], tiles: TileSet, *, within: bool = False
+) -> Kinds:
+    """Reads the kinds of a floor. `within` mirrors it at its border, so that a bright floor adds no light."""
+    places = places_of(*shape, READ_PX, MARGIN_PX)
+    if within:
+        end = np.array(shape[::-1])
+        places = end - np.abs(end - np.abs(places))
+    return read_kinds(flatten(image, view, places, READ_PX), *shape, tiles)
+
+
+def _alike(kinds: Kinds, codes: NDArray[np.int8]) -> NDArray[np.float64]:
+    return np.take_along_axis(kinds.scores, codes[..., None].astype(int), -1)[..., 0]
+
+
+def _proposal(
+    photograph: Photograph, fit: Fit, kinds: Kinds, codes: NDArray[np.int8] | None, told: Collection[str]
+) -> Proposal:
+    laid = kinds.codes if codes is None else codes
+    rows, columns = laid.shape
+    height, width = photograph.image.shape[:2]
+    corners = fit.view.pixels_of(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float))
+    alike = _alike(kinds, laid)
+    evidence = {
+        "alike": float(alike[laid > 0].mean()) if laid.any() else 0.0,
+        "repeats": fit.alike,
+        "border": float(fit.border.min()) if len(fit.border) else 0.0,
+        "spread": largest_spread(fit, rows, columns),
+        "out_of_square": out_of_square(fit.view),
+        "margin": float(kinds.margins.min()),
+    }
+    if laid.size == 1:
+        evidence["contrast"] = contrast_around(photograph.image, fit.view)
+    sure = np.where(laid == kinds.codes, np.vectorize(_sigmoid)((kinds.margins - 0.06) / 0.02), 0.0)
+    score, advice = _judge(evidence, "tile" if laid.size == 1 else "floor", told)
+    return Proposal(
+        photograph.name,
+        width,
+        height,
+        np.round(corners, 2).tolist(),
+        fit.view.homography.tolist(),
+        fit.view.radial,
+        laid.tolist(),
+        np.round(sure, 3).tolist(),
+        round(score, 3),
+        {name: round(value, 4) for name, value in evidence.items()},
+        advice if score < SURE else "",
+    )
+
+
+def _judge(evidence: dict[str, float], kind: str, told: Collection[str]) -> tuple[float, str]:
+    """Returns the score of a proposal, and what to do about its weakest evidence.
+
+    Evidence that the user's corners replace, `told`, does not count: a cropped photograph looks as if its tiles were no
+    squares, and exact corners need no contrast.
+    """
+    limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in told}
+    sures = {name: _sigmoid((evidence[name] - limit) / width) for name, (limit, width, _) in limits.items()}
+    weakest = min(sures, key=lambda name: sures[name])
+    return float(np.prod(list(sures.values()))), limits[weakest][2]
+
+
+def _sigmoid(value: float) -> float:
+    return 1 / (1 + exp(-max(-60.0, min(60.0, value))))

@@ -1,0 +1,176 @@
+"""Reads photographs of phones and cameras, at a size that fits the memory, and calibrations of lenses."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named, is_real, is_whole, path
+from elitelanes_jax._util.errors import InputError, reason
+from elitelanes_jax._util.files import MIB, read_bytes, read_text
+
+_MOST_BYTES = 128 * MIB
+_MOST_PIXELS = 200e6  # of a JPEG, which can be read at an eighth of its size
+_MOST_READ = 26e6  # pixels: larger JPEGs are read at a half, a quarter or an eighth of their size
+_LEAST_SIDE = 200  # pixels: in smaller pictures a tile's lines are not seen
+_WORDS = "expected a photograph, a JPEG or PNG file"
+
+
+class Photograph(NamedTuple):
+    """A photograph.
+
+    Attributes:
+      name: of its file, for messages.
+      image: uint8 ``[H, W, 3]``, RGB, upright.
+      shrunk: how many times smaller than the file's picture it is.
+      lens: the calibrated lens whose distortion was removed, None if there is none.
+    """
+
+    name: str
+    image: NDArray[np.uint8]
+    shrunk: int = 1
+    lens: "Lens | None" = None
+
+    def pixels_of(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns where pixels ``[N, 2]`` of the file's picture are in `image`."""
+        pixels = (np.asarray(points, np.float64) + 0.5) / self.shrunk - 0.5
+        return pixels if self.lens is None else self.lens.scaled(self.image).straighten(pixels)
+
+
+class Lens(NamedTuple):
+    """A calibrated camera, as ROS and Duckietown write it.
+
+    Attributes:
+      matrix: float ``[3, 3]``, of the camera.
+      distortion: OpenCV's coefficients; four of a fisheye lens.
+      fisheye: whether the model is ROS's `equidistant` or `fisheye`.
+      width: of its pictures in pixels.
+      height: of its pictures in pixels.
+    """
+
+    matrix: NDArray[np.float64]
+    distortion: NDArray[np.float64]
+    fisheye: bool
+    width: int
+    height: int
+
+    def scaled(self, image: NDArray[np.uint8]) -> "Lens":
+        """Returns the lens for pictures of an image's size; raises `InputError` if its sides have another ratio."""
+        height, width = image.shape[:2]
+        if abs(width * self.height - height * self.width) > 0.01 * width * self.height:
+            raise InputError(
+                f"expected a photograph of the camera's ratio {self.width} x {self.height}, got {width} x {height}"
+            )
+        scale = np.diag([width / self.width, height / self.height, 1.0])
+        return Lens(scale @ self.matrix, self.distortion, self.fisheye, width, height)
+
+    def straighten(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns where pixels ``[N, 2]`` are without the distortion."""
+        undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
+        points = undistort(pixels[None].astype(np.float64), self.matrix, self.distortion, P=self.matrix)
+        return np.asarray(points, np.float64).reshape(-1, 2)
+
+    def straighten_image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Returns an image of the lens's size without the distortion."""
+        if self.fisheye:
+            return np.asarray(cv2.fisheye.undistortImage(image, self.matrix, self.distortion, None, self.matrix))
+        return np.asarray(cv2.undistort(image, self.matrix, self.distortion), np.uint8)
+
+
+def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
+    """Reads a JPEG or PNG file of a photograph, turned upright as its EXIF data say.
+
+    Args:
+      file: of at most 128 MiB. A JPEG of more than 26 megapixels is read at a half, a quarter or an eighth of its size.
+      lens: from `read_lens`. Its distortion is removed.
+
+    Raises:
+      InputError: for another file, or sides below 200 pixels; the message says what to do.
+    """
+    file = Path(check_named("file", path, file))
+    try:
+        content = read_bytes(file, _MOST_BYTES)
+    except OSError as error:
+        raise InputError(f"{file}: {_WORDS}, got: {reason(error)}") from None
+    if content[4:8] == b"ftyp":
+        raise InputError(f"{file}: {_WORDS}, got HEIC, AVIF or a film; convert it to JPEG, or let the phone take JPEGs")
+    is_jpeg = content[:3] == b"\xff\xd8\xff"
+    if not is_jpeg and content[:8] != b"\x89PNG\r\n\x1a\n":
+        raise InputError(f"{file}: {_WORDS}, got another file")
+    width, height = _jpeg_size(content) if is_jpeg else _png_size(content)
+    if width * height > (_MOST_PIXELS if is_jpeg else _MOST_READ):
+        most = (_MOST_PIXELS if is_jpeg else _MOST_READ) / 1e6
+        raise InputError(
+            f"{file}: expected at most {most:g} megapixels, got {width} x {height}; save it smaller, or as JPEG"
+        )
+    shrunk = next(shrunk for shrunk in (1, 2, 4, 8) if width * height <= _MOST_READ * shrunk**2)
+    flags = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
+    try:
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags.get(shrunk, cv2.IMREAD_REDUCED_COLOR_8))
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise InputError(f"{file}: {_WORDS}, got one that cannot be read")
+    if min(picture.shape[:2]) < _LEAST_SIDE:
+        got = f"{picture.shape[1]} x {picture.shape[0]}"
+        raise InputError(f"{file}: expected a photograph of at least {_LEAST_SIDE} pixels a side, got {got}")
+    image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+    if lens is not None:
+        try:
+            image = lens.scaled(image).straighten_image(image)
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from None
+    return Photograph(file.name, image, shrunk, lens)
+
+
+def read_lens(file: str | Path) -> Lens:
+    """Reads the calibration of a camera, a YAML file as ROS's camera_calibration and Duckietown write it.
+
+    Raises:
+      InputError: for another file; the message names the entry.
+    """
+    file = Path(check_named("file", path, file))
+    try:
+        values = yaml.safe_load(read_text(file, MIB))
+    except OSError as error:
+        raise InputError(f"{file}: expected a camera's calibration, got: {reason(error)}") from None
+    except (yaml.YAMLError, ValueError, RecursionError):
+        raise InputError(f"{file}: expected a camera's calibration in YAML, got another file") from None
+    values = values if isinstance(values, dict) else {}
+    model = values.get("distortion_model", "plumb_bob")
+    if model not in ("plumb_bob", "rational_polynomial", "equidistant", "fisheye"):
+        raise InputError(f"{file}: distortion_model: expected plumb_bob, rational_polynomial or equidistant")
+    fisheye = model in ("equidistant", "fisheye")
+    matrix = _numbers(file, values, "camera_matrix", (9,)).reshape(3, 3)
+    distortion = _numbers(file, values, "distortion_coefficients", (4,) if fisheye else (4, 5, 8, 12, 14))
+    width, height = (values.get(name, 0) for name in ("image_width", "image_height"))
+    if not all(is_whole(side) and 0 < side < 1e5 for side in (width, height)):
+        raise InputError(f"{file}: expected image_width and image_height in pixels, got {width!r} and {height!r}")
+    return Lens(matrix, distortion, fisheye, int(width), int(height))
+
+
+def _numbers(file: Path, values: dict, name: str, lengths: tuple[int, ...]) -> NDArray[np.float64]:
+    entry = values.get(name)
+    data = entry.get("data") if isinstance(entry, dict) else None
+    if not isinstance(data, list) or len(data) not in lengths or not all(map(is_real, data)):
+        raise InputError(f"{file}: {name}: expected data, a list of {' or '.join(map(str, lengths))} numbers")
+    return np.array(data, np.float64)
+
+
+def _png_size(content: bytes) -> tuple[int, int]:
+    return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
+
+
+def _jpeg_size(content: bytes) -> tuple[int, int]:
+    """Returns width and height from the frame header of a JPEG file, (0, 0) if it has none."""
+    start = 2
+    while start + 9 < len(content) and content[start] == 0xFF:
+        marker = content[start + 1]
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            return int.from_bytes(content[start + 7 : start + 9]), int.from_bytes(content[start + 5 : start + 7])
+        filler = marker == 0xFF or 0xD0 <= marker <= 0xD8
+        start += 1 if marker == 0xFF else 2 if filler else 2 + int.from_bytes(content[start + 2 : start + 4])
+    return 0, 0

@@ -1,0 +1,364 @@
+"""Fits the lattice of tiles to a photograph of a floor.
+
+Tiles of a kind look alike, in all rotations. So the floor itself, seen from above, is the template: each cell is
+compared with the mean of all other cells of its kind, turned to its direction. Where the room's floor around the tiles
+has another colour, the border of the floor is a second measurement. Both are linear in a small change of the view, and
+one least-squares problem: Gauss and Newton's method (Lucas and Kanade 1981 for pictures), with Tukey's weights.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from elitelanes_jax.network.codes import KIND_OF, KINDS, SIDES, rotate_codes
+from elitelanes_jax.tiles._light import ground_of
+from elitelanes_jax.tiles.photographs.views import Points, View, flatten, places_of
+
+Field = NDArray[np.float32]
+
+_STEPS = ((24, 0.14, 6), (48, 0.06, 5), (64, 0.03, 5))  # pixels of a tile, search of the border in tiles, iterations
+_MARGIN = 0.4  # tiles around the floor that the border's colours are read from
+_CLEAR = 4.0  # times the change of colour in the floor's texture that an edge has at least
+_RING = 0.16  # tiles outside of the search in which the floor's colour is measured: light differs further away
+_AWAY = 4.0  # standard deviations of the floor's colour from which a colour is another one
+_EDGE_NOISE = 0.0015  # tiles by which points of a sharp border deviate from a line
+_GRAIN = 1000.0  # pixels that count as one measurement, because texture and tape are larger than a pixel
+_VAGUE = 0.01  # tiles: cells that tell the corners with a larger standard deviation do not judge the border
+_CONFLICT = 0.011  # tiles between a border and where cells have it, from which it is none: cells are right within 0.007
+_WEAK = 25.0  # holds what nothing measures within a fifth of the floor
+_STILL = 3e-4  # a change, in tiles, after which no further one is made at the same size
+_BEND = 0.06  # the usual radial distortion of a lens
+_STEP = 1 / 160  # tiles between two places across the border
+_CONTRAST_PX = 48  # pixels of a tile at which its contrast with the floor is measured
+_ON_BORDER = 0.008  # tiles within which a point is on the border
+_LEAST_PX = 16  # pixels of a tile in a photograph, below which nothing is seen
+_PARTS = 6  # of a side in which the contrast is measured, because light differs along it
+_RIGHT, _DOWN = np.eye(2)
+_ALONG = 24  # points along a side of a tile at which the border is measured
+
+
+class Fit(NamedTuple):
+    """A fitted view.
+
+    Attributes:
+      view: of the floor.
+      spread: float ``[9, 9]``, the covariance of the view's parameters, as `_basis` has them.
+      alike: the correlation of the cells with the mean of their kind, 0 to 1; 0 if nothing can be compared.
+      border: float ``[4]``, the share of points on the borders to the north, east, south and west where a border is
+        seen within 0.8 % of a tile.
+    """
+
+    view: View
+    spread: NDArray[np.float64]
+    alike: float
+    border: NDArray[np.float64]
+
+
+def fit_view(
+    image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], *, near: bool = False, bends: bool = True
+) -> Fit:
+    """Fits a view to a photograph.
+
+    Args:
+      image: uint8 ``[H, W, 3]``, RGB.
+      view: a first guess, off by up to a tenth of a tile.
+      codes: of the tiles ``[rows, columns]``; 0 is a cell without a tile.
+      near: whether the first guess is off by a few hundredths of a tile at most. Less is mistaken for a border then.
+      bends: whether the lens may have radial distortion.
+    """
+    groups = [] if codes.size == 1 else _groups(codes)
+    fit = Fit(view, np.eye(9), 0.0, np.zeros(4))
+    for tile_px, reach, rounds in _STEPS[1:] if near else _STEPS:
+        fit = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.ones(4, bool), bends)
+    alone = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.zeros(4, bool), bends)
+    if largest_spread(alone, *codes.shape) > _VAGUE:
+        return fit
+    # Tape along the border of a floor that is as dark as asphalt looks like a border, but the cells say where it is.
+    offsets = _border_offsets(image, alone.view, codes, reach).offsets
+    side_offsets = [np.nanmedian(part) if np.isfinite(part).any() else 0.0 for part in _by_direction(codes, offsets)]
+    return _refine(image, alone, codes, groups, tile_px, reach, rounds, np.abs(side_offsets) < _CONFLICT, bends)
+
+
+def _refine(
+    image: NDArray[np.uint8],
+    fit: Fit,
+    codes: NDArray[np.int8],
+    groups: list[list["_Seen"]],
+    tile_px: int,
+    reach: float,
+    rounds: int,
+    trusted: NDArray[np.bool_],
+    bends: bool,
+) -> Fit:
+    """Takes Gauss-Newton steps at one size, with the borders to the north, east, south and west that are trusted."""
+    rows, columns = codes.shape
+    places = places_of(rows, columns, tile_px, 0)
+    for _ in range(rounds):
+        matrix, vector = np.diag([_WEAK] * 8 + [_BEND**-2 if bends else 1e9]), np.zeros(9)
+        vector[8] = -fit.view.radial * matrix[8, 8]
+        alike = 0.0
+        if groups:
+            tape = tape_of(flatten(image, fit.view, places, tile_px), tile_px)
+            alike = _add_cells(matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px)
+        border = _add_border(matrix, vector, image, fit.view, codes, reach, trusted)
+        spread = np.linalg.inv(matrix)
+        change = spread @ vector
+        moved = _moved(fit.view, change, rows, columns)
+        if not _is_seen(moved, rows, columns):
+            return fit._replace(spread=np.eye(9), border=np.zeros(4))
+        fit = Fit(moved, spread, alike, border)
+        if np.abs(change[:8]).max() * max(rows, columns) < _STILL:
+            break
+    return fit
+
+
+def _is_seen(view: View, rows: int, columns: int) -> bool:
+    """Returns whether a view is one of a convex floor near the photograph: a fit to nothing may leave it."""
+    corners = view.pixels_of(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float))
+    if not np.isfinite(corners).all() or np.abs(corners).max() > 4 * max(view.width, view.height):
+        return False
+    return cv2.isContourConvex(corners.astype(np.float32)) and view.tile_pixels(rows, columns) > _LEAST_PX
+
+
+def largest_spread(fit: Fit, rows: int, columns: int) -> float:
+    """Returns the standard deviation of the least sure corner of a fitted floor, in tiles."""
+    corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
+    basis = _basis(fit.view, corners, rows, columns)
+    variances = np.einsum("icd,ij,jcd->c", basis, fit.spread, basis)
+    return float(np.sqrt(variances.max()))
+
+
+def contrast_around(image: NDArray[np.uint8], view: View) -> float:
+    """Returns how far the asphalt of a single tile is from the floor around it, at the side with the least.
+
+    The unit is the standard deviation of the floor's colour. If it is small, the edges that are seen may be of tape.
+    """
+    margin = round(_RING * _CONTRAST_PX)
+    flat = flatten(image, view, places_of(1, 1, _CONTRAST_PX, margin), _CONTRAST_PX)
+    lab = cv2.cvtColor(flat, cv2.COLOR_RGB2LAB).astype(np.float32)
+    bare = cv2.dilate((tape_of(flat, _CONTRAST_PX) > 0.2).astype(np.uint8), np.ones((3, 3), np.uint8)) == 0
+    contrasts = []
+    for turns in range(4):
+        strips = []
+        for part in range(_PARTS):
+            start = margin + part * _CONTRAST_PX // _PARTS
+            along = slice(start, start + _CONTRAST_PX // _PARTS)
+            colours, ground = np.rot90(lab, turns)[:, along], np.rot90(bare, turns)[:, along]
+            outside = colours[: margin - 1].reshape(-1, 3)
+            asphalt = colours[margin + 1 : 2 * margin][ground[margin + 1 : 2 * margin]]
+            floor = np.median(outside, axis=0)
+            noise = np.maximum(1.48 * np.median(np.abs(outside - floor), axis=0), 2.0)
+            if len(asphalt):
+                strips.append(float(np.linalg.norm((np.median(asphalt, axis=0) - floor) / noise)))
+        if strips:
+            contrasts.append(float(np.median(strips)))
+    return min(contrasts, default=0.0)
+
+
+def tape_of(flat: NDArray[np.uint8], tile_px: int) -> Field:
+    """Returns how much brighter than the ground around it each pixel is, as a logarithm: tape without light."""
+    value = flat.max(axis=2).astype(np.float32) + 4
+    tape = np.clip(np.log(cv2.GaussianBlur(value, (0, 0), tile_px / 40) / ground_of(flat, tile_px)), -0.2, 1.2)
+    return np.asarray(cv2.GaussianBlur(tape, (0, 0), tile_px / 40), np.float32)
+
+
+class _Seen(NamedTuple):
+    """A cell of a kind: its row and column, and the quarter turns that bring it to the kind's first code."""
+
+    row: int
+    column: int
+    turns: tuple[int, ...]
+
+
+def _groups(codes: NDArray[np.int8]) -> list[list[_Seen]]:
+    """Returns the cells of each kind with at least two comparable pictures."""
+    groups: dict[str, list[_Seen]] = {}
+    for row, column in np.argwhere(codes > 0).tolist():
+        kind = KIND_OF[int(codes[row, column])]
+        first = KINDS[kind][0]
+        turns = tuple(turn for turn in range(4) if rotate_codes(int(codes[row, column]), turn) == first)
+        groups.setdefault(kind, []).append(_Seen(row, column, turns))
+    return [cells for cells in groups.values() if sum(len(cell.turns) for cell in cells) > 1]
+
+
+def _basis(view: View, places: Points, rows: int, columns: int) -> NDArray[np.float64]:
+    """Returns how each parameter moves positions ``[..., 2]`` in tiles: ``[9, ..., 2]``.
+
+    The first eight are a homography's, in units of half the floor. The last is the radial distortion.
+    """
+    half = np.array([columns, rows]) / 2
+    u, v = np.moveaxis(places / half - 1, -1, 0)
+    one, none = np.ones_like(u), np.zeros_like(u)
+    moves = [(one, none), (u, none), (v, none), (none, one), (none, u), (none, v), (u * u, u * v), (u * v, v * v)]
+    basis = np.stack([np.stack(move, axis=-1) * half for move in moves])
+    step = 1e-3
+    right = (view.pixels_of(places + step * _RIGHT) - view.pixels_of(places - step * _RIGHT)) / (2 * step)
+    down = (view.pixels_of(places + step * _DOWN) - view.pixels_of(places - step * _DOWN)) / (2 * step)
+    bent = np.linalg.solve(np.stack([right, down], axis=-1), view.bend(places)[..., None])[..., 0]
+    return np.concatenate([basis, bent[None]])
+
+
+def _moved(view: View, change: NDArray[np.float64], rows: int, columns: int) -> View:
+    """Applies a change of the parameters of `_basis`."""
+    a, b, c, d, e, f, g, h = change[:8]
+    small = np.array([[1 + b, c, a], [e, 1 + f, d], [-g, -h, 1]])
+    unit = np.array([[2 / columns, 0, -1], [0, 2 / rows, -1], [0, 0, 1]])
+    homography = view.homography @ np.linalg.inv(unit) @ small @ unit
+    return view._replace(homography=homography / homography[2, 2], radial=view.radial + change[8])
+
+
+def _add_cells(
+    matrix: NDArray[np.float64],
+    vector: NDArray[np.float64],
+    tape: Field,
+    basis: NDArray[np.float64],
+    groups: list[list[_Seen]],
+    tile_px: int,
+) -> float:
+    """Adds the comparison of cells to the normal equations; returns the cells' correlation with their kind's mean."""
+    down, right = np.gradient(tape)
+    moves = (basis[..., 0] * right + basis[..., 1] * down) * tile_px
+    layers = np.concatenate([tape[None], moves]).astype(np.float32)
+    away, means = [], []
+    for cells in groups:
+        windows = [
+            layers[
+                :, cell.row * tile_px : (cell.row + 1) * tile_px, cell.column * tile_px : (cell.column + 1) * tile_px
+            ]
+            for cell in cells
+        ]
+        turned = [
+            [np.rot90(window, turn, (1, 2)) for turn in cell.turns] for cell, window in zip(cells, windows, strict=True)
+        ]
+        total, count = sum(sum(pictures) for pictures in turned), sum(map(len, turned))
+        for pictures in turned:
+            for picture in pictures:
+                others = (total - picture) / (count - 1)
+                away.append((picture - others).reshape(10, -1) / np.sqrt(len(pictures)))
+                means.append(others[0].ravel())
+    rest = np.concatenate(away, axis=1)
+    mean = np.concatenate(means)
+    scale = max(1.48 * float(np.median(np.abs(rest[0]))), 0.02)
+    weight = _tukey(rest[0] / (4 * scale)) / (scale**2 * _GRAIN * (tile_px / 64) ** 2)
+    weighted = rest[1:] * weight
+    matrix += weighted @ rest[1:].T
+    vector -= weighted @ rest[0]
+    return float(np.clip(1 - rest[0].var() / max(mean.var() + rest[0].var() / 2, 1e-6), 0, 1))
+
+
+class _Border(NamedTuple):
+    """Points ``[S, A, 2]`` in tiles on the outer sides, the directions ``[S, 1, 2]`` out, and the border's offsets."""
+
+    points: Points
+    outwards: Points
+    offsets: NDArray[np.float64]  # [S, A], in tiles outwards; NaN where no border is seen
+
+
+def _border_offsets(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], reach: float) -> _Border:
+    """Returns where the border is seen on both sides of where a view has it."""
+    sides = _outer_sides(codes)
+    outwards = np.array([normal for _, normal in sides], float)[:, None]
+    along = (np.arange(_ALONG) + 0.5)[None, :, None] / _ALONG - 0.5
+    points = np.array([middle for middle, _ in sides])[:, None] + along * outwards[..., ::-1]
+    steps = np.arange(_MARGIN, -reach - 0.06, -_STEP)
+    profile = points[:, :, None] + steps[:, None] * outwards[:, :, None]  # from outside to inside
+    colours = flatten(image, view, profile.reshape(-1, len(steps), 2), 1 / _STEP).reshape(-1, len(steps), 3)
+    lab = cv2.cvtColor(colours, cv2.COLOR_RGB2LAB).reshape(*profile.shape[:3], 3).astype(np.float32)
+    return _Border(points, outwards, _first_edges(lab, steps, reach))
+
+
+def _directions(codes: NDArray[np.int8]) -> NDArray[np.int_]:
+    """Returns the direction of each outer side: 0 to 3 for north, east, south and west."""
+    order = [(side.right, side.down) for side in SIDES]
+    return np.array([order.index(normal) for _, normal in _outer_sides(codes)], int)
+
+
+def _by_direction(codes: NDArray[np.int8], values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Returns values ``[S, A]`` of the outer sides to the north, east, south and west."""
+    directions = _directions(codes)
+    return [values[directions == direction] for direction in range(4)]
+
+
+def _add_border(
+    matrix: NDArray[np.float64],
+    vector: NDArray[np.float64],
+    image: NDArray[np.uint8],
+    view: View,
+    codes: NDArray[np.int8],
+    reach: float,
+    trusted: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Adds the border's place to the normal equations; returns the share of each side's points where one is seen."""
+    border = _border_offsets(image, view, codes, reach)
+    seen = np.isfinite(border.offsets)
+    offsets = np.where(seen, border.offsets, 1.0)
+    scale = max(1.48 * float(np.median(np.abs(offsets[seen]))) if seen.any() else 1.0, _EDGE_NOISE)
+    weight = _tukey(offsets / reach) * _tukey(offsets / (4 * scale)) / (scale**2 * _ALONG / 6)
+    weight *= trusted[_directions(codes)][:, None]
+    basis = (_basis(view, border.points, *codes.shape) * border.outwards).sum(axis=-1).reshape(9, -1)
+    weighted = basis * weight.ravel()
+    matrix += weighted @ basis.T
+    vector += weighted @ offsets.ravel()
+    return np.array([(np.abs(part) < _ON_BORDER).mean() for part in _by_direction(codes, offsets)])
+
+
+def _outer_sides(codes: NDArray[np.int8]) -> list[tuple[tuple[float, float], tuple[int, int]]]:
+    """Returns the middle of each side of a tile that has no neighbour, and the direction out of the tile."""
+    around, sides = np.pad(codes, 1), []
+    for row, column in np.argwhere(codes > 0).tolist():
+        for side in SIDES:
+            if not around[row + 1 + side.down, column + 1 + side.right]:
+                middle = column + 0.5 + side.right / 2, row + 0.5 + side.down / 2
+                sides.append((middle, (side.right, side.down)))
+    return sides
+
+
+def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+    """Returns how far outside the border is at each point ``[S, A]`` in tiles; NaN where none is seen.
+
+    Going inwards, the border is the first strong edge where the colour stops to be the ground's for a while.
+
+    Args:
+      colours: Lab ``[S, A, T, 3]``, from outside to inside.
+      steps: the distance outside of each of the T places.
+      reach: of the search.
+    """
+    colours = np.asarray(cv2.blur(colours.reshape(-1, *colours.shape[2:]), (3, 1)), np.float32).reshape(colours.shape)
+    nearest = max(reach, 0.08) + 0.02
+    in_ring = (steps > nearest) & (steps < nearest + _RING)
+    ring = colours[:, :, in_ring]
+    near = sliding_window_view(np.pad(ring, ((0, 0), (2, 2), (0, 0), (0, 0)), mode="edge"), 5, axis=1)
+    near = near.swapaxes(3, 4).reshape(*ring.shape[:2], -1, 3)  # of five neighbouring points
+    ground = np.median(near, axis=2, keepdims=True)
+    noise = np.maximum(1.48 * np.median(np.abs(near - ground), axis=2, keepdims=True), 2.0)
+    away = np.sqrt((((colours - ground) / noise) ** 2).sum(axis=-1))
+    inner = np.flatnonzero((steps <= reach) & (steps >= -reach - 0.05))
+    length = max(2, round(0.03 / _STEP))
+    lasting = sliding_window_view(away[..., inner] > _AWAY, length, axis=2).mean(axis=-1) > 0.85
+    first = inner[0] + np.argmax(lasting, axis=2)
+    seen = lasting.any(axis=2) & (first > inner[0])
+    edge = np.linalg.norm(colours[:, :, 2:] - colours[:, :, :-2], axis=-1)
+    edge = np.pad(edge, ((0, 0), (0, 0), (1, 1)))
+    window = np.clip(first[..., None] + np.arange(-3, length + 1), 1, len(steps) - 2)
+    strength = np.take_along_axis(edge, window, 2)
+    peak = (strength >= np.take_along_axis(edge, window - 1, 2)) & (strength >= np.take_along_axis(edge, window + 1, 2))
+    # Behind a narrow strip of asphalt, white tape is a stronger edge than the border. It alone is brighter inside.
+    rise = np.pad(colours[:, :, 2:, 0] - colours[:, :, :-2, 0], ((0, 0), (0, 0), (1, 1)))
+    darkens = np.where(np.take_along_axis(rise, window, 2) < 0.5 * strength, strength, 0).max(axis=2, keepdims=True)
+    texture = np.median(edge[:, :, in_ring], axis=2, keepdims=True)
+    largest = strength.max(axis=2, keepdims=True)
+    is_clear = darkens >= np.maximum(_CLEAR * texture, 0.15 * largest)
+    peak &= strength >= 0.5 * np.where(is_clear, darkens, largest)
+    at = np.take_along_axis(window, np.argmax(peak, axis=2)[..., None], 2)
+    left, here, right = (np.take_along_axis(edge, at + shift, 2)[..., 0] for shift in (-1, 0, 1))
+    bow = np.maximum(2 * here - left - right, 1e-3)
+    place = steps[at[..., 0]] - np.clip((right - left) / (2 * bow), -1, 1) * _STEP
+    return np.where(seen & peak.any(axis=2), place, np.nan)
+
+
+def _tukey(ratio: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns Tukey's weights: 1 at 0, 0 from 1 on."""
+    return np.asarray(np.maximum(1 - ratio**2, 0) ** 2)

@@ -1,0 +1,98 @@
+"""Measures where the road and its lines are at the sides of a tile."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.tiles._light import even_light
+from elitelanes_jax.tiles.files import Tile
+
+LANE_OFFSET = 0.2
+"""Tiles from the road's middle to the middle of a lane in our model of lanes."""
+
+_SEEN = 1 / 5  # the strip along a side in which a separator begins
+_DASH = 1 / 24  # the depth of a separator that is measured: on a turn it leaves the middle further inside
+_WHITE = 130  # the least brightness of white tape in even light
+_NEAR = 0.04  # tiles between the road's edge and the white line, at most
+
+
+class SideLines(NamedTuple):
+    """The road at one side of a tile, in tiles from the side's left end, as seen from inside the tile.
+
+    Attributes:
+      side: N, E, S or W.
+      road: where the road begins and ends.
+      separator: the middle of the lane separator; None if there is none.
+      white: the middles of the white lines to the left and right of the road; None where there is none.
+      lane: tiles from the road's middle to the middle of a lane, the mean of both lanes.
+    """
+
+    side: str
+    road: tuple[float, float]
+    separator: float | None
+    white: tuple[float | None, float | None]
+    lane: float
+
+
+def measure_sides(tile: Tile) -> list[SideLines]:
+    """Measures the lines at each side that a tile opens."""
+    bright = even_light(tile.image, 55).min(axis=2) > _WHITE
+    measured = []
+    for turns, side in enumerate(SIDES):
+        if tile.code & side.bit:
+            layers = (np.rot90(layer, turns) for layer in (tile.road, tile.yellow, bright))
+            measured.append(_measure(side.letter, *layers))
+    return measured
+
+
+def describe_lanes(tiles: Sequence[Tile]) -> str:
+    """Returns a table of the lines at each open side, and the mean place of the lanes beside our model's."""
+    rows = ["in tiles from the left end of each side, seen from inside: road, separator, white lines; lanes' offset"]
+    offsets: dict[bool, list[float]] = {True: [], False: []}
+    for tile in tiles:
+        for side in measure_sides(tile):
+            left, right = (_text(place) for place in side.white)
+            offsets[side.separator is not None].append(side.lane)
+            rows.append(
+                f"  {tile.name:12} {side.side}  {side.road[0]:.3f} to {side.road[1]:.3f}, {_text(side.separator)}, "
+                f"{left} and {right}; {side.lane:.3f}"
+            )
+    # Half the width of a separator is part of the offset.
+    offset = np.mean(offsets[True] or offsets[False])
+    return "\n".join(
+        [*rows, f"lanes run {offset:.3f} tiles beside the road's middle; the lane model has {LANE_OFFSET}"]
+    )
+
+
+def _text(place: float | None) -> str:
+    return "none" if place is None else f"{place:.3f}"
+
+
+def _measure(letter: str, road: NDArray[np.bool_], yellow: NDArray[np.bool_], bright: NDArray[np.bool_]) -> SideLines:
+    size = len(road)
+    columns = np.flatnonzero(road[0])
+    start, end = float(columns[0]) / size, float(columns[-1] + 1) / size
+    half = 0.0
+    rows = np.flatnonzero(yellow[: round(_SEEN * size)].any(axis=1))
+    separator = None
+    if len(rows):
+        dash = np.flatnonzero(yellow[rows[0] : rows[0] + max(1, round(_DASH * size))].any(axis=0))
+        separator = float(dash[0] + dash[-1] + 1) / 2 / size
+        half = float(np.median(yellow[rows].sum(axis=1))) / 2 / size
+    first = np.asarray(bright[: max(1, size // 64)].any(axis=0), np.bool_)
+    white = _white_line(first[: columns[0]][::-1], size), _white_line(first[columns[-1] + 1 :], size)
+    places = (None if white[0] is None else start - white[0], None if white[1] is None else end + white[1])
+    return SideLines(letter, (start, end), separator, places, ((end - start) / 2 + half) / 2)
+
+
+def _white_line(beside: NDArray[np.bool_], size: int) -> float | None:
+    """Returns how far from the road's edge the middle of a white line next to it is, in tiles; None without one."""
+    near = np.flatnonzero(beside[: max(1, round(_NEAR * size))])
+    if not len(near):
+        return None
+    after = np.flatnonzero(~beside[near[0] :])
+    end = near[0] + after[0] if len(after) else len(beside)
+    return float(near[0] + end) / 2 / size

@@ -1,0 +1,248 @@
+"""Photographs of tiles: what is found in them, at which pixels, and what is refused."""
+
+import json
+
+import cv2
+import numpy as np
+import photographed
+import pytest
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.network.codes import ROAD_ALPHABET
+from elitelanes_jax.tiles import (
+    SURE,
+    Photograph,
+    Proposal,
+    cut_tiles,
+    find_differences,
+    measure_sides,
+    propose_masks,
+    propose_tiles,
+    read_lens,
+    read_photograph,
+    turn_floor,
+    turn_to_plan,
+)
+from elitelanes_jax.tiles.photographs import reading
+from elitelanes_jax.tiles.photographs.views import View, places_of, view_of
+
+TOWN = photographed.TOWN
+CORNERS = photographed.corners_of(3, 3)
+
+
+@pytest.fixture(scope="module")
+def shot():
+    return Photograph("floor", photographed.photograph(TOWN))
+
+
+@pytest.fixture(scope="module")
+def proposal(shot):
+    return propose_tiles(shot, shape=(3, 3))
+
+
+def off(proposal, corners=CORNERS):
+    """The largest distance of a proposed corner from the true one, in tiles."""
+    away = np.linalg.norm(np.array(proposal.corners) - corners, axis=1).max()
+    return away / proposal.view.tile_pixels(*np.shape(proposal.codes))
+
+
+def test_a_floor_is_found_and_read(proposal):
+    assert off(proposal) < 0.01
+    np.testing.assert_array_equal(proposal.codes, TOWN)
+    assert proposal.score > 0.9 and proposal.advice == ""
+    assert np.min(proposal.sure) > 0.9
+
+
+def test_a_proposal_is_plain(proposal):
+    assert Proposal(**json.loads(json.dumps(proposal._asdict()))) == proposal
+
+
+def test_rough_corners_and_a_turned_map_are_fitted(shot):
+    rough = CORNERS + np.array([[9, -7], [-8, 6], [5, 9], [-9, -4]])
+    turned = turn_floor(TOWN, 1)
+    proposal = propose_tiles(shot, corners=rough, codes=turned)
+    np.testing.assert_array_equal(proposal.codes, turned)
+    # A quarter turn of the map puts its first corner at another corner of the floor.
+    assert min(off(proposal, np.roll(CORNERS, turns, axis=0)) for turns in range(4)) < 0.01
+    as_given = propose_tiles(shot, shape=(3, 3), corners=rough, fit=False)
+    np.testing.assert_allclose(as_given.corners, rough, atol=0.01)
+
+
+def score_of(photo, shape):
+    """The score of a photograph's proposal, 0 if nothing is found."""
+    try:
+        return propose_tiles(photo, shape=shape).score
+    except InputError:
+        return 0.0
+
+
+def test_a_wrong_size_and_noise_are_refused(shot):
+    assert score_of(shot, (2, 4)) < SURE
+    noise = np.random.default_rng(0).integers(0, 255, (300, 400, 3)).astype(np.uint8)
+    assert score_of(Photograph("noise", noise), (1, 1)) < SURE
+    with pytest.raises(InputError, match="wall: expected tiles that stand out from the floor, found none"):
+        propose_tiles(Photograph("wall", np.full((300, 400, 3), 128, np.uint8)))
+
+
+def test_cuts_are_squares_of_their_kind_and_copies_are_named(shot, proposal):
+    cuts = cut_tiles(shot, proposal)
+    assert [cut.code for cut in cuts] == TOWN.ravel().tolist()
+    assert [cut.name for cut in cuts[:4]] == ["turn_1", "crossing3_1", "turn_2", "straight_1"]
+    assert len({cut.name for cut in cuts}) == 9
+    assert all(cut.image.shape == (128, 128, 3) for cut in cuts)
+    again = cut_tiles(shot, proposal, cuts)
+    assert [cut.name for cut in again[:2]] == ["turn_5", "crossing3_3"]
+    assert all(cut.copy_of for cut in again)
+    unsure = proposal._replace(sure=np.zeros((3, 3)).tolist())
+    assert cut_tiles(shot, unsure) == []
+
+
+def test_a_single_tile_may_lie_in_any_direction():
+    photo = Photograph("turn", photographed.photograph(np.array([[3]], np.int8)))
+    proposal = propose_tiles(photo)
+    assert proposal.codes == [[3]] and proposal.score > 0.9
+    assert off(proposal, photographed.corners_of(1, 1)) < 0.01
+
+
+@pytest.mark.parametrize(("code", "ground"), [(5, (58, 70, 95)), (10, (120, 118, 116))])
+def test_a_border_is_found_next_to_white_tape(code, ground):
+    """Between the border and the tape is a narrow strip of asphalt, whose edge to the tape is the stronger one."""
+    codes = np.array([[code]], np.int8)
+    proposal = propose_tiles(Photograph("straight", photographed.photograph(codes, ground=ground)))
+    assert proposal.codes == [[code]] and proposal.score > SURE
+    assert off(proposal, photographed.corners_of(1, 1)) < 0.01
+
+
+def test_cells_without_a_tile_are_no_tiles():
+    codes = np.array([[6, 5, 3], [10, 0, 10], [10, 0, 10], [12, 5, 9]], np.int8)
+    proposal = propose_tiles(Photograph("ring", photographed.photograph(codes, ground=(215, 212, 208))), shape=(4, 3))
+    assert proposal.score > SURE
+    sure = np.array(proposal.sure) >= SURE
+    np.testing.assert_array_equal(np.array(proposal.codes)[sure], codes[sure])
+    assert sure[codes > 0].all()
+
+
+def test_a_floor_as_dark_as_asphalt_needs_exact_corners():
+    codes, corners = np.array([[6]], np.int8), photographed.corners_of(1, 1)
+    photo = Photograph("turn", photographed.photograph(codes, ground=photographed.ASPHALT))
+    assert score_of(photo, (1, 1)) < SURE
+    assert propose_tiles(photo, corners=corners).score < SURE
+    exact = propose_tiles(photo, corners=corners, fit=False)
+    assert exact.score > SURE and exact.codes == [[6]]
+
+
+@pytest.mark.parametrize(
+    ("corners", "message"),
+    [
+        ([[0, 0], [300, 300], [300, 0], [0, 300]], "lines that cross"),
+        ([[0, 0], [0, 300], [300, 300], [300, 0]], "counter-clockwise"),
+        ([[0, 0], [3000, 0], [300, 300], [0, 300]], "points within floor, 800 x 640 pixels"),
+        ([[0, 0], [300, 0], [300, 300]], "four points"),
+    ],
+)
+def test_bad_corners_are_named(shot, corners, message):
+    with pytest.raises(InputError, match=message):
+        propose_tiles(shot, corners=np.array(corners))
+
+
+def test_a_view_bends_and_scales():
+    view = view_of(CORNERS, 3, 3, 800, 640)
+    np.testing.assert_allclose(view.pixels_of(np.array([[0, 0], [3, 3]], float)), CORNERS[[0, 2]], atol=1e-3)
+    bent = view._replace(radial=0.05)
+    step = (bent.pixels_of(places_of(3, 3, 4, 0)) - view.pixels_of(places_of(3, 3, 4, 0))) / 0.05
+    np.testing.assert_allclose(view.bend(places_of(3, 3, 4, 0)), step, atol=1e-6)
+    double = View(*bent).scaled(2)
+    place = np.array([[1.0, 2.0]])
+    np.testing.assert_allclose(double.pixels_of(place), bent.pixels_of(place) * 2 + 0.5, atol=1e-6)
+
+
+def test_photographs_are_upright_and_large_ones_smaller(tmp_path, monkeypatch):
+    picture = photographed.photograph(TOWN)
+    photographed.write(tmp_path / "plain.jpg", picture)
+    content = (tmp_path / "plain.jpg").read_bytes()
+    turned = b"Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
+    (tmp_path / "turned.jpg").write_bytes(
+        content[:2] + b"\xff\xe1" + (len(turned) + 2).to_bytes(2) + turned + content[2:]
+    )
+    plain = read_photograph(tmp_path / "plain.jpg")
+    upright = read_photograph(tmp_path / "turned.jpg")
+    np.testing.assert_array_equal(upright.image, np.rot90(plain.image, -1))
+    monkeypatch.setattr(reading, "_MOST_READ", 800 * 640 / 3)
+    small = read_photograph(tmp_path / "plain.jpg")
+    assert small.image.shape == (320, 400, 3) and small.shrunk == 2
+    np.testing.assert_allclose(small.pixels_of(np.array([[100.5, 200.5]])), [[50, 100]])
+
+
+def test_a_calibrated_lens_is_straightened(tmp_path):
+    (tmp_path / "camera.yaml").write_text(
+        "image_width: 400\nimage_height: 320\ndistortion_model: plumb_bob\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [450, 0, 200, 0, 450, 160, 0, 0, 1]}\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [-0.25, 0.05, 0, 0, 0]}\n"
+    )
+    lens = read_lens(tmp_path / "camera.yaml")
+    dots = np.zeros((640, 800, 3), np.uint8)
+    cv2.circle(dots, (120, 90), 4, (255, 255, 255), -1)
+    photographed.write(tmp_path / "dots.png", dots)
+    shot = read_photograph(tmp_path / "dots.png", lens)
+    seen = np.argwhere(shot.image[..., 0] > 128).mean(axis=0)[::-1]
+    np.testing.assert_allclose(shot.pixels_of(np.array([[120.0, 90.0]]))[0], seen, atol=0.3)
+    assert np.linalg.norm(seen - [120, 90]) > 5
+    photographed.write(tmp_path / "other.png", dots[:, :500])
+    with pytest.raises(
+        InputError, match=r"other.png: expected a photograph of the camera's ratio 400 x 320, got 500 x"
+    ):
+        read_photograph(tmp_path / "other.png", lens)
+
+
+def test_floors_are_compared_with_their_plan():
+    floor = turn_floor(np.array([[6, 3], [10, 10], [12, 9]], np.int8), 3)
+    plan = np.array([[6, 3], [10, 5], [12, 9]], np.int8)
+    assert floor.shape == (2, 3)
+    turned = turn_floor(floor, turn_to_plan(floor, plan))
+    assert find_differences(turned, plan) == [(1, 1, 5, 10)]
+    assert (
+        str(find_differences(turned, plan)[0])
+        == "row 2, column 2: expected a straight that opens EW, got it turned: NS"
+    )
+    with pytest.raises(InputError, match="plan: expected 2 x 3 tiles like the floor, got 2 x 2"):
+        turn_to_plan(floor, plan[:2])
+    for turns in range(5):
+        assert set(turn_floor(np.array([ROAD_ALPHABET] * 2, np.int8), turns).ravel()) == set(ROAD_ALPHABET)
+
+
+def test_sides_are_measured_as_they_are_drawn(drawn_tiles):
+    for tile in drawn_tiles.tiles:
+        for side in measure_sides(tile):
+            assert side.road == pytest.approx((0.13, 0.87), abs=0.004)
+            assert side.white == pytest.approx((0.09, 0.91), abs=0.006)
+            if side.separator is not None:
+                assert side.separator == pytest.approx(0.5, abs=0.01)
+                assert side.lane == pytest.approx(0.195, abs=0.003)
+
+
+def test_a_sliver_of_the_floor_is_no_road(drawn_tiles):
+    """White tape near the border, and a dark sliver outside of it that worn tape joins to the road."""
+    image = np.full((200, 200, 3), 70, np.uint8)
+    image[:, 3:17] = image[:, -17:-3] = 220
+    image[120:126, 3:17] = 70
+    road = propose_masks(image)["road"]
+    assert not road[:, :3].any() or road[:, 0].mean() < 0.1
+    assert road[0, 40:160].all() and road[-1, 40:160].all()
+    image[:, :17] = image[:, -17:] = 70
+    image[:, :4] = image[:, -4:] = 220  # all that is left of the tape
+    road = propose_masks(image)["road"]
+    assert not road[:, 0].any() and not road[:, -1].any()
+
+
+def test_an_earlier_set_is_kept(tmp_path, capsys):
+    photographed.write(tmp_path / "turn.png", photographed.photograph(np.array([[3]], np.int8)))
+    out = tmp_path / "mine"
+    (out / "turn_1").mkdir(parents=True)
+    (out / "turn_1" / "image.png").write_bytes(b"by hand")
+    line = ["tiles", "cut", str(tmp_path / "turn.png"), "--out", str(out)]
+    assert main(line) == 2
+    assert main([*line, "--overwrite"]) == 0
+    assert (tmp_path / "mine.before" / "turn_1" / "image.png").read_bytes() == b"by hand"
+    assert read_photograph(out / "sheet.png").image.shape[2] == 3
+    assert f"the earlier set is kept as {out}.before" in capsys.readouterr().out
