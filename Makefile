@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -234,6 +234,9 @@ certify: $(READY)
 
 segmentation: $(READY)
 	$(BIN)/python -m experiments.perception.segmentation
+
+cutting: $(READY)
+	$(BIN)/python -m experiments.perception.cutting
 
 photographs: $(READY)
 	$(BIN)/python -m experiments.perception.photographs
