@@ -111,6 +111,7 @@ class RoadNavInfo(NamedTuple):
 
 
 @name_wrong_arguments
+@jax.jit
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: RoadNavParams
 ) -> tuple[RoadNavObservation, RoadNavState]:
@@ -122,6 +123,7 @@ def _reset_to_level(
 
 
 @name_wrong_arguments
+@jax.jit
 def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservation, RoadNavState]:
     """Puts the agent on the start of a level drawn uniformly from ``params.levels``; the key is consumed."""
     check_named("params", instance(RoadNavParams), params)
@@ -129,6 +131,7 @@ def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservati
 
 
 @name_wrong_arguments
+@jax.jit
 def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], params: RoadNavParams) -> Transition:
     """Drives to the next tile.
 

@@ -24,7 +24,7 @@ from elitelanes_jax.drive import (
     make_levels,
     make_sight,
 )
-from elitelanes_jax.drive._wrappers import flatten
+from elitelanes_jax.drive._batch import flatten
 from elitelanes_jax.tiles import scale_tiles
 
 # Other libraries' warnings are theirs.

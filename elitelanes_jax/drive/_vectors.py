@@ -1,0 +1,275 @@
+"""Batches of environments in the interfaces of Gymnasium, Stable-Baselines3 and PufferLib.
+
+This module imports none of these libraries. A wrapper takes the module of the library whose classes it needs.
+"""
+
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named, one_of
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Pytree, Untyped, UserValue
+from elitelanes_jax.drive._batch import DISABLED, NEXT_STEP, SAME_STEP, Batch, check_module
+from elitelanes_jax.drive._environment import Environment
+
+_Render = Callable[[Pytree], NDArray[np.uint8]]
+
+
+def gymnasium_vector_env(
+    environment: Environment,
+    params: Pytree,
+    gymnasium: Untyped,
+    *,
+    envs: int = 256,
+    autoreset_mode: UserValue = NEXT_STEP,
+    render: _Render | None = None,
+) -> Untyped:
+    """Makes a `VectorEnv` of Gymnasium 1.1 or later, for programs without JAX: its arrays are NumPy's.
+
+    It does what Gymnasium's `SyncVectorEnv` of `envs` environments of `gymnasium_env` does, with the same results.
+    Its attribute `next_observations` has the observations after the last actions, before any reset in the same step.
+
+    Args:
+      environment: `RoadNav` or `LaneDrive`.
+      params: its options.
+      gymnasium: the module ``gymnasium``.
+      envs: the number of environments.
+      autoreset_mode: "NextStep", "SameStep" or "Disabled", or an `AutoresetMode` of Gymnasium.
+      render: takes a state and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
+
+    Raises:
+      InputError: for options out of their range, or another module.
+    """
+    check_module(params, gymnasium, "gymnasium", "gymnasium", "vector.AutoresetMode")
+    words = getattr(autoreset_mode, "value", autoreset_mode)
+    mode = check_named("autoreset_mode", one_of(NEXT_STEP, SAME_STEP, DISABLED), words)
+    batch, draw = Batch(environment, params, envs, mode), render
+    single_action_space = batch.action_space(gymnasium.spaces)
+    single_observation_space = batch.observation_space(gymnasium.spaces)
+    batch_space = gymnasium.vector.utils.batch_space
+
+    class VectorEnv(gymnasium.vector.VectorEnv):
+        """The environments."""
+
+        def __init__(self) -> None:
+            self.metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
+            self.metadata["autoreset_mode"] = gymnasium.vector.AutoresetMode(mode)
+            self.render_mode = None if draw is None else "rgb_array"
+            self.num_envs = batch.envs
+            self.single_action_space, self.single_observation_space = single_action_space, single_observation_space
+            self.action_space = batch_space(single_action_space, batch.envs)
+            self.observation_space = batch_space(single_observation_space, batch.envs)
+            self._over = np.zeros(batch.envs, bool)
+
+        def reset(self, *, seed: UserValue = None, options: UserValue = None) -> tuple[NDArray, dict[str, Untyped]]:
+            super().reset(seed=seed if isinstance(seed, int) else None)
+            chosen = _check_mask(options, batch.envs)
+            seeds = range(seed, seed + batch.envs) if isinstance(seed, int) else seed
+            observation = batch.reset(seeds, chosen)
+            self._over = self._over & ~chosen
+            return observation, {}
+
+        def step(self, actions: UserValue) -> tuple[NDArray, NDArray, NDArray, NDArray, dict[str, Untyped]]:
+            over = self._over
+            if mode == DISABLED and over.any():
+                ended = np.flatnonzero(over).tolist()
+                raise InputError(f"step: expected a reset of environments {ended}, whose episodes have ended, got none")
+            done = batch.step(actions)
+            self._over, self.next_observations = done.terminated | done.truncated, done.reached
+            if mode == SAME_STEP and self._over.any():
+                infos = _final_infos(done.metrics, self._over, done.reached)
+            else:
+                infos = _masked(done.metrics, ~over if mode == NEXT_STEP else np.ones(batch.envs, bool))
+            return done.observation, done.reward, done.terminated, done.truncated, infos
+
+        def render(self) -> tuple[NDArray, ...] | None:
+            return None if draw is None else tuple(np.asarray(draw(state)) for state in batch.states("render"))
+
+    return VectorEnv()
+
+
+def _check_mask(options: UserValue, envs: int) -> NDArray[np.bool_]:
+    """Returns the environments that a reset starts anew, bool ``[N]``."""
+    mask = (options or {}).get("reset_mask")
+    if mask is None:
+        return np.ones(envs, bool)
+    if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (envs,) or not mask.any():
+        raise InputError(f"reset_mask: expected bool [{envs}] with a True, got {mask!r}")
+    return mask
+
+
+def _masked(metrics: dict[str, NDArray], present: NDArray[np.bool_]) -> dict[str, NDArray]:
+    """Returns metrics as Gymnasium's infos: 0 where they are not present, and with a mask for each."""
+    infos: dict[str, NDArray] = {}
+    if not present.any():
+        return infos
+    for name, metric in metrics.items():
+        infos[name] = metric if present.all() else np.where(present, metric, np.zeros((), metric.dtype))
+        infos[f"_{name}"] = present
+    return infos
+
+
+def _final_infos(metrics: dict[str, NDArray], over: NDArray[np.bool_], reached: NDArray) -> dict[str, Untyped]:
+    """Returns infos where some episodes are over, and the environments are reset: their last observations too."""
+    last = np.full(len(over), None, object)
+    for index in np.flatnonzero(over):
+        last[index] = reached[index]
+    final = {"final_obs": last, "_final_obs": over, "final_info": _masked(metrics, over), "_final_info": over}
+    return final | _masked(metrics, ~over)
+
+
+def sb3_vec_env(
+    environment: Environment,
+    params: Pytree,
+    stable_baselines3: Untyped,
+    *,
+    envs: int = 256,
+    render: _Render | None = None,
+) -> Untyped:
+    """Makes a `VecEnv` of Stable-Baselines3 2: its arrays are NumPy's, and pictures are uint8 ``[3, rows, columns]``.
+
+    The info of an environment is empty until its episode ends. Then it has the metrics, `is_success` for the logs of
+    Stable-Baselines3, "TimeLimit.truncated" and "terminal_observation". The attribute `metrics` has the metrics of
+    every step by name, each ``[N]``.
+
+    Args:
+      environment: `RoadNav` or `LaneDrive`.
+      params: its options.
+      stable_baselines3: the module ``stable_baselines3``.
+      envs: the number of environments.
+      render: takes a state and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
+
+    Raises:
+      InputError: for options out of their range, or another module.
+    """
+    name = "stable_baselines3"
+    check_module(params, stable_baselines3, name, name, "common.vec_env.VecEnv")
+    base = stable_baselines3.common.vec_env.base_vec_env
+    batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
+    draw = render
+
+    class VecEnv(base.VecEnv):
+        """The environments."""
+
+        render_mode = None if draw is None else "rgb_array"
+
+        def __init__(self) -> None:
+            self._attributes: dict[str, list[UserValue]] = {}
+            super().__init__(batch.envs, batch.observation_space(base.spaces), batch.action_space(base.spaces))
+
+        def reset(self) -> NDArray:
+            observation = batch.reset(self._seeds)
+            self._reset_seeds()
+            self._reset_options()
+            return observation
+
+        def step_async(self, actions: UserValue) -> None:
+            batch.send(actions)
+
+        def step_wait(self) -> tuple[NDArray, NDArray, NDArray, list[dict[str, Untyped]]]:
+            done = batch.receive()
+            over, self.metrics = done.terminated | done.truncated, done.metrics
+            infos: list[dict[str, Untyped]] = [{} for _ in range(batch.envs)]
+            for index in np.flatnonzero(over):
+                info = {name: metric[index].tolist() for name, metric in done.metrics.items()}
+                if "success" in info:
+                    info["is_success"] = info["success"]
+                info["TimeLimit.truncated"] = bool(done.truncated[index])
+                info["terminal_observation"] = done.reached[index]
+                infos[index] = info
+            return done.observation, done.reward, over, infos
+
+        def close(self) -> None:
+            pass
+
+        def get_images(self) -> Sequence[NDArray | None]:
+            if draw is None:
+                warnings.warn("sb3_vec_env: expected render, to get pictures, got none", stacklevel=2)
+                return [None] * batch.envs
+            return [np.asarray(draw(state)) for state in batch.states("render")]
+
+        def get_attr(self, attr_name: str, indices: UserValue = None) -> list[UserValue]:
+            values = self._attributes.get(attr_name)
+            if values is None:
+                values = [getattr(self, attr_name)] * batch.envs
+            return [values[index] for index in self._get_indices(indices)]
+
+        def set_attr(self, attr_name: str, value: UserValue, indices: UserValue = None) -> None:
+            values = self._attributes.setdefault(attr_name, [getattr(self, attr_name, None)] * batch.envs)
+            for index in self._get_indices(indices):
+                values[index] = value
+
+        def env_method(
+            self, method_name: str, *arguments: UserValue, indices: UserValue = None, **options: UserValue
+        ) -> list[UserValue]:
+            if method_name != "render":
+                raise InputError(f"method_name: expected render, the only method of one environment, got {method_name}")
+            images = self.get_images()
+            return [images[index] for index in self._get_indices(indices)]
+
+        def env_is_wrapped(self, wrapper_class: type, indices: Iterable[int] | int | None = None) -> list[bool]:
+            return [False for _ in self._get_indices(indices)]
+
+    return VecEnv()
+
+
+def puffer_env(
+    environment: Environment,
+    params: Pytree,
+    pufferlib: Untyped,
+    *,
+    envs: int = 256,
+    buf: UserValue = None,
+    seed: int = 0,
+) -> Untyped:
+    """Makes a native environment of PufferLib 3, a `PufferEnv` of `envs` agents; pictures are ``[3, rows, columns]``.
+
+    ``pufferlib.vector.make`` calls it: `buf` and `seed` are for that. The infos of a step are a list with the means of
+    the metrics of the episodes that ended, or an empty list.
+
+    Args:
+      environment: `RoadNav` or `LaneDrive`.
+      params: its options.
+      pufferlib: the module ``pufferlib``.
+      envs: the number of agents, each in an environment of its own.
+      buf: the arrays that are written to; None for arrays of its own.
+      seed: of a reset without a seed.
+
+    Raises:
+      InputError: for options out of their range, or another module.
+    """
+    check_module(params, pufferlib, "pufferlib", "pufferlib", "PufferEnv")
+    batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
+    spaces = pufferlib.emulation.gymnasium.spaces
+
+    class PufferEnv(pufferlib.PufferEnv):
+        """The environments."""
+
+        single_action_space = batch.action_space(spaces)
+        single_observation_space = batch.observation_space(spaces)
+        num_agents = batch.envs
+
+        def reset(self, seed: int | None = None) -> tuple[NDArray, list[dict[str, float]]]:
+            first = start if seed is None else seed
+            self.observations[:] = batch.reset(range(first, first + batch.envs))
+            for zeroed in (self.rewards, self.terminals, self.truncations):
+                zeroed[:] = 0
+            return self.observations, []
+
+        def step(self, actions: UserValue) -> tuple[NDArray, NDArray, NDArray, NDArray, list[dict[str, float]]]:
+            done = batch.step(actions)
+            self.observations[:], self.rewards[:] = done.observation, done.reward
+            self.terminals[:], self.truncations[:] = done.terminated, done.truncated
+            over, infos = done.terminated | done.truncated, []
+            if over.any():
+                infos.append({name: float(metric[over].mean()) for name, metric in done.metrics.items()})
+            return self.observations, self.rewards, self.terminals, self.truncations, infos
+
+        def close(self) -> None:
+            pass
+
+    start = seed
+    return PufferEnv(buf)

@@ -1,0 +1,143 @@
+"""Batches of environments against a plain loop over the functions of one environment."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from driving_oracle import drawn_maps
+
+from elitelanes_jax import InputError
+from elitelanes_jax.drive import (
+    Environment,
+    LaneDrive,
+    LaneDriveParams,
+    RoadNav,
+    RoadNavParams,
+    Transition,
+    make_levels,
+)
+from elitelanes_jax.drive._batch import DISABLED, NEXT_STEP, SAME_STEP, Batch, flattened
+from elitelanes_jax.network.bits import seed_key
+
+LEVELS = make_levels(jax.random.key(2), drawn_maps(1, 16, (4, 5), fill=True))
+PARAMS = RoadNavParams(LEVELS, limit=5, window=3)
+
+
+class Loop:
+    """One environment: its i-th step or reset takes the key that has i folded into the seed's key."""
+
+    def __init__(self, environment, params, seed):
+        flat = flattened(environment)
+        self.reset_with, self.step_with = (jax.jit(function) for function in (flat.reset, flat.step))
+        self.params, self.key, self.used = params, seed_key(seed), 0
+
+    def next_key(self):
+        self.used += 1
+        return jax.random.fold_in(self.key, self.used - 1)
+
+    def reset(self):
+        observation, self.state = self.reset_with(self.next_key(), self.params)
+        return observation
+
+    def step(self, action):
+        done = self.step_with(self.next_key(), self.state, action, self.params)
+        self.state = done.state
+        return done
+
+
+@pytest.mark.parametrize("mode", [NEXT_STEP, SAME_STEP, DISABLED])
+def test_a_batch_is_a_loop_over_environments(mode):
+    batch = Batch(RoadNav, PARAMS, 3, mode)
+    loops = [Loop(RoadNav, PARAMS, seed) for seed in (7, 0, 9)]
+    np.testing.assert_array_equal(batch.reset([7, 0, 9]), [loop.reset() for loop in loops])
+    actions = np.random.default_rng(0).integers(0, 3, (30, 3))
+    over, ends = np.zeros(3, bool), 0
+    for chosen in actions:
+        outcome = batch.step(chosen)
+        for index, loop in enumerate(loops):
+            if mode == NEXT_STEP and over[index]:
+                np.testing.assert_array_equal(outcome.observation[index], loop.reset())
+                assert outcome.reward[index] == 0 and not outcome.terminated[index] and not outcome.truncated[index]
+                assert all(metric[index] == 0 for metric in outcome.metrics.values())
+                over[index] = False
+                continue
+            done = loop.step(int(chosen[index]))
+            for name in ("reward", "terminated", "truncated"):
+                assert getattr(outcome, name)[index] == getattr(done, name)
+            assert all(metric[index] == done.info[name] for name, metric in outcome.metrics.items())
+            np.testing.assert_array_equal(outcome.reached[index], done.reached)
+            over[index] = done.terminated | done.truncated
+            ends += over[index]
+            expected = loop.reset() if mode == SAME_STEP and over[index] else done.observation
+            np.testing.assert_array_equal(outcome.observation[index], expected)
+        if mode == DISABLED and over.any():
+            # Seeds of environments that are not chosen do nothing.
+            seen = batch.reset([5, 5, 5], over)
+            for index in np.flatnonzero(over):
+                loops[index] = Loop(RoadNav, PARAMS, 5)
+                np.testing.assert_array_equal(seen[index], loops[index].reset())
+            np.testing.assert_array_equal(seen[~over], outcome.observation[~over])
+            over[:] = False
+    assert ends > 10
+
+
+def test_an_environment_alone_does_the_same_bit_for_bit():
+    params = LaneDriveParams(LEVELS, limit=20, task="lane")
+    batch, alone = Batch(LaneDrive, params, 3, SAME_STEP), Batch(LaneDrive, params, 1, SAME_STEP)
+    seen = batch.reset([1, 2, 2**40])
+    assert (alone.reset([2**40]) == seen[2:]).all() and (seen[0] != seen[2]).any()
+    for actions in np.random.default_rng(0).uniform(-1, 1, (60, 3, 2)):
+        together, one = batch.step(actions), alone.step(actions[2:])
+        for ours, theirs in zip(jax.tree.leaves(one), jax.tree.leaves(together), strict=True):
+            np.testing.assert_array_equal(ours, theirs[2:], strict=True)
+
+
+def test_what_a_caller_writes_changes_nothing():
+    class Metrics(tuple):
+        def _asdict(self):
+            return {"sum": self[0]}
+
+    def step(key, state, action, params):
+        after = state + action
+        never = jnp.bool_(False)
+        return Transition(after, after, action, never, never, Metrics((after.sum(),)), after)
+
+    def reset(key, params):
+        return jnp.zeros(3), jnp.zeros(3)
+
+    adding = Environment(reset, lambda key, level, params: reset(key, params), step, lambda state, params: state, 3)
+    for mode in (NEXT_STEP, SAME_STEP, DISABLED):
+        batch = Batch(adding, PARAMS, 4, mode)
+        batch.reset()[:] = 7
+        for number in range(1, 4):
+            outcome = batch.step(np.ones(4, int))
+            assert (outcome.observation == number).all() and (outcome.metrics["sum"] == 3 * number).all()
+            for part in jax.tree.leaves(outcome):
+                part[:] = 9
+
+
+def test_without_a_seed_episodes_differ_and_go_on():
+    batch = Batch(RoadNav, PARAMS, 32, NEXT_STEP)
+    first, second = batch.reset(), batch.reset()
+    assert (first != second).any() and (Batch(RoadNav, PARAMS, 32, NEXT_STEP).reset() != first).any()
+    seeded = batch.reset([3] * 32)
+    assert (seeded == seeded[0]).all()
+
+
+def test_what_is_wrong_is_named():
+    batch = Batch(RoadNav, PARAMS, 2, NEXT_STEP)
+    real = Batch(LaneDrive, LaneDriveParams(LEVELS), 2, NEXT_STEP)
+    with pytest.raises(InputError, match="^step: expected a reset before the first step, got none"):
+        batch.step([0, 1])
+    batch.reset()
+    real.reset()
+    for call, message in (
+        (lambda: Batch(RoadNav, PARAMS, 0, NEXT_STEP), "envs: expected a whole number, 1 or more, got 0"),
+        (lambda: batch.step([0]), r"actions: expected whole numbers \[2\], got int64 \[1\]"),
+        (lambda: batch.step([0.0, 1.0]), r"actions: expected whole numbers \[2\], got float64 \[2\]"),
+        (lambda: real.step([0, 1]), r"actions: expected numbers \[2, 2\], got int64 \[2\]"),
+        (lambda: batch.reset([1]), "seed: expected 2 seeds, got 1"),
+        (lambda: batch.reset([1, -1]), "seed: expected a whole number, 0 to 18446744073709551615, got -1"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            call()
