@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl sb3 trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -70,9 +70,13 @@ interop: .venv-interop/.ready
 	.venv-interop/bin/python -m pytest -m 'slow or not slow' -k 'interop or pyribs' \
 	  tests/optimizers/test_interop.py tests/docs/test_notebooks.py
 
-# Gymnasium's check of environments, and the loops of Gymnax and Rejax.
+# Gymnasium's check of environments and its vector environments, and the loops of Gymnax and Rejax.
 rl: .venv-rl/.ready
-	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py
+	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py tests/drive/test_vectors.py
+
+# Stable-Baselines3, which needs PyTorch, and the core of PufferLib. PufferLib itself does not install without CUDA.
+sb3: .venv-sb3/.ready
+	.venv-sb3/bin/python -m pytest -m 'slow or not slow' tests/drive/test_vectors.py
 
 # Packs of maps for other programs, in results/packs: make pack-town pack-paper pack-city pack-hard. Each goes on where
 # it ended. Hard ones have few loops and straights, where drivers fail slightly more often (experiments/navigation).
@@ -126,13 +130,18 @@ EXTRAS-simulators := dev,sumo
 EXTRAS-marimo := dev,marimo
 EXTRAS-interop := dev,interop,plots
 EXTRAS-rl := dev,rl
+EXTRAS-sb3 := dev,sb3
+# CleanRL's PPO imports these two.
+MORE-sb3 := tensorboard==2.21.0 tyro==1.0.17
+BARE-sb3 := pufferlib-core==3.0.23
 MORE-simulators := carla==0.9.16 lanelet2==1.2.3
 
-$(patsubst %,.venv-%/.ready,mujoco sumo simulators marimo interop rl): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
+$(patsubst %,.venv-%/.ready,mujoco sumo simulators marimo interop rl sb3): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]' \
 	  $(MORE-$*)
+	$(if $(BARE-$*),.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check --no-deps $(BARE-$*))
 	touch $@
 
 # The newest Python on the PATH, with the newest versions that pip finds today.
@@ -267,6 +276,15 @@ navigation: $(READY)
 
 driving-speed: $(READY)
 	$(BIN)/python -m experiments.navigation.speed
+
+vector-speed: .venv-rl/.ready
+	.venv-rl/bin/python -m experiments.navigation.vector_speed
+
+trainers: .venv-sb3/.ready results/trainer-towns
+	.venv-sb3/bin/python -m experiments.navigation.trainers results/trainer-towns
+
+results/trainer-towns: $(PROGRAM)
+	$(BIN)/elitelanes generate --style town --size 7 7 --evaluations 20000 --maps 200 --tile-px 16 --out $@
 
 clean:
 	rm -rf dist explorer/node_modules .venv .venv-* $(DEMO) $(SITE)

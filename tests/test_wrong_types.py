@@ -63,6 +63,12 @@ def arguments():
     found = Population(np.zeros((2, 4, 4), np.int8), np.zeros(2, np.int32), np.zeros((2, len(made.feature_names)), int))
     run = SimpleNamespace(evaluations=np.arange(3), best_fitness=np.arange(3), elite_count=np.arange(3))
     spaces = SimpleNamespace(Discrete=print, Box=print)
+    vectors = SimpleNamespace(AutoresetMode=str, VectorEnv=object, utils=SimpleNamespace(batch_space=print))
+    gymnasium = SimpleNamespace(Env=object, spaces=spaces, vector=vectors)
+    taker = type("Taker", (), {"__init__": lambda self, *anything: None})
+    vec_env = SimpleNamespace(VecEnv=taker, base_vec_env=SimpleNamespace(VecEnv=taker, spaces=spaces))
+    stable_baselines3 = SimpleNamespace(common=SimpleNamespace(vec_env=vec_env))
+    pufferlib = SimpleNamespace(PufferEnv=taker, emulation=SimpleNamespace(gymnasium=gymnasium))
     road_map, tile = RoadMap(grid), tile_set.tiles[0]
     photo, corners = (
         tiles.Photograph("a.jpg", np.zeros((240, 320, 3), np.uint8)),
@@ -79,7 +85,7 @@ def arguments():
         "evaluate": made.evaluate, "features": {}, "file": "map.json", "fill": True,
         "fitness": np.zeros(3), "folder": "folder", "found": found, "function": measure, "generations": 1,
         "goal": drive.LaneNode(0, 1, 1), "grid": grid, "grids": np.zeros((2, 4, 4), np.int8),
-        "groups": {"a": {"turns": [1, 2]}}, "gymnasium": SimpleNamespace(Env=object, spaces=spaces), "image": "map.pgm",
+        "groups": {"a": {"turns": [1, 2]}}, "gymnasium": gymnasium, "image": "map.pgm",
         "images": scaled["image"], "index": 0, "indices": 2, "ink": (0, 0, 0), "key": KEY,
         "keys": optimizers.seed_keys(0, 2), "labels": scaled["labels"], "level": levels, "levels": levels,
         "licence": "", "maps": [road_map], "matrix": np.eye(3), "metric": "turns", "metrics": measure(grid),
@@ -88,12 +94,14 @@ def arguments():
         "parts": "a", "payload": collect([road_map], tile_px=16), "picture": render(grid, tile_set, tile_px=16),
         "photograph": photo, "plan": grid, "proposal": proposal, "tile": tile, "turns": 1,
         "pictures": (), "pixels": grid.astype(np.uint8), "points": [[1, 2]], "pose": drive.Pose(0.5, 0.5, 0.0),
-        "position": (1, 9), "prefix": "city", "probability": 0.5, "problem": made, "record": run, "results": {},
+        "position": (1, 9), "prefix": "city", "probability": 0.5, "problem": made, "pufferlib": pufferlib,
+        "record": run, "results": {},
         "rides": None, "road_map": road_map, "rotations": tile_set.rotations, "rows": [{"file": "a"}], "scale": 0.5,
         "search": print, "seed": 0, "shape": (4, 4), "sheet": np.zeros((20, 20, 3), np.uint8),
         "sight": drive.make_sight(scaled["image"], scaled["labels"], tile_set.rotations), "size": 16,
         "source": road_map, "sources": [road_map],
-        "spaces": spaces, "spec": elitelanes_jax.SearchSpec(), "start": drive.LaneNode(0, 0, 3),
+        "spaces": spaces, "spec": elitelanes_jax.SearchSpec(), "stable_baselines3": stable_baselines3,
+        "start": drive.LaneNode(0, 0, 3),
         "state": drive.LaneDrive.reset(KEY, drive.LaneDriveParams(levels))[1], "submission": None, "task": task,
         "tasks": [task], "text": "tiles: []", "tiles": tile_set, "valid": np.ones(3, bool), "values": [1.0, 2.0],
         "trips": [], "views": {}, "weights": optimizers.MoveWeights(), "what": [road_map], "width": 4.0, "worst": 3.0,

@@ -52,6 +52,8 @@ def flattened(environment: Environment, *, channels_first: bool = False) -> Envi
     Pictures are uint8 ``[rows, columns, 3]``, or ``[3, rows, columns]`` with `channels_first`.
     """
     check_named("environment", instance(Environment), environment)
+    if environment.actions is None and environment.action_size < 1:
+        raise InputError(f"environment: expected actions, or action_size of 1 or more, got {environment.action_size}")
 
     def see(observation: Pytree) -> Array:
         seen = flatten(observation)
@@ -94,8 +96,6 @@ def action_space(environment: Environment, spaces: Untyped) -> Untyped:
     """Returns the space of actions of an environment, from a module with `Discrete` and `Box`."""
     if environment.actions is not None:
         return spaces.Discrete(environment.actions)
-    if environment.action_size < 1:
-        raise InputError(f"environment: expected actions, or action_size of 1 or more, got {environment.action_size}")
     return spaces.Box(-1.0, 1.0, (environment.action_size,))
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, one_of
+from elitelanes_jax._util.checks import SEED, check_named, one_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import DISABLED, NEXT_STEP, SAME_STEP, Batch, check_module
@@ -242,6 +242,7 @@ def puffer_env(
       InputError: for options out of their range, or another module.
     """
     check_module(params, pufferlib, "pufferlib", "pufferlib", "PufferEnv")
+    start = check_named("seed", SEED, seed)
     batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
     spaces = pufferlib.emulation.gymnasium.spaces
 
@@ -271,5 +272,4 @@ def puffer_env(
         def close(self) -> None:
             pass
 
-    start = seed
     return PufferEnv(buf)

@@ -48,7 +48,7 @@ PROGRAMS = [
 ]
 
 # What a program imports that not every environment has.
-EXTRAS = {"import gymnasium": "gymnasium", "import show": "anywidget"}
+EXTRAS = {"import gymnasium": "gymnasium", "import stable_baselines3": "stable_baselines3", "import show": "anywidget"}
 
 
 @pytest.mark.parametrize(("page", "program"), PROGRAMS)

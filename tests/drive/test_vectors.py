@@ -1,0 +1,231 @@
+"""Batches in the interfaces of Gymnasium, Stable-Baselines3 and PufferLib, checked by the libraries that are there."""
+
+import warnings
+
+import jax
+import numpy as np
+import pytest
+from driving_oracle import drawn_maps
+
+from elitelanes_jax import InputError, load_tiles
+from elitelanes_jax.drive import (
+    Camera,
+    LaneDrive,
+    LaneDriveParams,
+    RoadNav,
+    RoadNavParams,
+    gymnasium_env,
+    gymnasium_vector_env,
+    make_levels,
+    make_sight,
+    puffer_env,
+    sb3_vec_env,
+)
+from elitelanes_jax.tiles import scale_tiles
+
+# Other libraries' warnings are theirs.
+pytestmark = pytest.mark.filterwarnings("default")
+
+LEVELS = make_levels(jax.random.key(2), drawn_maps(1, 16, (4, 5), fill=True))
+
+
+@pytest.fixture(scope="module")
+def made():
+    tiles = load_tiles()
+    scaled = scale_tiles(tiles, 16)
+    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=36, columns=48, noise=2.0))
+    return {
+        "road-nav": (RoadNav, RoadNavParams(LEVELS, limit=6, window=3)),
+        "lane-drive": (LaneDrive, LaneDriveParams(LEVELS, limit=20, task="lane")),
+        "camera": (LaneDrive, LaneDriveParams(LEVELS, limit=9, observe="camera", sight=sight)),
+    }
+
+
+NAMES = ("road-nav", "lane-drive", "camera")
+
+
+def equal(ours, theirs):
+    """Compares observations or infos of two libraries, whose dtypes and masks are part of them."""
+    if isinstance(theirs, dict):
+        assert set(ours) == set(theirs)
+        for name in theirs:
+            equal(ours[name], theirs[name])
+    elif theirs is None:
+        assert ours is None
+    elif theirs.dtype == np.dtype(object):
+        for one, other in zip(ours, theirs, strict=True):
+            equal(one, other)
+    else:
+        np.testing.assert_array_equal(ours, theirs, strict=True)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+@pytest.mark.parametrize("name", NAMES)
+def test_gymnasium_has_the_results_of_its_own_vector_of_single_environments(made, name, mode):
+    gymnasium = pytest.importorskip("gymnasium")
+    chosen, envs = made[name], 2 if name == "camera" else 5
+    mode = gymnasium.vector.AutoresetMode(mode)
+    ours = gymnasium_vector_env(*chosen, gymnasium, envs=envs, autoreset_mode=mode)
+    makers = [lambda: gymnasium_env(*chosen, gymnasium)] * envs
+    theirs = gymnasium.vector.SyncVectorEnv(makers, autoreset_mode=mode)
+    assert isinstance(ours, gymnasium.vector.VectorEnv) and ours.metadata["autoreset_mode"] == mode
+    assert ours.observation_space == theirs.observation_space and ours.action_space == theirs.action_space
+    equal(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])
+    ours.action_space.seed(1)
+    ends = 0
+    for _ in range(60):
+        actions = ours.action_space.sample()
+        (seen, reward, *flags, infos), (expected, earned, *ended, told) = ours.step(actions), theirs.step(actions)
+        assert seen in ours.observation_space
+        equal(seen, expected)
+        np.testing.assert_array_equal(reward, earned)
+        np.testing.assert_array_equal(flags, ended)
+        equal(infos, told)
+        over = np.logical_or(*ended)
+        ends += over.sum()
+        if "final_obs" in infos:
+            for index in np.flatnonzero(over):
+                np.testing.assert_array_equal(ours.next_observations[index], infos["final_obs"][index])
+        if mode == gymnasium.vector.AutoresetMode.DISABLED and over.any():
+            with pytest.raises(InputError, match="^step: expected a reset of environments "):
+                ours.step(actions)
+            equal(*(vector.reset(options={"reset_mask": over.copy()})[0] for vector in (ours, theirs)))
+    assert ends > 5
+    equal(ours.reset(seed=[4] * envs)[0], theirs.reset(seed=[4] * envs)[0])
+    ours.close()
+    assert ours.closed
+
+
+def test_wrappers_of_gymnasium_take_it(made):
+    gymnasium = pytest.importorskip("gymnasium")
+    wrappers = gymnasium.wrappers.vector
+    vector = gymnasium_vector_env(
+        *made["lane-drive"], gymnasium, envs=4, render=lambda state: np.zeros((2, 2, 3), "u1")
+    )
+    with pytest.raises(InputError, match="^render: expected a reset before the first render"):
+        vector.render()
+    vector = wrappers.RecordEpisodeStatistics(wrappers.NormalizeReward(wrappers.NormalizeObservation(vector)))
+    vector.reset(seed=0)
+    assert len(vector.render()) == 4
+    lengths = set()
+    for _ in range(45):
+        *_, infos = vector.step(vector.action_space.sample())
+        lengths |= set(infos.get("episode", {"l": []})["l"])
+    assert 20 in lengths
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_stable_baselines3_trains_on_it(made, name):
+    stable_baselines3 = pytest.importorskip("stable_baselines3")
+    import gymnasium
+    from stable_baselines3.common.env_checker import check_env
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    chosen = made[name]
+    check_env(gymnasium_env(*chosen, gymnasium))
+    vector = sb3_vec_env(*chosen, stable_baselines3, envs=3)
+    alone = [gymnasium_env(*chosen, gymnasium) for _ in range(3)]
+    vector.seed(5)
+    expected = [env.reset(seed=5 + index)[0] for index, env in enumerate(alone)]
+    channels = (lambda seen: np.moveaxis(seen, -1, 0)) if name == "camera" else np.asarray
+    np.testing.assert_array_equal(vector.reset(), [channels(seen) for seen in expected])
+    for _ in range(40):
+        actions = np.array([vector.action_space.sample() for _ in range(3)])
+        seen, rewards, over, infos = vector.step(actions)
+        for index, env in enumerate(alone):
+            after, reward, terminated, truncated, metrics = env.step(actions[index])
+            assert rewards[index] == reward and over[index] == (terminated or truncated)
+            if over[index]:
+                np.testing.assert_array_equal(infos[index]["terminal_observation"], channels(after))
+                assert infos[index]["TimeLimit.truncated"] == truncated
+                assert infos[index]["is_success"] == metrics["success"]
+                after, _ = env.reset()
+            else:
+                assert infos[index] == {}
+            np.testing.assert_array_equal(seen[index], channels(after))
+            assert vector.metrics["success"][index] == metrics["success"]
+    assert vector.env_is_wrapped(gymnasium.Wrapper) == [False] * 3
+    vector.set_attr("note", 4, indices=[1])
+    assert vector.get_attr("note") == [None, 4, None] and not vector.has_attr("nothing")
+    with pytest.raises(InputError, match="^method_name: expected render, the only method of one environment, got fly"):
+        vector.env_method("fly")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".*not writable.*")
+        policy = "CnnPolicy" if name == "camera" else "MlpPolicy"
+        model = stable_baselines3.PPO(policy, VecMonitor(vector), n_steps=16, batch_size=16, n_epochs=1, seed=0)
+        model.learn(96)
+    assert len(model.ep_info_buffer) and len(model.ep_success_buffer)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_pufferlib_steps_it(made, name):
+    pufferlib = pytest.importorskip("pufferlib")
+    vectors = pytest.importorskip("pufferlib.vector")
+    environment, params = made[name]
+    puffer = vectors.make(
+        puffer_env,
+        env_args=[environment, params, pufferlib],
+        env_kwargs={"envs": 3},
+        num_envs=2,
+        backend=vectors.Serial,
+    )
+    alone = puffer_env(environment, params, pufferlib, envs=6)
+    seen, _ = puffer.reset(seed=3)
+    assert puffer.num_agents == 6 and seen in puffer.observation_space
+    np.testing.assert_array_equal(seen[:3], alone.reset(seed=3)[0][:3])
+    told = []
+    for _ in range(40):
+        actions = puffer.action_space.sample()
+        seen, rewards, terminals, truncations, infos = puffer.step(actions)
+        expected = alone.step(actions)
+        for ours, theirs in zip((seen, rewards, terminals, truncations), expected[:4], strict=True):
+            np.testing.assert_array_equal(ours[:3], theirs[:3])
+        told += infos
+    assert told and all(0 <= info["success"] <= 1 for info in told)
+    puffer.close()
+
+
+def test_what_is_wrong_is_named():
+    params = RoadNavParams(LEVELS)
+    for wrap, message in (
+        (lambda: gymnasium_vector_env(RoadNav, params, None), "gymnasium: expected the module gymnasium, got None"),
+        (lambda: sb3_vec_env(RoadNav, params, 3), "stable_baselines3: expected the module stable_baselines3, got 3"),
+        (lambda: puffer_env(RoadNav, params, None), "pufferlib: expected the module pufferlib, got None"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            wrap()
+
+
+def test_what_gymnasium_does_not_take_is_named():
+    gymnasium = pytest.importorskip("gymnasium")
+    params = RoadNavParams(LEVELS)
+    vector = gymnasium_vector_env(RoadNav, params, gymnasium, envs=2)
+    motionless = LaneDrive._replace(action_size=0)
+    for call, message in (
+        (
+            lambda: gymnasium_vector_env(RoadNav, params, gymnasium, envs=0),
+            "envs: expected a whole number, 1 or more, got 0",
+        ),
+        (
+            lambda: gymnasium_vector_env(RoadNav, None, gymnasium),
+            "params: expected RoadNavParams or LaneDriveParams, got None",
+        ),
+        (
+            lambda: gymnasium_vector_env(RoadNav, params, gymnasium, autoreset_mode="never"),
+            "autoreset_mode: expected one of NextStep, SameStep, Disabled, got 'never'",
+        ),
+        (
+            lambda: gymnasium_env(motionless, LaneDriveParams(LEVELS), gymnasium),
+            "environment: expected actions, or action_size of 1 or more, got 0",
+        ),
+        (
+            lambda: vector.reset(options={"reset_mask": [True, False]}),
+            r"reset_mask: expected bool \[2\] with a True, got ",
+        ),
+        (
+            lambda: vector.reset(options={"reset_mask": np.zeros(2, bool)}),
+            r"reset_mask: expected bool \[2\] with a True",
+        ),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            call()
