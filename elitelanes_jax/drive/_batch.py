@@ -182,8 +182,8 @@ class Batch:
         return _writable(observation)[: self.envs]
 
     def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.bool_]) -> None:
-        if len(seeds) != self.envs:
-            raise InputError(f"seed: expected {self.envs} seeds, got {len(seeds)}")
+        if not hasattr(seeds, "__len__") or len(seeds) != self.envs:
+            raise InputError(f"seed: expected a whole number, or {self.envs} of them, got {shorten(repr(seeds))}")
         seeded = [index for index, seed in enumerate(seeds) if seed is not None and chosen[index]]
         for index in seeded:
             if not is_whole(seeds[index]) or not 0 <= seeds[index] < _SEEDS:
@@ -221,13 +221,9 @@ class Batch:
         states = self._states.unpack(jax.device_get(self._carry.state))
         return [jax.tree.map(lambda part, index=index: part[index], states) for index in range(self.envs)]
 
-    def action_space(self, spaces: Untyped) -> Untyped:
-        """Returns the space of the actions of one environment; see the function of this name."""
-        return action_space(self.environment, spaces)
-
-    def observation_space(self, spaces: Untyped) -> Untyped:
-        """Returns the space of the observations of one environment; see the function of this name."""
-        return observation_space(self.environment, self.params, spaces)
+    def spaces(self, spaces: Untyped) -> tuple[Untyped, Untyped]:
+        """Returns the spaces of the actions and of the observations of one environment, from a module of spaces."""
+        return action_space(self.environment, spaces), observation_space(self.environment, self.params, spaces)
 
     def _check_begun(self, name: str) -> None:
         if not self._begun:
@@ -300,13 +296,13 @@ def _step(
 
 
 def _renew(environment: Environment, chosen: Array, keys: Array, state: Pytree, params: Pytree) -> Pytree:
-    """Returns the states of new episodes for the chosen environments, and the given states for all others."""
+    """Returns the states of new episodes for the chosen environments, and the states as they are for all others."""
 
     def renew() -> Pytree:
         _, first = jax.vmap(environment.reset, (0, None))(keys, params)
         return jax.tree.map(lambda new, old: jax.vmap(jnp.where)(chosen, new, old), first, state)
 
-    # In most steps no episode ends. Then a step of 4,096 `LaneDrive` takes 16 % less time.
+    # A step of 256 `LaneDrive` takes a fifth less time if no episode begins.
     return jax.lax.cond(chosen.any(), renew, lambda: state)
 
 

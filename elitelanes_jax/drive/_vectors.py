@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import SEED, check_named, one_of
+from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import DISABLED, NEXT_STEP, SAME_STEP, Batch, check_module
@@ -47,8 +47,6 @@ def gymnasium_vector_env(
     words = getattr(autoreset_mode, "value", autoreset_mode)
     mode = check_named("autoreset_mode", one_of(NEXT_STEP, SAME_STEP, DISABLED), words)
     batch, draw = Batch(environment, params, envs, mode), render
-    single_action_space = batch.action_space(gymnasium.spaces)
-    single_observation_space = batch.observation_space(gymnasium.spaces)
     batch_space = gymnasium.vector.utils.batch_space
 
     class VectorEnv(gymnasium.vector.VectorEnv):
@@ -59,15 +57,16 @@ def gymnasium_vector_env(
             self.metadata["autoreset_mode"] = gymnasium.vector.AutoresetMode(mode)
             self.render_mode = None if draw is None else "rgb_array"
             self.num_envs = batch.envs
-            self.single_action_space, self.single_observation_space = single_action_space, single_observation_space
-            self.action_space = batch_space(single_action_space, batch.envs)
-            self.observation_space = batch_space(single_observation_space, batch.envs)
+            self.single_action_space, self.single_observation_space = batch.spaces(gymnasium.spaces)
+            self.action_space = batch_space(self.single_action_space, batch.envs)
+            self.observation_space = batch_space(self.single_observation_space, batch.envs)
             self._over = np.zeros(batch.envs, bool)
 
         def reset(self, *, seed: UserValue = None, options: UserValue = None) -> tuple[NDArray, dict[str, Untyped]]:
-            super().reset(seed=seed if isinstance(seed, int) else None)
-            chosen = _check_mask(options, batch.envs)
-            seeds = range(seed, seed + batch.envs) if isinstance(seed, int) else seed
+            chosen, seeds = _check_mask(options, batch.envs), seed
+            if is_whole(seed):
+                super().reset(seed=int(seed))
+                seeds = range(seed, seed + batch.envs)
             observation = batch.reset(seeds, chosen)
             self._over = self._over & ~chosen
             return observation, {}
@@ -82,7 +81,7 @@ def gymnasium_vector_env(
             if mode == SAME_STEP and self._over.any():
                 infos = _final_infos(done.metrics, self._over, done.reached)
             else:
-                infos = _masked(done.metrics, ~over if mode == NEXT_STEP else np.ones(batch.envs, bool))
+                infos = _with_masks(done.metrics, ~over if mode == NEXT_STEP else np.ones(batch.envs, bool))
             return done.observation, done.reward, done.terminated, done.truncated, infos
 
         def render(self) -> tuple[NDArray, ...] | None:
@@ -101,15 +100,17 @@ def _check_mask(options: UserValue, envs: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _masked(metrics: dict[str, NDArray], present: NDArray[np.bool_]) -> dict[str, NDArray]:
-    """Returns metrics as Gymnasium's infos: 0 where they are not present, and with a mask for each."""
-    infos: dict[str, NDArray] = {}
+def _with_masks(metrics: dict[str, NDArray], present: NDArray[np.bool_]) -> dict[str, NDArray]:
+    """Returns metrics as Gymnasium's infos: each with a mask of the environments that have it."""
     if not present.any():
-        return infos
-    for name, metric in metrics.items():
-        infos[name] = metric if present.all() else np.where(present, metric, np.zeros((), metric.dtype))
-        infos[f"_{name}"] = present
-    return infos
+        return {}
+    return metrics | {f"_{name}": present for name in metrics}
+
+
+def _masked(metrics: dict[str, NDArray], present: NDArray[np.bool_]) -> dict[str, NDArray]:
+    """Returns infos that are 0 where the metrics are not present."""
+    zero = {name: np.where(present, metric, np.zeros((), metric.dtype)) for name, metric in metrics.items()}
+    return _with_masks(zero, present)
 
 
 def _final_infos(metrics: dict[str, NDArray], over: NDArray[np.bool_], reached: NDArray) -> dict[str, Untyped]:
@@ -158,7 +159,8 @@ def sb3_vec_env(
 
         def __init__(self) -> None:
             self._attributes: dict[str, list[UserValue]] = {}
-            super().__init__(batch.envs, batch.observation_space(base.spaces), batch.action_space(base.spaces))
+            action_space, observation_space = batch.spaces(base.spaces)
+            super().__init__(batch.envs, observation_space, action_space)
 
         def reset(self) -> NDArray:
             observation = batch.reset(self._seeds)
@@ -244,13 +246,11 @@ def puffer_env(
     check_module(params, pufferlib, "pufferlib", "pufferlib", "PufferEnv")
     start = check_named("seed", SEED, seed)
     batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
-    spaces = pufferlib.emulation.gymnasium.spaces
 
     class PufferEnv(pufferlib.PufferEnv):
         """The environments."""
 
-        single_action_space = batch.action_space(spaces)
-        single_observation_space = batch.observation_space(spaces)
+        single_action_space, single_observation_space = batch.spaces(pufferlib.emulation.gymnasium.spaces)
         num_agents = batch.envs
 
         def reset(self, seed: int | None = None) -> tuple[NDArray, list[dict[str, float]]]:

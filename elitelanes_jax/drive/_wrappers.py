@@ -148,8 +148,7 @@ def gymnasium_env(
 
         metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
         render_mode = None if draw is None else "rgb_array"
-        action_space = batch.action_space(gymnasium.spaces)
-        observation_space = batch.observation_space(gymnasium.spaces)
+        action_space, observation_space = batch.spaces(gymnasium.spaces)
 
         def reset(self, *, seed: int | None = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
             super().reset(seed=seed)

@@ -136,7 +136,7 @@ def test_what_is_wrong_is_named():
         (lambda: batch.step([0]), r"actions: expected whole numbers \[2\], got int64 \[1\]"),
         (lambda: batch.step([0.0, 1.0]), r"actions: expected whole numbers \[2\], got float64 \[2\]"),
         (lambda: real.step([0, 1]), r"actions: expected numbers \[2, 2\], got int64 \[2\]"),
-        (lambda: batch.reset([1]), "seed: expected 2 seeds, got 1"),
+        (lambda: batch.reset([1]), r"seed: expected a whole number, or 2 of them, got \[1\]"),
         (lambda: batch.reset([1, -1]), "seed: expected a whole number, 0 to 18446744073709551615, got -1"),
     ):
         with pytest.raises(InputError, match=f"^{message}"):
