@@ -8,6 +8,7 @@ that its environments are ours.
 """
 
 import argparse
+import contextlib
 import runpy
 import sys
 import tempfile
@@ -112,7 +113,9 @@ def _train_cleanrl(params: LaneDriveParams, seed: int, steps: int, file: Path) -
         ours = Path(folder) / file.name
         ours.write_text(program.replace(ENVIRONMENTS, "    envs = make_ours(args.num_envs)\n"), encoding="utf-8")
         sys.argv = [str(ours), *arguments.split()]
-        names = runpy.run_path(str(ours), {"make_ours": make}, run_name="__main__")
+        # It prints its speed, and writes its logs to the folder that it runs in.
+        with contextlib.chdir(folder), contextlib.redirect_stdout(sys.stderr):
+            names = runpy.run_path(str(ours), {"make_ours": make}, run_name="__main__")
     agent, normal = names["agent"], names["envs"].env.obs_rms
 
     def policy(seen: NDArray) -> NDArray:
