@@ -119,12 +119,12 @@ class Outcome(NamedTuple):
       reached: the observation after the action, before a reset in the same step.
     """
 
-    observation: NDArray
+    observation: np.ndarray
     reward: NDArray[np.float32]
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
-    metrics: dict[str, NDArray]
-    reached: NDArray
+    metrics: dict[str, np.ndarray]
+    reached: np.ndarray
 
 
 _Packed = tuple[dict[str, AnyArray], list[AnyArray]]
@@ -161,7 +161,7 @@ class Batch:
         blank = jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), states)
         self._carry = _Carry(jnp.asarray(_to_streams(random_seeds)), self._states.pack(blank), jnp.zeros(rows, bool))
 
-    def reset(self, seeds: Sequence[int | None] | None = None, chosen: NDArray[np.bool_] | None = None) -> NDArray:
+    def reset(self, seeds: Sequence[UserValue] | None = None, chosen: NDArray[np.bool_] | None = None) -> np.ndarray:
         """Starts episodes in the chosen environments, by default in all, and returns the observations of all.
 
         Args:
@@ -181,7 +181,7 @@ class Batch:
         self._begun = True
         return _writable(observation)[: self.envs]
 
-    def _seed(self, seeds: Sequence[int | None], chosen: NDArray[np.bool_]) -> None:
+    def _seed(self, seeds: Sequence[UserValue], chosen: NDArray[np.bool_]) -> None:
         if not hasattr(seeds, "__len__") or len(seeds) != self.envs:
             raise InputError(f"seed: expected a whole number, or {self.envs} of them, got {shorten(repr(seeds))}")
         seeded = [index for index, seed in enumerate(seeds) if seed is not None and chosen[index]]
@@ -205,9 +205,10 @@ class Batch:
         """Waits for the outcome of the step that was sent."""
         (observation, reached), (stacks, others) = self._sent
         seen = _writable(observation)
-        copied = {name: np.array(stack) for name, stack in stacks.items()}
-        result = self._result.unpack((copied, [np.array(part) for part in others]))
-        outcome = Outcome(seen, *result, seen if reached is None else _writable(reached))
+        before_reset = seen if reached is None else _writable(reached)
+        copied = {name: np.array(stack) for name, stack in stacks.items()}, [np.array(part) for part in others]
+        reward, terminated, truncated, metrics = self._result.unpack(copied)
+        outcome = Outcome(seen, reward, terminated, truncated, metrics, before_reset)
         return jax.tree.map(lambda part: part[:1], outcome) if self.envs < self._rows else outcome
 
     def step(self, actions: UserValue) -> Outcome:
@@ -229,7 +230,7 @@ class Batch:
         if not self._begun:
             raise InputError(f"{name}: expected a reset before the first {name}, got none")
 
-    def _check_actions(self, actions: UserValue) -> NDArray:
+    def _check_actions(self, actions: UserValue) -> np.ndarray:
         array = np.asarray(actions)
         discrete = self.environment.actions is not None
         shape = (self.envs,) if discrete else (self.envs, self.environment.action_size)
@@ -360,13 +361,13 @@ class _Layout(NamedTuple):
 class _Memory:
     """Shows NumPy the memory of an array that nothing else reads, as memory to read and write."""
 
-    def __init__(self, array: NDArray) -> None:
+    def __init__(self, array: np.ndarray) -> None:
         self._array = array  # which keeps the memory
         address, _ = array.__array_interface__["data"]
         self.__array_interface__ = array.__array_interface__ | {"data": (address, False)}
 
 
-def _writable(array: Array) -> NDArray:
+def _writable(array: Array) -> np.ndarray:
     """Returns an array of a compiled function, which is not used again, as one of NumPy: on a processor without a copy.
 
     `numpy.asarray` alone makes one that cannot be written to, about which PyTorch warns.

@@ -62,7 +62,7 @@ def gymnasium_vector_env(
             self.observation_space = batch_space(self.single_observation_space, batch.envs)
             self._over = np.zeros(batch.envs, bool)
 
-        def reset(self, *, seed: UserValue = None, options: UserValue = None) -> tuple[NDArray, dict[str, Untyped]]:
+        def reset(self, *, seed: UserValue = None, options: UserValue = None) -> tuple[np.ndarray, dict[str, Untyped]]:
             chosen, seeds = _check_mask(options, batch.envs), seed
             if is_whole(seed):
                 super().reset(seed=int(seed))
@@ -71,7 +71,7 @@ def gymnasium_vector_env(
             self._over = self._over & ~chosen
             return observation, {}
 
-        def step(self, actions: UserValue) -> tuple[NDArray, NDArray, NDArray, NDArray, dict[str, Untyped]]:
+        def step(self, actions: UserValue) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Untyped]]:
             over = self._over
             if mode == DISABLED and over.any():
                 ended = np.flatnonzero(over).tolist()
@@ -84,7 +84,7 @@ def gymnasium_vector_env(
                 infos = _with_masks(done.metrics, ~over if mode == NEXT_STEP else np.ones(batch.envs, bool))
             return done.observation, done.reward, done.terminated, done.truncated, infos
 
-        def render(self) -> tuple[NDArray, ...] | None:
+        def render(self) -> tuple[np.ndarray, ...] | None:
             return None if draw is None else tuple(np.asarray(draw(state)) for state in batch.states("render"))
 
     return VectorEnv()
@@ -100,20 +100,20 @@ def _check_mask(options: UserValue, envs: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _with_masks(metrics: dict[str, NDArray], present: NDArray[np.bool_]) -> dict[str, NDArray]:
+def _with_masks(metrics: dict[str, np.ndarray], present: NDArray[np.bool_]) -> dict[str, np.ndarray]:
     """Returns metrics as Gymnasium's infos: each with a mask of the environments that have it."""
     if not present.any():
         return {}
     return metrics | {f"_{name}": present for name in metrics}
 
 
-def _masked(metrics: dict[str, NDArray], present: NDArray[np.bool_]) -> dict[str, NDArray]:
+def _masked(metrics: dict[str, np.ndarray], present: NDArray[np.bool_]) -> dict[str, np.ndarray]:
     """Returns infos that are 0 where the metrics are not present."""
     zero = {name: np.where(present, metric, np.zeros((), metric.dtype)) for name, metric in metrics.items()}
     return _with_masks(zero, present)
 
 
-def _final_infos(metrics: dict[str, NDArray], over: NDArray[np.bool_], reached: NDArray) -> dict[str, Untyped]:
+def _final_infos(metrics: dict[str, np.ndarray], over: NDArray[np.bool_], reached: np.ndarray) -> dict[str, Untyped]:
     """Returns infos where some episodes are over, and the environments are reset: their last observations too."""
     last = np.full(len(over), None, object)
     for index in np.flatnonzero(over):
@@ -148,7 +148,7 @@ def sb3_vec_env(
     """
     name = "stable_baselines3"
     check_module(params, stable_baselines3, name, name, "common.vec_env.VecEnv")
-    base = stable_baselines3.common.vec_env.base_vec_env
+    base: Untyped = stable_baselines3.common.vec_env.base_vec_env
     batch = Batch(environment, params, envs, SAME_STEP, channels_first=True)
     draw = render
 
@@ -162,7 +162,7 @@ def sb3_vec_env(
             action_space, observation_space = batch.spaces(base.spaces)
             super().__init__(batch.envs, observation_space, action_space)
 
-        def reset(self) -> NDArray:
+        def reset(self) -> np.ndarray:
             observation = batch.reset(self._seeds)
             self._reset_seeds()
             self._reset_options()
@@ -171,7 +171,7 @@ def sb3_vec_env(
         def step_async(self, actions: UserValue) -> None:
             batch.send(actions)
 
-        def step_wait(self) -> tuple[NDArray, NDArray, NDArray, list[dict[str, Untyped]]]:
+        def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Untyped]]]:
             done = batch.receive()
             over, self.metrics = done.terminated | done.truncated, done.metrics
             infos: list[dict[str, Untyped]] = [{} for _ in range(batch.envs)]
@@ -187,7 +187,7 @@ def sb3_vec_env(
         def close(self) -> None:
             pass
 
-        def get_images(self) -> Sequence[NDArray | None]:
+        def get_images(self) -> Sequence[np.ndarray | None]:
             if draw is None:
                 warnings.warn("sb3_vec_env: expected render, to get pictures, got none", stacklevel=2)
                 return [None] * batch.envs
@@ -253,14 +253,16 @@ def puffer_env(
         single_action_space, single_observation_space = batch.spaces(pufferlib.emulation.gymnasium.spaces)
         num_agents = batch.envs
 
-        def reset(self, seed: int | None = None) -> tuple[NDArray, list[dict[str, float]]]:
+        def reset(self, seed: int | None = None) -> tuple[np.ndarray, list[dict[str, float]]]:
             first = start if seed is None else seed
             self.observations[:] = batch.reset(range(first, first + batch.envs))
             for zeroed in (self.rewards, self.terminals, self.truncations):
                 zeroed[:] = 0
             return self.observations, []
 
-        def step(self, actions: UserValue) -> tuple[NDArray, NDArray, NDArray, NDArray, list[dict[str, float]]]:
+        def step(
+            self, actions: UserValue
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, list[dict[str, float]]]:
             done = batch.step(actions)
             self.observations[:], self.rewards[:] = done.observation, done.reward
             self.terminals[:], self.truncations[:] = done.terminated, done.truncated

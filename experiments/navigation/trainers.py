@@ -87,7 +87,7 @@ def _train_sb3(params: LaneDriveParams, seed: int, steps: int) -> Policy:
     from stable_baselines3.common.vec_env import VecNormalize
 
     envs = VecNormalize(sb3_vec_env(LaneDrive, params, stable_baselines3, envs=ENVS))
-    settings = {"n_steps": 64, "batch_size": 2048, "n_epochs": 5, "learning_rate": 1e-3, "gamma": 0.99}
+    settings = {"n_steps": 64, "batch_size": 2048, "n_epochs": 5, "learning_rate": lambda left: 1e-3 * left}
     model = stable_baselines3.PPO("MlpPolicy", envs, seed=seed, device="cpu", **settings)
     model.learn(steps)
     return lambda seen: model.predict(envs.normalize_obs(seen), deterministic=True)[0]

@@ -63,14 +63,15 @@ def _measure(options: argparse.Namespace) -> None:
 
 def _alternate(candidates: Sequence[Round], rounds: int) -> list[list[float]]:
     """Returns the seconds of each candidate in each round, after a first one."""
-    seconds = []
+    rows: list[list[float]] = []
     for _ in range(rounds + 1):
-        seconds.append([])
+        seconds = []
         for candidate in candidates:
             began = time.perf_counter()
             candidate()
-            seconds[-1].append(time.perf_counter() - began)
-    return seconds[1:]
+            seconds.append(time.perf_counter() - began)
+        rows.append(seconds)
+    return rows[1:]
 
 
 def _actions(environment: Environment, envs: int) -> Pytree:
