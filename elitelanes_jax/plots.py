@@ -121,7 +121,7 @@ def archive_map(
 
     given: UserValue = fitness
     if hasattr(given, "elites"):
-        fitness, axes = given.elites.fitness, given.axes if axes is None else axes
+        fitness, axes = given.elites.fitness, given.search.axes if axes is None else axes
     fitness = getattr(fitness, "fitness", fitness)  # elites
     if axes is None:
         raise InputError("axes: expected the axes of the niches, or a Result instead of its fitness, got none")

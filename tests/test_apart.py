@@ -20,8 +20,8 @@ from elitelanes_jax.network import METRIC_NAMES, measure, wfc
 from elitelanes_jax.network.likeness import ALIKE, road_form
 from elitelanes_jax.network.metrics import stack_metrics
 from elitelanes_jax.network.plain_metrics import cut_to_roads
-from elitelanes_jax.problem.descriptor import compute_descriptor
 from elitelanes_jax.optimizers.presets import PRESETS
+from elitelanes_jax.problem.descriptor import compute_descriptor
 from elitelanes_jax.search import History, MeasuredElites, RunState
 from elitelanes_jax.search.resolve import resolve
 

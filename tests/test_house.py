@@ -109,7 +109,8 @@ def test_no_private_part_of_jax_is_used():
                 assert parts[0] != "jax" or not any(part.startswith("_") for part in parts), f"{name} imports {module}"
             if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.endswith("__"):
                 own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls", "os", "sys", "np")
-                documented = node.attr in ("_asdict", "_fields", "_replace", "_make", "_field_defaults")  # of named tuples
+                of_tuples = ("_asdict", "_fields", "_replace", "_make", "_field_defaults")
+                documented = node.attr in of_tuples
                 of_package = node.attr in PRIVATE_NAMES
                 assert own or documented or of_package, f"{name}: {ast.unparse(node)}"
 

@@ -43,6 +43,7 @@ VALUES = [None, "x", -1, 2.5, object(), [], {}, np.zeros((2, 3, 4, 5)), KEY]
 SLOW = {"collect", "draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
 SLOW |= {
     "make_rides",
+    "write_result",
     "measure_town",
     "propose_tiles",
     "random_level",
@@ -90,12 +91,13 @@ def arguments():
         "keys": optimizers.seed_keys(0, 2), "labels": scaled["labels"], "level": levels, "levels": levels,
         "licence": "", "maps": [road_map], "matrix": np.eye(3), "metric": "turns", "metrics": measure(grid),
         "move": optimizers.toggle_link(), "name": "turns", "names": ["turns"], "niche": np.zeros(2, np.int32),
-        "number": 3, "objects": [], "optimizer": ea(made), "out": "out", "params": drive.RoadNavParams(levels),
+        "number": 3, "objects": [], "optimizer": ea(made),
+        "other": grid, "out": "out", "params": drive.RoadNavParams(levels),
         "parts": "a", "payload": collect([road_map], tile_px=16), "picture": render(grid, tile_set, tile_px=16),
         "photograph": photo, "plan": grid, "proposal": proposal, "tile": tile, "turns": 1,
         "pictures": (), "pixels": grid.astype(np.uint8), "points": [[1, 2]], "pose": drive.Pose(0.5, 0.5, 0.0),
         "position": (1, 9), "prefix": "city", "probability": 0.5, "problem": made, "pufferlib": pufferlib,
-        "record": run, "results": {},
+        "record": run, "result": None, "results": {},
         "rides": None, "road_map": road_map, "rotations": tile_set.rotations, "rows": [{"file": "a"}], "scale": 0.5,
         "search": print, "seed": 0, "shape": (4, 4), "sheet": np.zeros((20, 20, 3), np.uint8),
         "sight": drive.make_sight(scaled["image"], scaled["labels"], tile_set.rotations), "size": 16,

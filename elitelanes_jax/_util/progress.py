@@ -45,7 +45,8 @@ def is_quiet() -> bool:
 
 
 def announce(text: str) -> None:
-    """Prints a line on standard error, in commands that are not quiet."""
+    """Prints a line on standard error, in commands that are not quiet; raises after an interruption."""
+    raise_if_interrupted()
     if _quiet is False and sys.stderr is not None:
         drawn = any(work.display is not None and work.display.redraws and work.display.drawn for work in _running)
         with suppress(OSError, ValueError):  # a closed stream must not stop the work

@@ -153,7 +153,7 @@ def make_planned(
         except InputError:
             if not force:
                 raise
-    inputs: list[str | Path] = [*(given.paths if given else ()), *spec.inputs]
+    inputs: list[str | Path] = [*(given.paths if given else ()), *spec.inputs, *spec.search.inputs]
     with output_folder(
         out, _of_maps(identity), inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:

@@ -69,7 +69,7 @@ def collect(
 
 
 def _is_result(value: UserValue) -> bool:
-    return hasattr(value, "elites") and hasattr(value, "axes")
+    return hasattr(value, "elites") and hasattr(value, "search")
 
 
 def _collect_files(sources: Sequence[Path], tiles: str | Path | TileSet | None, tile_px: int) -> Payload:

@@ -65,7 +65,8 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
 def generate_planned(run: PlannedRun, out: str | Path, *, force: bool = False) -> list[RoadMap]:
     """Evolves the maps of a planned run; the other arguments, and the errors, are those of `generate`."""
     out = Path(check_named("out", path, out))
-    with output_folder(out, run.identity(), inputs=run.spec.inputs, foreign=foreign_to_maps, force=force) as work:
+    inputs = [*run.spec.inputs, *run.search.inputs]
+    with output_folder(out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force) as work:
         return write_run(work.files, _evolve(run, work.kept / "search"))
 
 

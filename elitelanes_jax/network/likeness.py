@@ -38,7 +38,7 @@ def road_forms(grids: _Grids) -> list[bytes]:
     return forms
 
 
-def difference(one: AnyArray, other: AnyArray) -> float:
+def difference(grid: AnyArray, other: AnyArray) -> float:
     """Returns the share of tiles in which two grids differ, wherever their roads are.
 
     One grid's roads are laid on the other's at every position, rotated and mirrored in all eight ways. In each way, the
@@ -48,7 +48,7 @@ def difference(one: AnyArray, other: AnyArray) -> float:
 
     Raises `InputError` for a bad grid.
     """
-    first, second = (np.asarray(check_grid(grid), np.int8) for grid in (one, other))
+    first, second = (np.asarray(check_grid(codes), np.int8) for codes in (grid, other))
     roads, share = RoadSet([first]), np.inf
     for below in (0.15, 0.3, 0.6, np.inf):
         # The smaller the limit, the fewer positions are compared.

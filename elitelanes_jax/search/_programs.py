@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int32
+from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.threads import side_by_side
@@ -77,12 +78,16 @@ class SearchFacts(NamedTuple):
 
     evaluations_per_step: int
     first_generation: int
-    states: tuple[tuple[tuple[int, ...], str], ...]
+    states: tuple[tuple[tuple[int, ...], DTypeLike], ...]
 
     @classmethod
     def from_plain(cls, plain: Plain) -> "SearchFacts":
-        states = tuple((tuple(shape), dtype) for shape, dtype in plain["states"])
+        states = tuple((tuple(shape), jnp.dtype(dtype)) for shape, dtype in plain["states"])
         return cls(plain["evaluations_per_step"], plain["first_generation"], states)
+
+    def to_plain(self) -> dict[str, Plain]:
+        """Returns plain values for JSON."""
+        return self._asdict() | {"states": [(shape, str(dtype)) for shape, dtype in self.states]}
 
 
 @contextmanager
@@ -181,7 +186,7 @@ class Programs:
 
         jax.eval_shape(read_optimizer, jax.tree.unflatten(self._structure, self._numbers))
         leaves = jax.tree.leaves(self._state_tree)
-        states = tuple((leaf.shape[1:], str(leaf.dtype)) for leaf in leaves)
+        states = tuple((leaf.shape[1:], leaf.dtype) for leaf in leaves)
         return SearchFacts(evaluations_per_step, first_generation, states)
 
     @property
@@ -321,7 +326,7 @@ class Programs:
         exports = {program: bytes(export.serialize()) for program, export in self._exports.items()}
         if self._stored is not None:
             exports = {**self._stored.exports, **exports}
-        self._stored = StoredPrograms(self.facts._asdict(), exports)
+        self._stored = StoredPrograms(self.facts.to_plain(), exports)
         save(self._file, self._stored)
 
     def _exportable(self, program: str) -> Jitted:

@@ -329,7 +329,7 @@ def test_maps_are_kept_for_other_objects_if_some_do_not_fit(tmp_path, monkeypatc
     with pytest.raises(InputError, match=f"^furnish: map .: houses: expected a number that fits, got 99, .* fit{kept}"):
         make_dataset(furnished("houses=99"), out)
     with monkeypatch.context() as patch:
-        patch.setattr("elitelanes_jax.dataset._plan.evolve", interrupt)
+        patch.setattr("elitelanes_jax.dataset._plan.evolve_search", interrupt)
         with pytest.raises(InputError, match=f"duckies: .*{kept}"):
             make_dataset(furnished("duckies=999"), out)
         make_dataset(furnished("duckies=1"), out)
@@ -347,7 +347,7 @@ def test_pictures_with_other_objects_are_not_resumed(tmp_path, monkeypatch):
         patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
         with pytest.raises(KeyboardInterrupt):
             make_dataset(furnished("duckies=1"), out)
-        patch.setattr("elitelanes_jax.dataset._plan.evolve", interrupt)
+        patch.setattr("elitelanes_jax.dataset._plan.evolve_search", interrupt)
         with pytest.raises(InputError, match=r"out: expected results with duckies 2.*, got .* 1.*; use force=True to"):
             make_dataset(furnished("duckies=2"), out)
         with pytest.raises(InputError, match=r"out: expected results with furnish None, got .*; use force=True"):

@@ -133,7 +133,7 @@ def test_an_interruption_while_compiling_keeps_what_was_there_before(whole, monk
     half = run(generations=130)
     for state, kind in ((None, KeyboardInterrupt), (half.state, SearchInterrupted)):
         with monkeypatch.context() as patch:
-            patch.setattr(search, "find_programs", Programs)
+            patch.setattr(search, "find_programs", lambda *arguments: Programs(*arguments, folder=None))
             interrupt_at(patch, 1, _programs)
             with pytest.raises(KeyboardInterrupt) as caught:
                 run(generations=5, state=state)
