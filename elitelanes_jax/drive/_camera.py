@@ -12,18 +12,18 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int, Int32, Key, UInt8
+from jaxtyping import Array, ArrayLike, Float, Int, Int32, Key, UInt8, UInt32
 
 from elitelanes_jax._util.checks import check_named, instance, none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
+from elitelanes_jax.drive._hashing import hash_normal, mix
 from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, stand
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.network.bits import seed_key
 
 
 def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
@@ -170,12 +170,20 @@ def ground_points(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[A
     Returns:
       Tiles ahead and tiles to the left. Above the horizon both are infinite.
     """
-    right, forward, fall = _rays(camera)
-    reach = jnp.where(fall > 1e-6, camera.height / jnp.maximum(fall, 1e-6), jnp.inf)
-    ahead = reach * forward + camera.forward
+    rays = _rays(camera)
+    reach, ahead = _reach(camera, rays)
+    left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * rays.right)
     shape = (camera.rows, camera.columns)
-    left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * right)
     return jnp.broadcast_to(ahead, shape) / TILE, jnp.broadcast_to(left, shape) / TILE
+
+
+def _reach(camera: Camera, rays: Rays) -> tuple[Array, Array]:
+    """Returns the depth and the distance ahead at which rays meet the ground, in metres, infinite above the horizon.
+
+    Their shape is that of ``rays.fall``: a number for each row without distortion, otherwise one for each pixel.
+    """
+    reach = jnp.where(rays.fall > 1e-6, camera.height / jnp.maximum(rays.fall, 1e-6), jnp.inf)
+    return reach, reach * rays.forward + camera.forward
 
 
 def _rays(camera: Camera) -> Rays:
@@ -238,16 +246,31 @@ def look(
       objects: of the map, of `make_objects`.
       billboards: their pictures; without both no objects are shown.
     """
-    ahead, left = ground_points(camera)
-    cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
+    seed = jax.random.bits(key, (), jnp.uint32)
+    return _render(seed, pose, tiles, atlas, camera, objects, billboards)
+
+
+def _render(
+    seed: UInt32[Array, ""],
+    pose: Pose,
+    tiles: Int[ArrayLike, "H W"],
+    atlas: UInt8[Array, "T P P 4"],
+    camera: Camera,
+    objects: Objects | None,
+    billboards: Billboards | None,
+) -> View:
+    """Renders one frame, see `look`; the seed is of the noise."""
     tiles = jnp.asarray(tiles)
     height, width = tiles.shape
     size = atlas.shape[1]
-    seen = jnp.isfinite(ahead)
-    ahead, left = jnp.where(seen, ahead, 0), jnp.where(seen, left, 0)
+    rays = once(lambda: _rays(camera))
+    seen, ahead, wide = once(lambda: _rows(camera, rays))
+    # Whatever computes the pose, XLA would repeat it for each pixel.
+    east, south, cosine, sine = once(lambda: (pose.x, pose.y, jnp.cos(pose.theta), jnp.sin(pose.theta)))
+    left = wide * rays.right
     # In pixels of the rendered map, because positions are rounded on the map, not on the tile.
-    x = jnp.floor((pose.x + ahead * cosine - left * sine) * size).astype(jnp.int32)
-    y = jnp.floor((pose.y - ahead * sine - left * cosine) * size).astype(jnp.int32)
+    x = jnp.floor((east + ahead * cosine - left * sine) * size).astype(jnp.int32)
+    y = jnp.floor((south - ahead * sine - left * cosine) * size).astype(jnp.int32)
     inside = seen & (x >= 0) & (x < width * size) & (y >= 0) & (y < height * size)
     x, y = jnp.clip(x, 0, width * size - 1), jnp.clip(y, 0, height * size - 1)
     tile = tiles.reshape(-1).at[(y // size) * width + x // size].get(mode="promise_in_bounds")
@@ -259,21 +282,31 @@ def look(
     instances = None
     if objects is not None and billboards is not None:
         sizes = camera.height, camera.forward, camera.objects
-        hit, index, instances = stand(pose, objects, billboards, _rays(camera), *sizes)
+        hit, index, instances = stand(pose, objects, billboards, rays, *sizes)
         road = pixel
         pixel = once(lambda: jnp.where(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), road))
         inside |= hit
 
-    def byte(index: int) -> Array:
-        return pixel >> (8 * index) & 255
+    noise_seed = None if camera.noise is None else once(lambda: seed)
+    colours = []
+    for index, (ground, sky) in enumerate(zip(camera.ground, camera.sky, strict=True)):
+        around = jnp.where(seen, ground, sky)
+        colour = jnp.where(inside, pixel >> (8 * index) & 255, around) * camera.light
+        if noise_seed is not None:
+            colour += camera.noise * hash_normal(noise_seed ^ index, colour.shape)
+        colours.append(jnp.clip(jnp.round(colour), 0, 255).astype(jnp.uint32))
+    red, green, blue = colours
+    # One word for each pixel is one loop. Bytes that are stacked are a loop for each, without the processor's vectors.
+    words = once(lambda: red | green << 8 | blue << 16 | jnp.where(inside, pixel >> 24, 0) << 24)
+    pixels = jax.lax.bitcast_convert_type(words, jnp.uint8)
+    return View(pixels[..., :3], pixels[..., 3], instances)
 
-    around = [jnp.where(seen, ground, sky) for ground, sky in zip(camera.ground, camera.sky, strict=True)]
-    colours = jnp.stack([jnp.where(inside, byte(index), around[index]) for index in range(3)], axis=-1)
-    colours = colours * camera.light
-    if camera.noise is not None:
-        colours += camera.noise * jax.random.normal(key, colours.shape)
-    image = jnp.clip(jnp.round(colours), 0, 255).astype(jnp.uint8)
-    return View(image, jnp.where(inside, byte(3), 0).astype(jnp.uint8), instances)
+
+def _rows(camera: Camera, rays: Rays) -> tuple[Array, Array, Array]:
+    """Returns which rays meet the ground, and there the tiles ahead, and the tiles to the left for each ``right``."""
+    reach, ahead = _reach(camera, rays)
+    seen = jnp.isfinite(ahead)
+    return seen, jnp.where(seen, ahead, 0) / TILE, jnp.where(seen, -reach, 0) / TILE
 
 
 def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: Objects | None = None) -> View:
@@ -289,7 +322,7 @@ def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: 
     height, width = grid.shape
     index = jnp.arange(height)[:, None] + 2 * jnp.arange(width)
     tiles = sight.tiles[grid.astype(jnp.int32), index % sight.tiles.shape[1]]
-    key = seed_key(0)
-    for part in (pose.x, pose.y, pose.theta) if sight.camera.noise is not None else ():
-        key = jax.random.fold_in(key, jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32))
-    return look(key, pose, tiles, sight.atlas, sight.camera, objects, sight.billboards)
+    seed = jnp.uint32(0)
+    for part in pose:
+        seed = mix(seed ^ jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32))
+    return _render(seed, pose, tiles, sight.atlas, sight.camera, objects, sight.billboards)

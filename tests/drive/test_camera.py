@@ -1,5 +1,7 @@
 """The camera: against OpenCV's warp of the rendered map, and against points that are projected by hand."""
 
+import time
+
 import cv2
 import jax
 import jax.numpy as jnp
@@ -8,8 +10,9 @@ import pytest
 from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, render
-from elitelanes_jax.drive import Camera, Pose, look, look_around, make_atlas, make_sight, movements
+from elitelanes_jax.drive import Camera, Pose, look, look_around, make_atlas, make_sight, movements, random_pose
 from elitelanes_jax.drive._camera import _undistort, ground_points
+from elitelanes_jax.drive._hashing import hash_normal
 from elitelanes_jax.drive.lanes import Movement, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.tiles import choose_tiles, scale_tiles
@@ -146,6 +149,41 @@ def test_pictures_of_a_code_alternate_and_noise_depends_on_the_pose():
     cells = np.rint(first[11:34:11, 11:34:11, 0] / 60)
     assert set(cells.flat) == {1, 2, 3} and np.diff(cells).all() and np.diff(cells, axis=0).all()
     assert (first == again).all() and (first != other).mean() > 0.5
+
+
+def test_noise_is_nearly_normal_and_differs_between_pixels_colours_and_seeds():
+    first, second = (np.asarray(hash_normal(jnp.uint32(seed), (3, 64, 80))) for seed in (0, 1))
+    for noise in (first, second):
+        assert abs(noise.mean()) < 0.02 and abs(noise.std() - 1) < 0.02
+        assert abs((noise**4).mean() - 2.7) < 0.1  # of a sum of four uniform numbers; a normal one has 3
+    pairs = [(first, second), (first[0], first[1]), (first[:, 1:], first[:, :-1]), (first[..., 1:], first[..., :-1])]
+    for one, other in pairs:
+        assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 0.05
+
+
+@pytest.mark.slow
+def test_a_pose_that_the_same_program_draws_costs_little(scene):
+    grid, tiles, atlas, _ = scene
+    camera = Camera(noise=3.0)
+
+    def render_each(poses):
+        return jax.vmap(lambda pose: look(jax.random.key(0), pose, tiles, atlas, camera))(poses)[:2]
+
+    keys = jax.random.split(jax.random.key(0), 128)
+    poses = jax.jit(jax.vmap(random_pose, in_axes=(0, None)))(keys, grid)
+    apart = seconds(jax.jit(render_each), poses)
+    inside = seconds(jax.jit(lambda keys: render_each(jax.vmap(random_pose, in_axes=(0, None))(keys, grid))), keys)
+    assert inside < 2 * apart  # ten times as long if XLA computes the pose again for each pixel
+
+
+def seconds(function, *args):
+    """The shortest of several calls, in seconds of the processor."""
+    spent = []
+    for _ in range(7):
+        began = time.process_time()
+        jax.block_until_ready(function(*args))
+        spent.append(time.process_time() - began)
+    return min(spent)
 
 
 def test_faults_are_named():

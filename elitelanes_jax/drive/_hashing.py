@@ -1,0 +1,41 @@
+"""Random numbers by integer hashing: two multiplications for each number, where threefry needs about 70 operations.
+
+The numbers are for pictures. They pass no battery of tests of randomness; searches and drawn maps use `jax.random`.
+"""
+
+from math import prod
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, UInt32
+
+_GOLDEN = np.uint32(0x9E3779B9)  # 2**32 divided by the golden ratio: neighbours' products are far apart
+_MEAN = 2 * 255
+_DEVIATION = float(np.sqrt(4 * (256**2 - 1) / 12))
+
+
+def mix(number: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
+    """Hashes 32 bits: each bit of the number changes about half of the bits.
+
+    The multipliers are those of lowbias32 (Chris Wellons, "Prospecting for Hash Functions", 2018).
+    """
+    number = (number ^ (number >> 16)) * np.uint32(0x7FEB352D)
+    number = (number ^ (number >> 15)) * np.uint32(0x846CA68B)
+    return number ^ (number >> 16)
+
+
+def hash_bits(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:
+    """Returns 32 random bits for each element of a shape."""
+    index = jnp.arange(prod(shape), dtype=jnp.uint32).reshape(shape)
+    return mix(index * _GOLDEN ^ seed)
+
+
+def hash_normal(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array, "..."]:
+    """Returns nearly normal numbers, mean 0 and deviation 1: each is the sum of the four bytes of a hash.
+
+    No number is farther than 3.46 from 0.
+    """
+    bits = hash_bits(seed, shape)
+    pairs = (bits & 0xFF00FF) + (bits >> 8 & 0xFF00FF)
+    total = (pairs + (pairs >> 16) & 0x3FF).astype(jnp.int32) - _MEAN
+    return total.astype(jnp.float32) / _DEVIATION
