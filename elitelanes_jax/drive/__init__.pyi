@@ -23,9 +23,16 @@ from ._objects import make_billboards as make_billboards
 from ._objects import make_objects as make_objects
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams
+from ._scene_making import make_scenes as make_scenes
+from ._scenes import Scenes as Scenes
+from ._variation import VARIED as VARIED
+from ._variation import Variation as Variation
 from ._vectors import gymnasium_vector_env as gymnasium_vector_env
 from ._vectors import puffer_env as puffer_env
 from ._vectors import sb3_vec_env as sb3_vec_env
+from ._views import Views as Views
+from ._views import stream_views as stream_views
+from ._views import views as views
 from ._wrappers import GymnaxEnv as GymnaxEnv
 from ._wrappers import gymnasium_env as gymnasium_env
 from ._wrappers import make as make

@@ -19,7 +19,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
-from elitelanes_jax.drive._hashing import hash_normal, mix
+from elitelanes_jax.drive._hashing import fork, hash_normal, mix
 from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, stand
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose
@@ -170,14 +170,14 @@ def ground_points(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[A
     Returns:
       Tiles ahead and tiles to the left. Above the horizon both are infinite.
     """
-    rays = _rays(camera)
-    reach, ahead = _reach(camera, rays)
+    rays = rays_of(camera)
+    reach, ahead = reach_ground(camera, rays)
     left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * rays.right)
     shape = (camera.rows, camera.columns)
     return jnp.broadcast_to(ahead, shape) / TILE, jnp.broadcast_to(left, shape) / TILE
 
 
-def _reach(camera: Camera, rays: Rays) -> tuple[Array, Array]:
+def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
     """Returns the depth and the distance ahead at which rays meet the ground, in metres, infinite above the horizon.
 
     Their shape is that of ``rays.fall``: a number for each row without distortion, otherwise one for each pixel.
@@ -186,10 +186,12 @@ def _reach(camera: Camera, rays: Rays) -> tuple[Array, Array]:
     return reach, reach * rays.forward + camera.forward
 
 
-def _rays(camera: Camera) -> Rays:
-    focal = camera.rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
-    right = (jnp.arange(camera.columns) + 0.5 - camera.columns / 2) / focal
-    down = ((jnp.arange(camera.rows) + 0.5 - camera.rows / 2) / focal)[:, None]
+def rays_of(camera: Camera, samples: int = 1) -> Rays:
+    """Returns the rays of pixels' centres, or of `samples` times `samples` points in each pixel."""
+    rows, columns = camera.rows * samples, camera.columns * samples
+    focal = rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
+    right = (jnp.arange(columns) + 0.5 - columns / 2) / focal
+    down = ((jnp.arange(rows) + 0.5 - rows / 2) / focal)[:, None]
     if camera.distortion is not None:
         right, down = _undistort(*jnp.broadcast_arrays(right, down), *camera.distortion)
     pitch = jnp.deg2rad(camera.pitch)
@@ -263,7 +265,7 @@ def _render(
     tiles = jnp.asarray(tiles)
     height, width = tiles.shape
     size = atlas.shape[1]
-    rays = once(lambda: _rays(camera))
+    rays = once(lambda: rays_of(camera))
     seen, ahead, wide = once(lambda: _rows(camera, rays))
     # Whatever computes the pose, XLA would repeat it for each pixel.
     east, south, cosine, sine = once(lambda: (pose.x, pose.y, jnp.cos(pose.theta), jnp.sin(pose.theta)))
@@ -289,11 +291,11 @@ def _render(
 
     noise_seed = None if camera.noise is None else once(lambda: seed)
     colours = []
-    for index, (ground, sky) in enumerate(zip(camera.ground, camera.sky, strict=True)):
+    for channel, (ground, sky) in enumerate(zip(camera.ground, camera.sky, strict=True)):
         around = jnp.where(seen, ground, sky)
-        colour = jnp.where(inside, pixel >> (8 * index) & 255, around) * camera.light
+        colour = jnp.where(inside, pixel >> (8 * channel) & 255, around) * camera.light
         if noise_seed is not None:
-            colour += camera.noise * hash_normal(noise_seed ^ index, colour.shape)
+            colour += camera.noise * hash_normal(fork(noise_seed, channel), colour.shape)
         colours.append(jnp.clip(jnp.round(colour), 0, 255).astype(jnp.uint32))
     red, green, blue = colours
     # One word for each pixel is one loop. Bytes that are stacked are a loop for each, without the processor's vectors.
@@ -304,7 +306,7 @@ def _render(
 
 def _rows(camera: Camera, rays: Rays) -> tuple[Array, Array, Array]:
     """Returns which rays meet the ground, and there the tiles ahead, and the tiles to the left for each ``right``."""
-    reach, ahead = _reach(camera, rays)
+    reach, ahead = reach_ground(camera, rays)
     seen = jnp.isfinite(ahead)
     return seen, jnp.where(seen, ahead, 0) / TILE, jnp.where(seen, -reach, 0) / TILE
 

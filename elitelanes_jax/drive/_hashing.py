@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, UInt32
 
+from elitelanes_jax._util.types import Numeric
+
 _GOLDEN = np.uint32(0x9E3779B9)  # 2**32 divided by the golden ratio: neighbours' products are far apart
 _MEAN = 2 * 255
 _DEVIATION = float(np.sqrt(4 * (256**2 - 1) / 12))
@@ -24,10 +26,20 @@ def mix(number: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
     return number ^ (number >> 16)
 
 
+def fork(seed: UInt32[Array, ""], number: Numeric) -> UInt32[Array, ""]:
+    """Returns another seed for each whole number."""
+    return mix(seed + jnp.asarray(number, jnp.uint32) * _GOLDEN)
+
+
 def hash_bits(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:
     """Returns 32 random bits for each element of a shape."""
     index = jnp.arange(prod(shape), dtype=jnp.uint32).reshape(shape)
     return mix(index * _GOLDEN ^ seed)
+
+
+def uniform(bits: UInt32[Array, "..."]) -> Float[Array, "..."]:
+    """Returns numbers from 0 to less than 1, from 24 of 32 random bits."""
+    return (bits >> 8).astype(jnp.float32) * np.float32(2**-24)
 
 
 def hash_normal(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array, "..."]:

@@ -218,8 +218,14 @@ def random_pose(
     which, along, beside, turned = jax.random.uniform(key, (4,))
     index = jnp.searchsorted(count, jnp.floor(which * count[-1]).astype(jnp.int32) + 1)
     row, column, entered, turn = jnp.unravel_index(jnp.minimum(index, count.size - 1).astype(jnp.int32), exists.shape)
-    movement = Movement(row, column, entered, turn)
-    pose = lane_point(movement, along * lane_length(turn), (2 * beside - 1) * offset)
+    return pose_beside(Movement(row, column, entered, turn), along, beside, turned, offset=offset, heading=heading)
+
+
+def pose_beside(
+    movement: Movement, along: Array, beside: Array, turned: Array, *, offset: ArrayLike, heading: ArrayLike
+) -> Pose:
+    """Returns the pose of `random_pose` for uniform numbers, 0 to 1: along the movement, across it, and its angle."""
+    pose = lane_point(movement, along * lane_length(movement.turn), (2 * beside - 1) * offset)
     return pose._replace(theta=wrap_angle(pose.theta + (2 * turned - 1) * heading))
 
 
@@ -256,7 +262,7 @@ def _lane_pose(grid: Array, pose: Pose, movement: Movement | None) -> LanePose:
     links = linked(grid)
     row, column, code, road = tile_at(links, pose.x, pose.y)
     if movement is None:
-        movement = _nearest(code, pose, row, column)
+        movement = nearest_movement(code, pose, row, column)
     else:
         movement = Movement(*(jnp.asarray(part, jnp.int32) for part in movement))
     within = (movement.row >= 0) & (movement.row < height) & (movement.column >= 0) & (movement.column < width)
@@ -274,7 +280,8 @@ def _lane_pose(grid: Array, pose: Pose, movement: Movement | None) -> LanePose:
     )
 
 
-def _nearest(code: Array, pose: Pose, row: Array, column: Array) -> Movement:
+def nearest_movement(code: Array, pose: Pose, row: Array, column: Array) -> Movement:
+    """Returns the movement that `lane_pose` uses by default, on a tile whose code has only links."""
     heading, turn = (jnp.asarray(index, jnp.int32) for index in np.indices((4, 3)).reshape(2, 12))
     every = Movement(row, column, heading, turn)
     d, phi, _ = lane_errors(pose, every)

@@ -1,0 +1,111 @@
+"""Makes the scenes of `views` from maps and pictures. OpenCV scales the pictures."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, UInt32
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.drive._objects import make_billboards, make_objects
+from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
+from elitelanes_jax.formats.road_map import RoadMap, as_maps
+from elitelanes_jax.network.movements import linked_codes, list_movements
+from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
+from elitelanes_jax.tiles.rendering import check_tile_px, scale_tiles, show_paved
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+
+def make_scenes(
+    maps: UserValue,
+    tiles: TileSet | None = None,
+    *,
+    tile_px: int = 128,
+    objects: ObjectSet | None = None,
+) -> Scenes:
+    """Makes the scenes of `views`: maps, also of several sizes, and the pictures that show them.
+
+    Photographs of tiles are not blended as `render` blends them: each keeps its light, and seams are sharp.
+
+    Args:
+      maps: one or more, as `as_maps` takes them: integer codes ``[M, H, W]``, a list of grids, or `RoadMap`s. Their
+        objects are shown.
+      tiles: the tile set; by default the package's own.
+      tile_px: side of the largest pictures of tiles in pixels: 16, 32, 64, 128, 256 or 512. Near pixels of a picture of
+        120 x 160 need 256, and smaller pictures need less.
+      objects: the pictures of objects; by default the package's own.
+
+    Raises:
+      InputError: for no map, a map without a lane, a code or an object without a picture, or a bad size.
+    """
+    road_maps = check_named("maps", as_maps, maps)
+    tiles = load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
+    if check_tile_px(tile_px) & (tile_px - 1):
+        raise InputError(f"tile_px: expected 16, 32, 64, 128, 256 or 512, got {tile_px}")
+    if not road_maps:
+        raise InputError("maps: expected one or more, got none")
+    for index, road_map in enumerate(road_maps):
+        _check_map(f"maps[{index}]", road_map, tiles)
+    table, counts = _list_pictures(tiles)
+    placed = make_objects(road_maps)
+    billboards = None
+    if placed is not None:
+        pictures = load_objects(objects)
+        for road_map in road_maps:
+            check_named("objects", pictures.choose, road_map.objects or ())
+        billboards = make_billboards(pictures.views)
+    scene_maps = _stack(road_maps)._replace(objects=placed)
+    return Scenes(scene_maps, _make_pyramid(tiles, tile_px), jnp.asarray(table), jnp.asarray(counts), billboards)
+
+
+def _check_map(name: str, road_map: RoadMap, tiles: TileSet) -> None:
+    codes = np.asarray(road_map.codes)
+    if not len(list_movements(codes)):
+        raise InputError(f"{name}: expected a map with a lane, got one without any movement")
+    for code in np.unique(codes).tolist():
+        if code not in tiles.rotations:
+            drawn = ", ".join(map(str, tiles.rotations))
+            raise InputError(f"{name}: expected codes that the set {tiles.name!r} can draw ({drawn}), got {code}")
+
+
+def _stack(road_maps: list[RoadMap]) -> SceneMap:
+    height, width = (max(road_map.codes.shape[axis] for road_map in road_maps) for axis in (0, 1))
+    codes = np.zeros((len(road_maps), height + 2, width + 2), np.int32)
+    links = np.zeros_like(codes)
+    listed = [list_movements(np.asarray(road_map.codes)) for road_map in road_maps]
+    counts = np.array([len(movements) for movements in listed], np.int32)
+    movements = np.zeros((len(road_maps), counts.max(), 4), np.int32)
+    for index, road_map in enumerate(road_maps):
+        rows, columns = road_map.codes.shape
+        inside = (index, slice(1, rows + 1), slice(1, columns + 1))
+        codes[inside] = road_map.codes
+        links[inside] = linked_codes(np.asarray(road_map.codes))
+        movements[index, : counts[index]] = listed[index]
+    return SceneMap(jnp.asarray(codes), jnp.asarray(links), jnp.asarray(movements), jnp.asarray(counts), None)
+
+
+def _list_pictures(tiles: TileSet) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Lists the pictures of each code, and how many there are. A code without any has those of code 0."""
+    shown = [tiles.rotations.get(code, tiles.rotations[0]) for code in range(16)]
+    counts = np.array([len(pictures) for pictures in shown], np.int32)
+    table = np.zeros((16, counts.max()), np.int32)
+    for code, pictures in enumerate(shown):
+        table[code, : len(pictures)] = [4 * tile + turns for tile, turns in pictures]
+    return table, counts
+
+
+def _make_pyramid(tiles: TileSet, tile_px: int) -> UInt32[Array, "T P"]:
+    count = 4 * len(tiles.pictures)
+    every = np.stack(np.divmod(np.arange(count), 4), axis=-1)[None]
+    levels = []
+    size = tile_px
+    while size:
+        scaled = scale_tiles(tiles, size)
+        paved = show_paved(tiles, every, size).reshape(size, count, size).swapaxes(0, 1)
+        red, green, blue = np.moveaxis(scaled["image"].astype(np.uint32), -1, 0)
+        colours = np.where(paved, red | green << 8 | blue << 16, 0)
+        labels = scaled["labels"].astype(np.uint32) + PAVED * paved
+        levels.append((colours | labels << 24).astype(np.uint32).reshape(count, -1))
+        size //= 2
+    return jnp.asarray(np.concatenate(levels, axis=1))

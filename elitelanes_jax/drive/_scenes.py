@@ -1,0 +1,54 @@
+"""Maps and pictures as arrays, from which `views` draws."""
+
+from typing import NamedTuple
+
+from jaxtyping import Array, Int32, UInt32
+
+from elitelanes_jax.drive._objects import Billboards, Objects
+
+PAVED = 64
+"""The bit of a pyramid's label byte that is set where a tile is not ground. The label is below it."""
+
+
+class SceneMap(NamedTuple):
+    """One map. In a batch every shape starts with M, and smaller maps are filled up with empty cells.
+
+    Attributes:
+      codes: int32 ``[H, W]``, with a border of empty cells.
+      links: int32 ``[H, W]``, the codes' connections that the neighbour returns.
+      movements: int32 ``[N, 4]``, row, column, heading and turn, without the border.
+      movement_count: int32, the number of movements. Rows after it are not used.
+      objects: of the map; None if no map has any.
+    """
+
+    codes: Int32[Array, "H W"]
+    links: Int32[Array, "H W"]
+    movements: Int32[Array, "N 4"]
+    movement_count: Int32[Array, ""]
+    objects: Objects | None
+
+
+class Scenes(NamedTuple):
+    """Maps, and the pictures that show them.
+
+    Attributes:
+      maps: a batch of M maps.
+      pyramid: uint32 ``[T, P]``, each picture of a tile in all sizes, from the largest to one pixel, row by row:
+        red, green, blue and label from the lowest byte. Ground is black, and only what is not ground has the bit
+        `PAVED` of the label's byte.
+      tiles: int32 ``[16, V]``, the pictures that show each code, T indices.
+      picture_counts: int32 ``[16]``, the number of pictures that show each code. Columns after it are not used.
+      billboards: the pictures of objects; None without objects.
+    """
+
+    maps: SceneMap
+    pyramid: UInt32[Array, "T P"]
+    tiles: Int32[Array, "16 V"]
+    picture_counts: Int32[Array, " 16"]
+    billboards: Billboards | None
+
+    @property
+    def tile_bits(self) -> int:
+        """The logarithm to base 2 of the side of the largest pictures, in pixels."""
+        pixels = self.pyramid.shape[1]
+        return (3 * pixels + 1).bit_length() // 2 - 1

@@ -1,0 +1,390 @@
+"""What differs between views of one scene: background, shadows, lens and colours, as `dataset --transform` varies them.
+
+A view's numbers are drawn first, `draw_look`. Then `lay_background` and `photograph` make the picture, of which only
+the last step rounds colours.
+
+XLA for processors repeats a formula for each of its uses. Therefore whatever several pixels or all colours use is
+computed by `once`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, UInt32
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import none_or, real
+from elitelanes_jax._util.pytrees import pytree, traced
+from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.types import Numeric
+from elitelanes_jax.drive._camera import Camera
+from elitelanes_jax.drive._hashing import fork, hash_bits, hash_normal, uniform
+from elitelanes_jax.drive._once import once
+
+_COARSE = (4, 16)  # grains of a pattern along each side; its finest grains are about 1/64 of the picture's rows
+_FINEST = 64
+_SHADOWS = 5  # grains along each side
+_RECTANGLES = 5
+_STREAK = 25  # samples along a streak of motion blur
+_LENS = 2  # pixels that a blur reaches in each direction
+
+
+@pytree
+@dataclass(frozen=True)
+class Variation(Record):
+    """The ranges of views. Each value of a picture is drawn uniformly from its range. None leaves a step out.
+
+    A pytree: a number may also be an array ``[batch]``, with a range for each picture. Arrays are not checked.
+
+    Attributes:
+      offset: largest distance from the lane's centre in tiles, either way, 0 to 0.2.
+      heading: largest angle from the lane's direction in degrees, either way, 0 to 180.
+      wobble: largest change of the camera's height, pitch and field of view, either way, as a share, 0 to 0.5.
+      lines: largest stretch of a tile at its white lines, in tiles, 0 to 0.08.
+      horizon: share of the pictures with the sky of one of gym-duckietown's horizons, 0 to 1.
+      background: share of the pictures with random patterns instead of plain ground and sky, 0 to 1.
+      shadow: largest share of the light that a shadow takes, 0 to 1.
+      vignette: largest share of the light that the corners lose, 0 to 1.
+      gamma: largest change of the tone curve's exponent, either way, as a power of 2, 0 to 2.
+      saturation: largest change of the colours' distance from grey, either way, as a share, 0 to 1.
+      warmth: largest change of red against blue, either way, as a share, 0 to 0.5.
+      light: largest change of brightness, either way, as a share, 0 to 1.
+      contrast: largest change of contrast, either way, as a share, 0 to 1.
+      colour: largest change of each channel alone, either way, as a share, 0 to 1.
+      motion: longest motion blur in pixels, 0 to 2.9.
+      blur: largest standard deviation of a Gaussian blur in pixels, 0 to 1.
+      noise: largest standard deviation of noise in grey levels, 0 to 64.
+    """
+
+    offset: Numeric = traced(0.1, real(0, 0.2))
+    heading: Numeric = traced(30.0, real(0, 180))
+    wobble: Numeric = traced(0.05, real(0, 0.5))
+    lines: Numeric = traced(None, none_or(real(0, 0.08)))
+    horizon: Numeric = traced(None, none_or(real(0, 1)))
+    background: Numeric = traced(None, none_or(real(0, 1)))
+    shadow: Numeric = traced(None, none_or(real(0, 1)))
+    vignette: Numeric = traced(None, none_or(real(0, 1)))
+    gamma: Numeric = traced(None, none_or(real(0, 2)))
+    saturation: Numeric = traced(None, none_or(real(0, 1)))
+    warmth: Numeric = traced(None, none_or(real(0, 0.5)))
+    light: Numeric = traced(None, none_or(real(0, 1)))
+    contrast: Numeric = traced(None, none_or(real(0, 1)))
+    colour: Numeric = traced(None, none_or(real(0, 1)))
+    motion: Numeric = traced(None, none_or(real(0, 2.9)))
+    blur: Numeric = traced(None, none_or(real(0, 1)))
+    noise: Numeric = traced(None, none_or(real(0, 64)))
+
+
+VARIED = Variation(
+    **{"horizon": 1, "background": 0.8, "shadow": 0.6, "vignette": 0.5, "gamma": 0.6, "saturation": 0.5},
+    **{"warmth": 0.2, "light": 0.3, "contrast": 0.4, "colour": 0.1, "motion": 2, "blur": 0.8, "noise": 8},
+)
+"""The ranges of ``dataset --transform varied`` without its compression."""
+
+HORIZONS = np.array([(115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235)], np.float32)
+"""Gym-duckietown's horizons: a blue sky, a wall, darkness, a white hall; RGB."""
+
+
+Planes: TypeAlias = list[Float[Array, "rows columns"]]
+"""Red, green and blue of a picture, 0 to 255. Separate arrays, because XLA fuses arithmetic on each into one loop."""
+
+Colour: TypeAlias = Sequence[Numeric]
+"""Red, green and blue, 0 to 255."""
+
+
+class Background(NamedTuple):
+    """The numbers of the patterns of one picture's ground and sky.
+
+    Attributes:
+      below: float32 ``[3]``, what the noise adds to the ground's colour.
+      above: float32 ``[3]``, what the noise adds to the sky's colour.
+      weights: float32 ``[3]``, of the noise, from coarse to fine.
+      rectangles: float32 ``[5, 4]``, first row, first column, and those after the last; empty ones are not drawn.
+      paints: float32 ``[5, 3]``, their colours.
+    """
+
+    below: Float[Array, "3"]
+    above: Float[Array, "3"]
+    weights: Float[Array, "3"]
+    rectangles: Float[Array, "5 4"]
+    paints: Float[Array, "5 3"]
+
+
+class Look(NamedTuple):
+    """The numbers of one picture's variation. A None is a step that is left out.
+
+    Attributes:
+      seed: uint32, of all patterns and the noise.
+      ground: float32 ``[3]``, its mean colour.
+      sky: float32 ``[3]``, its mean colour.
+      background: the patterns of ground and sky; None for plain ones.
+      shadow: float32 ``[3]``, its depth, the level where it begins, and its steepness.
+      vignette: float32, the share of the light that the corners lose.
+      exponent: float32, of the tone curve.
+      mixing: float32 ``[3, 3]``, for each colour the factor of itself, the factor of the mean, and an addend.
+      kernel: float32 ``[5, 5]``, of the blur.
+      noise: float32, standard deviation.
+    """
+
+    seed: UInt32[Array, ""]
+    ground: Float[Array, "3"]
+    sky: Float[Array, "3"]
+    background: Background | None
+    shadow: Float[Array, "3"] | None
+    vignette: Float[Array, ""] | None
+    exponent: Float[Array, ""] | None
+    mixing: Float[Array, "3 3"] | None
+    kernel: Float[Array, "5 5"] | None
+    noise: Float[Array, ""] | None
+
+
+# The uniform numbers of a look by what they are for. All are always drawn, so that a range changes no other value.
+_NUMBERS = {"horizon": 2, "changed": 1, "bases": 2, "tints": 48, "weights": 3, "rectangles": 20, "paints": 15}
+_NUMBERS |= {"amount": 1, "shadow": 3, "vignette": 1, "gamma": 1, "saturation": 1, "warmth": 1, "light": 1}
+_NUMBERS |= {"contrast": 1, "colour": 3, "motion": 2, "blur": 1, "noise": 1}
+
+LOOK_NUMBERS = sum(_NUMBERS.values())
+"""The number of uniform numbers that a look needs."""
+
+
+def draw_look(seed: UInt32[Array, ""], uniforms: Float[Array, " N"], variation: Variation, camera: Camera) -> Look:
+    """Draws the numbers of one picture of a camera, from a seed and `LOOK_NUMBERS` uniform numbers."""
+    parts = jnp.split(uniforms, np.cumsum(list(_NUMBERS.values()))[:-1])
+    numbers = dict(zip(_NUMBERS, parts, strict=True))
+    ground, sky = (jnp.stack([jnp.asarray(part) for part in colour]) for colour in (camera.ground, camera.sky))
+    if variation.horizon is not None:
+        other, horizon = numbers["horizon"]
+        chosen = jnp.asarray(HORIZONS)[(horizon * len(HORIZONS)).astype(jnp.int32)]
+        sky = jnp.where(other < variation.horizon, chosen, sky)
+    background = None
+    if variation.background is not None:
+        changed = numbers["changed"][0] < variation.background
+        means, background = _draw_background(numbers, changed, (camera.rows, camera.columns))
+        ground, sky = (jnp.where(changed, mean, plain) for mean, plain in zip(means, (ground, sky), strict=True))
+    shadow = None
+    if variation.shadow is not None:
+        depth, steepness, level = numbers["shadow"]
+        shadow = jnp.stack([depth * variation.shadow, level, 2 ** (2 + 4 * steepness)])
+    vignette = None if variation.vignette is None else numbers["vignette"][0] * variation.vignette
+    exponent = None if variation.gamma is None else 2 ** (_signed(numbers["gamma"][0]) * variation.gamma)
+    mixing, kernel = _mix_colours(numbers, variation), _draw_kernel(numbers, variation)
+    noise = None
+    if variation.noise is not None or camera.noise is not None:
+        drawn = numbers["noise"][0] * (0 if variation.noise is None else variation.noise)
+        noise = jnp.hypot(drawn, 0 if camera.noise is None else camera.noise)
+    return Look(seed, ground, sky, background, shadow, vignette, exponent, mixing, kernel, noise)
+
+
+def _signed(number: Array) -> Array:
+    return 2 * number - 1
+
+
+def _draw_background(
+    numbers: dict[str, Array], changed: Bool[Array, ""], size: tuple[int, int]
+) -> tuple[Float[Array, "2 3"], Background]:
+    """Returns the mean colours of ground and sky, and their patterns. If they are not changed, patterns add nothing."""
+    # Sums of four uniform numbers have nearly a normal distribution: mean 2, variance 1 / 3.
+    normal = (numbers["tints"].reshape(4, 2, 2, 3).sum(axis=0) - 2) * np.float32(np.sqrt(3))
+    means = 10 + 235 * numbers["bases"][:, None] + 30 * normal[0]
+    below, above = jnp.where(changed, 50 * normal[1], 0)
+    centres, sides = numbers["rectangles"].reshape(2, _RECTANGLES, 2)
+    sides = 0.02 + 0.38 * sides
+    corners = jnp.concatenate([centres - sides / 2, centres + sides / 2], axis=1) * np.tile(
+        np.array(size, np.float32), 2
+    )
+    amount = jnp.where(changed, numbers["amount"] * (_RECTANGLES + 1), 0).astype(jnp.int32)
+    drawn = jnp.arange(_RECTANGLES) < amount
+    rectangles = jnp.where(drawn[:, None], jnp.floor(jnp.maximum(corners, 0)), 0)
+    paints = 255 * numbers["paints"].reshape(_RECTANGLES, 3)
+    return means, Background(below, above, numbers["weights"] ** 2, rectangles, paints)
+
+
+def _mix_colours(numbers: dict[str, Array], variation: Variation) -> Array | None:
+    """Returns saturation, warmth, contrast, colour and light as one linear step.
+
+    Warmth and saturation come first, then contrast around mid-grey; without clipping in between.
+    """
+    ranges = (variation.saturation, variation.warmth, variation.light, variation.contrast, variation.colour)
+    if all(span is None for span in ranges):
+        return None
+
+    def draw(name: str) -> Array:
+        span = getattr(variation, name)
+        return jnp.zeros_like(numbers[name]) if span is None else _signed(numbers[name]) * span
+
+    saturation, warmth = draw("saturation")[0], draw("warmth")[0]
+    gain = (1 + draw("contrast")) * (1 + draw("colour"))
+    warm = 1 + warmth * jnp.array([1.0, 0.0, -1.0])
+    itself, mean = gain * warm * (1 + saturation), -gain * warm * saturation
+    return jnp.stack([itself, mean, 128 - 128 * gain + 128 * draw("light")], axis=-1)
+
+
+def _draw_kernel(numbers: dict[str, Array], variation: Variation) -> Array | None:
+    """Returns the kernel of a lens's blur after a streak of motion."""
+    if variation.motion is None and variation.blur is None:
+        return None
+    reach = jnp.arange(-_LENS, _LENS + 1)
+    deviation = jnp.maximum(numbers["blur"][0] * (0 if variation.blur is None else variation.blur), 1e-3)
+    taps = jnp.exp(-0.5 * (reach / deviation) ** 2)
+    taps = taps / taps.sum()
+    length, turn = numbers["motion"]
+    length = length * (0 if variation.motion is None else variation.motion)
+    along = jnp.linspace(-0.5, 0.5, _STREAK) * length
+    down, right = jnp.round(along * jnp.sin(np.pi * turn)), jnp.round(along * jnp.cos(np.pi * turn))
+    kernel = jnp.zeros((2 * _LENS + 1, 2 * _LENS + 1))
+    for row in (-1, 0, 1):
+        for column in (-1, 0, 1):
+            share = ((down == row) & (right == column)).mean()
+            kernel += share * jnp.outer(_shifted(taps, row), _shifted(taps, column))
+    return kernel / kernel.sum()
+
+
+def _shifted(taps: Array, by: int) -> Array:
+    return jnp.pad(taps, 1)[1 - by : len(taps) + 1 - by]
+
+
+def spread(size: int, grains: int) -> Float[NDArray, "size grains"]:
+    """Returns the matrix that stretches `grains` values over `size` pixels, linearly between the grains' centres."""
+    positions = np.clip((np.arange(size) + 0.5) * grains / size - 0.5, 0, grains - 1)
+    lower = np.minimum(positions.astype(int), grains - 2)
+    matrix = np.zeros((size, grains), np.float32)
+    matrix[np.arange(size), lower] = 1 - (positions - lower)
+    matrix[np.arange(size), lower + 1] = positions - lower
+    return matrix
+
+
+def _smooth(seed: UInt32[Array, ""], grains: int, shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
+    """Returns smooth noise, -1 to 1, with `grains` grains along each side."""
+    rows, columns = shape
+    return spread(rows, grains) @ _grid(fork(seed, grains), (grains, grains)) @ spread(columns, grains).T
+
+
+def _fine(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
+    """Returns smooth noise whose grains have a side of a whole number of pixels, about 1/64 of the rows."""
+    side = max(1, round(shape[0] / _FINEST))
+    counts = [-(-pixels // side) + 1 for pixels in shape]
+    grid = once(lambda: _grid(fork(seed, _FINEST), (counts[0], counts[1])))
+    tall = once(lambda: _interpolate(grid, side, axis=0))
+    return once(lambda: _interpolate(tall, side, axis=1)[: shape[0], : shape[1]])
+
+
+def _interpolate(grid: Array, side: int, axis: int) -> Array:
+    """Puts `side` values between neighbours along an axis."""
+    last = grid.shape[axis] - 1
+    before, after = jax.lax.slice_in_dim(grid, 0, last, axis=axis), jax.lax.slice_in_dim(grid, 1, None, axis=axis)
+    shares = (np.arange(side, dtype=np.float32) + np.float32(0.5)) / side
+    between = [before * (1 - share) + after * share for share in shares]
+    shape = list(before.shape)
+    shape[axis] *= side
+    return jnp.stack(between, axis + 1).reshape(shape)
+
+
+def _grid(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
+    return _signed(uniform(hash_bits(seed, shape)))
+
+
+def lay_background(
+    road: Planes, paved: Float[Array, "rows columns"], sky: Float[Array, "rows _"], look: Look
+) -> Planes:
+    """Shows ground and sky where a picture shows neither a road nor an object.
+
+    Args:
+      road: the colours of roads and objects, times their share of each pixel.
+      paved: the share of roads and objects.
+      sky: the share of the sky; one column if it is the same in a row.
+      look: of the picture.
+    """
+    below, above = list(look.ground), list(look.sky)
+    if (background := look.background) is not None:
+        shape = paved.shape
+        field = once(lambda: _make_field(look.seed, background.weights, shape))
+        number = once(lambda: _number_rectangles(background.rectangles, shape))
+        for index in range(3):
+            below[index] = jnp.clip(below[index] + background.below[index] * field, 0, 255)
+            pattern = jnp.clip(above[index] + background.above[index] * field, 0, 255)
+            for rectangle in range(_RECTANGLES):
+                pattern = jnp.where(number == rectangle + 1, background.paints[rectangle, index], pattern)
+            above[index] = pattern
+    behind = 1 - paved - sky
+    planes = [colour + low * behind + high * sky for colour, low, high in zip(road, below, above, strict=True)]
+    return once(lambda: planes)
+
+
+def _make_field(seed: UInt32[Array, ""], weights: Float[Array, "3"], shape: tuple[int, ...]) -> Array:
+    """Returns the noise of a pattern, from coarse to fine grains."""
+    coarse = once(lambda: [_smooth(seed, grains, shape) for grains in _COARSE])
+    layers = [*coarse, _fine(seed, shape)]
+    return weights[0] * layers[0] + weights[1] * layers[1] + weights[2] * layers[2]
+
+
+def _number_rectangles(rectangles: Float[Array, "5 4"], shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
+    """Returns for each pixel the number of the last rectangle that covers it, from 1; 0 for none."""
+    row, column = jnp.arange(shape[0], dtype=jnp.float32)[:, None], jnp.arange(shape[1], dtype=jnp.float32)
+    number = jnp.zeros(shape)
+    for index in range(_RECTANGLES):
+        top, left, bottom, right = rectangles[index]
+        covered = (row >= top) & (row < bottom) & (column >= left) & (column < right)
+        number = jnp.where(covered, index + 1.0, number)
+    return number
+
+
+def photograph(image: Planes, look: Look) -> list[UInt32[Array, "rows columns"]]:
+    """Applies light, colours, blur and noise; returns red, green and blue, 0 to 255."""
+    shape = image[0].shape
+    if look.shadow is not None or look.vignette is not None:
+        light = once(lambda: _light(look, shape))
+        image = [plane * light for plane in image]
+    if look.exponent is not None:
+        image = [_bend(plane, look.exponent) for plane in image]
+    if look.mixing is not None:
+        image = _mix(image, look.mixing)
+    if look.kernel is not None:
+        image = _convolve(image, look.kernel)
+    if look.noise is not None:
+        image = [plane + look.noise * hash_normal(fork(look.seed, index), shape) for index, plane in enumerate(image)]
+    return [jnp.clip(jnp.round(plane), 0, 255).astype(jnp.uint32) for plane in image]
+
+
+def _bend(plane: Array, exponent: Array) -> Array:
+    shares = jnp.clip(plane / 255, 1e-6, 1)
+    return 255 * jnp.exp(exponent * jnp.log(shares))
+
+
+def _mix(image: Planes, mixing: Float[Array, "3 3"]) -> Planes:
+    planes = once(lambda: image)
+    mean = (planes[0] + planes[1] + planes[2]) / 3
+    mixed = []
+    for plane, (itself, of_mean, addend) in zip(planes, mixing, strict=True):
+        mixed.append(jnp.clip(itself * plane + of_mean * mean + addend, 0, 255))
+    return mixed
+
+
+def _light(look: Look, shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
+    light = jnp.ones(shape)
+    if look.shadow is not None:
+        depth, level, steepness = look.shadow
+        field = once(lambda: _smooth(look.seed, _SHADOWS, shape))
+        light = 1 - depth * jax.nn.sigmoid((field - level) * steepness)
+    if look.vignette is not None:
+        rows, columns = ((np.arange(side, dtype=np.float32) + 0.5) / side * 2 - 1 for side in shape)
+        light = light * (1 - look.vignette * np.float32(0.5) * (rows[:, None] ** 2 + columns**2))
+    return light
+
+
+def _convolve(image: Planes, kernel: Float[Array, "5 5"]) -> Planes:
+    """Blurs planes; beyond their edges the last pixels are repeated."""
+    rows, columns = image[0].shape
+    planes = once(lambda: image)
+    padded = once(lambda: [jnp.pad(plane, _LENS, mode="edge") for plane in planes])
+    blurred = []
+    for plane in padded:
+        total = jnp.zeros((rows, columns))
+        for down in range(2 * _LENS + 1):
+            for right in range(2 * _LENS + 1):
+                total += kernel[down, right] * plane[down : down + rows, right : right + columns]
+        blurred.append(total)
+    return blurred
