@@ -311,7 +311,7 @@ def lay_background(
             above[index] = pattern
     behind = 1 - paved - sky
     planes = [colour + low * behind + high * sky for colour, low, high in zip(road, below, above, strict=True)]
-    return once(lambda: planes)
+    return planes if background is None else once(lambda: planes)
 
 
 def _make_field(seed: UInt32[Array, ""], weights: Float[Array, "3"], shape: tuple[int, ...]) -> Array:

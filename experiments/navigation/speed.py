@@ -23,6 +23,7 @@ from jaxtyping import Array, Int8, Key
 
 from elitelanes_jax import random_grids, repair
 from elitelanes_jax.drive import (
+    VARIED,
     Camera,
     Environment,
     LaneDrive,
@@ -30,11 +31,16 @@ from elitelanes_jax.drive import (
     Pose,
     RoadNav,
     RoadNavParams,
+    Scenes,
     Sight,
+    Variation,
     auto_reset,
     look_around,
     make_levels,
+    make_scenes,
     make_sight,
+    random_pose,
+    views,
 )
 from elitelanes_jax.tiles import load_tiles, scale_tiles
 from experiments.common import Parser, Pytree, leave, run
@@ -56,7 +62,8 @@ def _measure(options: argparse.Namespace) -> None:
     count, batch, steps = (32, 16, 8) if options.quick else (10_000, 1024, 200)
     print("| | steps or frames a second | compiled in |\n|---|---:|---:|")
     for name, begin, step in measured(count, batch):
-        _row(name, batch, max(steps // 20, 2) if name.startswith("camera") else steps, begin, step)
+        pictures = name.startswith(("camera", "views"))
+        _row(name, batch, max(steps // 50, 2) if pictures else steps, begin, step)
 
 
 Begin: TypeAlias = Callable[[Key[Array, " B"]], Pytree]
@@ -79,8 +86,16 @@ def measured(count: int, batch: int) -> Iterator[tuple[str, Begin, Step]]:
     yield "LaneDrive, lane poses", *_of_ours(LaneDrive, LaneDriveParams(levels), _steer)
     tiles = load_tiles()
     scaled = scale_tiles(tiles, 64)
-    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=48, columns=64))
-    yield "camera 64 x 48 with labels", *_of_the_camera(jnp.resize(grids, (batch, *SHAPE)), sight)
+    maps = jnp.resize(grids, (batch, *SHAPE))
+    for words, noise in (("with labels", None), ("and noise", 3.0)):
+        sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=48, columns=64, noise=noise))
+        yield f"camera 64 x 48 {words}, poses given", *_of_the_camera(maps, sight, inside=False)
+        yield f"camera 64 x 48 {words}, poses drawn", *_of_the_camera(maps, sight, inside=True)
+    scenes = make_scenes(np.asarray(grids[:64]), tiles, tile_px=256)
+    yield "views 64 x 48, one sample", *_of_views(scenes, batch, Camera(), Variation(), samples=1)
+    large = Camera(rows=120, columns=160)
+    yield "views 160 x 120, four samples", *_of_views(scenes, batch, large, Variation(), samples=2)
+    yield "views 160 x 120, four samples, varied", *_of_views(scenes, batch, large, VARIED, samples=2)
 
 
 def steps_of(step: Step, batch: int, steps: int) -> Callable[[Key[Array, ""], Pytree], tuple[Pytree, Array]]:
@@ -130,15 +145,27 @@ def _of_ours(environment: Environment, params: Pytree, act: Callable[[Array, Pyt
     return lambda keys: jax.vmap(environment.reset, in_axes=(0, None))(keys, params)[1], step
 
 
-def _of_the_camera(grids: Int8[Array, "B H W"], sight: Sight) -> tuple[Begin, Step]:
-    def begin(keys: Key[Array, " B"]) -> Array:
-        return jax.vmap(partial(jax.random.uniform, shape=(3,)))(keys) * jnp.array([*SHAPE, 6.0])
+def _of_the_camera(grids: Int8[Array, "B H W"], sight: Sight, *, inside: bool) -> tuple[Begin, Step]:
+    """Returns a camera whose poses are moved on, or drawn on lanes in the same program."""
 
-    def step(keys: Key[Array, " B"], poses: Pytree) -> tuple[Pytree, Pytree]:
-        views = jax.vmap(lambda pose, grid: look_around(Pose(*pose), grid, sight))(poses, grids)
-        return (poses + 0.013) % 12, views
+    # The maps belong to the state: XLA would take a minute to compute what depends on constants alone.
+    def begin(keys: Key[Array, " B"]) -> Pytree:
+        return jax.vmap(partial(jax.random.uniform, shape=(3,)))(keys) * jnp.array([*SHAPE, 6.0]), grids
+
+    def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
+        poses, maps = state
+        drawn = jax.vmap(random_pose)(keys, maps) if inside else Pose(*poses.T)
+        seen = jax.vmap(lambda pose, grid: look_around(pose, grid, sight))(drawn, maps)
+        return ((poses + 0.013) % 12, maps), seen
 
     return begin, step
+
+
+def _of_views(scenes: Scenes, batch: int, camera: Camera, variation: Variation, *, samples: int) -> tuple[Begin, Step]:
+    def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
+        return state, views(keys[0], scenes, batch, camera=camera, variation=variation, samples=samples)
+
+    return lambda keys: jnp.float32(0), step
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The study in gym-duckietown: its parts that run without it, and with it the bridge."""
 
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -14,7 +15,7 @@ from elitelanes_jax.tiles import choose_tiles, scale_tiles
 nets = pytest.importorskip(
     "experiments.perception.gym_duckietown.nets", reason="flax and optax are not here", exc_type=ImportError
 )
-from experiments.perception.gym_duckietown import rides, train  # noqa: E402
+from experiments.perception.gym_duckietown import rides, stream, train  # noqa: E402
 from experiments.perception.gym_duckietown.bridge import receive, send  # noqa: E402
 from experiments.perception.gym_duckietown.classical import find_lane, find_lines  # noqa: E402
 from experiments.perception.gym_duckietown.evaluate import label_table  # noqa: E402
@@ -25,12 +26,12 @@ LOOP = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
 
 
 def test_messages_are_read_as_they_were_written(tmp_path):
-    with (tmp_path / "pipe").open("w+b") as stream:
-        send(stream, do="look", poses=np.eye(3), count=3)
-        send(stream, error="none")
-        stream.seek(0)
-        first, second = receive(stream), receive(stream)
-        assert receive(stream) is None
+    with (tmp_path / "pipe").open("w+b") as pipe:
+        send(pipe, do="look", poses=np.eye(3), count=3)
+        send(pipe, error="none")
+        pipe.seek(0)
+        first, second = receive(pipe), receive(pipe)
+        assert receive(pipe) is None
     assert first.pop("poses").tolist() == np.eye(3).tolist()
     assert first == {"do": "look", "count": 3}
     assert second == {"error": "none"}
@@ -135,15 +136,16 @@ def test_training_continues_to_the_same_weights(tmp_path, monkeypatch):
     images, labels = rng.integers(0, 256, (8, 120, 160, 3), np.uint8), rng.integers(0, 4, (8, 120, 160), np.uint8)
     views, file = train.Views(images, labels, np.zeros((8, 3), np.float32)), tmp_path / "checkpoint"
 
-    whole = train.train("pose", views, 3, 0, tmp_path / "whole", print)
+    batches, shares = partial(train.draw_batches, "pose", views, 0), train.shares_of(views.labels)
+    whole = train.train("pose", batches, shares, 3, 0, tmp_path / "whole", print)
 
     def stop(_: str) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(train, "_KEEP_EVERY", 0)
     with pytest.raises(KeyboardInterrupt):
-        train.train("pose", views, 3, 0, file, stop)
-    again = train.train("pose", views, 3, 0, file, print)
+        train.train("pose", batches, shares, 3, 0, file, stop)
+    again = train.train("pose", batches, shares, 3, 0, file, print)
     jax.tree.map(np.testing.assert_array_equal, jax.device_get(whole), jax.device_get(again))
 
 
@@ -181,3 +183,11 @@ def test_the_bridge_sees_poses_as_we_do_and_says_what_is_wrong():
         np.testing.assert_allclose(after[2] - before[2], 3.75 * 0.1 / 30, rtol=0.01)
         with pytest.raises(InputError, match="^luck: gym-duckietown: expected to load, got "):
             world.load(DuckietownMap("luck", "tiles: 3", LOOP))
+
+
+@pytest.mark.slow
+def test_a_network_is_trained_from_a_stream(tmp_path):
+    file = tmp_path / "pose.npz"
+    assert stream.main(["pose", "docs/examples/town.json", "--out", str(file), "--steps", "2"]) == 0
+    nets.read_weights(file, "pose")
+    assert sorted(tmp_path.iterdir()) == [file]

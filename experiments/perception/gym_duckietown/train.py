@@ -9,8 +9,9 @@ An interrupted training continues with the same command.
 import argparse
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,10 +34,10 @@ from experiments.perception.gym_duckietown.nets import (
     write_weights,
 )
 
-__all__ = ["Views", "main", "read_views", "train"]
+__all__ = ["BATCH", "STEPS", "Views", "draw_batches", "main", "read_views", "shares_of", "train"]
 
-_BATCH = {"pose": 64, "labels": 8}
-_STEPS = {"pose": 3000, "labels": 900}
+BATCH = {"pose": 64, "labels": 8}
+STEPS = {"pose": 3000, "labels": 900}
 _LEARNING_RATE = {"pose": 2e-3, "labels": 5e-3}
 _KEEP_EVERY = 60  # seconds
 
@@ -92,30 +93,50 @@ def _label_loss(weights: Pytree, images: Array, labels: Array, lanes: Array, sha
     return (weight * losses).sum() / weight.sum()
 
 
-def train(task: str, views: Views, steps: int, seed: int, checkpoint: Path, say: Callable[[str], None]) -> Pytree:
-    """Trains a network; returns its weights. The checkpoint is kept up to date, and continued if it exists."""
-    batch, loss = _BATCH[task], _pose_loss if task == "pose" else _label_loss
+def draw_batches(task: str, views: Views, seed: int, first: int) -> Iterator[Views]:
+    """Yields random batches of pictures without end, from the batch of index `first` on."""
+    for step in count(first):
+        chosen = np.random.default_rng([seed, step]).integers(len(views.images), size=BATCH[task])
+        yield Views(*(part[chosen] for part in views))
+
+
+def shares_of(labels: UInt8[NDArray, "N 120 160"]) -> Float[NDArray, "4"]:
+    """Returns the share of each label in all pixels."""
+    return np.asarray(np.maximum(np.bincount(labels.ravel(), minlength=4) / labels.size, 1e-4))
+
+
+def train(
+    task: str,
+    batches: Callable[[int], Iterator[Views]],
+    shares: Float[NDArray, "4"],
+    steps: int,
+    seed: int,
+    checkpoint: Path,
+    say: Callable[[str], None],
+) -> Pytree:
+    """Trains a network; returns its weights. The checkpoint is kept up to date, and continued if it exists.
+
+    `batches` returns the batches of pictures from an index on, and `shares` are those of labels.
+    """
+    loss = _pose_loss if task == "pose" else _label_loss
     schedule = optax.warmup_cosine_decay_schedule(0, _LEARNING_RATE[task], min(200, steps), steps + 1)
     optimizer = optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=1e-4))
     weights = NETS[task].init(jax.random.key(seed), jnp.zeros((1, ROWS, COLUMNS, 3), jnp.uint8))
     state: Pytree = (0, weights, optimizer.init(weights), 0.0)
     if checkpoint.exists():
         state = from_bytes(state, checkpoint.read_bytes())
-    shares = jnp.asarray(
-        np.maximum(np.bincount(views.labels[::10].ravel(), minlength=4) / views.labels[::10].size, 1e-4)
-    )
+    class_shares = jnp.asarray(shares)
 
     @partial(jax.jit, donate_argnums=(0, 1))
     def update(weights: Pytree, memory: Pytree, *parts: Array) -> tuple[Pytree, Pytree, Array]:
-        value, slope = jax.value_and_grad(loss)(weights, *parts, shares)
+        value, slope = jax.value_and_grad(loss)(weights, *parts, class_shares)
         change, memory = optimizer.update(slope, memory, weights)
         return optax.apply_updates(weights, change), memory, value
 
     first, weights, memory, mean = state
     kept = time.monotonic()
-    for step in range(int(first), steps):
-        chosen = np.random.default_rng([seed, step]).integers(len(views.images), size=batch)
-        weights, memory, value = update(weights, memory, *(part[chosen] for part in views))
+    for step, views in zip(range(int(first), steps), batches(int(first)), strict=False):
+        weights, memory, value = update(weights, memory, *views)
         mean += (float(value) - mean) * max(0.01, 1 / (step + 1))
         if time.monotonic() - kept > _KEEP_EVERY or step + 1 == steps:
             write(checkpoint, to_bytes((step + 1, weights, memory, mean)))
@@ -127,10 +148,10 @@ def train(task: str, views: Views, steps: int, seed: int, checkpoint: Path, say:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("train", __doc__)
-    parser.add_argument("task", choices=_STEPS)
+    parser.add_argument("task", choices=STEPS)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="weights, .npz")
-    defaults = " and ".join(f"{steps} for {task}" for task, steps in _STEPS.items())
+    defaults = " and ".join(f"{steps} for {task}" for task, steps in STEPS.items())
     parser.add_argument("--steps", type=whole(1), metavar="N", help=f"by default {defaults}")
     parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of first weights and batches; default 0")
     options = parser.parse_args(arguments)
@@ -138,9 +159,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    views, steps = read_views(options.dataset), options.steps or _STEPS[options.task]
+    views, steps = read_views(options.dataset), options.steps or STEPS[options.task]
     checkpoint = options.out.with_suffix(".checkpoint")
-    weights = train(options.task, views, steps, options.seed, checkpoint, partial(print, flush=True))
+    batches = partial(draw_batches, options.task, views, options.seed)
+    shares = shares_of(views.labels[::10])
+    weights = train(options.task, batches, shares, steps, options.seed, checkpoint, partial(print, flush=True))
     write_weights(options.out, weights)
     print(f"{options.out}: {options.out.stat().st_size:,} bytes")
     checkpoint.unlink()

@@ -1,0 +1,61 @@
+"""Trains the networks of `train` on views that are drawn while it trains: no picture twice, and no disk.
+
+    python -m experiments.perception.gym_duckietown.stream {pose,labels} MAPS... --out FILE [--tiles DIR] [--steps N]
+
+MAPS are files of maps, such as those of `elitelanes generate`. An interrupted training continues with the same command.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from elitelanes_jax import load_tiles
+from elitelanes_jax.drive import VARIED, Camera, Scenes, make_scenes, stream_views
+from experiments.common import Parser, leave, run, whole
+from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS, write_weights
+from experiments.perception.gym_duckietown.train import BATCH, STEPS, Views, shares_of, train
+
+__all__ = ["main", "stream"]
+
+_CAMERA = Camera(rows=ROWS, columns=COLUMNS)
+_VARIATION = VARIED.replace(blur=0.5, lines=0.07)
+_TILE_PX = 256
+
+
+def stream(task: str, scenes: Scenes, seed: int, first: int) -> Iterator[Views]:
+    """Yields batches of new views without end, from the batch of index `first` on."""
+    for views in stream_views(seed, scenes, BATCH[task], camera=_CAMERA, variation=_VARIATION, first=first):
+        yield Views(*(np.asarray(part) for part in views[:3]))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("stream", __doc__)
+    parser.add_argument("task", choices=STEPS)
+    parser.add_argument("maps", nargs="+", type=Path)
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="weights, .npz")
+    parser.add_argument("--tiles", type=Path, metavar="DIR", help="tile set; by default the package's own")
+    defaults = " and ".join(f"{2 * steps} for {task}" for task, steps in STEPS.items())
+    parser.add_argument("--steps", type=whole(1), metavar="N", help=f"by default {defaults}")
+    parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of first weights and views; default 0")
+    options = parser.parse_args(arguments)
+    return run("stream", lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    scenes = make_scenes(options.maps, load_tiles(options.tiles), tile_px=_TILE_PX)
+    steps = options.steps or 2 * STEPS[options.task]
+    checkpoint = options.out.with_suffix(".checkpoint")
+    batches = partial(stream, options.task, scenes, options.seed)
+    shares = shares_of(next(batches(0)).labels)
+    weights = train(options.task, batches, shares, steps, options.seed, checkpoint, partial(print, flush=True))
+    write_weights(options.out, weights)
+    print(f"{options.out}: {options.out.stat().st_size:,} bytes")
+    checkpoint.unlink()
+
+
+if __name__ == "__main__":
+    leave(main())
