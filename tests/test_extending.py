@@ -77,6 +77,7 @@ def test_a_float_fitness_is_that_of_the_kernel_in_every_method(which):
         assert result.history.refused.sum() > 10
 
 
+@pytest.mark.slow
 @methods(
     [which for which in PRESETS if which[1] in ("paper", "standard")],
     slow=SLOW | {("ea", "paper"), ("gwo", "paper"), ("pso", "paper")},
@@ -94,6 +95,7 @@ def test_whole_numbers_give_the_same_search_as_floats(which):
         )
 
 
+@pytest.mark.slow
 def test_it_may_add_to_the_usual_fitness_and_take_all_that_is_measured():
     def fitness(usual, features, metrics, grid):
         both = features["corner"] == grid[1, 1], features["turns"] == metrics.turns
@@ -208,6 +210,7 @@ def test_a_function_is_known_by_what_it_computes(name, tmp_path):
             run(**of_factor(name, 3), **options)
 
 
+@pytest.mark.slow
 def test_a_function_whose_values_change_is_another_one(tmp_path):
     """What a function reads may change between two calls, as in a sweep in a notebook."""
     added = np.zeros((), np.int32)
@@ -359,6 +362,7 @@ def test_a_problem_of_ones_own_runs_with_every_optimizer(which):
     check_search(which, evaluate)
 
 
+@pytest.mark.slow
 @methods(slow=set(PRESETS) - OF_FLOATS)
 def test_one_of_floats_does_so_too(which):
     check_search(which, real)

@@ -215,6 +215,7 @@ def test_without_matplotlib_the_message_says_what_to_install(monkeypatch):
 PAGE = (DOCS / "plots.md").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(3))
 def test_each_program_of_the_page_runs_by_itself(number, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

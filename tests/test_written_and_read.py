@@ -44,6 +44,7 @@ def test_archives_that_are_all_but_vacant_are_read(tmp_path):
     assert unpack(tmp_path / "archive.npz")[1]["grids"].shape == grids.shape
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
 def test_maps_of_the_largest_size_are_read(suffix, tmp_path):
     codes = np.full((LONGEST_SIDE, LONGEST_SIDE), 14, np.int8)

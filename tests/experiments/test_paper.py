@@ -61,6 +61,7 @@ def test_every_reading_has_valid_settings_and_differs():
     assert len({str(reading[1:]) for reading in READINGS.values()}) == len(READINGS)
 
 
+@pytest.mark.slow
 def test_a_study_writes_tables_plots_and_its_runs(compared):
     assert set(files(compared)) == {
         "settings.json", SEARCHED, COLLAPSED, "results.csv", "tables.md", "timing.md", "comparison.png",

@@ -214,6 +214,7 @@ def fractional(metrics, usual):
     return usual / 7 + metrics.tiles
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "dtype", "is_usual", "floors"),
     [

@@ -98,6 +98,7 @@ def test_only_maps_that_the_tiles_can_draw_are_picked(searched, tmp_path):
     assert maps(tmp_path / "out") and not any((road_map.codes == 15).any() for road_map in maps(tmp_path / "out"))
 
 
+@pytest.mark.slow
 def test_axes_of_ones_own_replace_the_targets_of_the_search():
     result = evolve(0, (6, 6), seeds=1, style="town", generations=0)
     sources = [_Source("result", result, None)]

@@ -41,6 +41,7 @@ def usual():
     return search(tuned_axes(SHAPE), 0.5)
 
 
+@pytest.mark.slow
 def test_the_last_archive_holds_the_best_of_all_and_is_the_result():
     problem, optimizer, states = usual()
     archives = states[-1].archives.fitness.reshape(-1, 400)
@@ -101,6 +102,7 @@ def test_a_cycle_draws_its_penalty_and_starts_from_the_best_elite_by_it():
     assert abs(np.mean(drawn) - 199.5) < 15  # standard error 4
 
 
+@pytest.mark.slow
 def test_niches_with_flawed_elites_are_pursued_as_vacant_ones():
     problem, _, states = search(
         (Axis("cyclomatic", 6, 2),), 0, require_feasible=True, accept_equal=True, vacant_probability=1.0
@@ -170,6 +172,7 @@ def test_it_runs_with_one_chain():
     assert result.history.best_fitness[-1] == -10, "the optimum"
 
 
+@pytest.mark.slow
 def test_larger_grids_begin_with_grown_towns_and_given_grids():
     ring = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 0, 10], [12, 5, 5, 9]], np.int8)[None]
     problem = road_problem((4, 4), "cyclomatic:4", weights=RULES["duckietown"].weights, initial=ring)

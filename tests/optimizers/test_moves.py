@@ -302,6 +302,7 @@ def test_a_block_of_the_mate_is_set_in(shape, displaced):
     assert used == set(range(len(images)))
 
 
+@pytest.mark.slow
 def test_a_mix_of_one_move_is_that_move():
     """Shares are numbers like any other: one program serves all mixes."""
     grid, mate = jnp.asarray(network((5, 5))), jnp.asarray(network((5, 5), 1))

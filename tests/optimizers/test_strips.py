@@ -59,6 +59,7 @@ def fillings(grid, dirty, codes):
     return set(completed(0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("empty", [True, False])
 @pytest.mark.parametrize("grid", [TWO_RINGS, SPIRAL], ids=["4x4", "4x5"])
 @pytest.mark.parametrize("whole", [0.0, 1.0])

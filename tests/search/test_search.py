@@ -289,6 +289,7 @@ def test_the_best_of_equals_is_the_first_and_never_a_vacant_slot():
     np.testing.assert_array_equal(spoilt.best(), result.elites.grids[place])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "preset"), [("ea", "paper"), ("map-elites", "tuned")])
 def test_with_64_bit_numbers_allowed_it_is_the_same(method, preset):
     options = {"method": method, "preset": preset, "generations": 12}

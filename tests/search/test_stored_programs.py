@@ -114,6 +114,7 @@ def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch
     assert arrays(run()) == arrays(whole)
 
 
+@pytest.mark.slow
 def test_programs_are_optimised_from_so_many_cells_on(monkeypatch):
     levels = {"start": [], "advance": [], "collect": []}
     lower = _programs.Programs._lower
@@ -157,6 +158,7 @@ def test_options_that_this_compiler_does_not_know_are_left_out(monkeypatch):
         assert _compiling._unknown_options == {"xla_of_another_version"}
 
 
+@pytest.mark.slow
 def test_a_search_finds_what_other_threads_compiled(folder, monkeypatch):
     spec = SearchSpec(method="ea", preset="paper", evaluations=200)
     keys = keys_of_seeds(3, range(2))
@@ -278,6 +280,7 @@ def test_a_file_of_another_user_is_read(folder, monkeypatch):
     assert load(folder / "file") == StoredPrograms({}, {"program": b"bytes"})
 
 
+@pytest.mark.slow
 def test_threads_that_trace_and_threads_that_lower_do_not_wait_for_each_other(folder):
     """In Python 3.11, one thread at a time computes a `cached_property`, of whatever object."""
     shapes = [(4, 5), (4, 6), (4, 7)]

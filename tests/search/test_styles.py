@@ -161,6 +161,7 @@ def resolved(spec, **changed):
 SHAPES = ((5, 5), (12, 13))
 
 
+@pytest.mark.slow
 @given(options())
 @settings(max_examples=150)
 def test_all_ways_in_agree(drawn):
