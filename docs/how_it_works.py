@@ -11,8 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from elitelanes_jax.formats import Cell, tile_graph
+from elitelanes_jax.formats import tile_graph
 from elitelanes_jax.plots import road_map
+
+Cell = tuple[int, int]  # row and column
 
 CODES = np.array(
     [

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._transforms import Viewpoints
-from elitelanes_jax.drive.lanes import LANE_OFFSET
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats.objects import NEAR, MapObject
+from elitelanes_jax.lanes.curves import LANE_OFFSET
+from elitelanes_jax.lanes.movements import Movement, movements_of
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.network.movements import list_movements
 from elitelanes_jax.tiles.object_set import ObjectPictures, lay_flat
 from elitelanes_jax.tiles.pasting import Placed
 
@@ -80,10 +80,10 @@ def draw_viewpoint(
     The movement is drawn uniformly from all movements of the map; the position along it, the offset and the angle are
     uniform too. If the robot would touch an object, another pose is drawn, at most 64 times.
     """
-    lanes = list_movements(codes)
-    if not len(lanes):
+    movements = movements_of(codes)
+    if not movements.row.size:
         raise InputError("maps: expected lanes for the camera, got a map without any")
-    place = _draw_place(rng, viewpoints, lanes)
+    place = _draw_place(rng, viewpoints, movements)
     lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
     sky = _HORIZONS[rng.integers(len(_HORIZONS))]
     lines = float(rng.uniform(-1, 1) * viewpoints.lines)
@@ -91,7 +91,7 @@ def draw_viewpoint(
     for _ in range(_TRIES):
         if not _touches(place, objects):
             break
-        place = _draw_place(rng, viewpoints, lanes)
+        place = _draw_place(rng, viewpoints, movements)
 
     height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
     view = float(min(viewpoints.field_of_view * wide, 175))
@@ -101,7 +101,7 @@ def draw_viewpoint(
     about = {
         **on_lane,
         "pose": {"x": x, "y": y, "theta": theta},
-        "nearest": _nearest(lanes, x, y, theta) or on_lane,
+        "nearest": _nearest(movements, x, y, theta) or on_lane,
         "movement": place.movement,
         "camera": camera | {"sky": sky} | ({"lines": lines} if viewpoints.lines else {}),
     }
@@ -112,8 +112,10 @@ def draw_viewpoint(
     return Viewpoint(matrix, size, sky, tile_px, lines, about)
 
 
-def _draw_place(rng: np.random.Generator, viewpoints: Viewpoints, lanes: Int[NDArray, "N 4"]) -> _Place:
-    row, column, heading, turn = (int(part) for part in lanes[rng.integers(len(lanes))])
+def _draw_place(rng: np.random.Generator, viewpoints: Viewpoints, movements: Movement) -> _Place:
+    index = rng.integers(movements.row.size)
+    movement = Movement(*(int(field[index]) for field in movements))
+    row, column, heading, turn = movement
     along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
     d, phi = beside * viewpoints.offset, np.radians(turned * viewpoints.heading)
     bend = turn - 1  # to the left
@@ -127,8 +129,7 @@ def _draw_place(rng: np.random.Generator, viewpoints: Viewpoints, lanes: Int[NDA
     y = row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
     theta = np.arctan2(-ahead_y, ahead_x) + angle + phi
     theta = float(np.pi - (np.pi - theta) % (2 * np.pi))
-    movement = {"row": row, "column": column, "heading": heading, "turn": turn}
-    return _Place(movement, float(d), float(phi), bend / radius, float(x), float(y), theta)
+    return _Place(movement._asdict(), float(d), float(phi), bend / radius, float(x), float(y), theta)
 
 
 def _touches(place: _Place, objects: Sequence[MapObject]) -> bool:
@@ -139,13 +140,14 @@ def _touches(place: _Place, objects: Sequence[MapObject]) -> bool:
     )
 
 
-def _nearest(lanes: Int[NDArray, "N 4"], x: float, y: float, theta: float) -> dict[str, Plain]:
+def _nearest(movements: Movement, x: float, y: float, theta: float) -> dict[str, Plain]:
     """Returns offset, heading error and curvature on the nearest lane of the pose's tile, as `lane_pose` chooses it.
 
     For a tile without lanes the table is empty.
     """
     found, best = {}, np.inf
-    for row, column, heading, turn in lanes[(lanes[:, 0] == int(np.floor(y))) & (lanes[:, 1] == int(np.floor(x)))]:
+    on_tile = (movements.row == int(np.floor(y))) & (movements.column == int(np.floor(x)))
+    for row, column, heading, turn in zip(*(field[on_tile] for field in movements), strict=True):
         ahead_x, ahead_y = SIDES[heading].right, SIDES[heading].down
         forward = (x - column - 0.5) * ahead_x + (y - row - 0.5) * ahead_y + 0.5
         left = (x - column - 0.5) * ahead_y - (y - row - 0.5) * ahead_x

@@ -5,10 +5,10 @@ from typing import NamedTuple
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.lanes.movements import movements_of
 from elitelanes_jax.maps.given import GivenMaps
 from elitelanes_jax.maps.planning import check_furnishable, resolve_to_draw
 from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.network.movements import list_movements
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -63,7 +63,7 @@ def _check_fixed_cells(spec: DatasetSpec) -> None:
 def _check_given(spec: DatasetSpec, given: GivenMaps, tiles: TileSet) -> None:
     """Checks that the tiles can draw given maps, and that they have lanes for a camera."""
     for road_map, name in zip(given.maps, given.names, strict=True):
-        if spec.camera is not None and not len(list_movements(road_map.codes)):
+        if spec.camera is not None and not movements_of(road_map.codes).row.size:
             raise InputError(f"maps_from: expected maps with lanes, for a camera, got none, {name}")
         missing = set(road_map.codes.flat) - set(tiles.rotations)
         if missing:

@@ -14,6 +14,7 @@ from ._lane_drive import LaneDrive as LaneDrive
 from ._lane_drive import LaneDriveObservation as LaneDriveObservation
 from ._lane_drive import LaneDriveParams as LaneDriveParams
 from ._lane_drive import pure_pursuit as pure_pursuit
+from ._levels import LaneNode as LaneNode
 from ._levels import Level as Level
 from ._levels import make_levels as make_levels
 from ._levels import random_level as random_level
@@ -36,7 +37,6 @@ from ._views import views as views
 from ._wrappers import GymnaxEnv as GymnaxEnv
 from ._wrappers import gymnasium_env as gymnasium_env
 from ._wrappers import make as make
-from .lanes import LaneNode as LaneNode
 from .lanes import Pose as Pose
 from .lanes import lane_pose as lane_pose
 from .lanes import movements as movements

@@ -5,10 +5,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
 from elitelanes_jax._util.checks import check_named
-from elitelanes_jax.drive.lanes import LaneNode, linked, single
+from elitelanes_jax.drive.lanes import single
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import EXIT, LaneNode
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.network.movements import EXIT
 
 UNREACHABLE = 2**30
 """The distance if no way leads to the goal."""
@@ -25,7 +26,7 @@ def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
     Raises:
       InputError: for a bad grid.
     """
-    links = linked(grid)
+    links = linked_codes(grid)
     return jnp.stack([links & side.opposite > 0 for side in SIDES], axis=-1)
 
 
@@ -47,7 +48,7 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
 
 @jax.jit
 def _distances(grid: Array, goal: LaneNode) -> Array:
-    links = linked(grid)
+    links = linked_codes(grid)
     reached, _ = _relax(links, goal)
     return jnp.where(lane_nodes(links), jnp.moveaxis(reached, 0, -1), UNREACHABLE)
 
@@ -63,7 +64,7 @@ def shortest_ways(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> UInt8[Array, "
 
 @jax.jit
 def _shortest_ways(grid: Array, goal: LaneNode) -> Array:
-    _, onward = _relax(linked(grid), goal)
+    _, onward = _relax(linked_codes(grid), goal)
     ways = jnp.zeros(onward.shape[1:], jnp.uint8)
     for heading in range(4):
         three = onward[EXIT[heading]]

@@ -24,9 +24,6 @@ from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive._objects import Objects, touches
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import (
-    LANE_OFFSET,
-    LaneNode,
-    Movement,
     Pose,
     lane_curvature,
     lane_errors,
@@ -36,9 +33,10 @@ from elitelanes_jax.drive.lanes import (
     wrap_angle,
 )
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive, still, to_wheels
+from elitelanes_jax.lanes.curves import LANE_OFFSET
+from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.network.movements import MOVEMENTS
 
 
 def _check_sight(value: UserValue) -> Sight | None:

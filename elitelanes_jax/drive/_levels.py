@@ -12,18 +12,18 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive._objects import Objects, make_objects
-from elitelanes_jax.drive.lanes import LaneNode, linked
 from elitelanes_jax.formats.road_map import as_maps
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import LaneNode, movements_of
 from elitelanes_jax.network.bits import check_key, randint, random_bits
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
-from elitelanes_jax.network.movements import list_movements
 
 
 class Level(NamedTuple):
     """A task on a map. In a batch every shape starts with N.
 
     Attributes:
-      grid: int8 ``[H, W]``, only links: each connection is returned by the neighbour (see `linked`).
+      grid: int8 ``[H, W]``, only links: each connection is returned by the neighbour (see `linked_codes`).
       start: node; its heading is the one with which its tile was entered.
       goal: node to be reached, with its heading.
       shortest: int32, tiles from the start to the goal.
@@ -57,7 +57,7 @@ def random_level(
     Raises:
       InputError: for a bad grid.
     """
-    links = linked(grid)
+    links = jnp.asarray(linked_codes(grid))
     width = links.shape[1]
     bits = random_bits(key, (2,))
     onward = jnp.asarray(CONNECTIONS)[links] >= 2
@@ -111,7 +111,7 @@ def make_levels(
     if len({grid.shape for grid in maps}) != 1:
         raise InputError(f"grids: expected one or more of one size, got {'several sizes' if maps else 'none'}")
     for index, codes in enumerate(maps):
-        if not len(list_movements(codes)):
+        if not movements_of(codes).row.size:
             raise InputError(f"grids[{index}]: expected a map with a lane, got one without any movement")
     total = len(maps) if count is None else check_named("count", whole(1), count)
     least, most = check_named("least", whole(1), least), check_named("most", whole(1), most)

@@ -16,9 +16,9 @@ from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, draw_level
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
-from elitelanes_jax.drive.lanes import TAKEN, LaneNode, Movement
+from elitelanes_jax.drive.lanes import TAKEN
+from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
-from elitelanes_jax.network.movements import MOVEMENTS
 
 
 def _check_window(value: UserValue) -> int:

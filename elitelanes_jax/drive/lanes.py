@@ -1,13 +1,10 @@
-"""Lanes: the geometry of a grid of tiles with traffic on the right.
+"""Poses on lanes, in JAX.
 
 Lengths are in tiles. x points east and y south from the north-west corner of the grid, so that a position times
 the side of a tile in pixels is the position in a picture of the map. Angles are counter-clockwise as seen from above,
-in radians; 0 is east. Headings of movements are indices of `codes.SIDES`: 0 north, 1 east, 2 south, 3 west.
+in radians; 0 is east.
 
-A movement enters a tile with a heading and turns right, goes straight on or turns left. It follows the centre of its
-lane, 0.2 tile to the right of the road's middle: a line, or a quarter circle about the near corner (radius 0.3) or the
-far one (0.7). Both lanes of a turn are such arcs; a crossing has all three kinds whose sides are open. There are no
-U-turns, so a stub has no movement. Only links count: connections that the neighbour returns.
+Nodes, movements and the curves of lanes are those of the room `lanes`. There are no U-turns, so a stub has no movement.
 """
 
 from typing import NamedTuple
@@ -15,24 +12,25 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Key
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, Key
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.lanes.curves import LANE_OFFSET, lane_bends, lane_lengths, lane_radii, on_road
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import MOVEMENTS, Movement
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.network.movements import MOVEMENTS, linked_codes
-from elitelanes_jax.network.roads import LANE_OFFSET, on_road
 
 _DOWN = np.array([side.down for side in SIDES], np.int32)
 _ACROSS = np.array([side.right for side in SIDES], np.int32)
 
 _ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
-_BEND = np.array([-1, 0, 1], np.float32)  # to the left
-_RADIUS = (0.5 + LANE_OFFSET * _BEND).astype(np.float32)
-_LENGTH = np.where(_BEND == 0, 1, _RADIUS * np.pi / 2).astype(np.float32)
+_BEND = lane_bends(np.float32)
+_RADIUS = lane_radii(dtype=np.float32)
+_LENGTH = lane_lengths(dtype=np.float32)
 
 
 TAKEN = np.array(
@@ -48,22 +46,6 @@ It is the wanted turn or the next open one, in the order right, straight, left, 
 """
 
 
-class LaneNode(NamedTuple):
-    """A node of the graph of lanes: a tile and the heading with which it was entered.
-
-    A node determines where a robot may drive next.
-
-    Attributes:
-      row: int32, from the north.
-      column: int32, from the west.
-      heading: int32, 0 north, 1 east, 2 south, 3 west.
-    """
-
-    row: Int[Array, "..."]
-    column: Int[Array, "..."]
-    heading: Int[Array, "..."]
-
-
 def single(kind: type) -> Check:
     """Makes a check for one `Pose` or `LaneNode`, whose fields are numbers."""
 
@@ -73,33 +55,6 @@ def single(kind: type) -> Check:
         return value
 
     return check
-
-
-class Movement(NamedTuple):
-    """A way across a tile.
-
-    Attributes:
-      row: int32, from the north.
-      column: int32, from the west.
-      heading: int32, when the tile is entered: 0 north, 1 east, 2 south, 3 west.
-      turn: int32, 0 right, 1 straight, 2 left.
-    """
-
-    row: Int[Array, "..."]
-    column: Int[Array, "..."]
-    heading: Int[Array, "..."]
-    turn: Int[Array, "..."]
-
-    @property
-    def node(self) -> LaneNode:
-        """The tile and the heading when it is entered."""
-        return LaneNode(self.row, self.column, self.heading)
-
-    @property
-    def next_node(self) -> LaneNode:
-        """The tile after the movement, and the heading there."""
-        out = (jnp.asarray(self.heading, jnp.int32) + 1 - self.turn) & 3
-        return LaneNode(self.row + _choose(_DOWN, out), self.column + _choose(_ACROSS, out), out)
 
 
 class Pose(NamedTuple):
@@ -140,18 +95,13 @@ class LanePose(NamedTuple):
     found: Bool[Array, "..."]
 
 
-def linked(grid: Int[ArrayLike, "H W"]) -> Int8[Array, "H W"]:
-    """Removes the connections of a grid that the neighbour does not return, or that leave the grid."""
-    return linked_codes(jnp.asarray(check_grid(grid)))
-
-
 def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
     """Returns which movements each tile of a grid has, by the heading when it is entered and the turn.
 
     Raises:
       InputError: for a bad grid.
     """
-    return jnp.asarray(MOVEMENTS)[linked(grid)]
+    return jnp.asarray(MOVEMENTS)[linked_codes(grid)]
 
 
 def lane_length(turn: Int[ArrayLike, "..."]) -> Float[Array, "..."]:
@@ -259,7 +209,7 @@ def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None
 @jax.jit
 def _lane_pose(grid: Array, pose: Pose, movement: Movement | None) -> LanePose:
     height, width = grid.shape
-    links = linked(grid)
+    links = linked_codes(grid)
     row, column, code, road = tile_at(links, pose.x, pose.y)
     if movement is None:
         movement = nearest_movement(code, pose, row, column)

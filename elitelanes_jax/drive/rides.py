@@ -26,9 +26,11 @@ from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams, pure_pursuit
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
-from elitelanes_jax.drive.lanes import Movement, Pose, lane_point, linked
+from elitelanes_jax.drive.lanes import Pose, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.road_map import RoadMap, read_map
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import seed_key
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
@@ -220,7 +222,7 @@ def trails(
 def _map_of(rides: Rides, grid: AnyArray) -> AnyArray:
     """Returns the map of rides, read if it is a file; raises `InputError` if the rides are on another one."""
     grid = read_map(grid) if isinstance(grid, str | Path) else grid
-    driven, links = np.asarray(rides.levels.grid), np.asarray(linked(check_grid(grid)))
+    driven, links = np.asarray(rides.levels.grid), np.asarray(linked_codes(grid))
     if driven.shape[1:] != links.shape or (driven != links).any():
         raise InputError("rides: expected rides on the map, got rides on another one")
     return grid

@@ -4,7 +4,6 @@ from .duckietown import from_duckietown as from_duckietown
 from .duckietown import to_duckietown as to_duckietown
 from .duckietown import without_dead_ends as without_dead_ends
 from .gltf import to_gltf as to_gltf
-from .graph import Cell as Cell
 from .graph import tile_graph as tile_graph
 from .lanelet2 import to_lanelet2 as to_lanelet2
 from .movingai import to_movingai as to_movingai

@@ -1,11 +1,11 @@
-"""The middles of roads as lines and arcs, exactly where the tiles have them."""
+"""The middles of roads as lines and arcs, exactly where the tiles have them; positions as in `lanes`."""
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
-from elitelanes_jax.formats.graph import Cell, side_towards
-from elitelanes_jax.formats.streets import AHEAD, Streets, Way, middle_of_side
+from elitelanes_jax.lanes.curves import Curve, middle_of_side, moved
+from elitelanes_jax.lanes.links import Cell, side_towards
+from elitelanes_jax.lanes.movements import Movement, turn_between
 from elitelanes_jax.network.codes import SIDES
 
 # From the border of a crossing to its junction, in tiles, if the next tile is a crossing too. Where its lanes turn they
@@ -13,16 +13,7 @@ from elitelanes_jax.network.codes import SIDES
 _INSET = 2.0**-11
 
 
-class Piece(NamedTuple):
-    """A line or an arc of a road's middle: where it starts, its heading, its length and its curvature, in tiles."""
-
-    start: complex
-    heading: int
-    length: float
-    curvature: float = 0.0
-
-
-def middle(path: list[Cell], links: dict[Cell, list[Cell]], height: int) -> list[Piece]:
+def middle(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curve]:
     """Returns the middle of a road, across all tiles of a path but the first and the last.
 
     It also leads to the middle of a dead end at an end of the path, and between adjacent crossings into both.
@@ -31,13 +22,16 @@ def middle(path: list[Cell], links: dict[Cell, list[Cell]], height: int) -> list
     leads = [0.5 if len(links[tile]) == 1 else 0.0 for tile in (path[0], path[-1])]
     if len(path) == 2 and not any(leads):
         leads = [_INSET, _INSET]
-    first = middle_of_side(path[0], headings[0], height) - leads[0] * AHEAD[headings[0]]
-    pieces = [Piece(first, headings[0], leads[0])]
-    for tile, into, out in zip(path[1:-1], headings[:-1], headings[1:], strict=True):
-        pieces += across(Way(*tile, into, (into - out + 1) % 4), height=height)
-    pieces.append(Piece(middle_of_side(path[-1], headings[-1] - 2, height), headings[-1], leads[1]))
-    merged: list[Piece] = []
-    for piece in (piece for piece in pieces if piece.length):
+    start = moved(middle_of_side(path[0], headings[0]), headings[0], -leads[0])
+    pieces = [Curve(*start, headings[0], leads[0])]
+    for (row, column), heading, exit_heading in zip(path[1:-1], headings[:-1], headings[1:], strict=True):
+        pieces += across(Movement(row, column, heading, turn_between(heading, exit_heading)))
+    end = middle_of_side(path[-1], (headings[-1] + 2) % 4)
+    pieces.append(Curve(*end, headings[-1], leads[1]))
+    merged: list[Curve] = []
+    for piece in pieces:
+        if not piece.length:
+            continue
         if merged and not piece.curvature and not merged[-1].curvature:
             merged[-1] = merged[-1]._replace(length=merged[-1].length + piece.length)
         else:
@@ -45,26 +39,19 @@ def middle(path: list[Cell], links: dict[Cell, list[Cell]], height: int) -> list
     return merged
 
 
-def across(way: Way, from_crossing: bool = False, to_crossing: bool = False, *, height: int) -> list[Piece]:
-    """Returns the middle of a way across its tile, between points as far from the borders as junctions begin."""
+def across(movement: Movement, from_crossing: bool = False, to_crossing: bool = False) -> list[Curve]:
+    """Returns the road's middle across the tile of a movement, between points as far from the borders as junctions."""
     inset, outset = _INSET * from_crossing, _INSET * to_crossing
-    start = middle_of_side(way.tile, way.heading - 2, height) + inset * AHEAD[way.heading]
-    bend = way.turn - 1
+    heading, exit_heading, tile = movement.heading, movement.exit, movement.node.tile
+    entry = middle_of_side(tile, (heading + 2) % 4)
+    bend = movement.turn - 1
     if not bend:
-        return [Piece(start, way.heading, 1 - inset - outset)]
+        return [Curve(*moved(entry, heading, inset), heading, 1 - inset - outset)]
     deepest = max(inset, outset)
     radius = 0.5 - deepest
-    end = middle_of_side(way.tile, way.exit, height) - deepest * AHEAD[way.exit]
     pieces = [
-        Piece(start, way.heading, deepest - inset),
-        Piece(start + (deepest - inset) * AHEAD[way.heading], way.heading, radius * math.pi / 2, bend / radius),
-        Piece(end, way.exit, deepest - outset),
+        Curve(*moved(entry, heading, inset), heading, deepest - inset),
+        Curve(*moved(entry, heading, deepest), heading, radius * math.pi / 2, bend / radius),
+        Curve(*moved(middle_of_side(tile, exit_heading), exit_heading, -deepest), exit_heading, deepest - outset),
     ]
     return [piece for piece in pieces if piece.length]
-
-
-def back(way: Way, streets: Streets, height: int) -> list[Piece]:
-    """Returns the half circle that is the centre of the lane around a dead end."""
-    radius = streets.lane / streets.tile / 2
-    middle = middle_of_side(way.tile, way.heading - 2, height) + AHEAD[way.heading] / 2
-    return [Piece(middle - radius * 1j * AHEAD[way.heading], way.heading, radius * math.pi, 1 / radius)]

@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.signals import rights_of_way
-from elitelanes_jax.formats.streets import BACK, Streets, bounds, giving_way, lanes
+from elitelanes_jax.formats.streets import Streets, bounds, giving_way
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import BACK, lane_graph
+from elitelanes_jax.network.codes import CONNECTIONS
 
 _HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>',
@@ -41,33 +44,35 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
       InputError: for a bad grid, one without any road, or bad measures.
     """
     rights = rights_of_way(codes, streets)
-    ways, after, links = lanes(codes)
-    sides = [bounds(way, streets, len(links)) for way in ways]
-    for way, (left, right) in zip(ways, sides, strict=True):
-        if way.turn == BACK:  # the outline of a lanelet must not touch itself
+    graph = lane_graph(codes, turn_back=True)
+    movements, after = graph.list_movements(), graph.list_successors()
+    links = CONNECTIONS[linked_codes(codes)]
+    sides = [bounds(movement, streets, len(links)) for movement in movements]
+    for movement, (left, right) in zip(movements, sides, strict=True):
+        if movement.turn == BACK:  # the outline of a lanelet must not touch itself
             left[[0, -1]] += 1e-5 * (right - left)[[0, -1]]
-    before: list[list[int]] = [[] for _ in ways]
+    before: list[list[int]] = [[] for _ in movements]
     for index, others in enumerate(after):
         for other in others:
             before[other].append(index)
-    numbers = count(len(ways) + 1)
+    numbers = count(len(movements) + 1)
     limit = next(numbers)
     signs = [_sign(limit, sides[0][1][0], _SPEED, f"<additionalValue>{streets.speed:.9g}</additionalValue>")]
     lights: list[str] = []
     intersections: list[str] = []
     rules: dict[int, str] = {}  # the reference to the sign or light at the end of a lanelet, by its index
-    for tile, group in groupby(range(len(ways)), lambda index: ways[index].tile):
-        across = {heading: list(some) for heading, some in groupby(group, lambda index: ways[index].heading)}
+    for tile, group in groupby(range(len(movements)), lambda index: movements[index].node.tile):
+        across = {heading: list(some) for heading, some in groupby(group, lambda index: movements[index].heading)}
         if links[tile] < 3:
             continue
-        low = giving_way(ways[index] for some in across.values() for index in some)
+        low = giving_way(movements[index] for some in across.values() for index in some)
         incoming = {heading: next(numbers) for heading in across}
         parts = []
         for heading, some in across.items():
             entering, from_right = before[some[0]], (heading + 3) % 4
             parts.append(f'<incoming id="{incoming[heading]}">')
             parts += [f'<incomingLanelet ref="{one + 1}"/>' for one in entering]
-            parts += [f'<{_SUCCESSORS[ways[index].turn]} ref="{index + 1}"/>' for index in some]
+            parts += [f'<{_SUCCESSORS[movements[index].turn]} ref="{index + 1}"/>' for index in some]
             parts.append(f'<isLeftOf ref="{incoming[from_right]}"/>' if from_right in incoming else "")
             parts.append("</incoming>")
             sign = _SIGNS.get(rights[tile])
@@ -81,15 +86,19 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
                 rules |= dict.fromkeys(entering, f'<trafficLightRef ref="{number}"/>')
         intersections.append(f'<intersection id="{next(numbers)}">{"".join(parts)}</intersection>')
 
-    oncoming = {(*way.tile, (way.exit + 2) % 4, (way.heading + 2) % 4): index for index, way in enumerate(ways, 1)}
+    oncoming = {
+        (*movement.node.tile, (movement.exit + 2) % 4, (movement.heading + 2) % 4): index
+        for index, movement in enumerate(movements, 1)
+    }
     lanelets = []
-    for index, (way, (left, right)) in enumerate(zip(ways, sides, strict=True)):
-        between, rule = links[way.tile] == 2, rules.get(index, "")
-        other = oncoming[*way.tile, way.heading, way.exit]
+    for index, (movement, (left, right)) in enumerate(zip(movements, sides, strict=True)):
+        tile = movement.node.tile
+        between, rule = links[tile] == 2, rules.get(index, "")
+        other = oncoming[*tile, movement.heading, movement.exit]
         stop = f"{_point(left[-1])}{_point(right[-1])}<lineMarking>solid</lineMarking>{rule}"
         parts = [
             _bound("leftBound", left, "dashed" if between else "no_marking"),
-            _bound("rightBound", right, "no_marking" if links[way.tile] > 2 else "solid"),
+            _bound("rightBound", right, "no_marking" if links[tile] > 2 else "solid"),
             *(f'<predecessor ref="{one + 1}"/>' for one in before[index]),
             *(f'<successor ref="{one + 1}"/>' for one in after[index]),
             f'<adjacentLeft ref="{other}" drivingDir="opposite"/>' if between else "",

@@ -22,10 +22,9 @@ from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats._duckietown_objects import FALSE, real_of, table_of, whole_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.duckietown import GROUNDS, TILE_SIZE, check_tile_size
-from elitelanes_jax.formats.graph import Cell
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind, check_object
+from elitelanes_jax.lanes.links import Cell, linked_codes
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, NORTH, SOUTH, WEST, rotate_codes
-from elitelanes_jax.network.movements import linked_codes
 
 OBJECT_LAYERS = ("traffic_signs", "ground_tags", "citizens", "vehicles", "decorations")
 """The layers of objects. The library has no type for decorations, and keeps them as they are."""

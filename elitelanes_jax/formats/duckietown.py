@@ -16,8 +16,8 @@ from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import read_objects, write_objects
 from elitelanes_jax.formats._yaml_tree import yaml_tree
-from elitelanes_jax.formats.graph import linked_tiles, side_towards
 from elitelanes_jax.formats.objects import MapObject, check_objects
+from elitelanes_jax.lanes.links import linked_tiles, side_towards
 from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.codes import CONNECTIONS, rotate_codes
 

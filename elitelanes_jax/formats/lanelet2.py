@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.signals import rights_of_way
-from elitelanes_jax.formats.streets import BACK, Streets, Way, bounds, giving_way, lanes
-from elitelanes_jax.network.movements import TURNS
+from elitelanes_jax.formats.streets import Streets, bounds, giving_way
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import BACK, TURNS, Movement, lane_graph
+from elitelanes_jax.network.codes import CONNECTIONS
 
 # Of the ellipsoid WGS 84. UTM's series end at the third power of _N. The error is under a micrometre up to 7 km from
 # the origin, and under 14 micrometres up to 100 km.
@@ -42,54 +44,63 @@ def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
       InputError: for a bad grid, one without any road, or bad measures.
     """
     rules = rights_of_way(codes, streets)
-    ways, _, links = lanes(codes)
+    graph = lane_graph(codes, turn_back=True)
+    links = CONNECTIONS[linked_codes(codes)]
     city = _Map()
-    for tile, group in groupby(ways, attrgetter("tile")):
-        here = {way: bounds(way, streets, len(links)) for way in group}
+    for tile, group in groupby(graph.list_movements(), attrgetter("node.tile")):
+        here = {movement: bounds(movement, streets, len(links)) for movement in group}
         crossing = links[tile] > 2
-        lanelets: dict[Way, tuple[int, list[_Member]]] = {}
-        for way, (left, right) in here.items():
-            middle = "virtual" if crossing or way.turn == BACK else "line_thin"
+        lanelets: dict[Movement, tuple[int, list[_Member]]] = {}
+        for movement, (left, right) in here.items():
+            middle = "virtual" if crossing or movement.turn == BACK else "line_thin"
             sides = city.line(left, middle, "dashed"), city.line(right, "virtual" if crossing else "line_thin", "solid")
-            lanelets[way] = city.number(), [("way", sides[0], "left"), ("way", sides[1], "right")]
+            lanelets[movement] = city.number(), [("way", sides[0], "left"), ("way", sides[1], "right")]
         if crossing:
-            ends = {way.heading: np.array([left[0], right[0]]) for way, (left, right) in here.items()}
+            ends = {movement.heading: np.array([left[0], right[0]]) for movement, (left, right) in here.items()}
             _add_rules(city, lanelets, ends, rules[tile])
-        for way, (number, members) in lanelets.items():
-            tags = {"type": "lanelet", "subtype": "road", "location": "urban", "one_way": "yes", "name": way.name}
+        for movement, (number, members) in lanelets.items():
+            tags = {"type": "lanelet", "subtype": "road", "location": "urban", "one_way": "yes", "name": movement.name}
             tags["speed_limit"] = f"{streets.speed * 3.6:g} km/h"
-            city.relation(number, members, tags | ({"turn_direction": TURNS[way.turn]} if crossing else {}))
+            city.relation(number, members, tags | ({"turn_direction": TURNS[movement.turn]} if crossing else {}))
     return city.text()
 
 
 def _add_rules(
     city: "_Map",
-    lanelets: dict[Way, tuple[int, list[_Member]]],
+    lanelets: dict[Movement, tuple[int, list[_Member]]],
     ends: dict[int, NDArray[np.complex128]],
     right_of_way: str,
 ) -> None:
-    """Adds who goes first at a crossing to its lanelets; `ends` are the left and right points where ways enter it."""
-    rules: list[tuple[str, list[_Member], list[Way]]] = []
-    numbers = {way: number for way, (number, _) in lanelets.items()}
+    """Adds who goes first at a crossing to its lanelets.
+
+    `ends` are the left and right points where movements enter the crossing, by their headings.
+    """
+    rules: list[tuple[str, list[_Member], list[Movement]]] = []
+    numbers = {movement: number for movement, (number, _) in lanelets.items()}
     low = giving_way(numbers)
     if right_of_way == "allway_stop":
         stops = {heading: city.line(end, "stop_line") for heading, end in ends.items()}
-        roles = [("way", stops[way.heading], "ref_line") for way in numbers]
+        roles = [("way", stops[movement.heading], "ref_line") for movement in numbers]
         rules.append(("all_way_stop", [("relation", one, "yield") for one in numbers.values()] + roles, list(numbers)))
     elif right_of_way == "traffic_light":
         for heading, end in ends.items():
             stop = ("way", city.line(end, "stop_line"), "ref_line")
             beside = end[1] + (end[1] - end[0]) * np.array([0.1, 0.4])
             light = ("way", city.line(beside, "traffic_light", "red_yellow_green"), "refers")
-            rules.append(("traffic_light", [light, stop], [way for way in numbers if way.heading == heading]))
+            rules.append(
+                ("traffic_light", [light, stop], [movement for movement in numbers if movement.heading == heading])
+            )
     elif right_of_way == "priority" and low:
-        first = [("relation", one, "yield" if way.heading in low else "right_of_way") for way, one in numbers.items()]
+        first = [
+            ("relation", number, "yield" if movement.heading in low else "right_of_way")
+            for movement, number in numbers.items()
+        ]
         rules.append(("right_of_way", first, list(numbers)))
-    for subtype, roles, ways in rules:
+    for subtype, roles, movements in rules:
         rule = city.number()
         city.relation(rule, roles, {"type": "regulatory_element", "subtype": subtype})
-        for way in ways:
-            lanelets[way][1].append(("relation", rule, "regulatory_element"))
+        for movement in movements:
+            lanelets[movement][1].append(("relation", rule, "regulatory_element"))
 
 
 class _Map:

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, text_name, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax.formats.streets import no_road
+from elitelanes_jax.lanes.curves import on_road
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import no_road
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.movements import linked_codes
-from elitelanes_jax.network.roads import on_road
 
 _STARTS = 10  # of each, as many goals
 _BUCKET = 4  # lengths that share a bucket

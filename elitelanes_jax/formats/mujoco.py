@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from math import atan2, cos, degrees, radians, sin
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.checks import check_named, listed, xml_name
@@ -15,7 +16,8 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
-from elitelanes_jax.formats.streets import lane_graph, lane_points
+from elitelanes_jax.lanes.curves import lane_curves
+from elitelanes_jax.lanes.movements import lane_graph
 from elitelanes_jax.network.checks import check_grid
 
 WHEEL_RADIUS = 0.0318
@@ -87,17 +89,18 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standi
     """
     check_tile_size(tile_size, 0.1, 1000)
     height, width = check_grid(codes).shape
-    before, start, after = lane_points(lane_graph(codes), height, [0.49, 0.5, 0.51])[0]
-    direction = after - before
+    first_lane = lane_curves(lane_graph(codes).list_movements()[0])[0]
+    before, start, after = first_lane.points(np.array([0.49, 0.5, 0.51]))
+    east, north = after[0] - before[0], before[1] - after[1]
     standing = check_named("standing", listed(Standing), standing)
     return _MODEL.format(
         things="".join(_solid(one, height, number, tile_size) for number, one in enumerate(standing)),
         east=width * tile_size / 2,
         north=height * tile_size / 2,
         picture=quoteattr(check_named("picture", _file_name, picture)),
-        x=start.real * tile_size,
-        y=start.imag * tile_size,
-        degrees=degrees(atan2(direction.imag, direction.real)),
+        x=start[0] * tile_size,
+        y=(height - start[1]) * tile_size,
+        degrees=degrees(atan2(north, east)),
         radius=WHEEL_RADIUS,
         half=WHEEL_DISTANCE / 2,
         forward=_CAMERA_FORWARD,

@@ -12,10 +12,13 @@ from itertools import accumulate
 from typing import NamedTuple
 
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.formats._pieces import Piece, across, back, middle
-from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards, walk_roads
+from elitelanes_jax.formats._pieces import across, middle
 from elitelanes_jax.formats.signals import Arrival, Signal, list_signals, rights_of_way, signal_element
-from elitelanes_jax.formats.streets import BACK, Streets, Way, lanes
+from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.lanes.curves import Curve, lane_curves
+from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
+from elitelanes_jax.lanes.movements import BACK, Movement, lane_graph
+from elitelanes_jax.network.checks import check_grid
 
 # On the equator, on the central meridian of UTM's zone 32.
 _GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
@@ -55,9 +58,9 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
       InputError: for a bad grid, one without any road, or bad measures.
     """
     rules = rights_of_way(codes, streets)
-    network = lanes(codes)
+    graph = lane_graph(codes, turn_back=True)
     links = linked_tiles(codes)
-    height, width = network.links.shape
+    height, width = check_grid(codes).shape
     nodes = {tile for tile in links if len(links[tile]) != 2}
     for path in walk_roads(links, nodes):
         if path[0] == path[-1]:
@@ -74,19 +77,27 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
         row, column = path[0]
         name = f"{row}_{column}_{side_towards(*path[:2]).name}"
         both = [junctions[path[end]] for end in (0, -1)]
-        pieces = middle(path, links, height)
+        pieces = middle(path, links)
         *_, length = accumulate(piece.length * streets.tile for piece in pieces)  # to the last digit as in `_element`
         signs = [signal_element(one, 0, 1, streets, height) for one in signals[path[0], path[1]]]
         signs += [signal_element(one, length, -1, streets, height) for one in signals[path[-1], path[-2]]]
-        roads.append(_road(number, name, pieces, both, signs, streets))
+        roads.append(_road(number, name, pieces, both, signs, streets, height))
 
     built: dict[Cell, list[str]] = {tile: [] for tile in junctions}
-    for way in (way for way in network.ways if way.tile in junctions):
-        number, connections = first + len(roads), built[way.tile]
-        start, end = ends[way.tile, way.before], ends[way.tile, way.after]
-        gaps = [len(links[way.tile]) > 2 and len(links[tile]) > 2 for tile in (way.before, way.after)]
-        pieces = back(way, streets, height) if way.turn == BACK else across(way, *gaps, height=height)
-        roads.append(_connecting_road(number, junctions[way.tile], way, pieces, start, end, streets))
+    for movement in graph.list_movements():
+        tile, tile_before, tile_after = movement.node.tile, movement.node.tile_before, movement.next_node.tile
+        if tile not in junctions:
+            continue
+        number, connections = first + len(roads), built[tile]
+        start, end = ends[tile, tile_before], ends[tile, tile_after]
+        if movement.turn == BACK:
+            _, half_circle, _ = lane_curves(movement, streets.lane / streets.tile / 2)
+            pieces = [half_circle]
+        else:
+            is_crossing = len(links[tile]) > 2
+            gaps = [is_crossing and len(links[neighbour]) > 2 for neighbour in (tile_before, tile_after)]
+            pieces = across(movement, *gaps)
+        roads.append(_connecting_road(number, junctions[tile], movement, pieces, start, end, streets, height))
         place = f'id="{len(connections)}" incomingRoad="{start.road}" connectingRoad="{number}" contactPoint="start"'
         connections.append(f'<connection {place}><laneLink from="{start.lane_in}" to="-1"/></connection>')
     controllers: list[str] = []
@@ -120,25 +131,34 @@ def _lights(axes: list[list[Signal]], controllers: list[str]) -> list[str]:
     return rights
 
 
-def _road(number: int, name: str, pieces: list[Piece], nodes: list[int], signs: list[str], streets: Streets) -> str:
+def _road(
+    number: int, name: str, pieces: list[Curve], nodes: list[int], signs: list[str], streets: Streets, height: int
+) -> str:
     """Returns the element of a road between junctions, with a lane on each side and its signals."""
     sides = (("left", 1, "solid"), ("center", 0, "broken"), ("right", -1, "solid"))
     lanes = "".join(f"<{side}>{_lane(lane, mark, streets)}</{side}>" for side, lane, mark in sides)
     section = f'<lanes><laneSection s="0">{lanes}</laneSection></lanes><signals>{"".join(signs)}</signals>'
     links = [f'elementType="junction" elementId="{node}"' for node in nodes]
-    return _element(f'name="{name}" id="{number}" junction="-1"', links, pieces, section, streets)
+    return _element(f'name="{name}" id="{number}" junction="-1"', links, pieces, section, streets, height)
 
 
 def _connecting_road(
-    number: int, junction: int, way: Way, pieces: list[Piece], start: _End, end: _End, streets: Streets
+    number: int,
+    junction: int,
+    movement: Movement,
+    pieces: list[Curve],
+    start: _End,
+    end: _End,
+    streets: Streets,
+    height: int,
 ) -> str:
     """Returns the element of a road across a junction, with the right lane alone and no marks."""
     link = f'<link><predecessor id="{start.lane_in}"/><successor id="{-end.lane_in}"/></link>'
-    offset = f'<laneOffset s="0" a="{streets.lane / 2:.9g}" b="0" c="0" d="0"/>' if way.turn == BACK else ""
+    offset = f'<laneOffset s="0" a="{streets.lane / 2:.9g}" b="0" c="0" d="0"/>' if movement.turn == BACK else ""
     centre, right = _lane(0, "none", streets), _lane(-1, "none", streets, link)
     section = f'<lanes>{offset}<laneSection s="0"><center>{centre}</center><right>{right}</right></laneSection></lanes>'
-    attributes = f'name="{way.name}" id="{number}" junction="{junction}"'
-    return _element(attributes, [start.link, end.link], pieces, section, streets)
+    attributes = f'name="{movement.name}" id="{number}" junction="{junction}"'
+    return _element(attributes, [start.link, end.link], pieces, section, streets, height)
 
 
 def _lane(number: int, mark: str, streets: Streets, link: str = "") -> str:
@@ -149,10 +169,10 @@ def _lane(number: int, mark: str, streets: Streets, link: str = "") -> str:
     )
 
 
-def _element(attributes: str, links: list[str], pieces: list[Piece], lanes: str, streets: Streets) -> str:
+def _element(attributes: str, links: list[str], pieces: list[Curve], lanes: str, streets: Streets, height: int) -> str:
     geometries, s = [], 0.0
-    for start, heading, length, curvature in pieces:
-        x, y, metres = (value * streets.tile for value in (start.real, start.imag, length))
+    for east, south, heading, length, curvature in pieces:
+        x, y, metres = (value * streets.tile for value in (east, height - south, length))
         angle = (1 - heading) * math.pi / 2
         place = f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{angle:.12g}" length="{metres:.12g}"'
         shape = f'<arc curvature="{curvature / streets.tile:.12g}"/>' if curvature else "<line/>"

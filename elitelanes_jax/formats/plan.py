@@ -16,8 +16,8 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import as_map
+from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.network.codes import CONNECTIONS, NORTH, SOUTH, WEST, rotate_codes
-from elitelanes_jax.network.movements import linked_codes
 
 TAPE_WIDTHS = {"white": 0.048, "yellow": 0.024, "red": 0.048}
 """The width of each colour of tape in metres."""

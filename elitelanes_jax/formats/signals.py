@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.network.codes import SIDES
 
 _FAR = 1.5  # tiles from a crossing, where signs no longer belong to it

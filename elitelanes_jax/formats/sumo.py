@@ -12,16 +12,17 @@ from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float
 
 from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards, walk_roads
 from elitelanes_jax.formats.signals import rights_of_way
-from elitelanes_jax.formats.streets import Streets, no_road
+from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
+from elitelanes_jax.lanes.movements import LaneNode, no_road
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import CONNECTIONS, SIDES
+from elitelanes_jax.network.codes import CONNECTIONS
 
 _SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
 _SETTINGS = {
@@ -38,12 +39,8 @@ _REFUSED = (",", ":", "\\", "${")
 # What is read as it is when it is written as the code of its character: such a code, and the user's home.
 _QUOTED = {"%": "%25", "~": "%7e"}
 
-_ARC = np.linspace(0, math.pi / 2, 9)
+_ARC = np.linspace(0, math.pi / 2, 9)[:, None]
 _HALF = _ARC.size // 2
-
-
-LaneNode = tuple[int, int, int]
-"""A row, a column, and the heading with which that tile is entered: 0 north, 1 east, 2 south, 3 west."""
 
 
 class Sumo(NamedTuple):
@@ -84,7 +81,7 @@ def to_sumo(codes: AnyArray, name: str, streets: Streets = Streets()) -> Sumo:
     exits: dict[Cell, list[Cell]] = {}
     for road in roads:
         exits.setdefault(road[0], []).append(road[1])
-    lines = [streets.tile * _line(road, exits, len(grid)) for road in roads]
+    lines = [to_metres(_line(road, exits), streets, len(grid)) for road in roads]
     places = {road[0]: line[0] for road, line in zip(roads, lines, strict=True)}
     onward = [
         f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], after)}" fromLane="0" toLane="0"'
@@ -106,8 +103,8 @@ def to_sumo_trips(codes: AnyArray, trips: Sequence[tuple[LaneNode, LaneNode]]) -
 
     Args:
       codes: integer codes ``[H, W]``, or a `RoadMap`.
-      trips: starts and goals. Each is a row, a column, and the heading with which that tile is entered: 0 north,
-        1 east, 2 south, 3 west.
+      trips: starts and goals. Each is a `drive.LaneNode` or a plain (row, column, heading): the heading with which
+        that tile is entered, 0 north, 1 east, 2 south, 3 west.
 
     Raises:
       InputError: for a bad grid, or a start or goal that is on no road.
@@ -121,7 +118,7 @@ def to_sumo_trips(codes: AnyArray, trips: Sequence[tuple[LaneNode, LaneNode]]) -
         row, column, heading = node
         step: tuple[Cell, Cell] | None = None
         if heading in range(4):
-            step = (row - SIDES[heading].down, column - SIDES[heading].right), (row, column)
+            step = LaneNode(row, column, heading).tile_before, (row, column)
         if step is None or step not in edges:
             raise InputError(f"trips: expected starts and goals on roads, got row {row}, column {column}, {heading}")
         return edges[step]
@@ -162,20 +159,21 @@ def _roads(grid: AnyArray) -> list[list[Cell]]:
     return sorted(roads)
 
 
-def _line(road: list[Cell], exits: dict[Cell, list[Cell]], height: int) -> NDArray[np.complex128]:
-    """Returns the middle of a road from node to node, east + north·i in tiles, without points on straight lines.
+def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, "P 2"]:
+    """Returns x and y of the middle of a road from node to node, in tiles, without points on straight lines.
 
     Each tile is crossed from border to border. For a and b, the vectors from its centre to both borders,
     a·(1 - sin t) + b·(1 - cos t) is the quarter circle of a turn, and on a straight, where b = -a, the line.
     """
     beyond = [_beyond(road[0], road[1], exits), *road, _beyond(road[-1], road[-2], exits)]
-    centres = np.array([column + 0.5 + (height - row - 0.5) * 1j for row, column in beyond])
-    half_steps = np.diff(centres)[:, None] / 2
-    across = centres[1:-1, None] - half_steps[:-1] * (1 - np.sin(_ARC)) + half_steps[1:] * (1 - np.cos(_ARC))
-    line = across.ravel()[_HALF:-_HALF]  # nodes are in the middle of their tiles
-    line = line[np.append(True, abs(np.diff(line)) > 1e-9)]
-    steps = np.diff(line)
-    return line[[True, *(abs((steps[1:] * steps[:-1].conj()).imag) > 1e-9), True]]
+    centres = np.array([[column + 0.5, row + 0.5] for row, column in beyond])[:, None]
+    half_steps = np.diff(centres, axis=0) / 2
+    across = centres[1:-1] - half_steps[:-1] * (1 - np.sin(_ARC)) + half_steps[1:] * (1 - np.cos(_ARC))
+    line = across.reshape(-1, 2)[_HALF:-_HALF]  # nodes are in the middle of their tiles
+    line = line[np.append(True, np.hypot(*np.diff(line, axis=0).T) > 1e-9)]
+    (x, y), (next_x, next_y) = np.diff(line, axis=0)[:-1].T, np.diff(line, axis=0)[1:].T
+    is_bent = abs(x * next_y - y * next_x) > 1e-9
+    return np.asarray(line[[True, *is_bent, True]])
 
 
 def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.progress import announce_at_end
-from elitelanes_jax.formats.graph import Cell
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import crossing_of, heading_of_reader
+from elitelanes_jax.lanes.links import Cell, linked_codes
 from elitelanes_jax.maps.furnishing.signs import CONTROLS, TOPOLOGIES, crossings, has_free_corners, topology_sign
 from elitelanes_jax.network.codes import CONNECTIONS
-from elitelanes_jax.network.movements import linked_codes
 
 
 def warn_of_faults(name: str, road_map: RoadMap) -> None:

@@ -19,9 +19,10 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
-from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph
-from elitelanes_jax.formats.sumo import LaneNode, to_sumo_trips
+from elitelanes_jax.formats.sumo import to_sumo_trips
 from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
+from elitelanes_jax.lanes.curves import lane_lengths
+from elitelanes_jax.lanes.movements import LaneGraph, LaneNode, lane_graph
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.spec import SPLITS, PackSpec
@@ -175,7 +176,7 @@ def _write(spec: PackSpec, one: _Packed, folder: Path) -> dict[str, Plain]:
 
 def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
     """Returns the start or the goal of a trip."""
-    return trip[f"{end}_row"], trip[f"{end}_column"], trip[f"{end}_heading"]
+    return LaneNode(trip[f"{end}_row"], trip[f"{end}_column"], trip[f"{end}_heading"])
 
 
 def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Plain]]:
@@ -184,8 +185,9 @@ def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Pla
     from scipy.sparse.csgraph import dijkstra
 
     rng = np.random.default_rng([spec.seed, int(one.id, 16)])
-    count = len(graph.nodes)
-    ways = csr_array((LENGTHS[graph.turns], graph.edges.T), shape=(count, count))
+    count = graph.nodes.row.size
+    lengths_of_lanes = lane_lengths()[graph.movements.turn]
+    ways = csr_array((lengths_of_lanes, graph.edges.T), shape=(count, count))
 
     @lru_cache(1 + 2**24 // count)  # 128 MB
     def lengths_from(start: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -196,11 +198,10 @@ def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Pla
     for start in rng.choice(np.unique(graph.edges[:, 0]), spec.trips).tolist():
         lengths, goals = lengths_from(start)
         goal = rng.choice(goals)
-        places = {
-            f"{end}_{name}": int(value)
-            for end, node in (("start", start), ("goal", goal))
-            for name, value in zip(("row", "column", "heading"), graph.nodes[node], strict=True)
-        }
+        places: dict[str, int] = {}
+        for end, index in (("start", start), ("goal", goal)):
+            for field, value in graph.node(index)._asdict().items():
+                places[f"{end}_{field}"] = value
         trips.append({**places, "length": round(float(lengths[goal]), 6)})
     return trips
 

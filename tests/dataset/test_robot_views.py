@@ -15,9 +15,10 @@ from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.drive._camera import Camera, look, make_atlas
 from elitelanes_jax.drive._objects import make_objects, touches
-from elitelanes_jax.drive.lanes import Movement, Pose, lane_curvature, lane_errors, lane_pose
+from elitelanes_jax.drive.lanes import Pose, lane_curvature, lane_errors, lane_pose
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import choose_tiles, render, scale_tiles

@@ -13,8 +13,9 @@ from elitelanes_jax import InputError, render
 from elitelanes_jax.drive import Camera, Pose, look, look_around, make_atlas, make_sight, movements, random_pose
 from elitelanes_jax.drive._camera import _undistort, ground_points
 from elitelanes_jax.drive._hashing import hash_normal
-from elitelanes_jax.drive.lanes import Movement, lane_point
+from elitelanes_jax.drive.lanes import lane_point
 from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.tiles import choose_tiles, scale_tiles
 
 TILE_PX = 32

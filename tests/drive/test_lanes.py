@@ -12,8 +12,10 @@ from oracle import OPPOSITE
 
 from elitelanes_jax import InputError, render
 from elitelanes_jax.drive import Pose, lane_pose, movements, random_pose
-from elitelanes_jax.drive.lanes import LANE_OFFSET, Movement, lane_errors, lane_length, lane_point, linked, on_road
-from elitelanes_jax.network.movements import MOVEMENTS
+from elitelanes_jax.drive.lanes import lane_errors, lane_length, lane_point
+from elitelanes_jax.lanes.curves import LANE_OFFSET, on_road
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import MOVEMENTS, Movement
 
 SHAPE = (6, 7)
 TILE_PX = 64
@@ -38,7 +40,7 @@ def random_poses(count, seed=0, shape=SHAPE):
 
 any_grids = hnp.arrays(np.int8, (3, 4), elements=st.integers(0, 15))
 find_movements = jax.jit(movements)
-clean = jax.jit(linked)
+clean = jax.jit(linked_codes)
 
 
 @settings(max_examples=60)

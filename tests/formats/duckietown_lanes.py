@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from elitelanes_jax.formats.graph import linked_tiles, walk_roads
+from elitelanes_jax.lanes.links import linked_tiles, walk_roads
 from elitelanes_jax.network.codes import CONNECTIONS
 from elitelanes_jax.network.metrics import measure
 

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax import InputError, evolve, measure, random_grids, read_map, repair
-from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
+from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.formats import from_duckietown, to_duckietown, without_dead_ends
+from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network import ROAD_ALPHABET
 from elitelanes_jax.network.wfc import generate_batch
 

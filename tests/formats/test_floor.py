@@ -17,12 +17,12 @@ from scipy.ndimage import distance_transform_edt
 
 from elitelanes_jax import RoadMap
 from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
-from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
+from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.gltf import to_gltf
 from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
-from elitelanes_jax.formats.streets import lane_graph
+from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.maps.exporting import FORMATS, as_bytes
 from elitelanes_jax.network import wfc
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles, stand
@@ -196,7 +196,7 @@ def put(mujoco, data, pose, height):
 
 def ways(codes, count, rng):
     """Random routes of 4 tiles or more: their movements, and points on each, a hundredth of a tile apart."""
-    graph, nodes = movement_graph(codes), lane_graph(codes).nodes.tolist()
+    graph, nodes = movement_graph(codes), np.stack(lane_graph(codes).nodes, axis=1).tolist()
     while count:
         start, goal = (tuple(nodes[number]) for number in rng.integers(0, len(nodes), 2))
         path = nx.shortest_path(graph, start, goal) if nx.has_path(graph, start, goal) else []

@@ -13,8 +13,8 @@ from hypothesis import given
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.formats import make_plan, without_dead_ends, write_plan
 from elitelanes_jax.formats.plan import REFERENCE, tapes_of
+from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, SIDES, rotate_codes
-from elitelanes_jax.network.movements import linked_codes
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)

@@ -14,11 +14,12 @@ from simulator_maps import KNOT
 
 from elitelanes_jax import InputError
 from elitelanes_jax.drive import lane_nodes, movements
-from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
+from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.formats import to_movingai
-from elitelanes_jax.formats.streets import LENGTHS, lane_graph, lane_points
+from elitelanes_jax.lanes.curves import lane_curves, lane_lengths
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.network import wfc
-from elitelanes_jax.network.movements import linked_codes
 
 TOWN = wfc.generate_batch(np.random.default_rng(0), 1, (9, 7), border="closed").grid[0]
 ANY = np.random.default_rng(1).integers(0, 16, (9, 7)).astype(np.int8)
@@ -28,17 +29,19 @@ ANY = np.random.default_rng(1).integers(0, 16, (9, 7)).astype(np.int8)
 def test_the_graph_of_lanes_is_that_of_the_drive_room(grid):
     moves = np.argwhere(np.asarray(movements(grid)))
     graph = lane_graph(grid)
-    assert np.asarray(lane_nodes(grid))[tuple(graph.nodes.T)].all()
-    starts = graph.nodes[graph.edges[:, 0]]
-    np.testing.assert_array_equal(np.c_[starts, graph.turns], moves)
+    assert np.asarray(lane_nodes(grid))[tuple(graph.nodes)].all()
+    nodes = np.stack(graph.nodes, axis=1)
+    np.testing.assert_array_equal(np.stack(graph.movements, axis=1), moves)
+    np.testing.assert_array_equal(nodes[graph.edges[:, 0]], moves[:, :3])
     every = Movement(*moves.T.astype(np.int32))
     after = np.stack(every.next_node, axis=-1)
-    np.testing.assert_array_equal(graph.nodes[graph.edges[:, 1]], after)
-    np.testing.assert_allclose(LENGTHS[graph.turns], np.asarray(lane_length(every.turn)), rtol=1e-6)
+    np.testing.assert_array_equal(nodes[graph.edges[:, 1]], after)
+    np.testing.assert_allclose(lane_lengths()[moves[:, 3]], np.asarray(lane_length(every.turn)), rtol=1e-6)
     for share in (0, 0.3, 1):
         there = lane_point(every, share * lane_length(every.turn))
-        ours = lane_points(graph, len(grid), [share])[:, 0]
-        np.testing.assert_allclose(ours, np.asarray(there.x) + 1j * (len(grid) - np.asarray(there.y)), atol=1e-5)
+        curves = [curve for movement in graph.list_movements() for curve in lane_curves(movement)]
+        ours = np.concatenate([curve.points(np.array([share])) for curve in curves])
+        np.testing.assert_allclose(ours, np.stack([there.x, there.y], axis=1), atol=1e-5)
 
 
 def test_a_map_without_a_lane_is_refused():

@@ -22,9 +22,9 @@ from sumo_drive import convert, drive, elements, points, read, run
 
 from elitelanes_jax import InputError, evolve
 from elitelanes_jax.formats import Streets, to_commonroad, to_lanelet2, to_opendrive, to_sumo, to_sumo_trips
+from elitelanes_jax.lanes.movements import movements_of
 from elitelanes_jax.maps import PackSpec, pack
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.network.movements import list_movements
 from elitelanes_jax.network.wfc import generate_batch
 
 CITY = generate_batch(np.random.default_rng(0), 1, (9, 12), border="closed").grid[0]
@@ -118,7 +118,7 @@ def test_north_is_up_and_crossings_are_junctions():
 def test_trips_lead_over_the_edges_that_enter_their_tiles(grid):
     """The tile of a node is on its edge, and the edge comes to it with the node's heading."""
     grid = np.asarray(grid)
-    plain, moves = plain_xml(grid, Streets(tile=10)), list_movements(grid)
+    plain, moves = plain_xml(grid, Streets(tile=10)), np.stack(movements_of(grid), axis=1)
     nodes = [tuple(node) for node in moves[:, :3].tolist()]
     trips = ET.fromstring(to_sumo_trips(grid, [(node, node) for node in nodes]))
     edges, height = read(plain)[1], len(grid)

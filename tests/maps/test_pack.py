@@ -11,8 +11,8 @@ from folders import files
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirror, read_map, rotate
 from elitelanes_jax.drive import movements
-from elitelanes_jax.drive.lanes import Movement, lane_length
-from elitelanes_jax.formats.streets import lane_graph
+from elitelanes_jax.drive.lanes import lane_length
+from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.maps import PackSpec, exporting, pack
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.packing import _split, _trips

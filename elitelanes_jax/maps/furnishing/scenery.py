@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.maps.furnishing.space import Space, make_object
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.network.roads import LANE_OFFSET
 
 Place = tuple[float, float, float]
 """x and y in tiles, and an angle in radians."""

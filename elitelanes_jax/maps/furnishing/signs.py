@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.graph import Cell, linked_tiles, side_towards
 from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.maps.furnishing.space import make_object
 from elitelanes_jax.network.codes import CORNERS, SIDES
 

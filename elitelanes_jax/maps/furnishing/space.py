@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.graph import Cell
 from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.lanes.links import Cell
 
 Point = tuple[float, float]
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.tags import SIGN_TAGS, STREET_NAMES, STREETS
+from elitelanes_jax.lanes.links import Cell, linked_tiles, walk_roads
 from elitelanes_jax.maps.furnishing.space import Point, Space, make_object
 from elitelanes_jax.network.codes import KIND_OF, SIDES
 

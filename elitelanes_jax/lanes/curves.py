@@ -1,0 +1,153 @@
+"""The curves of lanes: lines and quarter circles across a tile; and the road that they lie on.
+
+A movement follows the centre of its lane, by default 0.2 tile to the right of the road's middle: a line, or a quarter
+circle about the near corner (radius 0.3) or the far one (0.7). All functions take another offset: 0 is the road's
+middle.
+"""
+
+from functools import cache
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import DTypeLike
+
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.lanes.links import Cell
+from elitelanes_jax.lanes.movements import BACK, Movement
+from elitelanes_jax.network.codes import SIDES
+
+LANE_OFFSET = 0.2
+"""From the road's middle to the centre of a lane, in tiles: half of the yellow tape and half of the lane."""
+
+HALF_ROAD = 0.222 / 0.585
+"""From the road's middle to the inner edge of the white tape, in tiles: half of the yellow tape and the lane."""
+
+CHORDS = 8
+"""The chords of a quarter circle in formats that have no arcs: 0.5 % of its radius from it."""
+
+
+def lane_bends(dtype: DTypeLike = np.float64) -> Float[np.ndarray, "3"]:
+    """Returns how often each turn bends to the left: -1 right, 0 straight, 1 left."""
+    return np.array([-1, 0, 1], dtype)
+
+
+def lane_radii(offset: float = LANE_OFFSET, dtype: DTypeLike = np.float64) -> Float[np.ndarray, "3"]:
+    """Returns the radius of the lane of each turn: right, straight (0.5, which has no meaning) and left."""
+    return 0.5 + offset * lane_bends(dtype)
+
+
+def lane_lengths(offset: float = LANE_OFFSET, dtype: DTypeLike = np.float64) -> Float[np.ndarray, "3"]:
+    """Returns the length of the lane of each turn in tiles: right, straight and left."""
+    return np.where(lane_bends() == 0, 1, lane_radii(offset, dtype) * np.pi / 2).astype(dtype)
+
+
+class Curve(NamedTuple):
+    """A line or an arc.
+
+    Attributes:
+      x: of its start, tiles east.
+      y: of its start, tiles south.
+      heading: at its start: 0 north, 1 east, 2 south, 3 west.
+      length: tiles.
+      curvature: 1 / tiles, to the left; 0 for a line.
+    """
+
+    x: float
+    y: float
+    heading: int
+    length: float
+    curvature: float = 0.0
+
+    def points(self, shares: Float[np.ndarray, " S"]) -> Float[np.ndarray, "S 2"]:
+        """Returns x and y of points; `shares` are the parts of its length before them, 0 to 1."""
+        along = shares * self.length
+        if self.curvature:
+            forward = np.sin(along * self.curvature) / self.curvature
+            left = (1 - np.cos(along * self.curvature)) / self.curvature
+        else:
+            forward, left = along, np.zeros_like(along)
+        ahead = SIDES[self.heading]
+        x = self.x + forward * ahead.right + left * ahead.down
+        y = self.y + forward * ahead.down - left * ahead.right
+        return np.stack([x, y], axis=1)
+
+
+def middle_of_side(tile: Cell, side: int) -> tuple[float, float]:
+    """Returns x and y of the middle of a side of a tile."""
+    return tile[1] + 0.5 + SIDES[side].right / 2, tile[0] + 0.5 + SIDES[side].down / 2
+
+
+def moved(point: tuple[float, float], heading: int, distance: float) -> tuple[float, float]:
+    """Returns the point that is so many tiles away in the direction of a heading."""
+    ahead = SIDES[heading]
+    return point[0] + distance * ahead.right, point[1] + distance * ahead.down
+
+
+def lane_curves(movement: Movement, offset: float = LANE_OFFSET) -> list[Curve]:
+    """Returns the curves of a single movement across its tile, `offset` tiles to the right of the road's middle.
+
+    There is one curve. A movement back has three: a line to the tile's middle, a half circle about it, whose radius is
+    the offset, and a line back. Its offset is not 0.
+    """
+    heading, bend = movement.heading, movement.turn - 1
+    entry = middle_of_side(movement.node.tile, (heading + 2) % 4)
+    start = moved(entry, (heading + 1) % 4, offset)
+    if movement.turn == BACK:
+        middle = moved(start, heading, 0.5)
+        end = moved(middle, (heading + 3) % 4, 2 * offset)
+        around = Curve(*middle, heading, offset * pi, 1 / offset)
+        return [Curve(*start, heading, 0.5), around, Curve(*end, (heading + 2) % 4, 0.5)]
+    if bend == 0:
+        return [Curve(*start, heading, 1.0)]
+    radius = 0.5 + offset * bend
+    return [Curve(*start, heading, radius * pi / 2, bend / radius)]
+
+
+def lane_polyline(movement: Movement, offset: float = LANE_OFFSET) -> Float[np.ndarray, "P 2"]:
+    """Returns x and y of points along the curves of a single movement (see `lane_curves`), with both ends.
+
+    A line has its ends alone, an arc the ends of `CHORDS` equal chords for each quarter circle.
+    """
+    line = _polyline_in_tile(movement.heading, movement.turn, offset)
+    return line + np.array([movement.column, movement.row])
+
+
+@cache
+def _polyline_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarray, "P 2"]:
+    curves = lane_curves(Movement(0, 0, heading, turn), offset)
+    parts: list[Float[np.ndarray, "S 2"]] = []
+    for curve in curves:
+        quarters = round(abs(curve.curvature) * curve.length / (pi / 2))
+        shares = np.linspace(0, 1, max(quarters * CHORDS, 1) + 1)
+        parts.append(curve.points(shares if not parts else shares[1:]))  # a curve starts where the last one ends
+    return np.concatenate(parts)
+
+
+def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
+    """Returns whether points are on the road of their tile, between the inner edges of the white tape.
+
+    The road keeps away from closed sides and from the corners between open ones. On a turn it is a ring about the
+    corner between its sides. A stub's road ends as far from the closed sides.
+
+    Args:
+      code: codes of tiles.
+      east: tiles from their western sides, 0 to 1.
+      south: tiles from their northern sides, 0 to 1.
+
+    Returns:
+      bool. The arguments are arrays of NumPy or JAX, or numbers, that broadcast against each other.
+    """
+    edge = 0.5 - HALF_ROAD
+    depths = (south, 1 - east, 1 - south, east)  # from each side, clockwise from north
+    road = (code > 0) & (code < 16)
+    for depth, side in zip(depths, SIDES, strict=True):
+        is_open = (code & side.bit) > 0
+        road = road & (is_open | (depth >= edge))
+    for first, second in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        square = depths[first] * depths[first] + depths[second] * depths[second]
+        both = SIDES[first].bit | SIDES[second].bit
+        road = road & (((code & both) != both) | (square >= edge * edge))
+        road = road & ((code != both) | (square <= (1 - edge) * (1 - edge)))
+    return road

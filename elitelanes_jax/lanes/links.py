@@ -1,0 +1,80 @@
+"""The links between tiles, and the roads that they form."""
+
+from jaxtyping import Int, Int8
+
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES, Side
+
+Cell = tuple[int, int]
+"""A cell of a grid: row and column, from the north-west corner."""
+
+
+def linked_codes(codes: Int[AnyArray, "H W"]) -> Int8[AnyArray, "H W"]:
+    """Removes the connections of a grid that the neighbour does not return, or that leave the grid.
+
+    Returns an array of JAX if `codes` is one, otherwise of NumPy. Raises `InputError` for a bad grid.
+    """
+    grid = check_grid(codes)
+    xp = grid.__array_namespace__()
+    height, width = grid.shape
+    padded = xp.pad(grid, 1)
+    links = xp.zeros_like(grid)
+    for side in SIDES:
+        first_row, first_column = 1 + side.down, 1 + side.right
+        neighbour = padded[first_row : first_row + height, first_column : first_column + width]
+        links |= xp.where(neighbour & side.opposite > 0, grid & side.bit, 0).astype(grid.dtype)
+    return links
+
+
+def side_towards(cell: Cell, neighbour: Cell) -> Side:
+    """Returns the side of a cell that faces a neighbour."""
+    return SIDE_TOWARDS[neighbour[0] - cell[0], neighbour[1] - cell[1]]
+
+
+def linked_tiles(codes: Int[AnyArray, "H W"]) -> dict[Cell, list[Cell]]:
+    """Returns the linked neighbours of each non-empty tile, clockwise from north; tiles in the order of rows.
+
+    Raises:
+      InputError: for a bad grid.
+    """
+    grid = check_grid(codes)
+    rows = grid.tolist()
+    links = linked_codes(grid).tolist()
+    neighbours: dict[Cell, list[Cell]] = {}
+    for row, line in enumerate(rows):
+        for column, code in enumerate(line):
+            if code:
+                sides = [side for side in SIDES if links[row][column] & side.bit]
+                neighbours[row, column] = [(row + side.down, column + side.right) for side in sides]
+    return neighbours
+
+
+def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cell]]:
+    """Lists the tiles of each road from node to node, with both; each road once.
+
+    `links` are those of `linked_tiles`. `nodes` are the tiles where roads end; all other tiles have two links. Roads
+    are in the order of their first ends, those of an end clockwise from north. Rings without a node come last; each
+    starts and ends at its first tile.
+    """
+    roads: list[list[Cell]] = []
+    last_steps: set[tuple[Cell, Cell]] = set()  # reversed: they are first steps from the other end
+    passed = set(nodes)
+
+    def walk_from(node: Cell, ends: set[Cell]) -> None:
+        for neighbour in links[node]:
+            if (node, neighbour) in last_steps:
+                continue
+            road = [node, neighbour]
+            while road[-1] not in ends:
+                road.append(next(tile for tile in links[road[-1]] if tile != road[-2]))
+            last_steps.add((road[-1], road[-2]))
+            passed.update(road)
+            roads.append(road)
+
+    for node in sorted(nodes):
+        walk_from(node, nodes)
+    for tile in links:
+        if tile not in passed:
+            walk_from(tile, {tile})
+    return roads

@@ -1,0 +1,192 @@
+"""Nodes and movements: the graph of lanes.
+
+The fields of a `LaneNode` or a `Movement` are whole numbers, or integer arrays of NumPy or JAX of one shape. So one
+record is a single movement, all movements of a map, or those of a batch of robots.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax.lanes.links import Cell, linked_codes
+from elitelanes_jax.network.codes import SIDES
+
+TURNS = ("right", "straight", "left")
+"""The turns of a movement by their indices."""
+
+BACK = 3
+"""The turn of a movement that leaves a dead end by the side where it came in."""
+
+
+def exit_heading(heading: Numeric, turn: Numeric) -> Numeric:
+    """Returns the heading with which a movement leaves its tile. All turns are known, `BACK` too."""
+    return (heading + 1 - turn) & 3
+
+
+def turn_between(heading: Numeric, next_heading: Numeric) -> Numeric:
+    """Returns the turn of a movement that enters with a heading and leaves with another; `BACK` for the opposite."""
+    return (heading - next_heading + 1) & 3
+
+
+def step_towards(heading: Numeric) -> tuple[Numeric, Numeric]:
+    """Returns the rows down and the columns right from a tile to its neighbour in a heading, 0 to 3."""
+    is_across = heading & 1  # 1 for east and west
+    return (heading - 1) * (1 - is_across), (2 - heading) * is_across
+
+
+EXIT = exit_heading(np.arange(4)[:, None], np.arange(3))
+"""int ``[4, 3]``: the heading with which a movement leaves, by the heading with which it enters and by its turn."""
+
+
+def _movements_of_codes() -> Bool[np.ndarray, "16 4 4"]:
+    """Returns whether a tile has a movement, by its code, the heading, and the turn with `BACK`."""
+    table = np.zeros((16, 4, 4), bool)
+    for code in range(16):
+        for heading, side in enumerate(SIDES):
+            if not code & side.opposite:
+                continue
+            for turn, out in enumerate(EXIT[heading]):
+                table[code, heading, turn] = bool(code & SIDES[out].bit)
+            table[code, heading, BACK] = code == side.opposite
+    return table
+
+
+_MOVEMENTS = _movements_of_codes()
+
+MOVEMENTS = _MOVEMENTS[..., :BACK]
+"""bool ``[16, 4, 3]``: whether a tile has a movement, by its code (of links), the heading and the turn."""
+
+
+class LaneNode(NamedTuple):
+    """A node of the graph of lanes: a tile and the heading with which it was entered.
+
+    A node determines where a robot may drive next. Each field is a whole number or an integer array.
+
+    Attributes:
+      row: from the north.
+      column: from the west.
+      heading: 0 north, 1 east, 2 south, 3 west.
+    """
+
+    row: Numeric
+    column: Numeric
+    heading: Numeric
+
+    @property
+    def tile(self) -> Cell:
+        """Its row and column."""
+        return self.row, self.column
+
+    @property
+    def tile_before(self) -> Cell:
+        """The tile that leads here."""
+        down, right = step_towards(self.heading)
+        return self.row - down, self.column - right
+
+
+class Movement(NamedTuple):
+    """A way across a tile. Each field is a whole number or an integer array.
+
+    Attributes:
+      row: from the north.
+      column: from the west.
+      heading: when the tile is entered: 0 north, 1 east, 2 south, 3 west.
+      turn: 0 right, 1 straight, 2 left; 3 back, where a format's cars turn at dead ends.
+    """
+
+    row: Numeric
+    column: Numeric
+    heading: Numeric
+    turn: Numeric
+
+    @property
+    def node(self) -> LaneNode:
+        """The tile and the heading when it is entered."""
+        return LaneNode(self.row, self.column, self.heading)
+
+    @property
+    def exit(self) -> Numeric:
+        """The heading with which the tile is left."""
+        return exit_heading(self.heading, self.turn)
+
+    @property
+    def next_node(self) -> LaneNode:
+        """The tile after the movement, and the heading there."""
+        heading = self.exit
+        down, right = step_towards(heading)
+        return LaneNode(self.row + down, self.column + right, heading)
+
+    @property
+    def name(self) -> str:
+        """Row, column, side of entry and turn of a single movement, such as ``3_4_west_left``."""
+        side, turn = SIDES[(self.heading + 2) % 4], (*TURNS, "back")[self.turn]
+        return f"{self.row}_{self.column}_{side.name}_{turn}"
+
+
+class LaneGraph(NamedTuple):
+    """The lanes of a map: N nodes and M movements between them.
+
+    Attributes:
+      nodes: int ``[N]`` each, in ascending order of row, column and heading.
+      movements: int ``[M]`` each, in ascending order of row, column, heading and turn.
+      edges: int ``[M, 2]``, the indices of the nodes where each movement starts and ends.
+    """
+
+    nodes: LaneNode
+    movements: Movement
+    edges: Int[np.ndarray, "M 2"]
+
+    def node(self, index: int) -> LaneNode:
+        """Returns a node, in whole numbers of Python."""
+        return LaneNode(*(int(field[index]) for field in self.nodes))
+
+    def list_movements(self) -> list[Movement]:
+        """Returns the movements one by one, in whole numbers of Python."""
+        return [Movement(*fields) for fields in np.stack(self.movements, axis=1).tolist()]
+
+    def list_successors(self) -> list[list[int]]:
+        """Returns the indices of the movements that continue each movement."""
+        starts, ends = self.edges.T
+        first, end = (np.searchsorted(starts, ends, side) for side in ("left", "right"))
+        return [list(range(*span)) for span in np.stack([first, end], axis=1).tolist()]
+
+
+def movements_of(codes: Int[AnyArray, "H W"], *, turn_back: bool = False) -> Movement:
+    """Lists the movements of a map, int ``[M]`` each, in ascending order of row, column, heading and turn.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+      turn_back: whether there is a movement back at each dead end.
+
+    Raises:
+      InputError: for a bad grid.
+    """
+    table = _MOVEMENTS if turn_back else MOVEMENTS
+    return Movement(*np.argwhere(table[np.asarray(linked_codes(codes))]).T)
+
+
+def lane_graph(codes: Int[AnyArray, "H W"], *, turn_back: bool = False) -> LaneGraph:
+    """Makes the graph of a map's lanes. Its arguments are those of `movements_of`.
+
+    Raises:
+      InputError: for a bad grid, or one without a lane.
+    """
+    movements = movements_of(codes, turn_back=turn_back)
+    if not movements.row.size:
+        raise no_road() if turn_back else no_lane()
+    ends = [np.stack(node, axis=1) for node in (movements.node, movements.next_node)]
+    nodes, indices = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
+    return LaneGraph(LaneNode(*nodes.T), movements, indices.reshape(2, -1).T)
+
+
+def no_road() -> InputError:
+    """Makes the error for a map without links."""
+    return InputError("grid: expected a road, two tiles that connect to each other, got none")
+
+
+def no_lane() -> InputError:
+    """Makes the error for a map without movements."""
+    return InputError("grid: expected a lane, a tile that connects to two others, got none")
