@@ -74,16 +74,18 @@ def draw_viewpoint(
     codes: Int[NDArray, "H W"],
     tile_px: int,
     objects: Sequence[MapObject] = (),
+    lane_offset: float = LANE_OFFSET,
 ) -> Viewpoint:
     """Draws a pose on the lanes of a map, and its camera; raises `InputError` for a map without a lane.
 
     The movement is drawn uniformly from all movements of the map; the position along it, the offset and the angle are
-    uniform too. If the robot would touch an object, another pose is drawn, at most 64 times.
+    uniform too. If the robot would touch an object, another pose is drawn, at most 64 times. Lanes run `lane_offset`
+    tiles to the right of the road's middle.
     """
     movements = movements_of(codes)
     if not movements.row.size:
         raise InputError("maps: expected lanes for the camera, got a map without any")
-    place = _draw_place(rng, viewpoints, movements)
+    place = _draw_place(rng, viewpoints, movements, lane_offset)
     lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
     sky = _HORIZONS[rng.integers(len(_HORIZONS))]
     lines = float(rng.uniform(-1, 1) * viewpoints.lines)
@@ -91,7 +93,7 @@ def draw_viewpoint(
     for _ in range(_TRIES):
         if not _touches(place, objects):
             break
-        place = _draw_place(rng, viewpoints, movements)
+        place = _draw_place(rng, viewpoints, movements, lane_offset)
 
     height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
     view = float(min(viewpoints.field_of_view * wide, 175))
@@ -101,7 +103,7 @@ def draw_viewpoint(
     about = {
         **on_lane,
         "pose": {"x": x, "y": y, "theta": theta},
-        "nearest": _nearest(movements, x, y, theta) or on_lane,
+        "nearest": _nearest(movements, x, y, theta, lane_offset) or on_lane,
         "movement": place.movement,
         "camera": camera | {"sky": sky} | ({"lines": lines} if viewpoints.lines else {}),
     }
@@ -112,18 +114,18 @@ def draw_viewpoint(
     return Viewpoint(matrix, size, sky, tile_px, lines, about)
 
 
-def _draw_place(rng: np.random.Generator, viewpoints: Viewpoints, movements: Movement) -> _Place:
+def _draw_place(rng: np.random.Generator, viewpoints: Viewpoints, movements: Movement, lane_offset: float) -> _Place:
     index = rng.integers(movements.row.size)
     movement = Movement(*(int(field[index]) for field in movements))
     row, column, heading, turn = movement
     along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
     d, phi = beside * viewpoints.offset, np.radians(turned * viewpoints.heading)
     bend = turn - 1  # to the left
-    radius = 0.5 + LANE_OFFSET * bend
+    radius = 0.5 + lane_offset * bend
     angle = along * np.pi / 2 * bend
     # Forward and left of the middle of the side by which the tile is entered.
     forward = (radius - bend * d) * np.sin(abs(angle)) if bend else along
-    left = bend * (0.5 - (radius - bend * d) * np.cos(angle)) if bend else d - LANE_OFFSET
+    left = bend * (0.5 - (radius - bend * d) * np.cos(angle)) if bend else d - lane_offset
     ahead_x, ahead_y = SIDES[heading].right, SIDES[heading].down
     x = column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
     y = row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
@@ -140,7 +142,7 @@ def _touches(place: _Place, objects: Sequence[MapObject]) -> bool:
     )
 
 
-def _nearest(movements: Movement, x: float, y: float, theta: float) -> dict[str, Plain]:
+def _nearest(movements: Movement, x: float, y: float, theta: float, lane_offset: float) -> dict[str, Plain]:
     """Returns offset, heading error and curvature on the nearest lane of the pose's tile, as `lane_pose` chooses it.
 
     For a tile without lanes the table is empty.
@@ -152,8 +154,8 @@ def _nearest(movements: Movement, x: float, y: float, theta: float) -> dict[str,
         forward = (x - column - 0.5) * ahead_x + (y - row - 0.5) * ahead_y + 0.5
         left = (x - column - 0.5) * ahead_y - (y - row - 0.5) * ahead_x
         bend = turn - 1
-        radius, inward = 0.5 + LANE_OFFSET * bend, 0.5 - bend * left
-        d = bend * (radius - np.hypot(forward, inward)) if bend else left + LANE_OFFSET
+        radius, inward = 0.5 + lane_offset * bend, 0.5 - bend * left
+        d = bend * (radius - np.hypot(forward, inward)) if bend else left + lane_offset
         phi = theta - np.arctan2(-ahead_y, ahead_x) - (bend * np.arctan2(forward, inward) if bend else 0)
         phi = np.pi - (np.pi - phi) % (2 * np.pi)
         rank = abs(d) + 100 * (np.cos(phi) <= 0)

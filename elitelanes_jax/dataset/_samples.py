@@ -74,7 +74,7 @@ def draw_sample(
         placed = [one._replace(matrix=view.matrix @ one.matrix) for one in flat]
         more: list[dict[str, Plain]] = [{} for _ in order]
     else:
-        viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px, road_map.objects or ())
+        viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px, road_map.objects or (), tiles.lane_offset)
         view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
         about, near = viewpoint.about, NEAR
         seen = {"image": see(picture.image, viewpoint, GROUND), "labels": see_labels(picture.labels, viewpoint)}

@@ -27,6 +27,7 @@ from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.object_set import ObjectSet
@@ -192,6 +193,8 @@ def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> d
     plain = spec.to_plain() | {"tile_px": spec.pixels}
     del plain["tiles"], plain["objects"], plain["maps_from"]  # the pictures and the maps count, not their paths
     about = {name: getattr(tiles, name) for name in ("name", "licence", "blend")}
+    if tiles.lane_offset != LANE_OFFSET:
+        about["lane_offset"] = tiles.lane_offset
     identity = {
         "settings": plain,
         "given_maps": None if spec.maps_from is None else spec.maps_from.digest,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, Int32, Key, UInt8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, instance, one_of, real, whole
+from elitelanes_jax._util.checks import check_named, instance, is_real, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.pytrees import pytree, static, traced
@@ -33,7 +33,7 @@ from elitelanes_jax.drive.lanes import (
     wrap_angle,
 )
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive, still, to_wheels
-from elitelanes_jax.lanes.curves import LANE_OFFSET
+from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset
 from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.codes import SIDES
@@ -54,7 +54,8 @@ class LaneDriveParams(Record):
       levels: a batch, from which `reset` draws; `make_levels` makes one.
       robot: its measures.
       limit: steps after which an episode is truncated.
-      start_d: the largest distance of the start from the lane's centre, in tiles, to either side.
+      start_d: the largest distance of the start from the lane's centre, in tiles, to either side, at most
+        `lane_offset`.
       start_phi: the largest angle between the start and the lane, in radians, to either side.
       progress_reward: for each tile driven in the own lane.
       offset_cost: per second, for each tile from the lane's centre.
@@ -70,13 +71,15 @@ class LaneDriveParams(Record):
       action: "wheels": the commands of the left and the right wheel; "twist": speed and turn, as shares of the robot's
         top speed and top turn; static.
       observe: "lane": offset, heading, speed and curvature ahead; "camera": the picture of `sight`; static.
+      lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5; static. A tile set may
+        have its own, `TileSet.lane_offset`.
       sight: the camera and its tiles, from `make_sight`; None for none.
     """
 
     levels: Level = option(REQUIRED, check_batch)
     robot: Robot = nested(Robot())
     limit: Numeric = traced(1500, whole(1))
-    start_d: Numeric = traced(0.03, real(0, LANE_OFFSET))
+    start_d: Numeric = traced(0.03, real(0, 0.5))
     start_phi: Numeric = traced(0.15, real(0, 3.2))
     progress_reward: Numeric = traced(1.0, real(-1e6, 1e6))
     offset_cost: Numeric = traced(1.0, real(-1e6, 1e6))
@@ -89,10 +92,13 @@ class LaneDriveParams(Record):
     task: str = static("route", one_of("route", "lane"))
     action: str = static("wheels", one_of("wheels", "twist"))
     observe: str = static("lane", one_of("lane", "camera"))
+    lane_offset: float = static(LANE_OFFSET, check_lane_offset)
     sight: Sight | None = option(None, _check_sight)
 
     def check_together(self) -> None:
-        """Checks that there is a camera if one is observed."""
+        """Checks that there is a camera if one is observed, and that robots start in their own lane."""
+        if is_real(self.start_d) and self.start_d > self.lane_offset:
+            raise InputError(f"start_d: expected at most lane_offset, {self.lane_offset:g}, got {self.start_d:g}")
         if self.observe == "camera" and self.sight is None:
             raise InputError("sight: expected a result of make_sight, to observe the camera, got None")
 
@@ -214,9 +220,9 @@ def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) 
     along, beside, turned = ((word & 0xFFFF).astype(jnp.float32) / 2**16 for word in (bits[1], bits[1] >> 16, bits[2]))
     turn = _choose_turn(bits[-1], read, node, params)
     movement = Movement(*node, turn)
-    s = along * lane_length(turn) / 2
+    s = along * lane_length(turn, params.lane_offset) / 2
     d, phi = (2 * beside - 1) * params.start_d, (2 * turned - 1) * params.start_phi
-    pose = lane_point(movement, s, d)
+    pose = lane_point(movement, s, d, params.lane_offset)
     return {
         "pose": pose._replace(theta=wrap_angle(pose.theta + phi)),
         "movement": movement,
@@ -265,7 +271,7 @@ def _step(
         raise InputError(f"action: expected two numbers, shape (2,), got shape {shape}")
     moved, events = once(lambda: _move(key, state, action, params))
     success, off_road, d, phi = events.success, events.off_road, moved["d"], moved["phi"]
-    own, oncoming = ~off_road & (jnp.abs(d) <= LANE_OFFSET), ~off_road & (d > LANE_OFFSET)
+    own, oncoming = ~off_road & (jnp.abs(d) <= params.lane_offset), ~off_road & (d > params.lane_offset)
     costs = params.offset_cost * jnp.abs(d) + params.heading_cost * jnp.abs(phi) + params.oncoming_cost * oncoming
     reward = params.progress_reward * events.along * own - costs * params.robot.dt
     reward += params.goal_reward * success - params.leaving_cost * off_road
@@ -289,7 +295,7 @@ def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriv
     grid, robot = state.grid, params.robot
     pose, wheels = drive(jax.random.fold_in(key, 0), state.pose, state.wheels, _to_command(action, params), robot)
     movement, next_turn, entered, astray = _go_on(jax.random.fold_in(key, 1), state, pose, params)
-    d, phi, s = lane_errors(pose, movement)
+    d, phi, s = lane_errors(pose, movement, params.lane_offset)
     reach = robot.width / 2 / TILE
     beside = -reach * jnp.sin(pose.theta), -reach * jnp.cos(pose.theta)
     *_, left = tile_at(grid, pose.x + beside[0], pose.y + beside[1])
@@ -313,8 +319,9 @@ def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObserva
     if params.observe == "camera" and params.sight is not None:
         image = look_around(state.pose, state.grid, params.sight, state.objects).image
         return LaneDriveObservation(None, None, None, None, None, image)
-    beyond = state.s + jnp.asarray(_AHEAD, jnp.float32) > lane_length(state.movement.turn)
-    curvature = jnp.where(beyond, lane_curvature(state.next_turn), lane_curvature(state.movement.turn))
+    turn, next_turn, lane_offset = state.movement.turn, state.next_turn, params.lane_offset
+    beyond = state.s + jnp.asarray(_AHEAD, jnp.float32) > lane_length(turn, lane_offset)
+    curvature = jnp.where(beyond, lane_curvature(next_turn, lane_offset), lane_curvature(turn, lane_offset))
     return LaneDriveObservation(state.d, state.phi, state.wheels.speed, state.wheels.turn, curvature)
 
 
@@ -395,10 +402,12 @@ def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array,
     Returns:
       An action of `LaneDrive`, for either kind.
     """
-    length = lane_length(state.movement.turn)
+    lane_offset = params.lane_offset
+    length = lane_length(state.movement.turn, lane_offset)
     goal_s = state.s + _LOOKAHEAD
     onward = Movement(*state.movement.next_node, state.next_turn)
-    here, beyond = lane_point(state.movement, goal_s), lane_point(onward, goal_s - length)
+    here = lane_point(state.movement, goal_s, lane_offset=lane_offset)
+    beyond = lane_point(onward, goal_s - length, lane_offset=lane_offset)
     target = jax.tree.map(lambda one, other: jnp.where(goal_s > length, other, one), here, beyond)
     east, north = target.x - state.pose.x, state.pose.y - target.y
     cosine, sine = jnp.cos(state.pose.theta), jnp.sin(state.pose.theta)

@@ -5,8 +5,11 @@ the side of a tile in pixels is the position in a picture of the map. Angles are
 in radians; 0 is east.
 
 Nodes, movements and the curves of lanes are those of the room `lanes`. There are no U-turns, so a stub has no movement.
+`lane_offset` is the distance from the road's middle to the centre of a lane, a Python number, which compiled programs
+contain. A tile set may have its own (`TileSet.lane_offset`).
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -18,7 +21,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.lanes.curves import LANE_OFFSET, lane_bends, lane_lengths, lane_radii, on_road
+from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset, lane_bends, lane_lengths, lane_radii, on_road
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import MOVEMENTS, Movement
 from elitelanes_jax.network.checks import check_grid
@@ -29,8 +32,6 @@ _ACROSS = np.array([side.right for side in SIDES], np.int32)
 
 _ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
 _BEND = lane_bends(np.float32)
-_RADIUS = lane_radii(dtype=np.float32)
-_LENGTH = lane_lengths(dtype=np.float32)
 
 
 TAKEN = np.array(
@@ -79,7 +80,7 @@ class LanePose(NamedTuple):
       phi: float32, radians that the pose is turned to the left of the lane, -pi to pi.
       s: float32, tiles along the movement from where it enters its tile.
       on_road: bool, the position is on the road, between the inner edges of the white tape.
-      own_lane: bool, on the road and within 0.2 tile of the lane's centre, so not beyond the road's middle.
+      own_lane: bool, on the road and within `lane_offset` of the lane's centre, so not beyond the road's middle.
       oncoming: bool, on the road, farther to the left.
       movement: of the lane.
       found: bool, whether that movement exists. If not, `d`, `phi` and `s` are 0, and `own_lane` and `oncoming` False.
@@ -104,42 +105,49 @@ def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
     return jnp.asarray(MOVEMENTS)[linked_codes(grid)]
 
 
-def lane_length(turn: Int[ArrayLike, "..."]) -> Float[Array, "..."]:
-    """Returns the length of a movement's lane: 1 tile straight on, 0.3 or 0.7 times pi / 2 on an arc."""
-    return _choose(_LENGTH, turn)
+def lane_length(turn: Int[ArrayLike, "..."], lane_offset: float = LANE_OFFSET) -> Float[Array, "..."]:
+    """Returns the length of a movement's lane: 1 tile straight on, by default 0.3 or 0.7 times pi / 2 on an arc."""
+    return _choose(lane_lengths(lane_offset, np.float32), turn)
 
 
-def lane_curvature(turn: Int[ArrayLike, "..."]) -> Float[Array, "..."]:
-    """Returns the curvature of a movement's lane, 1 / tiles, to the left: -1 / 0.3, 0 or 1 / 0.7."""
-    return _choose(_BEND / _RADIUS, turn)
+def lane_curvature(turn: Int[ArrayLike, "..."], lane_offset: float = LANE_OFFSET) -> Float[Array, "..."]:
+    """Returns the curvature of a movement's lane, 1 / tiles, to the left: by default -1 / 0.3, 0 or 1 / 0.7."""
+    return _choose(_BEND / lane_radii(lane_offset, np.float32), turn)
 
 
-def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+def lane_errors(
+    pose: Pose, movement: Movement, lane_offset: float = LANE_OFFSET
+) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
     """Returns `d`, `phi` and `s` of a pose relative to a movement's lane (see `LanePose`), on its tile or beyond.
 
     Beyond its tile a lane continues as a line or a circle.
     """
     forward, left = _from_entry(pose, movement)
     turned = pose.theta - _choose(_ANGLE, movement.heading)
-    bend, radius = _choose(_BEND, movement.turn), _choose(_RADIUS, movement.turn)
+    bend, radius = _choose(_BEND, movement.turn), _choose(lane_radii(lane_offset, np.float32), movement.turn)
     across = 0.5 - bend * left  # with `forward`, the position relative to the centre of an arc
     angle = jnp.arctan2(forward, across)
     straight = bend == 0
-    d = jnp.where(straight, left + LANE_OFFSET, bend * (radius - jnp.hypot(forward, across)))
+    d = jnp.where(straight, left + lane_offset, bend * (radius - jnp.hypot(forward, across)))
     s = jnp.where(straight, forward, radius * angle)
     return d, wrap_angle(turned - bend * angle), s
 
 
-def lane_point(movement: Movement, s: Float[ArrayLike, "..."], d: Float[ArrayLike, "..."] = 0.0) -> Pose:
+def lane_point(
+    movement: Movement,
+    s: Float[ArrayLike, "..."],
+    d: Float[ArrayLike, "..."] = 0.0,
+    lane_offset: float = LANE_OFFSET,
+) -> Pose:
     """Returns the pose `s` tiles along a movement's lane and `d` tiles to the left of its centre, in its direction.
 
     It may be beyond the lane's end.
     """
-    bend, radius = _choose(_BEND, movement.turn), _choose(_RADIUS, movement.turn)
+    bend, radius = _choose(_BEND, movement.turn), _choose(lane_radii(lane_offset, np.float32), movement.turn)
     angle = s / radius
     straight = bend == 0
     forward = jnp.where(straight, s, (radius - bend * d) * jnp.sin(angle))
-    left = jnp.where(straight, d - LANE_OFFSET, bend * (0.5 - (radius - bend * d) * jnp.cos(angle)))
+    left = jnp.where(straight, d - lane_offset, bend * (0.5 - (radius - bend * d) * jnp.cos(angle)))
     ahead_x, ahead_y = _choose(_ACROSS, movement.heading), _choose(_DOWN, movement.heading)
     x = movement.column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
     y = movement.row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
@@ -147,7 +155,12 @@ def lane_point(movement: Movement, s: Float[ArrayLike, "..."], d: Float[ArrayLik
 
 
 def random_pose(
-    key: Key[Array, ""], grid: Int[ArrayLike, "H W"], *, offset: ArrayLike = 0.1, heading: ArrayLike = np.pi / 6
+    key: Key[Array, ""],
+    grid: Int[ArrayLike, "H W"],
+    *,
+    offset: ArrayLike = 0.1,
+    heading: ArrayLike = np.pi / 6,
+    lane_offset: float = LANE_OFFSET,
 ) -> Pose:
     """Draws a pose on the lanes of a grid, as datasets of robots' views do.
 
@@ -159,23 +172,34 @@ def random_pose(
       grid: integer codes ``[H, W]`` with at least one movement.
       offset: largest distance from the lane's centre in tiles, either way.
       heading: largest angle from the lane's direction in radians, either way.
+      lane_offset: tiles from the road's middle to the centre of a lane.
 
     Raises:
-      InputError: for a bad grid.
+      InputError: for a bad grid, or a `lane_offset` that is not over 0 and under 0.5.
     """
+    check_named("lane_offset", check_lane_offset, lane_offset)
     exists = movements(grid)
     count = jnp.cumsum(exists.reshape(-1))
     which, along, beside, turned = jax.random.uniform(key, (4,))
     index = jnp.searchsorted(count, jnp.floor(which * count[-1]).astype(jnp.int32) + 1)
     row, column, entered, turn = jnp.unravel_index(jnp.minimum(index, count.size - 1).astype(jnp.int32), exists.shape)
-    return pose_beside(Movement(row, column, entered, turn), along, beside, turned, offset=offset, heading=heading)
+    movement = Movement(row, column, entered, turn)
+    return pose_beside(movement, along, beside, turned, offset=offset, heading=heading, lane_offset=lane_offset)
 
 
 def pose_beside(
-    movement: Movement, along: Array, beside: Array, turned: Array, *, offset: ArrayLike, heading: ArrayLike
+    movement: Movement,
+    along: Array,
+    beside: Array,
+    turned: Array,
+    *,
+    offset: ArrayLike,
+    heading: ArrayLike,
+    lane_offset: float = LANE_OFFSET,
 ) -> Pose:
     """Returns the pose of `random_pose` for uniform numbers, 0 to 1: along the movement, across it, and its angle."""
-    pose = lane_point(movement, along * lane_length(movement.turn), (2 * beside - 1) * offset)
+    s = along * lane_length(movement.turn, lane_offset)
+    pose = lane_point(movement, s, (2 * beside - 1) * offset, lane_offset)
     return pose._replace(theta=wrap_angle(pose.theta + (2 * turned - 1) * heading))
 
 
@@ -190,7 +214,9 @@ def tile_at(
     return row, column, code, on_road(code, x - column, y - row)
 
 
-def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None) -> LanePose:
+def lane_pose(
+    grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None, *, lane_offset: float = LANE_OFFSET
+) -> LanePose:
     """Computes the position of a pose on the lanes of a grid.
 
     Args:
@@ -199,42 +225,46 @@ def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None
       movement: of the lane to use. By default, of the movements on the pose's tile that point less than a quarter
         turn away from it, the one with the smallest offset; if none does, the one with the smallest offset. Among
         equal ones the first heading clockwise from north is used, then right before straight before left.
+      lane_offset: tiles from the road's middle to the centre of a lane.
 
     Raises:
-      InputError: for a bad grid, or a pose that is not a `Pose`.
+      InputError: for a bad grid, a pose that is not a `Pose`, or a `lane_offset` that is not over 0 and under 0.5.
     """
-    return _lane_pose(check_grid(grid), check_named("pose", single(Pose), pose), movement)
+    lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
+    return _lane_pose(check_grid(grid), check_named("pose", single(Pose), pose), movement, lane_offset)
 
 
-@jax.jit
-def _lane_pose(grid: Array, pose: Pose, movement: Movement | None) -> LanePose:
+@partial(jax.jit, static_argnames="lane_offset")
+def _lane_pose(grid: Array, pose: Pose, movement: Movement | None, lane_offset: float) -> LanePose:
     height, width = grid.shape
     links = linked_codes(grid)
     row, column, code, road = tile_at(links, pose.x, pose.y)
     if movement is None:
-        movement = nearest_movement(code, pose, row, column)
+        movement = nearest_movement(code, pose, row, column, lane_offset)
     else:
         movement = Movement(*(jnp.asarray(part, jnp.int32) for part in movement))
     within = (movement.row >= 0) & (movement.row < height) & (movement.column >= 0) & (movement.column < width)
     found = within & jnp.asarray(MOVEMENTS)[links[movement.row, movement.column], movement.heading, movement.turn]
-    d, phi, s = (jnp.where(found, error, 0) for error in lane_errors(pose, movement))
+    d, phi, s = (jnp.where(found, error, 0) for error in lane_errors(pose, movement, lane_offset))
     return LanePose(
         d,
         phi,
         s,
         on_road=road,
-        own_lane=road & found & (jnp.abs(d) <= LANE_OFFSET),
-        oncoming=road & found & (d > LANE_OFFSET),
+        own_lane=road & found & (jnp.abs(d) <= lane_offset),
+        oncoming=road & found & (d > lane_offset),
         movement=movement,
         found=found,
     )
 
 
-def nearest_movement(code: Array, pose: Pose, row: Array, column: Array) -> Movement:
+def nearest_movement(
+    code: Array, pose: Pose, row: Array, column: Array, lane_offset: float = LANE_OFFSET
+) -> Movement:
     """Returns the movement that `lane_pose` uses by default, on a tile whose code has only links."""
     heading, turn = (jnp.asarray(index, jnp.int32) for index in np.indices((4, 3)).reshape(2, 12))
     every = Movement(row, column, heading, turn)
-    d, phi, _ = lane_errors(pose, every)
+    d, phi, _ = lane_errors(pose, every, lane_offset)
     exists = jnp.asarray(MOVEMENTS)[code].reshape(12)
     rank = jnp.abs(d) + 100 * (jnp.cos(phi) <= 0) + 10_000 * ~exists
     best = jnp.argmin(rank)

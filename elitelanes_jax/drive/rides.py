@@ -29,6 +29,7 @@ from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive.lanes import Pose, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.road_map import RoadMap, read_map
+from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import seed_key
@@ -95,7 +96,7 @@ def make_rides(
       policy: one of `POLICIES`, or your own driver.
       seconds: the length of a ride.
       seed: of starts, goals and everything random.
-      tiles: that the camera of your own driver shows; by default the package's own.
+      tiles: whose lanes are driven, and that the camera of your own driver shows; by default the package's own.
 
     Raises:
       InputError: for a bad grid, a map without a lane, another policy, or one that fails or does not return two
@@ -108,7 +109,9 @@ def make_rides(
     furthest = max(int(_PACE * seconds), 1)
     drawing, driving = jax.random.split(seed_key(seed))
     levels = make_levels(drawing, check_grid(grid)[None], count, least=min(4, furthest), most=furthest)
-    steps, params = max(round(seconds * _RATE), 1), LaneDriveParams(levels)
+    steps = max(round(seconds * _RATE), 1)
+    lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
+    params = LaneDriveParams(levels, lane_offset=lane_offset)
     if (camera := getattr(policy, "camera", None)) is not None:
         tiles = load_tiles() if tiles is None else tiles
         scaled = scale_tiles(tiles, _SIGHT_PX)
@@ -213,7 +216,7 @@ def trails(
     """
     grid = _map_of(rides, grid)
     picture = render(grid, tiles, tile_px=tile_px, chosen=chosen).image.copy()
-    goals = _goals(rides.levels)
+    goals = _goals(rides.levels, tiles.lane_offset)
     for index in range(len(rides.steps)):
         _draw_trail(picture, rides, index, rides.steps[index], goals[index], tile_px)
     return picture
@@ -261,7 +264,7 @@ def film(
     shape = max(round(side * codes.shape[1]) // 2 * 2, 2), round(side * codes.shape[0])  # films have even sides
     shrunk = np.asarray(cv2.resize(picture.image, shape, interpolation=cv2.INTER_AREA), np.uint8)
     background = np.pad(shrunk, [(0, _HEIGHT - shape[1]), (0, 0), (0, 0)])
-    last, goal = int(rides.steps[index]), _goals(rides.levels)[index]
+    last, goal = int(rides.steps[index]), _goals(rides.levels, tiles.lane_offset)[index]
     for start in range(0, last + 1, _BATCH):
         steps = np.minimum(np.arange(start, start + _BATCH), last)
         poses = Pose(*(part[index][steps] for part in (rides.x, rides.y, rides.theta)))
@@ -323,9 +326,10 @@ def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     return len(animation.frames)
 
 
-def _goals(levels: Level) -> NDArray[np.float32]:
+def _goals(levels: Level, lane_offset: float) -> NDArray[np.float32]:
     """Returns where lanes enter the goals' tiles, ``[N, 2]``, x and y."""
-    return np.stack(lane_point(Movement(*levels.goal, turn=jnp.int32(1)), 0.0)[:2], axis=1)
+    entering = Movement(*levels.goal, turn=jnp.int32(1))
+    return np.stack(lane_point(entering, 0.0, lane_offset=lane_offset)[:2], axis=1)
 
 
 def _draw_trail(

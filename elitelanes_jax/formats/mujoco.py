@@ -16,7 +16,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
-from elitelanes_jax.lanes.curves import lane_curves
+from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset, lane_curves
 from elitelanes_jax.lanes.movements import lane_graph
 from elitelanes_jax.network.checks import check_grid
 
@@ -70,7 +70,13 @@ friction="1 0.005 0.0001"/>
 """
 
 
-def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standing: Sequence[Standing] = ()) -> str:
+def to_mjcf(
+    codes: ArrayLike,
+    picture: str,
+    tile_size: float = TILE_SIZE,
+    standing: Sequence[Standing] = (),
+    lane_offset: float = LANE_OFFSET,
+) -> str:
     """Writes the model of a map as MuJoCo's XML.
 
     The origin is the map's south-west corner; x is east, y north, z up. The body ``robot`` starts in the middle of the
@@ -83,13 +89,15 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standi
       tile_size: side of a tile in metres, 0.1 to 1000. The robot keeps its own measures.
       standing: objects, such as `tiles.stand` returns. They are boxes and upright cylinders of the objects' sizes and
         mean colours that do not move. They grow with the tiles.
+      lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5.
 
     Raises:
-      InputError: for a bad grid, one without a lane, or a bad name, size or object.
+      InputError: for a bad grid, one without a lane, or a bad name, size, object or `lane_offset`.
     """
     check_tile_size(tile_size, 0.1, 1000)
     height, width = check_grid(codes).shape
-    first_lane = lane_curves(lane_graph(codes).list_movements()[0])[0]
+    lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
+    first_lane = lane_curves(lane_graph(codes).list_movements()[0], lane_offset)[0]
     before, start, after = first_lane.points(np.array([0.49, 0.5, 0.51]))
     east, north = after[0] - before[0], before[1] - after[1]
     standing = check_named("standing", listed(Standing), standing)

@@ -13,7 +13,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import DTypeLike
 
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.checks import is_real
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.lanes.movements import BACK, Movement
 from elitelanes_jax.network.codes import SIDES
@@ -26,6 +28,18 @@ HALF_ROAD = 0.222 / 0.585
 
 CHORDS = 8
 """The chords of a quarter circle in formats that have no arcs: 0.5 % of its radius from it."""
+
+
+def is_lane_offset(value: UserValue) -> bool:
+    """Returns whether a value is a distance from the road's middle to the centre of a lane: over 0 and under 0.5."""
+    return is_real(value) and 0 < value < 0.5
+
+
+def check_lane_offset(value: UserValue) -> float:
+    """Checks a distance from the road's middle to the centre of a lane, in tiles."""
+    if not is_lane_offset(value):
+        raise InputError(f"expected tiles, a number over 0 and under 0.5, got {shorten(repr(value))}")
+    return float(value)
 
 
 def lane_bends(dtype: DTypeLike = np.float64) -> Float[np.ndarray, "3"]:

@@ -77,7 +77,8 @@ def _streets(measures: Mapping[str, UserValue]) -> formats.Streets:
 
 
 @cache
-def _tiles(folder: Path | None) -> "TileSet":
+def load_floor_tiles(folder: Path | None) -> "TileSet":
+    """Loads the tile set of floors, once in a process."""
     from elitelanes_jax.tiles.tileset import load_tiles
 
     return load_tiles(folder)
@@ -93,13 +94,14 @@ def _floor(
         tile_px = max(_LEAST_PX, min(_SHARP_PX, _MOST_PX // max(road_map.codes.shape)))
     objects = road_map.objects or ()
     tags = tuple(thing for thing in objects if not thing.height)
-    image = render(replace(road_map, objects=tags), _tiles(tiles), tile_px=tile_px).image
+    image = render(replace(road_map, objects=tags), load_floor_tiles(tiles), tile_px=tile_px).image
     return png_of(image), size.get("tile_size", TILE_SIZE), stand(objects)
 
 
 def _mujoco(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, bytes]:
     picture, size, standing = _floor(road_map, **settings)
-    return formats.to_mjcf(road_map.codes, f"{name}.png", size, standing), picture
+    lane_offset = load_floor_tiles(settings.get("tiles")).lane_offset
+    return formats.to_mjcf(road_map.codes, f"{name}.png", size, standing, lane_offset), picture
 
 
 _STREETS, _FLOOR = ("tile_size", "lane", "speed", "right_of_way"), ("tile_size", "tiles", "tile_px")

@@ -9,7 +9,7 @@ mask is there.
 
 A tile opens the sides that its road reaches. New maps have no dead ends: an end is for maps drawn by hand or repaired.
 An optional ``tileset.toml`` has a ``name`` and a ``licence``. Without ``blend = false`` the tiles are blended as
-photographs, whose light differs.
+photographs, whose light differs. ``lane_offset`` says where lanes run: tiles from the road's middle to a lane's centre.
 
 Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop lines on
 the wrong side.
@@ -17,7 +17,7 @@ the wrong side.
 
 import re
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -30,6 +30,7 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain
+from elitelanes_jax.lanes.curves import LANE_OFFSET, is_lane_offset
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles._lines import misplaced_lines
 from elitelanes_jax.tiles.files import GROUND, Tile, read_image, read_mask, size_of
@@ -45,10 +46,11 @@ _EXPECTED = {
     "end": "one side",
 }
 _FILES = ("image", *MASKS)
-_KEYS: dict[str, tuple[type, str]] = {  # in tileset.toml: what each is
-    "name": (str, "name to be text"),
-    "licence": (str, "licence to be text"),
-    "blend": (bool, "blend to be true or false"),
+_KEYS: dict[str, tuple[Callable[[Plain], bool], str]] = {  # in tileset.toml: what each is
+    "name": (lambda value: isinstance(value, str), "name to be text"),
+    "licence": (lambda value: isinstance(value, str), "licence to be text"),
+    "blend": (lambda value: isinstance(value, bool), "blend to be true or false"),
+    "lane_offset": (is_lane_offset, "lane_offset to be a number over 0 and under 0.5"),
 }
 _TOUCHES = 0.1  # the least part of a side in road if a road reaches it
 
@@ -69,12 +71,14 @@ class TileSet:
       licence: of its pictures, as stated by its makers; empty if none is.
       tiles: sorted by kind and number.
       blend: whether the tiles are blended on a map, as photographs need it: equal light, feathered seams.
+      lane_offset: from the road's middle to the centre of a lane, in tiles, over 0 and under 0.5.
     """
 
     name: str
     licence: str
     tiles: tuple[Tile, ...]
     blend: bool = False
+    lane_offset: float = LANE_OFFSET
 
     @cached_property
     def pictures(self) -> tuple[Tile, ...]:
@@ -158,7 +162,8 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
     if problems:
         return None, problems
     name = about.get("name", folder.resolve().name)
-    return TileSet(name, about.get("licence", ""), tuple(tiles), about.get("blend", True)), []
+    lane_offset = float(about.get("lane_offset", LANE_OFFSET))
+    return TileSet(name, about.get("licence", ""), tuple(tiles), about.get("blend", True), lane_offset), []
 
 
 def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
@@ -215,11 +220,14 @@ def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
         problems.append(str(error))
         return {}
     for key, value in list(about.items()):
-        kind, expected = _KEYS.get(key, (type(None), f"the keys {', '.join(_KEYS)}"))
-        if not isinstance(value, kind):
-            got = shorten(reprlib.repr(value if key in _KEYS else key))
-            problems.append(f"{file}: expected {expected}, got {got}")
-            del about[key]
+        if key in _KEYS:
+            is_right, expected = _KEYS[key]
+            if is_right(value):
+                continue
+        else:
+            expected, value = f"the keys {', '.join(_KEYS)}", key
+        problems.append(f"{file}: expected {expected}, got {shorten(reprlib.repr(value))}")
+        del about[key]
     return about
 
 

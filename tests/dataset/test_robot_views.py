@@ -1,15 +1,19 @@
 """Views from a robot: the lanes' own figures, the camera of the environments, and datasets to the same bytes."""
 
+from dataclasses import replace
+
 import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from drive.driving_oracle import polyline_errors
 from given_maps import random_maps
 from pages import blocks
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels, stand
+from elitelanes_jax.dataset._samples import draw_sample
 from elitelanes_jax.dataset._transforms import Viewpoints
 from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
@@ -18,6 +22,7 @@ from elitelanes_jax.drive._objects import make_objects, touches
 from elitelanes_jax.drive.lanes import Pose, lane_curvature, lane_errors, lane_pose
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.tiles.object_set import load_objects
@@ -28,8 +33,9 @@ SMALL = Viewpoints(rows=48, columns=64)
 PX = 64
 
 
-def viewpoints(count, settings=SMALL, codes=TOWN):
-    return [draw_viewpoint(np.random.default_rng(number), settings, codes, PX) for number in range(count)]
+def viewpoints(count, settings=SMALL, codes=TOWN, lane_offset=LANE_OFFSET):
+    seeds = map(np.random.default_rng, range(count))
+    return [draw_viewpoint(rng, settings, codes, PX, lane_offset=lane_offset) for rng in seeds]
 
 
 def test_offset_heading_and_curvature_are_those_of_the_lane():
@@ -52,6 +58,27 @@ def test_offset_heading_and_curvature_are_those_of_the_lane():
     assert 0.1 < np.mean(others) < 0.5
     turns, counts = np.unique(movement.turn, return_counts=True)
     assert turns.tolist() == [0, 1, 2] and counts.min() > 50
+
+
+def test_poses_are_on_the_lanes_of_the_set():
+    """`d` and `phi` against the oracle's polylines with another offset; the tile set hands it to the sample."""
+    for viewpoint in viewpoints(40, lane_offset=0.21):
+        about = viewpoint.about
+        x, y, theta = (about["pose"][name] for name in ("x", "y", "theta"))
+        row, column, heading, turn = about["movement"].values()
+        d, phi, _ = polyline_errors(np.array([[x - column, y - row]]), np.array([theta]), heading, turn, 0.21)
+        assert (d, phi) == (pytest.approx(about["d"], abs=1e-4), pytest.approx(about["phi"], abs=1e-3))
+        assert about["curvature"] == pytest.approx([-1 / 0.29, 0, 1 / 0.71][turn])
+        nearest = lane_pose(TOWN, Pose(*np.float32([x, y, theta])), lane_offset=0.21)
+        assert about["nearest"]["d"] == pytest.approx(float(nearest.d), abs=1e-5)
+
+
+def test_a_sample_follows_the_lanes_of_its_tiles(drawn_tiles):
+    tiles = replace(drawn_tiles, lane_offset=0.21)
+    here, there = (draw_sample(RoadMap(TOWN), one, 0, camera=SMALL).record for one in (drawn_tiles, tiles))
+    assert here["d"] == there["d"] and here["movement"] == there["movement"]
+    apart = np.hypot(here["pose"]["x"] - there["pose"]["x"], here["pose"]["y"] - there["pose"]["y"])
+    assert 0.009 < apart < 0.02
 
 
 def test_labels_and_pictures_are_those_of_the_environments_camera(drawn_tiles):

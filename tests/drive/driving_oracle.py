@@ -55,24 +55,24 @@ def lane_graph(grid):
     return graph
 
 
-def polyline(heading, turn):
+def polyline(heading, turn, lane_offset=0.2):
     """The centre of a lane across the tile from (0, 0) to (1, 1): float ``[POINTS, 2]``."""
     ahead = DIRECTIONS[heading]
     rightward = DIRECTIONS[(heading + 1) % 4]
     entry = np.array([0.5, 0.5]) - 0.5 * ahead
     t = np.linspace(0, 1, POINTS)[:, None]
     if turn == 1:
-        return entry + 0.2 * rightward + t * ahead
+        return entry + lane_offset * rightward + t * ahead
     side = rightward if turn == 0 else -rightward
     corner = entry + 0.5 * side
-    radius = 0.3 if turn == 0 else 0.7
+    radius = 0.5 - lane_offset if turn == 0 else 0.5 + lane_offset
     angle = t * np.pi / 2
     return corner + radius * (np.cos(angle) * -side + np.sin(angle) * ahead)
 
 
-def polyline_errors(points, thetas, heading, turn):
+def polyline_errors(points, thetas, heading, turn, lane_offset=0.2):
     """`d`, `phi` and `s` of poses within a tile, by the nearest of the polyline's points."""
-    line = polyline(heading, turn)
+    line = polyline(heading, turn, lane_offset)
     steps = np.diff(line, axis=0)
     along = np.concatenate([[0], np.cumsum(np.hypot(*steps.T))])
     _, nearest = KDTree(line).query(points)

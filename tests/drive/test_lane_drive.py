@@ -6,14 +6,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from driving_oracle import drawn_maps, pick
+from driving_oracle import drawn_maps, pick, polyline_errors
 
+from elitelanes_jax import InputError
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, Pose, lane_pose, make_levels, make_objects, pure_pursuit
 from elitelanes_jax.drive.lanes import lane_point
 from elitelanes_jax.drive.robot import TILE, Robot, drive, still, to_wheels
 from elitelanes_jax.formats import MapObject, RoadMap, without_dead_ends
 
 SHAPE, COUNT = (4, 5), 16
+TOWN = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 15, 11], [12, 5, 13, 9]], np.int8)
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +105,38 @@ def test_the_figures_of_the_lane_are_those_of_lane_pose(params, rides):
     np.testing.assert_array_equal(rides.info.own_lane[at][going], np.asarray(found.own_lane)[going])
     ahead = rides.reached.curvature[at][going][:, 0]
     np.testing.assert_allclose(ahead, np.array([-1 / 0.3, 0, 1 / 0.7])[movement.turn[going]], rtol=1e-5)
+
+
+def test_lanes_are_where_the_tile_set_has_them():
+    """Starts are on the oracle's polylines, the expert stays on them, and `d` is measured from them."""
+    levels = make_levels(jax.random.key(0), [TOWN], 8)
+    params = LaneDriveParams(levels, start_d=0.0, start_phi=0.0, task="lane", lane_offset=0.24)
+
+    def ride(key):
+        _, state = LaneDrive.reset(key, params)
+
+        def step(state, key):
+            done = LaneDrive.step(key, state, pure_pursuit(state, params), params)
+            return done.state, (done.state, done.info.own_lane)
+
+        return state, jax.lax.scan(step, state, jax.random.split(key, 40))[1]
+
+    starts, (states, own_lane) = jax.jit(jax.vmap(ride))(jax.random.split(jax.random.key(1), 8))
+    for index in range(8):
+        row, column, heading, turn = (int(part[index]) for part in starts.movement)
+        point = np.array([[starts.pose.x[index] - column, starts.pose.y[index] - row]])
+        d, phi, _ = polyline_errors(point, starts.pose.theta[index : index + 1], heading, turn, 0.24)
+        assert abs(d[0]) < 1e-4 and abs(phi[0]) < 1e-3
+    found = jax.vmap(jax.vmap(lambda pose, movement: lane_pose(TOWN, pose, movement, lane_offset=0.24)))(
+        states.pose, states.movement
+    )
+    np.testing.assert_allclose(states.d, found.d, atol=1e-5)
+    np.testing.assert_array_equal(own_lane, found.own_lane)
+    assert np.abs(states.d).max() < 0.02
+    with pytest.raises(InputError, match=r"start_d: expected at most lane_offset, 0\.1, got 0\.15"):
+        LaneDriveParams(levels, start_d=0.15, lane_offset=0.1)
+    with pytest.raises(InputError, match=r"lane_offset: expected tiles, a number over 0 and under 0\.5, got 0\.5"):
+        LaneDriveParams(levels, lane_offset=0.5)
 
 
 @pytest.fixture(scope="module")

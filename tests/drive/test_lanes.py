@@ -1,5 +1,7 @@
 """Lanes: against polylines of ten thousand points, against the drawn roads, and what must hold of any map."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -56,12 +58,14 @@ def test_movements_are_those_of_links(grid):
             assert found[row, column, heading, turn] == expected
 
 
-def agree(grid, poses, found):
+def agree(grid, poses, found, lane_offset=LANE_OFFSET):
     """Compares with the polylines; returns the share of poses that were compared."""
     tiles = np.floor(poses.y).astype(int), np.floor(poses.x).astype(int)
     points = np.stack([poses.x - tiles[1], poses.y - tiles[0]], axis=1).astype(float)
     allowed = np.asarray(movements(grid))[tiles].reshape(-1, 12)
-    errors = np.stack([polyline_errors(points, poses.theta, *one) for one in EVERY], axis=-1)  # [3, poses, 12]
+    errors = np.stack(
+        [polyline_errors(points, poses.theta, *one, lane_offset) for one in EVERY], axis=-1
+    )  # [3, poses, 12]
     rank = np.abs(errors[0]) + 100 * (np.cos(errors[1]) <= 0) + 1e6 * ~allowed
     best = rank.argmin(axis=1)
     ranks = np.sort(rank, axis=1)
@@ -79,15 +83,31 @@ def agree(grid, poses, found):
     # Outside of its middle the foot of a point is anywhere on an arc.
     assert np.abs(found.s - s)[same & (np.abs(d) < 0.2)].max() < 1e-3
     road = np.asarray(found.on_road)
-    edge = np.abs(np.abs(d) - LANE_OFFSET) < 1e-3
-    np.testing.assert_array_equal(found.own_lane[same & ~edge], (road & (np.abs(d) <= LANE_OFFSET))[same & ~edge])
-    np.testing.assert_array_equal(found.oncoming[same & ~edge], (road & (d > LANE_OFFSET))[same & ~edge])
+    edge = np.abs(np.abs(d) - lane_offset) < 1e-3
+    np.testing.assert_array_equal(found.own_lane[same & ~edge], (road & (np.abs(d) <= lane_offset))[same & ~edge])
+    np.testing.assert_array_equal(found.oncoming[same & ~edge], (road & (d > lane_offset))[same & ~edge])
     return same.mean()
 
 
 def test_lane_poses_are_those_of_polylines(grid, locate):
     poses = random_poses(1000)
     assert agree(grid, poses, jax.device_get(locate(grid, poses))) > 0.9
+
+
+def test_lane_poses_of_a_set_with_other_lanes_are_those_of_polylines(grid):
+    poses = random_poses(1000)
+    found = jax.jit(jax.vmap(lambda pose: lane_pose(grid, pose, lane_offset=0.21)))(poses)
+    assert agree(grid, poses, jax.device_get(found), 0.21) > 0.9
+    drawn = random_pose(jax.random.key(1), grid, offset=0.0, heading=0.0, lane_offset=0.21)
+    there = lane_pose(grid, drawn, lane_offset=0.21)
+    np.testing.assert_allclose([there.d, there.phi], 0, atol=1e-5)
+    assert abs(lane_pose(grid, drawn, there.movement).d) == pytest.approx(0.01, abs=1e-5)
+
+
+@pytest.mark.parametrize("wrong", [0, 0.5, -0.2, float("nan"), 1])
+def test_a_lane_beside_the_road_is_refused(grid, wrong):
+    with pytest.raises(InputError, match=r"lane_offset: expected tiles, a number over 0 and under 0\.5, got"):
+        lane_pose(grid, Pose(0.5, 0.5, 0.0), lane_offset=wrong)
 
 
 @pytest.mark.slow
@@ -99,15 +119,19 @@ def test_a_hundred_thousand_lane_poses_are_those_of_polylines(locate):
     assert np.mean(compared) > 0.8  # some tiles have no movement
 
 
-def test_points_on_a_lane_are_its_polyline_and_have_no_errors():
-    points, errors_of, end_of = jax.jit(lane_point), jax.jit(lane_errors), jax.jit(lambda one: one.next_node)
+@pytest.mark.parametrize("lane_offset", [0.2, 0.21])
+def test_points_on_a_lane_are_its_polyline_and_have_no_errors(lane_offset):
+    points = jax.jit(partial(lane_point, lane_offset=lane_offset))
+    errors_of = jax.jit(partial(lane_errors, lane_offset=lane_offset))
+    end_of = jax.jit(lambda one: one.next_node)
     for heading, turn in EVERY:
-        length = float(lane_length(turn))
+        length = float(lane_length(turn, lane_offset))
         some = np.arange(0, POINTS, 99)
         s = (some * (length / (POINTS - 1))).astype(np.float32)
         one = Movement(3, 5, heading, turn)
         pose = points(one, s)
-        np.testing.assert_allclose(np.stack([pose.x - 5, pose.y - 3], axis=1), polyline(heading, turn)[some], atol=1e-6)
+        expected = polyline(heading, turn, lane_offset)[some]
+        np.testing.assert_allclose(np.stack([pose.x - 5, pose.y - 3], axis=1), expected, atol=1e-6)
         errors = np.stack(errors_of(pose, one))
         np.testing.assert_allclose(errors, np.stack([0 * s, 0 * s, s]), atol=3e-6)
         # It ends where the lane of the next tile begins.

@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 import struct
 import xml.etree.ElementTree as ET
 from itertools import pairwise
@@ -15,7 +16,7 @@ from drive.driving_oracle import lane_graph as movement_graph
 from odd_names import ODD_NAMES, REFUSED
 from scipy.ndimage import distance_transform_edt
 
-from elitelanes_jax import RoadMap
+from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
 from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
@@ -26,6 +27,7 @@ from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.maps.exporting import FORMATS, as_bytes
 from elitelanes_jax.network import wfc
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles, stand
+from elitelanes_jax.tiles.tileset import default_tiles
 
 TOWN = wfc.generate_batch(np.random.default_rng(0), 1, (6, 8), border="closed").grid[0]
 SPEED, LOOKAHEAD, RATE = 0.3, 0.12, 1 / 30  # metres a second, tiles, seconds between commands
@@ -58,6 +60,20 @@ def test_the_robot_starts_in_the_middle_of_a_lane(number):
     theta = np.radians(float(body.get("euler").split()[2]))
     found = lane_pose(grid, Pose(*np.float32([x, len(grid) - y, theta])))
     assert found.own_lane and abs(found.d) < 1e-4 and abs(found.phi) < 1e-4
+
+
+def test_the_robot_starts_on_the_lanes_of_the_tile_set(tmp_path):
+    shutil.copytree(default_tiles(), tmp_path / "tiles")
+    with (tmp_path / "tiles" / "tileset.toml").open("a") as file:
+        file.write("lane_offset = 0.25\n")
+    model, _ = FORMATS["mujoco"].files(RoadMap(TOWN), "town", tile_px=16, tiles=tmp_path / "tiles")
+    body = ET.fromstring(model).find(".//body[@name='robot']")
+    x, y, _ = (float(part) / TILE for part in body.get("pos").split())
+    theta = np.radians(float(body.get("euler").split()[2]))
+    found = lane_pose(TOWN, Pose(*np.float32([x, len(TOWN) - y, theta])), lane_offset=0.25)
+    assert found.found and abs(found.d) < 1e-4 and abs(found.phi) < 1e-4
+    with pytest.raises(InputError, match="lane_offset: expected tiles, a number over 0 and under"):
+        to_mjcf(TOWN, "town.png", lane_offset=0.5)
 
 
 def test_a_floor_lies_from_corner_to_corner_with_its_picture():

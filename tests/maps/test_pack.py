@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from hashlib import sha256
 
 import networkx as nx
@@ -14,9 +15,11 @@ from elitelanes_jax.drive import movements
 from elitelanes_jax.drive.lanes import lane_length
 from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.maps import PackSpec, exporting, pack
+from elitelanes_jax.maps.exporting import FormatOptions
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.packing import _split, _trips
 from elitelanes_jax.network import plain_measure, wfc
+from elitelanes_jax.tiles.tileset import default_tiles
 
 GRIDS = wfc.generate_batch(np.random.default_rng(0), 16, (6, 7), border="closed").grid
 MAPS = [
@@ -115,6 +118,22 @@ def test_trips_are_as_long_as_shortest_ways(packed):
             )
             expected = nx.dijkstra_path_length(graph, start, goal, weight="length")
             assert start != goal and float(trip["length"]) == pytest.approx(expected, abs=1e-4)
+
+
+def test_trips_follow_the_lanes_of_the_tile_set(tmp_path):
+    """On a ring with the lanes 0.4 tile beside the middle the way inside is 0.1 tile from the corner."""
+    shutil.copytree(default_tiles(), tmp_path / "tiles")
+    with (tmp_path / "tiles" / "tileset.toml").open("a") as file:
+        file.write("lane_offset = 0.4\n")
+    spec = PackSpec(
+        to=("mujoco",), trips=3, split=(1, 0, 0), formats=FormatOptions(tiles=tmp_path / "tiles", tile_px=16)
+    )
+    pack(spec, [RoadMap(np.array([[6, 3], [12, 9]]))], tmp_path / "pack")
+    (file,) = (tmp_path / "pack" / "trips").rglob("*.csv")
+    for trip in rows(file):
+        quarters = float(trip["length"]) / (np.pi / 2)
+        assert min(abs(quarters - tiles * radius) for tiles in (1, 2, 3) for radius in (0.1, 0.9)) < 1e-6
+    assert "0.4 tile right of the middle of the road" in (tmp_path / "pack" / "README.md").read_text()
 
 
 def test_the_same_maps_give_the_same_bytes_after_an_interruption_too(packed, tmp_path, monkeypatch):

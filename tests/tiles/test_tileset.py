@@ -63,6 +63,13 @@ def test_a_set_may_lack_ends_and_four_way_crossings_and_numbers_are_sorted_as_nu
     assert [tile.name for tile in tiles.tiles][:5] == ["turn_1", "turn_2", "turn_3", "turn_4", "turn_10"]
 
 
+def test_a_set_may_say_where_its_lanes_run(folder):
+    assert load_tiles(folder).lane_offset == 0.2
+    with (folder / "tileset.toml").open("a") as file:
+        file.write("lane_offset = 0.21\n")
+    assert load_tiles(folder).lane_offset == 0.21
+
+
 def test_masks_of_zeros_and_ones_and_grey_pictures_are_fine(folder):
     mask = cv2.imread(str(folder / "turn_1" / "road.png"), cv2.IMREAD_GRAYSCALE)
     cv2.imwrite(str(folder / "turn_1" / "road.png"), mask // 255)
@@ -134,7 +141,12 @@ TOMLS = {
     "name" + ".a" * 30 + " = 1": r"expected name to be text, got {'a': {'a': .{0,80}$",
     "name = 3": "expected name to be text, got 3",
     'blend = "off"': "expected blend to be true or false, got 'off'",
-    'license = "MIT"': "expected the keys name, licence, blend, got 'license'",
+    'license = "MIT"': "expected the keys name, licence, blend, lane_offset, got 'license'",
+    "lane_offset = 0.5": "expected lane_offset to be a number over 0 and under 0.5, got 0.5",
+    "lane_offset = 0": "expected lane_offset to be a number over 0 and under 0.5, got 0",
+    "lane_offset = nan": "expected lane_offset to be a number over 0 and under 0.5, got nan",
+    "lane_offset = true": "expected lane_offset to be a number over 0 and under 0.5, got True",
+    'lane_offset = "0.21"': "expected lane_offset to be a number over 0 and under 0.5, got '0.21'",
 }
 GREY = "expected a mask of two values, 0 and one other, got"
 PICTURES = {
