@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import SEED, check_named, instance, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
-from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
+from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
 from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams, pure_pursuit
@@ -28,7 +28,7 @@ from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive.lanes import Pose, lane_point
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.formats.road_map import RoadMap, read_map
+from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import Movement
@@ -205,7 +205,7 @@ def _describe(error: BaseException, file: str) -> str:
 
 
 def trails(
-    grid: AnyArray, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
+    source: UserValue, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
 ) -> NDArray[np.uint8]:
     """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``: a dot at the start, a ring at the goal.
 
@@ -214,25 +214,25 @@ def trails(
     Raises:
       InputError: for a map that the tiles cannot draw (see `render`), or rides on another map.
     """
-    grid = _map_of(rides, grid)
-    picture = render(grid, tiles, tile_px=tile_px, chosen=chosen).image.copy()
+    road_map = _map_of(rides, source)
+    picture = render(road_map, tiles, tile_px=tile_px, chosen=chosen).image.copy()
     goals = _goals(rides.levels, tiles.lane_offset)
     for index in range(len(rides.steps)):
         _draw_trail(picture, rides, index, rides.steps[index], goals[index], tile_px)
     return picture
 
 
-def _map_of(rides: Rides, grid: AnyArray) -> AnyArray:
-    """Returns the map of rides, read if it is a file; raises `InputError` if the rides are on another one."""
-    grid = read_map(grid) if isinstance(grid, str | Path) else grid
-    driven, links = np.asarray(rides.levels.grid), np.asarray(linked_codes(grid))
+def _map_of(rides: Rides, source: UserValue) -> RoadMap:
+    """Returns the map of rides; raises `InputError` if the rides are on another one."""
+    road_map = as_map(source)
+    driven, links = np.asarray(rides.levels.grid), linked_codes(road_map.codes)
     if driven.shape[1:] != links.shape or (driven != links).any():
         raise InputError("rides: expected rides on the map, got rides on another one")
-    return grid
+    return road_map
 
 
 def film(
-    grid: AnyArray, tiles: TileSet, rides: Rides, index: int = 0, *, tile_px: int = 128, chosen: UserValue = None
+    source: UserValue, tiles: TileSet, rides: Rides, index: int = 0, *, tile_px: int = 128, chosen: UserValue = None
 ) -> Iterator[NDArray[np.uint8]]:
     """Draws a ride frame by frame, 30 per second: the camera's picture, and next to it the map with the robot.
 
@@ -247,8 +247,8 @@ def film(
     """
     count = len(check_named("rides", instance(Rides), rides).steps)
     check_named("index", whole(0, count - 1), index)
-    grid = _map_of(rides, grid)
-    codes, size = np.asarray(check_grid(grid)), check_tile_px(tile_px)
+    road_map = _map_of(rides, source)
+    codes, size = road_map.codes, check_tile_px(tile_px)
     chosen = choose_tiles(codes, tiles) if chosen is None else chosen
     picture = render(codes, tiles, tile_px=size, chosen=chosen)
     # Each cell has its own picture, because blended tiles all differ.
@@ -256,9 +256,9 @@ def film(
     cells = jnp.arange(codes.size, dtype=jnp.int32).reshape(codes.shape)
     camera = Camera(rows=_HEIGHT, columns=640, objects=_MOST_SEEN)
     things = billboards = None
-    if isinstance(grid, RoadMap) and grid.objects:
-        picture = render(grid, tiles, tile_px=size, chosen=chosen)
-        things, billboards = make_objects([grid]), make_billboards(load_objects().views)
+    if road_map.objects:
+        picture = render(road_map, tiles, tile_px=size, chosen=chosen)
+        things, billboards = make_objects([road_map]), make_billboards(load_objects().views)
         things = jax.tree.map(lambda part: part[0], things)
     side = min(_HEIGHT / codes.shape[0], _WIDEST / codes.shape[1])
     shape = max(round(side * codes.shape[1]) // 2 * 2, 2), round(side * codes.shape[0])  # films have even sides

@@ -7,7 +7,8 @@ from itertools import count, groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, bounds, giving_way
 from elitelanes_jax.lanes.links import linked_codes
@@ -27,12 +28,12 @@ _CYCLE = (("green", 200), ("yellow", 30), ("red", 200), ("redYellow", 30))  # of
 _SUCCESSORS = ("successorsRight", "successorsStraight", "successorsLeft")
 
 
-def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
+def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a CommonRoad scenario, ``.xml``.
 
     Args:
-      codes: integer codes ``[H, W]``, or a `RoadMap`. Connections that no neighbour returns, or that leave the grid,
-        are no roads.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour returns, or that
+        leave the grid, are no roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Returns:
@@ -41,12 +42,13 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
       problem: from lanelet 1 to a lanelet that is farthest from there.
 
     Raises:
-      InputError: for a bad grid, one without any road, or bad measures.
+      InputError: for a bad map, one without any road, or bad measures.
     """
-    rights = rights_of_way(codes, streets)
-    graph = lane_graph(codes, turn_back=True)
+    road_map = as_map(source)
+    rights = rights_of_way(road_map, streets)
+    graph = lane_graph(road_map.codes, turn_back=True)
     movements, after = graph.list_movements(), graph.list_successors()
-    links = CONNECTIONS[linked_codes(codes)]
+    links = CONNECTIONS[linked_codes(road_map.codes)]
     sides = [bounds(movement, streets, len(links)) for movement in movements]
     for movement, (left, right) in zip(movements, sides, strict=True):
         if movement.turn == BACK:  # the outline of a lanelet must not touch itself

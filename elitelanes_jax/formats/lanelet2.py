@@ -11,7 +11,8 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, bounds, giving_way
 from elitelanes_jax.lanes.links import linked_codes
@@ -28,12 +29,12 @@ _DELTA = (2 * _N - 2 * _N**2 / 3 - 2 * _N**3, 7 * _N**2 / 3 - 8 * _N**3 / 5, 56 
 _Member = tuple[str, int, str]  # kind of element, number and role
 
 
-def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
+def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a Lanelet2 map, ``.osm``.
 
     Args:
-      codes: integer codes ``[H, W]``, or a `RoadMap`. Connections that no neighbour returns, or that leave the grid,
-        are no roads.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour returns, or that
+        leave the grid, are no roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Returns:
@@ -41,11 +42,12 @@ def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
       enter their tile, and the turn, such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad grid, one without any road, or bad measures.
+      InputError: for a bad map, one without any road, or bad measures.
     """
-    rules = rights_of_way(codes, streets)
-    graph = lane_graph(codes, turn_back=True)
-    links = CONNECTIONS[linked_codes(codes)]
+    road_map = as_map(source)
+    rules = rights_of_way(road_map, streets)
+    graph = lane_graph(road_map.codes, turn_back=True)
+    links = CONNECTIONS[linked_codes(road_map.codes)]
     city = _Map()
     for tile, group in groupby(graph.list_movements(), attrgetter("node.tile")):
         here = {movement: bounds(movement, streets, len(links)) for movement in group}

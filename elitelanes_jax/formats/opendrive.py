@@ -11,14 +11,14 @@ import math
 from itertools import accumulate
 from typing import NamedTuple
 
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._pieces import across, middle
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import Arrival, Signal, list_signals, rights_of_way, signal_element
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import Curve, lane_curves
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
 from elitelanes_jax.lanes.movements import BACK, Movement, lane_graph
-from elitelanes_jax.network.checks import check_grid
 
 # On the equator, on the central meridian of UTM's zone 32.
 _GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
@@ -41,12 +41,12 @@ class _End(NamedTuple):
         return 1 if self.starts else -1
 
 
-def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
+def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 
     Args:
-      codes: integer codes ``[H, W]``, or a `RoadMap`, whose signs and lights are written too. Connections that no
-        neighbour returns, or that leave the grid, are no roads.
+      source: a `RoadMap`, whose signs and lights are written too, a grid ``[H, W]`` of codes, or a file. Connections
+        that no neighbour returns, or that leave the grid, are no roads.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Returns:
@@ -55,12 +55,13 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
       side by which they enter and their turn, such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad grid, one without any road, or bad measures.
+      InputError: for a bad map, one without any road, or bad measures.
     """
-    rules = rights_of_way(codes, streets)
-    graph = lane_graph(codes, turn_back=True)
-    links = linked_tiles(codes)
-    height, width = check_grid(codes).shape
+    road_map = as_map(source)
+    rules = rights_of_way(road_map, streets)
+    graph = lane_graph(road_map.codes, turn_back=True)
+    links = linked_tiles(road_map.codes)
+    height, width = road_map.codes.shape
     nodes = {tile for tile in links if len(links[tile]) != 2}
     for path in walk_roads(links, nodes):
         if path[0] == path[-1]:
@@ -71,7 +72,7 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     ends: dict[Arrival, _End] = {}
     for number, path in enumerate(paths, first):
         ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
-    signals = list_signals(codes, rules, paths)
+    signals = list_signals(road_map, rules, paths)
     roads: list[str] = []
     for number, path in enumerate(paths, first):
         row, column = path[0]

@@ -190,6 +190,8 @@ def as_map(source: UserValue) -> RoadMap:
     Raises:
       InputError: as `as_maps`, or for several maps or none.
     """
+    if isinstance(source, str | Path):
+        return read_map(source)
     maps = as_maps(source)
     if len(maps) != 1:
         raise InputError(f"map: expected one map, got {len(maps)}")

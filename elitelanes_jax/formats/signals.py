@@ -1,6 +1,6 @@
 """Signs and lights of a map: the crossings that they rule, and the signals of OpenDRIVE that they become."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from itertools import count
 from math import cos, hypot, pi, sin
 from typing import NamedTuple
@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance
-from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.network.codes import SIDES
@@ -45,22 +45,22 @@ class Signal(NamedTuple):
     heading: float = 0.0  # of its reader, in radians counter-clockwise from east
 
 
-def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
-    """Returns the right of way of each crossing: by lights or stop signs of a `RoadMap`, otherwise of its streets.
+def rights_of_way(road_map: RoadMap, streets: Streets) -> dict[Cell, str]:
+    """Returns the right of way of each crossing: by its lights or stop signs, otherwise that of the streets.
 
     Raises:
-      InputError: for a bad grid, or `streets` that are not `Streets`.
+      InputError: for `streets` that are not `Streets`.
     """
     check_named("streets", instance(Streets), streets)
-    rules = {tile: streets.right_of_way for tile, others in linked_tiles(codes).items() if len(others) > 2}
-    for thing in sorted(_signs(codes), key=lambda thing: thing.kind):  # lights last: they overrule signs
+    rules = {tile: streets.right_of_way for tile, others in linked_tiles(road_map.codes).items() if len(others) > 2}
+    for thing in sorted(_signs(road_map), key=lambda thing: thing.kind):  # lights last: they overrule signs
         tile = crossing_of(thing, rules)
         if tile and thing.kind in _RULES:
             rules[tile] = _RULES[thing.kind]
     return rules
 
 
-def list_signals(codes: AnyArray, rules: dict[Cell, str], paths: list[list[Cell]]) -> dict[Arrival, list[Signal]]:
+def list_signals(road_map: RoadMap, rules: dict[Cell, str], paths: list[list[Cell]]) -> dict[Arrival, list[Signal]]:
     """Lists the signals at the ends of roads: a sign for the drivers who read it, a light at all ends of its crossing.
 
     `rules` is the right of way of each crossing. It has signs or lights at all ends if the map has none there. `paths`
@@ -73,7 +73,7 @@ def list_signals(codes: AnyArray, rules: dict[Cell, str], paths: list[list[Cell]
     headings = {(tile, before): SIDES.index(side_towards(before, tile)) for tile, before in found}
     passages = _passages(ways)
     middles = np.array([middle for middle, *_ in passages])
-    for thing in _signs(codes):
+    for thing in _signs(road_map):
         tile = crossing_of(thing, rules)
         if thing.kind in _RULES:
             own.add(tile)
@@ -126,8 +126,8 @@ def _end_of_road(sign: MapObject, passages: list[_Passage], middles: NDArray[np.
     return passages[min(np.flatnonzero(away.min(0) == away.min()).tolist(), key=preference)][-1]
 
 
-def _signs(codes: AnyArray) -> list[MapObject]:
-    objects: Iterable[MapObject] = getattr(codes, "objects", None) or ()
+def _signs(road_map: RoadMap) -> list[MapObject]:
+    objects = road_map.objects or ()
     return [thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"]
 
 

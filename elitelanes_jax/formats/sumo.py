@@ -12,16 +12,16 @@ from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int8
 
 from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, to_metres
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
 from elitelanes_jax.lanes.movements import LaneNode, no_road
-from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS
 
 _SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
@@ -61,20 +61,21 @@ class Sumo(NamedTuple):
     settings: str
 
 
-def to_sumo(codes: AnyArray, name: str, streets: Streets = Streets()) -> Sumo:
+def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     """Writes a map for SUMO; the same map gives the same texts.
 
     Connections that no neighbour returns, or that leave the grid, are no roads.
 
     Args:
-      codes: integer codes ``[H, W]``, or a `RoadMap`.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       name: of the files, without their suffixes .nod.xml, .edg.xml and .con.xml, for the settings.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Raises:
-      InputError: for a bad grid, one without any road, a bad name, or bad measures.
+      InputError: for a bad map, one without any road, a bad name, or bad measures.
     """
-    rules, grid = rights_of_way(codes, streets), check_grid(codes)
+    road_map = as_map(source)
+    rules, grid = rights_of_way(road_map, streets), road_map.codes
     roads = _roads(grid)
     if not roads:
         raise no_road()
@@ -96,21 +97,21 @@ def to_sumo(codes: AnyArray, name: str, streets: Streets = Streets()) -> Sumo:
     )
 
 
-def to_sumo_trips(codes: AnyArray, trips: Sequence[tuple[LaneNode, LaneNode]]) -> str:
+def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]]) -> str:
     """Writes trips for SUMO, the text of a file ``.rou.xml``. One trip starts each second, in the order of the list.
 
     A trip leads from the edge of `to_sumo` on which its start is to the edge on which its goal is.
 
     Args:
-      codes: integer codes ``[H, W]``, or a `RoadMap`.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       trips: starts and goals. Each is a `drive.LaneNode` or a plain (row, column, heading): the heading with which
         that tile is entered, 0 north, 1 east, 2 south, 3 west.
 
     Raises:
-      InputError: for a bad grid, or a start or goal that is on no road.
+      InputError: for a bad map, or a start or goal that is on no road.
     """
     edges: dict[tuple[Cell, Cell], str] = {}
-    for road in _roads(check_grid(codes)):
+    for road in _roads(as_map(source).codes):
         for step in pairwise(road):
             edges[step] = _edge_id(road[0], road[1])
 
@@ -148,7 +149,7 @@ def _settings(name: str) -> str:
     return f"<configuration>\n{lines}</configuration>\n"
 
 
-def _roads(grid: AnyArray) -> list[list[Cell]]:
+def _roads(grid: Int8[np.ndarray, "H W"]) -> list[list[Cell]]:
     """Lists the tiles from node to node, of each road in each direction."""
     links = linked_tiles(grid)
     roads = []

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, file_named, instance, is_whole, listed, path, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
-from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
@@ -91,7 +91,7 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
 
 
 def render(
-    grid: AnyArray,
+    source: UserValue,
     tiles: TileSet | str | Path | None = None,
     *,
     tile_px: int = 64,
@@ -102,7 +102,7 @@ def render(
     """Draws a map, with its objects as seen from above.
 
     Args:
-      grid: codes ``[H, W]``, each with a picture in the set; or a `RoadMap`, or the path of a map file.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. The set has a picture for each code.
       tiles: whose pictures to draw with, a set or its folder; by default the package's own.
       tile_px: side of a tile in pixels, 16 to 512.
       seed: of the choice among the pictures of each code (see `choose_tiles`). By default a map is drawn with the same
@@ -111,33 +111,32 @@ def render(
       objects: the pictures of the map's objects, a set or its folder; by default the package's own.
 
     Raises:
-      InputError: for a bad grid or file, a cell or an object without picture in its set, a choice that does not show
+      InputError: for a bad map, a cell or an object without picture in its set, a choice that does not show
         the grid, or a size out of its range.
     """
     tile_px = check_tile_px(tile_px)
     if not isinstance(tiles, TileSet):
         tiles = _own_tiles() if tiles is None else load_tiles(check_named("tiles", path, tiles))
-    if isinstance(grid, str | Path):
-        grid = read_map(grid)
+    road_map = as_map(source)
     if chosen is not None:
-        chosen = _check_choice(grid, tiles, chosen)
+        chosen = _check_choice(road_map.codes, tiles, chosen)
     elif seed is None:
-        chosen = recall_choice(grid, tiles)
+        chosen = recall_choice(road_map, tiles)
     if chosen is None:
-        chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
+        chosen = choose_tiles(road_map.codes, tiles, 0 if seed is None else seed)
     picture = chosen[..., 0] * 4 + chosen[..., 1]
     layers = {name: _lay_out(rotated[picture]) for name, rotated in scale_tiles(tiles, tile_px).items()}
     if tiles.blend:
-        codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
-        toned = apply_tones(layers["image"], solve_tones(codes, picture, small["image"], small["labels"]))
-        layers["image"] = feather(toned, layers["labels"], codes)
+        small = scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
+        toned = apply_tones(layers["image"], solve_tones(road_map.codes, picture, small["image"], small["labels"]))
+        layers["image"] = feather(toned, layers["labels"], road_map.codes)
         if any(tile.opaque is not None for tile in tiles.tiles):
             # Transparent pixels show the ground of empty cells, whose light does not change.
             layers["image"][~show_paved(tiles, chosen, tile_px) & (layers["labels"] == 0)] = GROUND
     instances = None
     if objects is not None:
         objects = load_objects(objects)
-    if things := getattr(grid, "objects", None):
+    if things := road_map.objects:
         placed, order = lay_all_flat(things, load_objects(objects).choose(things, seed or 0), tile_px)
         instances, _ = paste_objects(layers, placed, order)
     return Picture(**layers, instances=instances)
@@ -155,16 +154,16 @@ def check_tile_px(tile_px: UserValue) -> int:
     return int(tile_px)
 
 
-def recall_choice(grid: AnyArray, tiles: TileSet) -> NDArray[np.int_] | None:
-    """Returns the choice of tiles that a `RoadMap` was drawn with, as `choose_tiles` makes it.
+def recall_choice(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
+    """Returns the choice of tiles that a map was drawn with, as `choose_tiles` makes it.
 
     Returns None if it was drawn with another set or not at all, the set lacks a tile, or a tile does not show its
     cell's code.
     """
-    drawn = getattr(grid, "drawn", None)
+    drawn = road_map.drawn
     if drawn is None or drawn.tile_set != tiles.name:
         return None
-    grid, listed, turns = np.asarray(check_grid(grid)), np.array(drawn.tiles), np.array(drawn.quarter_turns)
+    grid, listed, turns = road_map.codes, np.array(drawn.tiles), np.array(drawn.quarter_turns)
     indices = {tile.name: index for index, tile in enumerate(tiles.pictures)}
     if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(indices):
         return None

@@ -125,7 +125,7 @@ def drawn_map(drawn_tiles):
 def test_tiles_are_recalled_where_they_still_fit(drawn_tiles, drawn_map):
     road_map, chosen = drawn_map
     np.testing.assert_array_equal(recall_choice(road_map, drawn_tiles), chosen)
-    assert recall_choice(GRID, drawn_tiles) is None
+    assert recall_choice(RoadMap(GRID), drawn_tiles) is None
     fewer, other = (TileSet(name, "", drawn_tiles.pictures[4:]) for name in (drawn_tiles.name, "other"))
     turned = SimpleNamespace(codes=rotate(GRID, 2), drawn=road_map.drawn)
     cut = SimpleNamespace(codes=GRID[:2], drawn=road_map.drawn)
@@ -176,7 +176,7 @@ def test_wrong_arguments_are_refused(drawn_tiles):
         ({"chosen": wrong}, "chosen: expected a tile of the set .* at row 1, column 2, got tile"),
     ):
         with pytest.raises(InputError, match=message):
-            render(**{"grid": GRID, "tiles": drawn_tiles} | arguments)
+            render(**{"source": GRID, "tiles": drawn_tiles} | arguments)
 
 
 def test_a_picture_is_written_with_its_masks(drawn_tiles, tmp_path):
