@@ -57,7 +57,7 @@ def _check(options: argparse.Namespace) -> int:
     if tiles is None:
         warn("\n".join(problems))
         return 2
-    say(f"{describe_tiles(tiles)}\n{describe_lanes(tiles.tiles)}")
+    say(f"{describe_tiles(tiles)}\n{describe_lanes(tiles.tiles, tiles.lane_offset)}")
     return 0
 
 

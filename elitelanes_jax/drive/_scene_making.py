@@ -11,7 +11,8 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
 from elitelanes_jax.formats.road_map import RoadMap, as_maps
-from elitelanes_jax.network.movements import linked_codes, list_movements
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import movements_of
 from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
 from elitelanes_jax.tiles.rendering import check_tile_px, scale_tiles, show_paved
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -61,7 +62,7 @@ def make_scenes(
 
 def _check_map(name: str, road_map: RoadMap, tiles: TileSet) -> None:
     codes = np.asarray(road_map.codes)
-    if not len(list_movements(codes)):
+    if not movements_of(codes).row.size:
         raise InputError(f"{name}: expected a map with a lane, got one without any movement")
     for code in np.unique(codes).tolist():
         if code not in tiles.rotations:
@@ -73,7 +74,7 @@ def _stack(road_maps: list[RoadMap]) -> SceneMap:
     height, width = (max(road_map.codes.shape[axis] for road_map in road_maps) for axis in (0, 1))
     codes = np.zeros((len(road_maps), height + 2, width + 2), np.int32)
     links = np.zeros_like(codes)
-    listed = [list_movements(np.asarray(road_map.codes)) for road_map in road_maps]
+    listed = [np.stack(movements_of(road_map.codes), axis=1) for road_map in road_maps]
     counts = np.array([len(movements) for movements in listed], np.int32)
     movements = np.zeros((len(road_maps), counts.max(), 4), np.int32)
     for index, road_map in enumerate(road_maps):

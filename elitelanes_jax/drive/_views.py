@@ -26,8 +26,9 @@ from elitelanes_jax.drive._objects import Objects, Rays, stand
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
 from elitelanes_jax.drive._variation import LOOK_NUMBERS, Look, Variation, draw_look, lay_background, photograph
-from elitelanes_jax.drive.lanes import Movement, Pose, lane_curvature, lane_errors, nearest_movement, pose_beside
+from elitelanes_jax.drive.lanes import Pose, lane_curvature, lane_errors, nearest_movement, pose_beside
 from elitelanes_jax.drive.robot import TILE, Robot
+from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import check_key, random_bits, seed_key
 
 _UNIT = 20  # bits of a position after the point

@@ -258,9 +258,7 @@ def _lane_pose(grid: Array, pose: Pose, movement: Movement | None, lane_offset: 
     )
 
 
-def nearest_movement(
-    code: Array, pose: Pose, row: Array, column: Array, lane_offset: float = LANE_OFFSET
-) -> Movement:
+def nearest_movement(code: Array, pose: Pose, row: Array, column: Array, lane_offset: float = LANE_OFFSET) -> Movement:
     """Returns the movement that `lane_pose` uses by default, on a tile whose code has only links."""
     heading, turn = (jnp.asarray(index, jnp.int32) for index in np.indices((4, 3)).reshape(2, 12))
     every = Movement(row, column, heading, turn)

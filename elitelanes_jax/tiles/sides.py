@@ -10,7 +10,6 @@ from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.files import Tile
 
-LANE_OFFSET = 0.2
 """Tiles from the road's middle to the middle of a lane in our model of lanes."""
 
 _SEEN = 1 / 5  # the strip along a side in which a separator begins
@@ -48,8 +47,8 @@ def measure_sides(tile: Tile) -> list[SideLines]:
     return measured
 
 
-def describe_lanes(tiles: Sequence[Tile]) -> str:
-    """Returns a table of the lines at each open side, and the mean place of the lanes beside our model's."""
+def describe_lanes(tiles: Sequence[Tile], lane_offset: float) -> str:
+    """Returns a table of the lines at each open side, and the mean place of the lanes beside `lane_offset`."""
     rows = ["in tiles from the left end of each side, seen from inside: road, separator, white lines; lanes' offset"]
     offsets: dict[bool, list[float]] = {True: [], False: []}
     for tile in tiles:
@@ -62,9 +61,7 @@ def describe_lanes(tiles: Sequence[Tile]) -> str:
             )
     # Half the width of a separator is part of the offset.
     offset = np.mean(offsets[True] or offsets[False])
-    return "\n".join(
-        [*rows, f"lanes run {offset:.3f} tiles beside the road's middle; the lane model has {LANE_OFFSET}"]
-    )
+    return "\n".join([*rows, f"lanes run {offset:.3f} tiles beside the road's middle; lane_offset is {lane_offset:g}"])
 
 
 def _text(place: float | None) -> str:

@@ -129,11 +129,15 @@ def test_an_interruption_before_any_grid_is_evaluated_has_nothing(number, monkey
     assert type(caught.value) is KeyboardInterrupt
 
 
+def compiled_anew(setup, keys, *arguments):
+    return Programs(setup, jax.ShapeDtypeStruct(keys.shape, keys.dtype), *arguments, folder=None)
+
+
 def test_an_interruption_while_compiling_keeps_what_was_there_before(whole, monkeypatch):
     half = run(generations=130)
     for state, kind in ((None, KeyboardInterrupt), (half.state, SearchInterrupted)):
         with monkeypatch.context() as patch:
-            patch.setattr(search, "find_programs", lambda *arguments: Programs(*arguments, folder=None))
+            patch.setattr(search, "find_programs", compiled_anew)
             interrupt_at(patch, 1, _programs)
             with pytest.raises(KeyboardInterrupt) as caught:
                 run(generations=5, state=state)
