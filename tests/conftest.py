@@ -74,6 +74,26 @@ def grids(*, thin=False):
     return shapes.flatmap(lambda shape: hnp.arrays(np.int8, shape, elements=st.integers(0, 15)))
 
 
+# Rooms whose tests run under JAX's strict settings, so that no shape and no dtype of ours depends on a promotion.
+STRICT = ("network", "problem", "optimizers", "drive")
+
+
+@pytest.fixture(autouse=True)
+def strict(request: pytest.FixtureRequest) -> Iterator[None]:
+    if request.path.parent.name in STRICT:
+        with jax.numpy_rank_promotion("raise"), jax.numpy_dtype_promotion("strict"):
+            yield
+    else:
+        yield
+
+
+@pytest.fixture
+def standard() -> Iterator[None]:
+    """Allows promotions in a strict room: for tests that compute as users and other libraries do."""
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        yield
+
+
 @pytest.fixture
 def any_types() -> Iterator[None]:
     """Turns the check of types off: for tests of wrong arguments, and for tests that call Python functions often."""

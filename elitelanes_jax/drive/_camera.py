@@ -18,14 +18,17 @@ from elitelanes_jax._util.checks import check_named, instance, none_or, real, wh
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._hashing import fork, hash_normal, mix
 from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, stand
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.network.sharding import divide_batches
 
 
+@runs_jax
 def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
     """Makes an atlas: the pictures of all tiles of a set, in all rotations, as pixels of colour and label.
 
@@ -131,6 +134,7 @@ class Sight(NamedTuple):
     billboards: Billboards | None = None
 
 
+@runs_jax
 def make_sight(
     images: AnyArray,
     labels: AnyArray,
@@ -164,6 +168,8 @@ def make_sight(
     return Sight(camera, atlas, jnp.asarray(tiles), None if objects is None else make_billboards(objects))
 
 
+@runs_jax
+@divide_batches
 def ground_points(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
     """Returns where the ray of each pixel's centre meets the ground, relative to the middle between the wheels.
 
@@ -190,8 +196,8 @@ def rays_of(camera: Camera, samples: int = 1) -> Rays:
     """Returns the rays of pixels' centres, or of `samples` times `samples` points in each pixel."""
     rows, columns = camera.rows * samples, camera.columns * samples
     focal = rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
-    right = (jnp.arange(columns) + 0.5 - columns / 2) / focal
-    down = ((jnp.arange(rows) + 0.5 - rows / 2) / focal)[:, None]
+    right = (jnp.arange(columns, dtype=jnp.float32) + 0.5 - columns / 2) / focal
+    down = ((jnp.arange(rows, dtype=jnp.float32) + 0.5 - rows / 2) / focal)[:, None]
     if camera.distortion is not None:
         right, down = _undistort(*jnp.broadcast_arrays(right, down), *camera.distortion)
     pitch = jnp.deg2rad(camera.pitch)
@@ -227,6 +233,8 @@ def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Arr
     return right * factor, down * factor
 
 
+@runs_jax
+@divide_batches
 def look(
     key: Key[Array, ""],
     pose: Pose,
@@ -293,7 +301,7 @@ def _render(
     colours = []
     for channel, (ground, sky) in enumerate(zip(camera.ground, camera.sky, strict=True)):
         around = jnp.where(seen, ground, sky)
-        colour = jnp.where(inside, pixel >> (8 * channel) & 255, around) * camera.light
+        colour = jnp.where(inside, (pixel >> (8 * channel) & 255).astype(jnp.float32), around) * camera.light
         if noise_seed is not None:
             colour += camera.noise * hash_normal(fork(noise_seed, channel), colour.shape)
         colours.append(jnp.clip(jnp.round(colour), 0, 255).astype(jnp.uint32))
@@ -311,6 +319,8 @@ def _rows(camera: Camera, rays: Rays) -> tuple[Array, Array, Array]:
     return seen, jnp.where(seen, ahead, 0) / TILE, jnp.where(seen, -reach, 0) / TILE
 
 
+@runs_jax
+@divide_batches
 def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: Objects | None = None) -> View:
     """Renders the view from a pose on a grid. The camera's noise depends on the pose alone.
 
@@ -322,7 +332,7 @@ def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: 
     """
     grid = jnp.asarray(grid)
     height, width = grid.shape
-    index = jnp.arange(height)[:, None] + 2 * jnp.arange(width)
+    index = jnp.arange(height)[:, None] + 2 * jnp.arange(width)[None]
     tiles = sight.tiles[grid.astype(jnp.int32), index % sight.tiles.shape[1]]
     seed = jnp.uint32(0)
     for part in pose:

@@ -2,14 +2,17 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
 from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive.lanes import single
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import EXIT, LaneNode
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.sharding import divide_batches
 
 UNREACHABLE = 2**30
 """The distance if no way leads to the goal."""
@@ -20,6 +23,8 @@ NO_WAY = 3
 _SWEEPS = 4  # between two checks for changes
 
 
+@runs_jax
+@divide_batches
 def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
     """Returns which nodes a grid has: a tile has the node of a heading if it is linked to the tile behind it.
 
@@ -30,6 +35,7 @@ def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
     return jnp.stack([links & side.opposite > 0 for side in SIDES], axis=-1)
 
 
+@runs_jax
 def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 4"]:
     """Computes the number of tiles of a shortest way to the goal, from every node of a grid.
 
@@ -47,12 +53,14 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
 
 
 @jax.jit
+@divide_batches
 def _distances(grid: Array, goal: LaneNode) -> Array:
     links = linked_codes(grid)
     reached, _ = _relax(links, goal)
     return jnp.where(lane_nodes(links), jnp.moveaxis(reached, 0, -1), UNREACHABLE)
 
 
+@runs_jax
 def shortest_ways(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> UInt8[Array, "H W"]:
     """Computes the turn at every node of a grid for a shortest way to the goal, two bits per heading.
 
@@ -63,6 +71,7 @@ def shortest_ways(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> UInt8[Array, "
 
 
 @jax.jit
+@divide_batches
 def _shortest_ways(grid: Array, goal: LaneNode) -> Array:
     _, onward = _relax(linked_codes(grid), goal)
     ways = jnp.zeros(onward.shape[1:], jnp.uint8)
@@ -82,8 +91,8 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
     # The longest way visits each node once. Small numbers are faster if they suffice.
     dtype = jnp.int16 if 4 * height * width < 2**14 else jnp.int32
     far = dtype(2**14) if dtype == jnp.int16 else dtype(UNREACHABLE)
-    rows, columns = jnp.arange(height)[:, None], jnp.arange(width)
-    at_goal = (rows == goal.row) & (columns == goal.column) & (jnp.arange(4)[:, None, None] == goal.heading)
+    headings, rows, columns = np.ogrid[:4, :height, :width]
+    at_goal = (rows == goal.row) & (columns == goal.column) & (headings == goal.heading)
     at_goal &= jnp.stack([links & side.opposite > 0 for side in SIDES])
     walls = [jnp.where(links & side.bit > 0, dtype(0), far) for side in SIDES]
 

@@ -9,9 +9,11 @@ from jaxtyping import Array, Bool, Float, Key
 
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.faces import name_wrong_arguments
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.drive._levels import Level
 from elitelanes_jax.network.bits import randint, random_bits
+from elitelanes_jax.network.sharding import divide_batches
 
 
 class Transition(NamedTuple):
@@ -70,6 +72,8 @@ def auto_reset(environment: Environment) -> Environment:
     """
     check_named("environment", instance(Environment), environment)
 
+    @runs_jax
+    @divide_batches
     def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
         # Folded in instead of split, so that an unused key costs nothing.
         done = environment.step(jax.random.fold_in(key, 0), state, action, params)

@@ -16,6 +16,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, nested, option
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.drive._camera import Sight, look_around
 from elitelanes_jax.drive._distances import NO_WAY
@@ -37,6 +38,7 @@ from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset
 from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.sharding import divide_batches
 
 
 def _check_sight(value: UserValue) -> Sight | None:
@@ -179,7 +181,9 @@ _Parts = dict[str, Pytree]  # parts of a state, by name
 
 
 @name_wrong_arguments
+@runs_jax
 @jax.jit
+@divide_batches
 def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
     """Starts on a level drawn uniformly from ``params.levels``; the key is consumed."""
     levels = params.levels
@@ -196,7 +200,9 @@ def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObser
 
 
 @name_wrong_arguments
+@runs_jax
 @jax.jit
+@divide_batches
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
@@ -249,7 +255,9 @@ class _Events(NamedTuple):
 
 
 @name_wrong_arguments
+@runs_jax
 @jax.jit
+@divide_batches
 def _step(
     key: Key[Array, ""], state: LaneDriveState, action: Float[ArrayLike, "2"], params: LaneDriveParams
 ) -> Transition:
@@ -272,17 +280,18 @@ def _step(
     moved, events = once(lambda: _move(key, state, action, params))
     success, off_road, d, phi = events.success, events.off_road, moved["d"], moved["phi"]
     own, oncoming = ~off_road & (jnp.abs(d) <= params.lane_offset), ~off_road & (d > params.lane_offset)
-    costs = params.offset_cost * jnp.abs(d) + params.heading_cost * jnp.abs(phi) + params.oncoming_cost * oncoming
-    reward = params.progress_reward * events.along * own - costs * params.robot.dt
-    reward += params.goal_reward * success - params.leaving_cost * off_road
+    costs = params.offset_cost * jnp.abs(d) + params.heading_cost * jnp.abs(phi)
+    costs += params.oncoming_cost * jnp.float32(oncoming)
+    reward = params.progress_reward * events.along * jnp.float32(own) - costs * params.robot.dt
+    reward += params.goal_reward * jnp.float32(success) - params.leaving_cost * jnp.float32(off_road)
     terminated = success | off_road
     if events.collision is not None:
         ends = params.collision == "terminate"
-        reward -= params.collision_cost * events.collision * (1 if ends else params.robot.dt)
+        reward -= params.collision_cost * jnp.float32(events.collision) * (1 if ends else params.robot.dt)
         terminated |= events.collision & ends
-    tiles, steps = state.tiles + events.entered, state.steps + 1
+    tiles, steps = state.tiles + events.entered.astype(jnp.int32), state.steps + 1
     after = state._replace(**moved, tiles=tiles, steps=steps)
-    spl = success * state.shortest / jnp.maximum(jnp.maximum(tiles, state.shortest), 1)
+    spl = success.astype(jnp.int32) * state.shortest / jnp.maximum(jnp.maximum(tiles, state.shortest), 1)
     info = LaneDriveInfo(
         success, off_road, own, oncoming, tiles, state.shortest, spl.astype(jnp.float32), events.collision
     )
@@ -315,6 +324,8 @@ def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriv
     return moved, _Events(entered, success, off_road, along, collision)
 
 
+@runs_jax
+@divide_batches
 def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObservation:
     if params.observe == "camera" and params.sight is not None:
         image = look_around(state.pose, state.grid, params.sight, state.objects).image
@@ -347,7 +358,9 @@ def _go_on(
         heading, entered = jnp.where(this, index, heading), entered | this
     astray = ~entered & ((down != 0) | (right != 0))
     node = LaneNode(
-        before.row + down * entered, before.column + right * entered, jnp.where(entered, heading, before.heading)
+        jnp.where(entered, before.row + down, before.row),
+        jnp.where(entered, before.column + right, before.column),
+        jnp.where(entered, heading, before.heading),
     )
     as_meant = heading == before.next_node.heading
     bits = random_bits(key, (2,)) if params.task == "lane" else jnp.zeros(2, jnp.uint32)
@@ -390,6 +403,8 @@ _SPEED = 0.3  # metres a second
 _LOOKAHEAD = 0.12  # tiles along the lane, from the point beside the robot to the point that it drives to
 
 
+@runs_jax
+@divide_batches
 def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array, "2"]:
     """Returns the expert's action: to drive at 0.3 m/s along the arc to a point of the lane 0.12 tiles ahead.
 

@@ -9,14 +9,17 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import Numeric, UserValue
+from elitelanes_jax._util.running import runs_jax
+from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive._objects import Objects, make_objects
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import LaneNode, movements_of
-from elitelanes_jax.network.bits import check_key, randint, random_bits
+from elitelanes_jax.network.bits import check_key, randint, random_bits, split
+from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
+from elitelanes_jax.network.sharding import divide_batches
 
 
 class Level(NamedTuple):
@@ -39,6 +42,7 @@ class Level(NamedTuple):
     objects: Objects | None = None
 
 
+@runs_jax
 def random_level(
     key: Key[Array, ""],
     grid: Int[Array | np.ndarray, "H W"],
@@ -57,6 +61,11 @@ def random_level(
     Raises:
       InputError: for a bad grid.
     """
+    return _random_level(key, check_grid(grid), least, most)
+
+
+@divide_batches
+def _random_level(key: Array, grid: AnyArray, least: Int[ArrayLike, ""], most: Int[ArrayLike, ""]) -> Level:
     links = jnp.asarray(linked_codes(grid))
     width = links.shape[1]
     bits = random_bits(key, (2,))
@@ -81,6 +90,7 @@ def _draw(bits: Array, among: Array, width: int) -> LaneNode:
     return LaneNode(index // (4 * width), index // 4 % width, index % 4)
 
 
+@runs_jax
 def make_levels(
     key: Key[Array, ""],
     grids: UserValue,
@@ -116,7 +126,7 @@ def make_levels(
     total = len(maps) if count is None else check_named("count", whole(1), count)
     least, most = check_named("least", whole(1), least), check_named("most", whole(1), most)
     map_of = np.arange(total) % len(maps)
-    levels = _random_levels(jax.random.split(key, total), np.stack(maps, dtype=np.int8)[map_of], least, most)
+    levels = _random_levels(split(key, total), np.stack(maps, dtype=np.int8)[map_of], least, most)
     return levels._replace(objects=jax.tree.map(lambda part: part[map_of], make_objects(given)))
 
 

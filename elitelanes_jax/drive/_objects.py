@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int32, UInt32
 
 from elitelanes_jax._util.checks import check_named, listed
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
@@ -61,6 +62,7 @@ class Billboards(NamedTuple):
     aspect: Float[Array, " P"]
 
 
+@runs_jax
 def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     """Makes the objects of maps, a batch; None if no map has any. Raises `InputError` for other things than maps."""
     check_named("maps", listed(RoadMap), maps)
@@ -79,6 +81,7 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     return Objects(kind.astype(jnp.int32), *rest)
 
 
+@runs_jax
 def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     """Makes the pictures that cameras show of objects; what has none is not shown.
 
@@ -146,9 +149,10 @@ def stand(
         """Computes all that is the same for a row of pixels, for each object."""
         distance, wide, high, chosen = (part[near] for part in (ahead, width, objects.height, picture))
         column = (..., *[None] * 2)
-        scale = jnp.where(rays.forward > 1e-6, distance[column] / jnp.maximum(rays.forward, 1e-6), jnp.inf)
+        forward, fall = rays.forward[None], rays.fall[None]
+        scale = jnp.where(forward > 1e-6, distance[column] / jnp.maximum(forward, 1e-6), jnp.inf)
         scale = jnp.where(jnp.isfinite(scale), scale, 0)
-        up = height - scale * rays.fall
+        up = height - scale * fall
         row = jnp.floor((1 - up / jnp.where(high > 0, high, 1)[column]) * _SIDE).astype(jnp.int32)
         hit = (row >= 0) & (row < _SIDE) & (scale > 0)
         first = chosen[column] * _SIDE + jnp.clip(row, 0, _SIDE - 1)
@@ -188,7 +192,7 @@ def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[A
     # Nearly straight arcs are lines: from them an arc is at most 1/4000 of its length away.
     is_line = (jnp.abs(turn) < 1e-3) | (length < 1e-6)
     share = jnp.clip(way @ offset / jnp.where(length > 0, length, 1) ** 2, 0, 1)
-    to_line = jnp.hypot(*(offset - share * way[:, None]))
+    to_line = jnp.hypot(*(offset - share[None] * way[:, None]))
     half = jnp.where(is_line, 1, turn) / 2
     left = jnp.stack([-way[1], way[0]])
     centre = (way + left / jnp.tan(half)) / 2

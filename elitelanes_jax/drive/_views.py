@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int32, Key, UInt8, UInt32
 
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.running import allows_promotions, runs_jax
 from elitelanes_jax.drive._camera import Camera, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
 from elitelanes_jax.drive._objects import Objects, Rays, stand
@@ -197,7 +198,9 @@ def _check_arguments(scenes: Scenes, batch: int, camera: Camera, variation: Vari
                 raise InputError(f"{name}: expected a number or an array [{batch}], got shape {np.shape(number)}")
 
 
+@runs_jax
 @partial(jax.jit, static_argnames=("batch", "samples"))
+@allows_promotions
 def _draw(key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int) -> Views:
     keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(batch))
     camera, variation = jax.tree.map(

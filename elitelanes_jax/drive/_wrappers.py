@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import check_names
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import DISABLED, Batch, action_space, check_module, flattened, observation_space
 from elitelanes_jax.drive._environment import Environment, auto_reset
@@ -84,6 +85,7 @@ class GymnaxEnv:
         self.name = type(params).__name__.removesuffix("Params")
         self.num_actions = environment.actions or environment.action_size
 
+    @runs_jax
     def reset(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
         """Starts an episode on a level drawn from the parameters: (observation, state)."""
         return self._environment.reset(key, self.default_params if params is None else params)
@@ -108,6 +110,7 @@ class GymnaxEnv:
         """Returns the space of observations."""
         return observation_space(self._environment, self.default_params if params is None else params, self._spaces)
 
+    @runs_jax
     def _step(
         self, environment: Environment, key: Array, state: Pytree, action: Pytree, params: Pytree
     ) -> tuple[Pytree, ...]:
@@ -150,10 +153,12 @@ def gymnasium_env(
         render_mode = None if draw is None else "rgb_array"
         action_space, observation_space = batch.spaces(gymnasium.spaces)
 
+        @runs_jax
         def reset(self, *, seed: int | None = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
             super().reset(seed=seed)
             return batch.reset([seed])[0], {}
 
+        @runs_jax
         def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
             done = batch.step(np.asarray(action)[None])
             metrics = {name: metric[0, ...] for name, metric in done.metrics.items()}

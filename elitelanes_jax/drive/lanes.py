@@ -20,12 +20,15 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.running import runs_jax
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset, lane_bends, lane_lengths, lane_radii, on_road
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import MOVEMENTS, Movement
+from elitelanes_jax.network.bits import uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.sharding import divide_batches
 
 _DOWN = np.array([side.down for side in SIDES], np.int32)
 _ACROSS = np.array([side.right for side in SIDES], np.int32)
@@ -96,6 +99,8 @@ class LanePose(NamedTuple):
     found: Bool[Array, "..."]
 
 
+@runs_jax
+@divide_batches
 def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
     """Returns which movements each tile of a grid has, by the heading when it is entered and the turn.
 
@@ -148,12 +153,14 @@ def lane_point(
     straight = bend == 0
     forward = jnp.where(straight, s, (radius - bend * d) * jnp.sin(angle))
     left = jnp.where(straight, d - lane_offset, bend * (0.5 - (radius - bend * d) * jnp.cos(angle)))
-    ahead_x, ahead_y = _choose(_ACROSS, movement.heading), _choose(_DOWN, movement.heading)
-    x = movement.column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
-    y = movement.row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
+    ahead_x, ahead_y = _towards(movement)
+    west, north = (jnp.asarray(part, jnp.float32) for part in (movement.column, movement.row))
+    x = west + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
+    y = north + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
     return Pose(x, y, wrap_angle(_choose(_ANGLE, movement.heading) + bend * angle))
 
 
+@runs_jax
 def random_pose(
     key: Key[Array, ""],
     grid: Int[ArrayLike, "H W"],
@@ -178,10 +185,15 @@ def random_pose(
       InputError: for a bad grid, or a `lane_offset` that is not over 0 and under 0.5.
     """
     check_named("lane_offset", check_lane_offset, lane_offset)
+    return _random_pose(key, check_grid(grid), offset, heading, lane_offset=lane_offset)
+
+
+@divide_batches
+def _random_pose(key: Array, grid: AnyArray, offset: ArrayLike, heading: ArrayLike, *, lane_offset: float) -> Pose:
     exists = movements(grid)
     count = jnp.cumsum(exists.reshape(-1))
-    which, along, beside, turned = jax.random.uniform(key, (4,))
-    index = jnp.searchsorted(count, jnp.floor(which * count[-1]).astype(jnp.int32) + 1)
+    which, along, beside, turned = uniform(key, (4,))
+    index = jnp.searchsorted(count, jnp.floor(which * count[-1].astype(jnp.float32)).astype(jnp.int32) + 1)
     row, column, entered, turn = jnp.unravel_index(jnp.minimum(index, count.size - 1).astype(jnp.int32), exists.shape)
     movement = Movement(row, column, entered, turn)
     return pose_beside(movement, along, beside, turned, offset=offset, heading=heading, lane_offset=lane_offset)
@@ -211,9 +223,10 @@ def tile_at(
     row, column = jnp.floor(y).astype(jnp.int32), jnp.floor(x).astype(jnp.int32)
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     code = jnp.where(inside, grid[jnp.clip(row, 0, height - 1), jnp.clip(column, 0, width - 1)], 0)
-    return row, column, code, on_road(code, x - column, y - row)
+    return row, column, code, on_road(code, x - column.astype(jnp.float32), y - row.astype(jnp.float32))
 
 
+@runs_jax
 def lane_pose(
     grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None, *, lane_offset: float = LANE_OFFSET
 ) -> LanePose:
@@ -231,11 +244,12 @@ def lane_pose(
       InputError: for a bad grid, a pose that is not a `Pose`, or a `lane_offset` that is not over 0 and under 0.5.
     """
     lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
-    return _lane_pose(check_grid(grid), check_named("pose", single(Pose), pose), movement, lane_offset)
+    return _lane_pose(check_grid(grid), check_named("pose", single(Pose), pose), movement, lane_offset=lane_offset)
 
 
 @partial(jax.jit, static_argnames="lane_offset")
-def _lane_pose(grid: Array, pose: Pose, movement: Movement | None, lane_offset: float) -> LanePose:
+@divide_batches
+def _lane_pose(grid: Array, pose: Pose, movement: Movement | None, *, lane_offset: float) -> LanePose:
     height, width = grid.shape
     links = linked_codes(grid)
     row, column, code, road = tile_at(links, pose.x, pose.y)
@@ -264,16 +278,23 @@ def nearest_movement(code: Array, pose: Pose, row: Array, column: Array, lane_of
     every = Movement(row, column, heading, turn)
     d, phi, _ = lane_errors(pose, every, lane_offset)
     exists = jnp.asarray(MOVEMENTS)[code].reshape(12)
-    rank = jnp.abs(d) + 100 * (jnp.cos(phi) <= 0) + 10_000 * ~exists
+    rank = jnp.abs(d) + jnp.where(jnp.cos(phi) <= 0, 100.0, 0.0) + jnp.where(exists, 0.0, 10_000.0)
     best = jnp.argmin(rank)
     return Movement(row, column, heading[best], turn[best])
 
 
 def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
     """Returns a point's distances forward and left of the middle of the side by which a movement enters."""
-    east, south = pose.x - (movement.column + 0.5), pose.y - (movement.row + 0.5)
-    ahead_x, ahead_y = _choose(_ACROSS, movement.heading), _choose(_DOWN, movement.heading)
+    west, north = (jnp.asarray(part, jnp.float32) for part in (movement.column, movement.row))
+    east, south = pose.x - (west + 0.5), pose.y - (north + 0.5)
+    ahead_x, ahead_y = _towards(movement)
     return east * ahead_x + south * ahead_y + 0.5, east * ahead_y - south * ahead_x
+
+
+def _towards(movement: Movement) -> tuple[Array, Array]:
+    """Returns the tiles that a movement goes east and south where it enters its tile, as floats."""
+    ahead_x, ahead_y = (_choose(table.astype(np.float32), movement.heading) for table in (_ACROSS, _DOWN))
+    return ahead_x, ahead_y
 
 
 def _choose(table: NDArray[np.generic], index: Int[ArrayLike, "..."]) -> Array:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import SEED, check_named, instance, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
 from elitelanes_jax.drive._environment import Transition
@@ -32,7 +33,7 @@ from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import Movement
-from elitelanes_jax.network.bits import seed_key
+from elitelanes_jax.network.bits import seed_key, split, uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render, scale_tiles
@@ -79,6 +80,7 @@ class Rides(NamedTuple):
     success: NDArray[np.bool_]
 
 
+@runs_jax
 def make_rides(
     grid: ArrayLike,
     count: int = 1,
@@ -107,7 +109,7 @@ def make_rides(
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     check_named("seed", SEED, seed)
     furthest = max(int(_PACE * seconds), 1)
-    drawing, driving = jax.random.split(seed_key(seed))
+    drawing, driving = split(seed_key(seed))
     levels = make_levels(drawing, check_grid(grid)[None], count, least=min(4, furthest), most=furthest)
     steps = max(round(seconds * _RATE), 1)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
@@ -126,7 +128,7 @@ def _drive(
     policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.bool_]]:
     """Returns the poses ``[N, 3, steps + 1]``, the numbers of steps, and which rides reached their goals."""
-    keys = jax.random.split(key, params.levels.grid.shape[0])
+    keys = split(key, params.levels.grid.shape[0])
     seen, states = _begin(keys, params.levels, params)
     poses = np.repeat(np.stack(jax.device_get(states.pose), axis=1)[:, :, None], steps + 1, axis=2)
     over, lengths, success = (np.zeros(len(keys), kind) for kind in (bool, np.int32, bool))
@@ -164,7 +166,7 @@ def _go(
     if policy == "route":
         action = pure_pursuit(state, params)
     elif policy == "random":
-        action = jax.random.uniform(jax.random.fold_in(moving, 0), (2,))
+        action = uniform(jax.random.fold_in(moving, 0), (2,))
     return LaneDrive.step(moving, state, action, params)
 
 
@@ -204,6 +206,7 @@ def _describe(error: BaseException, file: str) -> str:
     return f"{type(error).__name__}: {error}" + (f" (line {lines[-1]} of {file})" if lines else "")
 
 
+@runs_jax
 def trails(
     source: UserValue, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
 ) -> NDArray[np.uint8]:
@@ -283,6 +286,7 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
     return cells.reshape(height * width, size, size, *layer.shape[2:])
 
 
+@runs_jax
 @jax.jit
 def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera, things: Pytree, billboards: Pytree) -> Pytree:
     return jax.vmap(lambda pose: look(seed_key(0), pose, cells, atlas, camera, things, billboards).image)(poses)
@@ -326,6 +330,7 @@ def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     return len(animation.frames)
 
 
+@runs_jax
 def _goals(levels: Level, lane_offset: float) -> NDArray[np.float32]:
     """Returns where lanes enter the goals' tiles, ``[N, 2]``, x and y."""
     entering = Movement(*levels.goal, turn=jnp.int32(1))

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Key
 
@@ -12,6 +11,7 @@ from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
+from elitelanes_jax.network.bits import normal
 
 TILE = 0.585
 """The side of a tile in metres."""
@@ -88,7 +88,7 @@ def drive(
         age = jnp.arange(_DELAYS, dtype=jnp.float32)
         shares = (jnp.maximum(1 - jnp.abs(age - robot.latency), 0)[:, None] * commands).sum(axis=0)
     if robot.noise is not None:
-        shares = shares + robot.noise * jax.random.normal(key, (2,), jnp.float32)
+        shares = shares + robot.noise * normal(key, (2,))
     left = shares[0] * robot.top_speed * (1 - robot.trim)
     right = shares[1] * robot.top_speed * (1 + robot.trim)
     speed, turn = (left + right) / 2, (right - left) / robot.wheel_distance

@@ -163,7 +163,7 @@ class _Arrangement(NamedTuple):
         count = (labels.size - 2 * self.margin) // self.initial.size
         first_of_grid = self.margin + jnp.arange(count) * self.initial.size
         first_of_grid = jnp.pad(jnp.repeat(first_of_grid, self.initial.size), self.margin)
-        return (first_of_grid + labels,)
+        return (first_of_grid + labels.astype(jnp.int32),)
 
 
 def _extend(cells: Array, before: int, after: int) -> Array:

@@ -1,20 +1,23 @@
 """Random choices from random bits: numbers and grids, exact and the same on every machine."""
 
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from math import log, prod
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt32
+from jaxtyping import Array, ArrayLike, Bool, Float32, Int, Int8, Int32, Key, Real, UInt32
 from numpy.polynomial import Chebyshev, Polynomial
 
 from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET, check_alphabet
-from elitelanes_jax.network.xla import UNIT, materialize, take
+from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.xla import UNIT, align, materialize, take
 
 
 def check_key(key: UserValue) -> None:
@@ -27,29 +30,61 @@ def check_key(key: UserValue) -> None:
 THREEFRY = "threefry2x32"
 """The kind of key that JAX makes by default."""
 
-_PARTITIONABLE = "jax_threefry_partitionable"  # a setting of JAX, on by default
+
+def default_draws() -> AbstractContextManager[None]:
+    """Makes `jax.random` draw the same in its block, whatever the setting `jax_threefry_partitionable` is."""
+    draws: AbstractContextManager[None] = jax.threefry_partitionable(True)
+    return draws
 
 
+@runs_jax
 def seed_key(seed: int) -> Key[Array, ""]:
-    """Returns the key of a whole number, 0 to 2**32 - 1: the same whatever kind of key JAX is set to make."""
-    return jax.random.key(np.uint32(seed), impl=THREEFRY)
+    """Returns the key of a whole number, 0 to 2**32 - 1: the same whatever JAX's settings."""
+    return jax.random.wrap_key_data(jax.device_put(np.array([0, seed], np.uint32)), impl=THREEFRY)
 
 
+@runs_jax
 def random_bits(key: Key[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:
-    """Draws uint32 ``[*shape]``, the same bits as `jax.random.bits`; the key is consumed."""
+    """Draws uint32 ``[*shape]``, the same bits as `jax.random.bits` by default; the key is consumed."""
+    return _random_bits(key, shape=shape)
+
+
+@divide_batches
+def _random_bits(key: Key[Array, ""], *, shape: tuple[int, ...]) -> UInt32[Array, "..."]:
     size = prod(shape)
-    if not _is_threefry(key) or not getattr(jax.config, _PARTITIONABLE, True):
-        return jax.random.bits(key, (size,), jnp.uint32).reshape(shape)  # one vector compiles four times faster
+    if not _is_threefry(key):
+        with default_draws():
+            return jax.random.bits(key, (size,), jnp.uint32).reshape(shape)  # one vector compiles four times faster
     left, right = threefry(jax.random.key_data(key), jnp.arange(size, dtype=jnp.uint32))
     return materialize(left ^ right).reshape(shape)
 
 
+@runs_jax
+@divide_batches
 def fold_in(key: Key[Array, ""], number: Int[ArrayLike, ""]) -> Key[Array, ""]:
     """Returns the same key as `jax.random.fold_in`."""
     if not _is_threefry(key):
         return jax.random.fold_in(key, number)
     data = threefry(jax.random.key_data(key), jnp.asarray(number, jnp.uint32))
     return jax.random.wrap_key_data(materialize(jnp.stack(data)), impl=THREEFRY)
+
+
+def split(key: Key[Array, ""], count: int = 2) -> Key[Array, " count"]:
+    """Returns the same keys as `jax.random.split` by default; the key is consumed."""
+    with default_draws():
+        return jax.random.split(key, count)
+
+
+def uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Float32[Array, "..."]:
+    """Returns the same numbers in [0, 1) as `jax.random.uniform` by default; the key is consumed."""
+    with default_draws():
+        return jax.random.uniform(key, shape, jnp.float32)
+
+
+def normal(key: Key[Array, ""], shape: tuple[int, ...]) -> Float32[Array, "..."]:
+    """Returns the same normally distributed numbers as `jax.random.normal` by default; the key is consumed."""
+    with default_draws():
+        return jax.random.normal(key, shape, jnp.float32)
 
 
 def _is_threefry(key: Key[Array, ""]) -> bool:
@@ -89,6 +124,7 @@ def symmetric_uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Arra
     return random_bits16(key, shape) // 8 - UNIT
 
 
+@runs_jax
 def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[Array, "..."]:
     """Returns a whole number in [0, count) from 32 random bits, each with probability 1 / count within 2**-32.
 
@@ -106,15 +142,17 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
     bits = jnp.asarray(bits)
     high, low = bits >> 16, bits & 0xFFFF
     if isinstance(count, int | np.integer | np.ndarray) and np.max(count, initial=0) < 2**16:
-        few = np.asarray(count).astype(np.uint32)  # the terms below without those that are 0
+        high, low, few = align(high, low, np.asarray(count).astype(np.uint32))
+        # The terms below without those that are 0.
         return (high * few + (low * few >> 16) >> 16).astype(jnp.int32)
-    count = jnp.asarray(count, jnp.uint32)
-    count_high, count_low = count >> 16, count & 0xFFFF
+    high, low, counts = align(high, low, jnp.asarray(count, jnp.uint32))
+    count_high, count_low = counts >> 16, counts & 0xFFFF
     middle = high * count_low + (low * count_low >> 16)
     carry = (middle & 0xFFFF) + low * count_high
     return (high * count_high + (middle >> 16) + (carry >> 16)).astype(jnp.int32)
 
 
+@runs_jax
 def random_grids(
     key: Key[Array, ""], count: int, shape: tuple[int, int] = (12, 12), *, alphabet: Iterable[int] = ROAD_ALPHABET
 ) -> Int8[Array, "count H W"]:
@@ -134,17 +172,25 @@ def random_grids(
     """
     check_key(key)
     count = check_named("count", whole(0), count)
-    codes = jnp.asarray(check_alphabet(alphabet), jnp.int8)
-    bits = random_bits(key, (count, *check_shape(shape)))
-    return codes[randint(bits, codes.size)]
+    return _random_grids(key, shape=(count, *check_shape(shape)), alphabet=check_alphabet(alphabet))
 
 
+@divide_batches
+def _random_grids(
+    key: Key[Array, ""], *, shape: tuple[int, int, int], alphabet: tuple[int, ...]
+) -> Int8[Array, "count H W"]:
+    codes = jnp.asarray(alphabet, jnp.int8)
+    return codes[randint(random_bits(key, shape), codes.size)]
+
+
+@runs_jax
 def bernoulli(bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]) -> Bool[Array, "..."]:
     """Returns True with a probability, from the upper 24 of 32 random bits: never for 0, always for 1.
 
     The probability broadcasts against the bits.
     """
-    return (jnp.asarray(bits) >> 8).astype(jnp.float32) < jnp.float32(2**24) * probability
+    drawn, limit = align((jnp.asarray(bits) >> 8).astype(jnp.float32), 2**24 * jnp.asarray(probability, jnp.float32))
+    return drawn < limit
 
 
 def exponential(bits: UInt32[Array, "..."]) -> Int32[Array, "..."]:
@@ -160,12 +206,12 @@ def categorical(bits: UInt32[Array, "..."], logits: Int32[Array, "K ..."]) -> In
 
     The logits int32 ``[K, ...]`` are in units of 1 / `UNIT`; K is at most 31.
     """
-    weights = _exponential_of(logits - logits.max(axis=0))
+    weights = _exponential_of(logits - logits.max(axis=0, keepdims=True))
     drawn = randint(bits, weights.sum(axis=0, dtype=jnp.int32))
     index, reached = jnp.zeros(bits.shape, jnp.int32), jnp.zeros(bits.shape, jnp.int32)
     for weight in weights:
         reached = reached + weight
-        index = index + (drawn >= reached)
+        index = index + (drawn >= reached).astype(jnp.int32)
     return index
 
 

@@ -74,8 +74,8 @@ def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
     happens = fits & jnp.where(is_street, town.streets > 0, town.bends > 0)
     return _Town(
         jnp.where(happens, _transpose(_mirror(changed, bits[0]), bits[0]), town.codes),
-        town.streets - (happens & is_street),
-        town.bends - (happens & ~is_street),
+        town.streets - (happens & is_street).astype(jnp.int32),
+        town.bends - (happens & ~is_street).astype(jnp.int32),
     )
 
 
@@ -95,7 +95,7 @@ def _street(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[
     along, free = (_with_sides(codes == code) for code in (_ALONG, 0))
     rows, columns = _indices(codes)
     # The first row from here that is not free, times two; plus one if no street can end there.
-    end = _next(jnp.where(free, 2**20, 2 * rows + ~along), axis=0)
+    end = _next(jnp.where(free, 2**20, 2 * rows + (~along).astype(jnp.int32)), axis=0)
     after = jnp.pad(end[1:], ((0, 1), (0, 0)), constant_values=1)
     some, north, column = _draw(bits[1], along & (after & 1 == 0) & (after > 2 * rows + 2) & (after < 2**20))
     south = after[north, column] // 2

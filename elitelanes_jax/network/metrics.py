@@ -8,14 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float32, Int, Int8, Int32
 
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import find_faces, find_links
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, check_alphabet
 from elitelanes_jax.network.records import METRIC_NAMES, Metrics
+from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import PaddedLayout, take
 
 
+@runs_jax
 def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
     """Measures one grid; `jax.vmap` it for many.
 
@@ -29,13 +32,14 @@ def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
     Raises:
       InputError: for a bad grid or alphabet.
     """
-    return _measure(check_grid(grid), None if alphabet is None else check_alphabet(alphabet))
+    return _measure(check_grid(grid), alphabet=None if alphabet is None else check_alphabet(alphabet))
 
 
 def stack_metrics(metrics: Metrics) -> Int32[Array, "... M"]:
     """Returns the metrics as columns, in the order of `METRIC_NAMES`."""
     # A sum of columns: on a CPU XLA concatenates short arrays number by number, a sixth of a step of the tuned EA.
-    units = np.eye(len(METRIC_NAMES), dtype=np.int32)
+    count, axes = len(METRIC_NAMES), metrics.tiles.ndim
+    units = np.eye(count, dtype=np.int32).reshape(count, *(1,) * axes, count)
     columns = (getattr(metrics, name)[..., None] * unit for name, unit in zip(METRIC_NAMES, units, strict=True))
     return sum(columns, jnp.int32(0))
 
@@ -55,7 +59,8 @@ def _coverage(tiles: Int32[Array, "..."], cells: int) -> Float32[Array, "..."]:
 
 
 @partial(jax.jit, static_argnames="alphabet")
-def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metrics:
+@divide_batches
+def _measure(grid: Int8[Array, "H W"], *, alphabet: tuple[int, ...] | None) -> Metrics:
     layout = PaddedLayout(*grid.shape)
     padded = layout.pad(grid)
     links = find_links(layout, padded)
@@ -65,18 +70,15 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
     rows, columns = np.divmod(np.arange(layout.size), layout.stride)
     here = layout.here(padded)
     north, east, south, west = (padded & side > 0 for side in (NORTH, EAST, SOUTH, WEST))
-    connections = north.astype(jnp.int8) + east + south + west
-    outward = (
-        (layout.here(north) & (rows == 0)).astype(jnp.int8)
-        + (layout.here(east) & (columns == layout.width - 1))
-        + (layout.here(south) & (rows == layout.height - 1))
-        + (layout.here(west) & (columns == 0))
+    connections = _count(north, east, south, west)
+    outward = _count(
+        layout.here(north) & (rows == 0),
+        layout.here(east) & (columns == layout.width - 1),
+        layout.here(south) & (rows == layout.height - 1),
+        layout.here(west) & (columns == 0),
     )
-    returned = (
-        links.east.astype(jnp.int8)
-        + links.south
-        + (layout.here(west) & layout.west(east))
-        + (layout.here(north) & layout.north(south))
+    returned = _count(
+        links.east, links.south, layout.here(west) & layout.west(east), layout.here(north) & layout.north(south)
     )
     degree = layout.here(connections)
     crossing = connections >= 3
@@ -88,24 +90,25 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
 
     def pairs(tiles: Array) -> Array:
         mine = layout.here(tiles)
-        return (mine & layout.east(tiles)).astype(jnp.int8) + (mine & layout.south(tiles))
+        return _count(mine & layout.east(tiles), mine & layout.south(tiles))
 
     def crowds(neighbour: Callable[[Array], Array]) -> Array:
         mine, theirs = layout.here(crossing), neighbour(crossing)
         return (mine & neighbour(busy)) | (theirs & layout.here(busy))
 
     area, side = layout.height * layout.width, max(layout.height, layout.width)
+    counter = jnp.int8 if side <= 64 else jnp.int32  # for odd numbers up to 2 * side - 1
     counts = _sums(
         {
             "tiles": (here > 0, 1),
-            "edges": (links.east.astype(jnp.int8) + links.south, 2),
+            "edges": (_count(links.east, links.south), 2),
             "cyclomatic": (faces.first, 1),
-            "bridges": (faces.east_bridge.astype(jnp.int8) + faces.south_bridge, 2),
+            "bridges": (_count(faces.east_bridge, faces.south_bridge), 2),
             "mismatches": (degree - returned - outward, 4),
             "dead_ends": ((degree == 1) | (degree != returned), 1),
             "boundary_violations": (outward > 0, 1),
             "crossings": (layout.here(crossing), 1),
-            "adjacent_crossings": (east_pair.astype(jnp.int8) + south_pair, 2),
+            "adjacent_crossings": (_count(east_pair, south_pair), 2),
             "adjacent_crossing_score": (
                 jnp.where(east_pair, degree + layout.east(connections), 0)
                 + jnp.where(south_pair, degree + layout.south(connections), 0),
@@ -113,12 +116,13 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
             ),
             "adjacent_turns": (pairs(turn), 2),
             "straight_score": (
-                _odd_numbers(along, 1, layout.width) + _odd_numbers(upright, layout.stride, layout.height),
+                _odd_numbers(along, 1, layout.width, counter)
+                + _odd_numbers(upright, layout.stride, layout.height, counter),
                 2 * side,
             ),
             "straights": (along | upright, 1),
             "turns": (layout.here(turn), 1),
-            "crowded_crossings": (crowds(layout.east).astype(jnp.int8) + crowds(layout.south), 2),
+            "crowded_crossings": (_count(crowds(layout.east), crowds(layout.south)), 2),
             "neighbours": (pairs(padded > 0), 2),
             "off_alphabet": (_outside_alphabet(here, alphabet) & (columns < layout.width), 1),
         },
@@ -131,6 +135,12 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
     return Metrics(**counts, coverage=_coverage(counts["tiles"], area))
 
 
+def _count(*flags: Bool[Array, " size"]) -> Int8[Array, " size"]:
+    """Returns how many of the flags are True."""
+    first, *others = (flag.astype(jnp.int8) for flag in flags)
+    return sum(others, first)
+
+
 def _outside_alphabet(here: Int8[Array, " size"], alphabet: tuple[int, ...] | None) -> Bool[Array, " size"]:
     outside = jnp.zeros(here.shape, bool)
     for code in range(16):
@@ -139,13 +149,13 @@ def _outside_alphabet(here: Int8[Array, " size"], alphabet: tuple[int, ...] | No
     return outside
 
 
-def _odd_numbers(straight: Bool[Array, " size"], step: int, longest: int) -> Int[Array, " size"]:
+def _odd_numbers(straight: Bool[Array, " size"], step: int, longest: int, dtype: type) -> Int[Array, " size"]:
     """Returns 1, 3, 5, ... along each run of straight tiles and 0 elsewhere; the sum over a run of L is L².
 
     The length of the run up to each tile is found in rounds that double its reach: a tile that has counted `reach`
     straight tiles adds the count of the tile that many steps back.
     """
-    length = straight.astype(jnp.int8 if longest <= 64 else jnp.int32)
+    length = straight.astype(dtype)
     reach = 1
     while reach < longest:
         back = jnp.pad(length[: -reach * step], (reach * step, 0))

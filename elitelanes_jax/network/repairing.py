@@ -10,14 +10,17 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import PackedCells, batch_all, in_all_cells, materialize
 
 _NORTH, _EAST, _SOUTH, _WEST = (in_all_cells(side) for side in (NORTH, EAST, SOUTH, WEST))
 
 
+@runs_jax
 def repair(
     grid: AnyArray, dirty: AnyArray = None, *, raster: Numeric = False, fill: bool = False, fixed: AnyArray = None
 ) -> Int8[Array, "H W"]:
@@ -50,7 +53,8 @@ def repair(
     if fill and min(grid.shape) < 2:
         raise InputError(f"fill: expected a grid of at least 2 x 2, got {grid.shape[0]} x {grid.shape[1]}")
     dirty = np.zeros(grid.shape, bool) if dirty is None else _check_mask("dirty", dirty, grid.shape)
-    return _repair(grid, dirty, raster, None if fixed is None else _check_mask("fixed", fixed, grid.shape), fill)
+    fixed = None if fixed is None else _check_mask("fixed", fixed, grid.shape)
+    return _repair(grid, dirty, raster, fixed, fill=fill)
 
 
 def _check_mask(name: str, mask: AnyArray, shape: tuple[int, int]) -> AnyArray:
@@ -65,11 +69,13 @@ def _check_mask(name: str, mask: AnyArray, shape: tuple[int, int]) -> AnyArray:
 
 
 @partial(jax.jit, static_argnames="fill")
+@divide_batches
 def _repair(
     grid: Int8[Array, "H W"],
     dirty: Bool[Array | np.ndarray, "H W"],
     raster: Bool[ArrayLike, ""],
     fixed: Bool[Array | np.ndarray, "H W"] | None,
+    *,
     fill: bool,
 ) -> Int8[Array, "H W"]:
     cells = PackedCells(*grid.shape)

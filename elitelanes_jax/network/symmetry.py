@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Int8
 
 from elitelanes_jax._util.checks import LARGEST, check_named, whole
+from elitelanes_jax._util.running import transfers
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
@@ -23,8 +24,10 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
     `InputError` for a bad grid.
     """
     grid = check_grid(grid)
-    for _ in range(check_named("quarter_turns", whole(-LARGEST, LARGEST), quarter_turns) % 4):
-        grid = _turned(grid)
+    turns = check_named("quarter_turns", whole(-LARGEST, LARGEST), quarter_turns) % 4
+    with transfers():
+        for _ in range(turns):
+            grid = _turned(grid)
     return grid
 
 
@@ -33,7 +36,8 @@ def mirror(grid: AnyArray) -> AnyArray:
 
     Raises `InputError` for a bad grid.
     """
-    return _mirrored(check_grid(grid))
+    with transfers():
+        return _mirrored(check_grid(grid))
 
 
 def canonical_form(grid: AnyArray) -> bytes:

@@ -9,14 +9,17 @@ from jax import lax
 from jaxtyping import Array, Bool, Int, Int8, Int32, UInt
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import label_faces
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
 from elitelanes_jax.network.records import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
+from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import PaddedLayout
 
 
+@runs_jax
 def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
     """Measures the features of one town; `jax.vmap` it for many.
 
@@ -34,11 +37,12 @@ def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
     if max(grid.shape) > most:
         what = "the mean detour" if detour else "the features of a town"
         raise InputError(f"grid: expected sides of at most {most} for {what}, got {grid.shape}")
-    return _measure_town(grid, detour)
+    return _measure_town(grid, detour=detour)
 
 
 @partial(jax.jit, static_argnames="detour")
-def _measure_town(grid: Int8[Array, "H W"], detour: bool) -> TownFeatures:
+@divide_batches
+def _measure_town(grid: Int8[Array, "H W"], *, detour: bool) -> TownFeatures:
     east = (grid[:, :-1] & EAST > 0) & (grid[:, 1:] & WEST > 0)
     south = (grid[:-1] & SOUTH > 0) & (grid[1:] & NORTH > 0)
     tile = grid > 0
@@ -47,7 +51,7 @@ def _measure_town(grid: Int8[Array, "H W"], detour: bool) -> TownFeatures:
     area = areas.sum(dtype=jnp.int32)
     lengths, streets = _street_lengths(east, south)
     box, height, width = _box(tile)
-    rows, columns = np.arange(grid.shape[0])[:, None], np.arange(grid.shape[1])
+    rows, columns = np.arange(grid.shape[0])[:, None], np.arange(grid.shape[1])[None]
     along = (rows == box[0]) | (rows == box[1]) | (columns == box[2]) | (columns == box[3])
     turn = jnp.isin(grid, np.array(KINDS["turn"], np.int8))
     return TownFeatures(
@@ -95,9 +99,10 @@ def _thousandths(part: Int[Array, ""], whole: Int[Array, ""]) -> Int32[Array, ""
 
 def _label_faces(layout: PaddedLayout, east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> UInt[Array, " padded"]:
     """Labels the faces of a grid that has these links."""
+    east, south = east.astype(jnp.int8), south.astype(jnp.int8)
     west, north = jnp.pad(east, ((0, 0), (1, 0))) * WEST, jnp.pad(south, ((1, 0), (0, 0))) * NORTH
     codes = jnp.pad(east, ((0, 0), (0, 1))) * EAST | jnp.pad(south, ((0, 1), (0, 0))) * SOUTH | west | north
-    return label_faces(layout, layout.pad(codes.astype(jnp.int8)))
+    return label_faces(layout, layout.pad(codes))
 
 
 def _block_areas(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
@@ -111,8 +116,9 @@ def _block_areas(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[I
 def _street_lengths(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
     """Returns the number of links of each street, 0 for labels without a street, and the number of streets."""
     height, width = east.shape[0], south.shape[1]
-    links = jnp.zeros((height, width), jnp.int8).at[:, :-1].add(east).at[:, 1:].add(east)
-    links = links.at[:-1].add(south).at[1:].add(south)
+    to_east, to_south = east.astype(jnp.int8), south.astype(jnp.int8)
+    links = jnp.zeros((height, width), jnp.int8).at[:, :-1].add(to_east).at[:, 1:].add(to_east)
+    links = links.at[:-1].add(to_south).at[1:].add(to_south)
     passed = links == 2
     # Tiles that a road passes through are the corners of a larger grid, with walls where no road continues. A street is
     # a face of this grid.
@@ -148,7 +154,7 @@ def _most_alike(tile: Bool[Array, "H W"], box: tuple[Array, Array, Array, Array]
     """Returns the largest number of cells of the box that agree with a mirror image or half turn of it."""
     north, south, west, east = box
     rows, columns = np.arange(tile.shape[0]), np.arange(tile.shape[1])
-    inside = ((rows >= north) & (rows <= south))[:, None] & (columns >= west) & (columns <= east)
+    inside = ((rows >= north) & (rows <= south))[:, None] & ((columns >= west) & (columns <= east))[None]
     back_rows = jnp.clip(north + south - rows, 0, tile.shape[0] - 1)
     back_columns = jnp.clip(west + east - columns, 0, tile.shape[1] - 1)
     flipped, mirrored = tile[back_rows], tile[:, back_columns]
@@ -164,15 +170,16 @@ def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
     around = [padded[row : row + height, column : column + width] for row in range(3) for column in range(3)]
     first = sum(cells << 4 * index for index, cells in enumerate(around[:8])).reshape(-1)  # type: ignore[union-attr]
     last, tile = around[8].reshape(-1), grid.reshape(-1) > 0
-    same = (first[:, None] == first) & (last[:, None] == last) & tile
+    same = (first[:, None] == first[None]) & (last[:, None] == last[None]) & tile[None]
     return _count(tile & (same.sum(axis=1) > 1))
 
 
 def _signable(tile: Bool[Array, "H W"], east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array, ""]:
     """Returns the part of the crossings without a road at a corner, in thousandths."""
     height, width = tile.shape
-    links = jnp.pad(east, ((0, 0), (0, 1))).astype(jnp.int8) + jnp.pad(east, ((0, 0), (1, 0)))
-    links += jnp.pad(south, ((0, 1), (0, 0))).astype(jnp.int8) + jnp.pad(south, ((1, 0), (0, 0)))
+    east, south = east.astype(jnp.int8), south.astype(jnp.int8)
+    links = jnp.pad(east, ((0, 0), (0, 1))) + jnp.pad(east, ((0, 0), (1, 0)))
+    links += jnp.pad(south, ((0, 1), (0, 0))) + jnp.pad(south, ((1, 0), (0, 0)))
     around = jnp.pad(tile, 1)
     corners = [around[1 + down : 1 + down + height, 1 + right : 1 + right + width] for down, right in CORNERS]
     crossing = links > 2
@@ -189,10 +196,10 @@ def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array,
 
     def once(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         reached, ways, length, _ = carry
-        to_east = jnp.pad(reached[:, :, :-1] & east, ((0, 0), (0, 0), (1, 0)))
-        to_west = jnp.pad(reached[:, :, 1:] & east, ((0, 0), (0, 0), (0, 1)))
-        to_south = jnp.pad(reached[:, :-1] & south, ((0, 0), (1, 0), (0, 0)))
-        to_north = jnp.pad(reached[:, 1:] & south, ((0, 0), (0, 1), (0, 0)))
+        to_east = jnp.pad(reached[:, :, :-1] & east[None], ((0, 0), (0, 0), (1, 0)))
+        to_west = jnp.pad(reached[:, :, 1:] & east[None], ((0, 0), (0, 0), (0, 1)))
+        to_south = jnp.pad(reached[:, :-1] & south[None], ((0, 0), (1, 0), (0, 0)))
+        to_north = jnp.pad(reached[:, 1:] & south[None], ((0, 0), (0, 1), (0, 0)))
         further = reached | to_east | to_west | to_south | to_north
         new = _count(further) - _count(reached)
         return further, ways + new * length, length + 1, new > 0

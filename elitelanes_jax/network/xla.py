@@ -11,6 +11,8 @@ from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Integer, Real, Shaped, UInt32
 
+from elitelanes_jax._util.types import AnyArray
+
 _Carry = TypeVar("_Carry")
 
 UNIT = 4096
@@ -86,6 +88,15 @@ def run_if(condition: Bool[Array, ""], compute: Callable[[Bool[Array, ""], _Carr
         return jnp.array(False), compute(*loop)
 
     return lax.while_loop(lambda loop: loop[0], body, (condition, carry))[1]
+
+
+def align(*arrays: AnyArray) -> tuple[AnyArray, ...]:
+    """Returns arrays with equally many axes: leading axes of length 1 are added, except to scalars.
+
+    NumPy's rules for broadcasting do the same, but a setting of JAX, `jax_numpy_rank_promotion`, may forbid it.
+    """
+    axes = max(array.ndim for array in arrays)
+    return tuple(array.reshape(*(1,) * (axes - array.ndim), *array.shape) if array.ndim else array for array in arrays)
 
 
 def batch_all(axis_size: int, batched: Sequence[bool], arrays: Sequence[Array]) -> list[Array]:
@@ -177,7 +188,7 @@ class PaddedLayout(NamedTuple):
 
 
 _BITS, _CELLS = 4, 8
-_SHIFTS = np.arange(_CELLS, dtype=np.uint32) * _BITS
+_SHIFTS = np.arange(_CELLS, dtype=np.uint32)[None] * _BITS
 
 
 class PackedCells(NamedTuple):

@@ -19,6 +19,7 @@ from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record, nested
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.optimizers._annealing import (
     AnnealingConfig,
@@ -83,6 +84,7 @@ class AnnealedState(NamedTuple):
 _Mates = Callable[[StepBits, AnnealedState], Int8[Array, "C H W"]]
 
 
+@runs_jax
 def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -> Optimizer:
     """Makes the tuned EA for a problem; its elites are the chains' best grids. The default is preset `tuned`."""
     check_arguments(problem, config, AnnealingConfig)
@@ -93,6 +95,7 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
     return _make_optimizer(problem, config, mates)
 
 
+@runs_jax
 def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig()) -> Optimizer:
     """Makes the tuned PSO for a problem; its elites are the particles' best grids. The default is preset `tuned`."""
     check_arguments(problem, config, AnnealedPsoConfig)
@@ -109,6 +112,7 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
     return _make_optimizer(problem, config.annealing, mates)
 
 
+@runs_jax
 def annealed_gwo(problem: Problem, config: AnnealedGwoConfig = AnnealedGwoConfig()) -> Optimizer:
     """Makes the tuned GWO for a problem; its elites are the wolves' best grids. The default is preset `tuned`."""
     check_arguments(problem, config, AnnealedGwoConfig)
@@ -151,4 +155,4 @@ def _make_optimizer(problem: Problem, config: AnnealingConfig, mates: _Mates) ->
         info = Info(best.fitness.min(), best.valid.sum(dtype=jnp.int32), count_refused(children))
         return AnnealedState(chains, cycle_best, best, cooling.after(grows=True)), info
 
-    return Optimizer(init, step, elites=lambda state: state.best, evaluations_per_step=count)
+    return Optimizer.of(init, step, lambda state: state.best, evaluations_per_step=count)

@@ -22,7 +22,8 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 from elitelanes_jax._util.checks import flag, none_or, real, whole
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record, nested
-from elitelanes_jax.network.bits import bernoulli, randint
+from elitelanes_jax._util.running import runs_jax
+from elitelanes_jax.network.bits import bernoulli, randint, split
 from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
 from elitelanes_jax.network.xla import run_if, take
 from elitelanes_jax.optimizers._annealing import (
@@ -129,6 +130,7 @@ class AnnealedMapElitesState(NamedTuple):
     cooling: Cooling  # arrays [C], the step of each chain within its cycle; -1 while no grid is evaluated
 
 
+@runs_jax
 def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = AnnealedMapElitesConfig()) -> Optimizer:
     """Makes MAP-Elites whose chains pursue niches; its elites are the archive of all chains.
 
@@ -159,7 +161,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     def init_unevaluated(key: Array) -> AnnealedMapElitesState:
         grids = problem.random_unrepaired(key, count)
         if starts_from_towns:
-            towns = jax.vmap(lambda key: grow_town(key, shape))(jax.random.split(key, count))
+            towns = jax.vmap(lambda key: grow_town(key, shape))(split(key, count))
             given = np.count_nonzero(~drawn)  # they come first; random grids are not drawn if there are none
             grids = towns.at[:given].set(grids[:given])
         chains = unevaluated(problem, grids)
@@ -210,7 +212,10 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     def init(key: Array) -> AnnealedMapElitesState:
         return step(key, init_unevaluated(key))[0]
 
-    return Optimizer(init, step, lambda state: elites_of(state.archives), count, init_unevaluated)
+    def elites(state: AnnealedMapElitesState) -> Population:
+        return elites_of(state.archives)
+
+    return Optimizer.of(init, step, elites, evaluations_per_step=count, init_unevaluated=init_unevaluated)
 
 
 def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> Int32[Array, ""]:
@@ -321,7 +326,7 @@ def _vary(
     refitted = materialize_variation(jax.vmap(strip.apply)(drawn[:, : strip.bits], before))
     mixed = materialize_variation(mix(*concatenate(select(turn, second, first), left)))
     # Computes both halves at once, because XLA on a CPU concatenates number by number.
-    by_strip = turn ^ np.array([[False], [True]])
+    by_strip = turn[None] ^ np.array([[False], [True]])
 
     def paired(refitted: Array, mixed: Array) -> Array:
         pairs = jnp.where(by_strip[..., None, None], refitted, mixed[:half]).reshape(2 * half, *mixed.shape[1:])

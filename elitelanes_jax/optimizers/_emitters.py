@@ -51,7 +51,8 @@ def penalise_distance(
     penalty: Int32[ArrayLike, "..."],
 ) -> Real[Array, "..."]:
     """Adds a penalty to a fitness for each bin between a grid's niche and the goal; it may differ between axes."""
-    return fitness + (jnp.abs(bins - jnp.asarray(goal)) * penalty).sum(axis=-1, dtype=jnp.int32)
+    total = (jnp.abs(bins - jnp.asarray(goal)) * penalty).sum(axis=-1, dtype=jnp.int32)
+    return fitness + total.astype(fitness.dtype)
 
 
 def nearest_elite(

@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Real
 from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import symmetric_uniform
 from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import concatenate, evaluate, truncate
@@ -54,6 +55,7 @@ class GwoState(NamedTuple):
     steps: Int32[Array, ""]  # the number of steps so far
 
 
+@runs_jax
 def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
     """Makes grey wolf optimisation of a problem; its elites are alpha and beta, then the pack.
 
@@ -65,7 +67,7 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
     largest = to_fixed(config.perturbation)
 
     def one_hot(grids: Int8[Array, "P H W"]) -> Int32[Array, "P K H W"]:
-        return (grids[:, None] == codes[:, None, None]).astype(jnp.int32)
+        return (grids[:, None] == codes[None, :, None, None]).astype(jnp.int32)
 
     def init(key: Array) -> GwoState:
         pack = evaluate(problem, problem.random(key, config.wolves))
@@ -86,4 +88,4 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
     def elites(state: GwoState) -> Population:
         return concatenate(state.leaders, state.pack)
 
-    return Optimizer(init, step, elites, evaluations_per_step=config.wolves)
+    return Optimizer.of(init, step, elites, evaluations_per_step=config.wolves)

@@ -9,6 +9,7 @@ from jaxtyping import Array
 from elitelanes_jax._util.checks import one_of
 from elitelanes_jax._util.pytrees import pytree, static
 from elitelanes_jax._util.records import Record, nested
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._emitters import draw_true
 from elitelanes_jax.optimizers._mutations import paper_mutation
@@ -47,6 +48,7 @@ class MapElitesState(NamedTuple):
     archive: Population  # the best grid of each niche so far
 
 
+@runs_jax
 def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:
     """Makes MAP-Elites on the problem's descriptor space. The first population is also inserted into the archive.
 
@@ -76,4 +78,4 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
         info = Info(archive.fitness.min(), archive.valid.sum(dtype=jnp.int32), count_refused(offspring))
         return MapElitesState(population, archive), info
 
-    return Optimizer(init, step, lambda state: state.archive, loop.offspring)
+    return Optimizer.of(init, step, lambda state: state.archive, evaluations_per_step=loop.offspring)

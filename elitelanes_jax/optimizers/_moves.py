@@ -20,10 +20,12 @@ from elitelanes_jax._util.checks import LARGEST, check_named, function_of, none_
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record, option
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes, transpose_codes
 from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import lookup, materialize, take
 from elitelanes_jax.optimizers._mutations import Move, Variation, materialize_variation
 from elitelanes_jax.optimizers._windows import valid_windows
@@ -215,6 +217,8 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
     slowly.
     """
 
+    @runs_jax
+    @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         varied = Variation(*move.apply(bits[:-1], grid, mate))
         happens = bernoulli(bits[-1], probability)
@@ -232,6 +236,8 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     centre of a grid with odd sides. One step then replaces two steps with a worse grid in between.
     """
 
+    @runs_jax
+    @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         varied, dirty = move.apply(bits[: move.bits], grid, mate)
         indices = np.arange(grid.size, dtype=np.int32).reshape(grid.shape)
@@ -304,6 +310,7 @@ _WINDOW = 3
 _BITS = 1 + 7
 
 
+@runs_jax
 def _move(
     weights: Mapping[_Plan, AnyArray],
     user_moves: Mapping[str, tuple[AnyArray, Move]] = MappingProxyType({}),
@@ -316,6 +323,8 @@ def _move(
     others = {name: one for name, one in user_moves.items() if not (isinstance(one[0], int) and one[0] == 0)}
     ends = jnp.cumsum(jnp.array([*weights.values(), *(weight for weight, _ in others.values())], jnp.int32))
 
+    @runs_jax
+    @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         drawn = (randint(bits[0], ends[-1]) >= ends[:-1]).sum(dtype=jnp.int32)
         mate = grid if mate is None else mate
@@ -363,11 +372,11 @@ def _apply(
     upright = inside & ((columns == west) | (columns == east))
     links = jnp.where(along & (columns < east), EAST, 0) | jnp.where(along & (columns > west), WEST, 0)
     links = links | jnp.where(upright & (rows < south), SOUTH, 0) | jnp.where(upright & (rows > north), NORTH, 0)
-    written = jnp.where(change.code < 0, _copy(change, grid, mate), change.code)
+    written = jnp.where(change.code < 0, _copy(change, grid, mate), jnp.asarray(change.code, jnp.int8))
     if window is not None:
         written = jnp.where(change.code == _REFITTED, window, written)
     toggled = change.code == _TOGGLED
-    varied = jnp.where(toggled, grid ^ links, jnp.where(inside, written, grid))
+    varied = jnp.where(toggled, grid ^ links.astype(jnp.int8), jnp.where(inside, written, grid))
     return materialize_variation(Variation(varied, jnp.where(toggled, links != 0, inside)))
 
 
@@ -385,7 +394,7 @@ def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -
         return jnp.clip(step, 0, len(own) - 1)  # those beyond the grid are not in the rectangle
 
     rows, columns, width = sources(0, flipped), sources(1, mirrored), grid.shape[1]
-    indices = rows[:, None] * jnp.where(transposed, 1, width) + columns * jnp.where(transposed, width, 1)
+    indices = rows[:, None] * jnp.where(transposed, 1, width) + columns[None] * jnp.where(transposed, width, 1)
     source = materialize(jnp.where(from_mate, mate, grid).reshape(-1))
     tiles = materialize(lookup(source, indices))
     tiles = jnp.where(transposed, transpose_codes(tiles), tiles)
@@ -400,10 +409,11 @@ def _refit(bits: UInt32[Array, ""], change: _Change, grid: Int8[Array, "H W"], *
     north, west = change.first
     tiles = jax.lax.dynamic_slice(grid, (north, west), (height, width)).astype(jnp.int32)
     borders = tiles[0] & NORTH, tiles[-1] & SOUTH, tiles[:, 0] & WEST, tiles[:, -1] & EAST
-    border = ((jnp.concatenate(borders) > 0) << np.arange(2 * (height + width))).sum()
+    linked = (jnp.concatenate(borders) > 0).astype(jnp.int32)
+    border = (linked << np.arange(linked.size, dtype=np.int32)).sum(dtype=jnp.int32)
     first = take(windows.first, border)
     count = take(windows.first, border + 1) - first
-    before = (tiles << 4 * np.arange(width)).sum(axis=1)
+    before = (tiles << 4 * np.arange(width, dtype=np.int32)[None]).sum(axis=1, dtype=jnp.int32)
     drawn = randint(bits, jnp.maximum(count, 1))
     one, next_one = (take(windows.rows, first + (drawn + step) % jnp.maximum(count, 1)) for step in (0, 1))
     window = jnp.where(count == 0, before, jnp.where((one == before).all(), next_one, one))
@@ -421,7 +431,7 @@ def _plan_link(draws: _Draws) -> _Change:
     length = jnp.where(east, width - 1, width)
     row = jax.lax.div(index, length)
     first = jnp.stack([row, index - row * length])
-    return _Change(first, first + ~_either(east), _TOGGLED)
+    return _Change(first, first + (~_either(east)).astype(jnp.int32), _TOGGLED)
 
 
 def _plan_corner(draws: _Draws) -> _Change:
@@ -489,7 +499,8 @@ def _plan_mate_block(draws: _Draws, offset: Int[ArrayLike, " 2"]) -> _Change:
     height, width = draws.shape
     drawn = (draws.bits[4] & (7 if height == width else 3)).astype(jnp.int32)
     mirrored, flipped, transposed = (drawn & bit > 0 for bit in (1, 2, 4))
-    how = _FROM_MATE + mirrored * _MIRRORED + flipped * _FLIPPED + transposed * _TRANSPOSED
+    parts = ((mirrored, _MIRRORED), (flipped, _FLIPPED), (transposed, _TRANSPOSED))
+    how = _FROM_MATE + sum(jnp.where(chosen, part, 0) for chosen, part in parts)
     backwards = jnp.stack([flipped, mirrored])
     return _Change(*draws.block, _COPIED, how, jnp.where(backwards, draws.shape - 1 - offset, offset))
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int8, Real, UInt32
 
 from elitelanes_jax._util.checks import function, whole
@@ -66,9 +67,9 @@ def change_tile(alphabet: tuple[int, ...]) -> Move:
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty = _one_tile(bits, grid)
         before = index[jnp.max(jnp.where(dirty, grid, 0))]
-        others = len(alphabet) - (before < len(alphabet))
+        others = len(alphabet) - (before < len(alphabet)).astype(jnp.int32)
         choice = randint(bits[2], jnp.maximum(others, 1))
-        code = codes[jnp.minimum(choice + (choice >= before), len(alphabet) - 1)]
+        code = codes[jnp.minimum(choice + (choice >= before).astype(jnp.int32), len(alphabet) - 1)]
         return Variation(jnp.where(dirty, code, grid), dirty)
 
     return Move(3, apply)
@@ -115,4 +116,4 @@ def paper_mutation(
 def _one_tile(bits: UInt32[Array, " bits"], grid: Int8[Array, "H W"]) -> Bool[Array, "H W"]:
     height, width = grid.shape
     row, column = randint(bits[0], height), randint(bits[1], width)
-    return (jnp.arange(height)[:, None] == row) & (jnp.arange(width) == column)
+    return (np.arange(height)[:, None] == row) & (np.arange(width)[None] == column)

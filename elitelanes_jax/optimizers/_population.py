@@ -16,6 +16,7 @@ from elitelanes_jax._util.checks import check_named, one_of, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.optimizers._mutations import Move, paper_mutation
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
@@ -54,6 +55,7 @@ class EvolutionConfig(Record):
             raise InputError(f"offspring: expected {expected}, got {self.offspring}")
 
 
+@runs_jax
 def random_population(problem: Problem, key: Key[Array, ""], count: int) -> Population:
     """Returns a first population, sorted, best first; the key is consumed. Raises `InputError` for a count below 1."""
     check_named("count", whole(1), count)
@@ -81,6 +83,7 @@ def survivors(config: EvolutionConfig, parents: Population, offspring: Populatio
     return truncate(*both, count=config.population)
 
 
+@runs_jax
 def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimizer:
     """Makes an evolutionary algorithm for a problem; its state is the `Population`, sorted, best first.
 
@@ -99,9 +102,10 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
         state = survivors(config, state, offspring)
         return state, Info(state.fitness[0], state.valid.sum(dtype=jnp.int32), count_refused(offspring))
 
-    return Optimizer(init, step, elites=lambda state: state, evaluations_per_step=config.offspring)
+    return Optimizer.of(init, step, lambda state: state, evaluations_per_step=config.offspring)
 
 
+@runs_jax
 def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     """Evaluates grids, in their order. A fitness that is not finite becomes that of a vacant slot.
 
@@ -145,6 +149,7 @@ def concatenate(*records: _Tree) -> _Tree:
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), *records)
 
 
+@runs_jax
 def truncate(*populations: Population, count: int) -> Population:
     """Returns the `count` best grids of several populations, sorted, best first; equal grids keep their order."""
     if not populations:

@@ -15,7 +15,8 @@ from jaxtyping import Array, ArrayLike, Int32, Real
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
-from elitelanes_jax.network.bits import categorical, random_bits, random_bits16, symmetric_uniform
+from elitelanes_jax._util.running import runs_jax
+from elitelanes_jax.network.bits import categorical, random_bits, random_bits16, split, symmetric_uniform
 from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import evaluate, select
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
@@ -58,6 +59,7 @@ class PsoState(NamedTuple):
     best: Population  # the best grid of each particle
 
 
+@runs_jax
 def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
     """Makes particle swarm optimisation of a problem; its elites are the particles' best grids.
 
@@ -75,13 +77,13 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
         return evaluate(problem, jax.vmap(problem.repair_raster)(drawn))
 
     def init(key: Array) -> PsoState:
-        first, second = jax.random.split(key)
+        first, second = split(key)
         velocity = multiply(symmetric_uniform(first, shape), spread)
         position = jnp.zeros(shape, jnp.int32)
         return PsoState(position, velocity, position, draw(second, velocity))
 
     def step(key: Array, state: PsoState) -> tuple[PsoState, Info]:
-        first, second = jax.random.split(key)
+        first, second = split(key)
         position, velocity, best_position, best = state
         luck = random_bits16(first, (2, config.particles, 1, 1, 1)) // 16
 
@@ -91,7 +93,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
         velocity = (
             multiply(velocity, inertia)
             + pull(multiply(luck[0], cognitive), best_position)
-            + pull(multiply(luck[1], social), best_position[jnp.argmin(best.fitness)])
+            + pull(multiply(luck[1], social), best_position[jnp.argmin(best.fitness)][None])
         )
         velocity = jnp.clip(velocity, -fastest, fastest)
         position = jnp.clip(position + velocity, -_FARTHEST, _FARTHEST)
@@ -103,4 +105,4 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
         info = Info(best.fitness.min(), best.valid.sum(dtype=jnp.int32), count_refused(found))
         return PsoState(position, velocity, best_position, best), info
 
-    return Optimizer(init, step, elites=lambda state: state.best, evaluations_per_step=config.particles)
+    return Optimizer.of(init, step, lambda state: state.best, evaluations_per_step=config.particles)

@@ -15,8 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Real, UInt32
 
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, transpose_codes
+from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import lookup, materialize, take
 from elitelanes_jax.optimizers._mutations import Move, Variation
 
@@ -126,6 +128,8 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
         line before, if a filling with these links exists.
     """
 
+    @runs_jax
+    @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         height, width = grid.shape
         if min(height, width) < LINES:
@@ -142,7 +146,7 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
 
         side = max(height, width)
         padded = materialize(jnp.pad(grid, ((1, side - height + 1), (1, side - width + 1)))).reshape(-1)
-        lines, steps = first + np.arange(LINES + 2)[:, None], np.arange(1, side + 1)
+        lines, steps = first + np.arange(LINES + 2)[:, None], np.arange(1, side + 1)[None]
         stride = side + 2
         tiles = lookup(padded, jnp.where(upright, steps * stride + lines, lines * stride + steps)).astype(jnp.int32)
         tiles = materialize(jnp.where(upright, transpose_codes(tiles), tiles))
@@ -152,7 +156,7 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
         inside = (line >= 0) & (line < LINES) & (along >= begin) & (along <= end)
         new = lookup(strip, jnp.broadcast_to(along, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1) & 15
         new = jnp.where(upright, transpose_codes(new), new)
-        return Variation(jnp.where(inside, new, grid).astype(jnp.int8), inside)
+        return Variation(jnp.where(inside, new.astype(jnp.int8), grid), inside)
 
     return Move(5, apply)
 
@@ -183,7 +187,7 @@ def _refitted(
     def back(states: Array, column: tuple[Array, Array]) -> tuple[Array, Array]:
         around, at_end = column
         states = jnp.where(at_end, end, states)
-        eights = (states[:, None] >> np.arange(0, 32, 8, dtype=np.uint32) & 255).reshape(-1).astype(jnp.int32)
+        eights = (states[:, None] >> np.arange(0, 32, 8, dtype=np.uint32)[None] & 255).reshape(-1).astype(jnp.int32)
         sets = take(tables.before, (around * 8 + np.arange(8)) * 256 + eights)
         return jax.lax.reduce(sets, np.uint32(0), jax.lax.bitwise_or, (0,)), states
 
@@ -234,7 +238,8 @@ def _draw_state(bits: UInt32[Array, " 3"], states: UInt32[Array, " 2"]) -> Int32
     word, turn = jnp.where(second, states[1], states[0]), bits[2] & 31
     turned = word >> turn | word << (32 - turn & 31)
     lowest = turned & (~turned + np.uint32(1))
-    return (second * 32 + (jax.lax.population_count(lowest - np.uint32(1)) + turn & 31)).astype(jnp.int32)
+    place = jax.lax.population_count(lowest - np.uint32(1)) + turn & 31
+    return jnp.where(second, 32 + place, place).astype(jnp.int32)
 
 
 def _hash(bits: UInt32[Array, "..."]) -> UInt32[Array, "..."]:

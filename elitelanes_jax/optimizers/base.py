@@ -9,7 +9,9 @@ from jaxtyping import Array, Int32, Key, Real
 
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree
+from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
@@ -69,6 +71,19 @@ class Optimizer(NamedTuple):
     elites: Callable[[Pytree], Population]
     evaluations_per_step: int
     init_unevaluated: Callable[[Key[Array, ""]], Pytree] | None = None
+
+    @staticmethod
+    def of(
+        init: Callable[..., Pytree],
+        step: Callable[..., tuple[Pytree, Info]],
+        elites: Callable[..., Population],
+        *,
+        evaluations_per_step: int,
+        init_unevaluated: Callable[..., Pytree] | None = None,
+    ) -> "Optimizer":
+        """Makes an optimiser that runs under any settings of JAX, and on sharded batches of seeds."""
+        init, step, elites = (runs_jax(divide_batches(function)) for function in (init, step, elites))
+        return Optimizer(init, step, elites, evaluations_per_step, init_unevaluated)
 
     @property
     def first_generation(self) -> int:

@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.faces import name_wrong_arguments
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
-from elitelanes_jax.network.bits import random_bits
+from elitelanes_jax.network.bits import normal, random_bits
+from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.optimizers._population import evaluate as evaluate_all
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
@@ -68,6 +70,7 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
 
 
 @name_wrong_arguments
+@runs_jax
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
     """Returns centroids, float32 ``[N, D]``, that give QDax the same niches, in the order of `niche_index`.
 
@@ -100,6 +103,7 @@ def qdax_moves(
     check_named("problem", instance(Problem), problem)
     move = random_move(weights, fill=problem.fill, fixed=problem.fixed)
 
+    @divide_batches
     def varied(bits: Array, grid: Array, mate: Array) -> Array:
         return problem.repair(*move.apply(bits, grid, mate))
 
@@ -147,18 +151,22 @@ class EvosaxTask(NamedTuple):
     decode: Callable[[Array], Array]
 
 
+@runs_jax
 def evosax_task(problem: Problem) -> EvosaxTask:
     """Makes the task that evosax's strategies solve. Its `eval` and `decode` refuse solutions of another length."""
     check_named("problem", instance(Problem), problem)
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (*problem.shape, len(problem.alphabet))
 
+    @runs_jax
     def init(key: Key[Array, ""]) -> EvosaxState:
         return EvosaxState(jnp.int32(0))
 
+    @runs_jax
     def sample(key: Key[Array, ""]) -> Array:
-        return jax.random.normal(key, (prod(shape),))
+        return normal(key, (prod(shape),))
 
+    @divide_batches
     def decode(solution: Array) -> Array:
         if solution.shape != (prod(shape),):
             raise InputError(f"solution: expected logits [{prod(shape)}], got shape {solution.shape}")
@@ -170,7 +178,7 @@ def evosax_task(problem: Problem) -> EvosaxTask:
         fitness, features = problem.evaluate(jax.vmap(decode)(solutions))
         return fitness.astype(jnp.float32), EvosaxState(state.counter + 1), {"features": features}
 
-    return EvosaxTask(prod(shape), init, jax.jit(evaluate), sample, jax.jit(decode))
+    return EvosaxTask(prod(shape), init, runs_jax(jax.jit(evaluate)), sample, runs_jax(jax.jit(decode)))
 
 
 def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
@@ -199,7 +207,7 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
     check_named("problem", instance(Problem), problem)
     size, last = prod(problem.shape), len(problem.alphabet) - 1
     codes = np.array(problem.alphabet, np.int8)
-    settle = jax.jit(jax.vmap(problem.repair_raster))
+    settle = runs_jax(jax.jit(jax.vmap(problem.repair_raster)))
 
     def grids(solutions: AnyArray) -> NDArray[np.int8]:
         try:
@@ -229,6 +237,7 @@ def ribs_evaluate(problem: Problem) -> Callable[[Untyped], tuple[NDArray[np.floa
     """
     grids = ribs_grids(problem)
 
+    @runs_jax
     @jax.jit
     def scored(batch: Array) -> tuple[Array, Array]:
         found = evaluate_all(problem, batch)

@@ -11,14 +11,17 @@ from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.network.bits import THREEFRY, fold_in, threefry
 from elitelanes_jax.network.edges import check_array, check_same_tree
+from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.problem.archive import Population
 
 
+@runs_jax
 def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on the number and its index alone.
 
@@ -43,6 +46,7 @@ def seed_key_data(seed: int, indices: Int[np.ndarray, " K"]) -> UInt32[np.ndarra
     return np.stack(threefry(np.array([[0], [seed]], np.uint32), indices.astype(np.uint32)), axis=-1)
 
 
+@runs_jax
 def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple[Pytree, Info]:
     """Runs an optimiser from the start; for `jax.jit`.
 
@@ -61,11 +65,16 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
     if not np.shape(keys)[0]:
         raise InputError("keys: expected at least one, got none")
     check_named("generations", whole(0), generations)
-    first = optimizer.first_generation
-    states, info = advance(optimizer, keys, start(optimizer, keys), first, generations, most=generations + 1 - first)
-    return states, jax.tree.map(lambda array: array[1 - first :], info)
+
+    def run_all(keys: Array) -> tuple[Pytree, Info]:
+        first, states = optimizer.first_generation, start(optimizer, keys)
+        states, info = advance(optimizer, keys, states, first, generations, most=generations + 1 - first)
+        return states, jax.tree.map(lambda array: array[1 - first :], info)
+
+    return divide_batches(run_all, rows=(0, 1))(keys)
 
 
+@runs_jax
 def start(optimizer: Optimizer, keys: Key[Array, " S"]) -> Pytree:
     """Returns states for keys ``[S]``, arrays ``[S, ...]``, from which `Optimizer.first_generation` can be run."""
     init = optimizer.init_unevaluated or optimizer.init
@@ -81,6 +90,7 @@ def over_seeds(function: Callable[..., Pytree], *trees: Pytree) -> Pytree:
     return jax.tree.map(lambda array: jnp.asarray(array)[None], found)  # a user's may be a Python number
 
 
+@runs_jax
 def advance(
     optimizer: Optimizer,
     keys: Key[Array, " S"],

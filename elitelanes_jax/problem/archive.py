@@ -13,7 +13,9 @@ from jaxtyping import Array, Bool, Int8, Int32, Real
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.network.sharding import divide_batches
 
 VACANT = np.iinfo(np.int32).max
 """The fitness of a vacant slot, if fitness is int32."""
@@ -52,6 +54,8 @@ def finite_or_vacant(fitness: Real[Array, " P"]) -> Real[Array, " P"]:
     )
 
 
+@runs_jax
+@divide_batches
 def insert(
     archive: Population, niche: Int32[Array, "*K P"], found: Population, *, accept_equal: bool = False
 ) -> Population:

@@ -9,6 +9,7 @@ import numpy as np
 
 from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, is_whole, listed, split_settings
 from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.running import transfers
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.problem.features import check_feature, default_width, select_features
@@ -114,17 +115,20 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     if np.shape(descriptor)[-1:] != (len(axes),):
         raise InputError(f"descriptor: expected shape [..., {len(axes)}], got {list(np.shape(descriptor))}")
     bins, width, start = (
-        np.array([getattr(axis, name) for axis in axes], np.int32) for name in ("bins", "width", "start")
+        np.array([getattr(axis, name) for axis in axes], np.int32).reshape(*(1,) * (np.ndim(descriptor) - 1), -1)
+        for name in ("bins", "width", "start")
     )
-    return ((descriptor - start) // width).clip(0, bins - 1)
+    with transfers():
+        return ((descriptor - start) // width).clip(0, bins - 1)
 
 
 def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     """Returns the index of the niche, int32 ``[...]``, of descriptors ``[..., D]``; the last axis varies fastest."""
     bins = niche_bins(descriptor, axes)
-    niche = bins[..., 0]
-    for index, axis in enumerate(axes[1:], start=1):
-        niche = niche * axis.bins + bins[..., index]
+    with transfers():
+        niche = bins[..., 0]
+        for index, axis in enumerate(axes[1:], start=1):
+            niche = niche * axis.bins + bins[..., index]
     return niche
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import LARGEST, check_named, function_of
 from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES
@@ -136,6 +137,7 @@ def measure_features(
     return jax.vmap(measure_one)(jnp.asarray(grids))
 
 
+@runs_jax
 def with_town_features(
     features: Mapping[str, AnyArray], names: Iterable[str], grids: AnyArray, source: str = "names"
 ) -> dict[str, NDArray[np.int32]]:

@@ -21,10 +21,12 @@ from elitelanes_jax._util.checks import (
     none_or,
 )
 from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import check_alphabet
+from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.problem.archive import VACANT, Population, vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, resolve_axes
 from elitelanes_jax.problem.features import SHARES
@@ -119,6 +121,7 @@ class Problem:
             raise InputError("axes: expected a problem with at least one axis, got none")
         return prod(axis.bins for axis in self.axes)
 
+    @runs_jax
     def empty_archive(self, dtype: DTypeLike = jnp.int32, *, copies: int = 1) -> Population:
         """Returns a number of archives of vacant slots, end to end, for a fitness of a dtype.
 
@@ -141,8 +144,14 @@ class Problem:
         Raises:
           InputError: for more initial grids than `count`.
         """
-        grids = self.random_unrepaired(key, count)
-        return jax.vmap(lambda grid, raster: self.repair(grid, raster=raster))(grids, self.drawn(count))
+
+        @runs_jax
+        @divide_batches
+        def draw(key: Array) -> Array:
+            grids = self.random_unrepaired(key, count)
+            return jax.vmap(lambda grid, raster: self.repair(grid, raster=raster))(grids, self.drawn(count))
+
+        return draw(key)
 
     def random_unrepaired(self, key: Key[Array, ""], count: int) -> Int8[Array, "count H W"]:
         """Returns the grids of `random` before their repair; those that are `drawn` are repaired in raster order."""
@@ -162,11 +171,13 @@ class Problem:
         """Repairs a grid whose tiles are all new: each tile decides over those after it, row by row."""
         return self.repair(grid, raster=True)
 
+    @runs_jax
     def descriptor(self, features: Int32[Array, "... F"]) -> Int32[Array, "... D"]:
         if np.shape(features)[-1:] != (len(self.feature_names),):
             raise InputError(f"features: expected shape [..., {len(self.feature_names)}], got {[*np.shape(features)]}")
         return compute_descriptor(features, self.feature_names, self.axes)
 
+    @runs_jax
     def niche(self, features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
         return niche_index(self.descriptor(features), self.axes)
 

@@ -95,11 +95,16 @@ def range_penalty(
     features, names = with_shares(features, feature_names)
     units = {name: (shape[0] * shape[1], SHARE_UNIT) for name in names if feature_unit(name) != 1}
     units |= {"straight_score": (1, 2 * max(shape)), "adjacent_crossing_score": (1, 8)}
-    factor, divisor = np.array([units.get(name, (1, 1)) for name in names], np.int32).T
+    # With as many axes as the features, see `xla.align`.
+    axes = (1,) * (features.ndim - 1)
+    factor, divisor = np.array([units.get(name, (1, 1)) for name in names], np.int32).T.reshape(2, *axes, -1)
+    limits = limits.reshape(2, *axes, -1)
     distance = (limits[0] - features).clip(0, None) + (features - limits[1]).clip(0, None)
     distance = distance.clip(None, LARGEST // factor) * factor
     # Processors divide by a constant many times as fast as by numbers that differ between columns.
-    steps = sum((divisor == one) * ((distance + one - 1) // one) for one in sorted({*divisor.tolist()}))
+    steps = sum(
+        (divisor == one).astype(np.int32) * ((distance + one - 1) // one) for one in np.unique(divisor).tolist()
+    )
     steps = steps.clip(None, _most_steps(len(names)))
     return _STEEPNESS * steps.sum(axis=-1, dtype=np.int32)
 

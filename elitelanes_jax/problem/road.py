@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
 
 from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, flag, instance, listed
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, Untyped, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
@@ -21,7 +22,8 @@ from elitelanes_jax.network.fitness import fitness as weighted_sum
 from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES, Weights, check_weights
 from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.xla import materialize
+from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.xla import align, materialize
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes
 from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, check_feature, columns_for, largest_addend
@@ -171,12 +173,12 @@ def make_problem(road: RoadProblem) -> Problem:
     """Makes the functions of a road problem."""
     return Problem(
         shape=road.shape,
-        evaluate=partial(_evaluate, road),
+        evaluate=partial(_evaluate, road=road),
         feature_names=road.feature_names,
         axes=road.axes,
         alphabet=road.alphabet,
         repair=partial(_repair, road),
-        penalties=partial(_penalties, road),
+        penalties=partial(_penalties, road=road),
         initial=road.initial,
         fill=road.fill,
         fixed=None if road.fix is None else road.fix.fixed,
@@ -197,7 +199,9 @@ def _repair(
     return repair(grid, dirty, raster=raster, fill=road.fill, fixed=fixed)
 
 
-def _evaluate(road: RoadProblem, grids: Int8[Array, "P H W"]) -> Evaluation:
+@runs_jax
+@partial(divide_batches, rows=0)
+def _evaluate(grids: Int8[Array, "P H W"], *, road: RoadProblem) -> Evaluation:
     """Measures grids, and computes their fitness."""
     grids = check_array("grids", grids, ("P", *road.shape), jnp.int8)
     features = _measure(road, grids)
@@ -205,7 +209,7 @@ def _evaluate(road: RoadProblem, grids: Int8[Array, "P H W"]) -> Evaluation:
     if road.fitness is not None:
         total = apply_fitness(road.fitness, road.feature_names, grids, features, total)
     refused = _refuse(road, features, total)
-    total = materialize(total + _penalty(road, features))
+    total = materialize(total + _penalty(road, features).astype(total.dtype))
     if road.kernels or road.fitness is not None:
         vacant = jnp.asarray(vacant_fitness(total.dtype), total.dtype)
         total = jnp.where(refused, vacant, total)
@@ -230,7 +234,7 @@ def _weigh(
     """Returns the weighted sum of features. Without `rewards`, addends of `feature_weights` below 0 do not count."""
     total = weighted_sum(unstack_metrics(features, road.shape[0] * road.shape[1]), weights)
     if road.feature_weights is not None:
-        addends = features[..., _weighed_columns(road)] * road.feature_weights
+        addends = jnp.multiply(*align(features[..., _weighed_columns(road)], road.feature_weights))
         addends = addends.clip(None if rewards else 0)
         total += addends.sum(axis=-1, dtype=jnp.int32)
     return total
@@ -273,7 +277,9 @@ def _refuse(road: RoadProblem, features: Int32[Array, "P F"], total: Real[Array,
     return refused | (jnp.abs(total) > LARGEST_FITNESS)
 
 
-def _penalties(road: RoadProblem, features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
+@runs_jax
+@partial(divide_batches, rows=0)
+def _penalties(features: Int32[Array, "... F"], *, road: RoadProblem) -> Int32[Array, "..."]:
     """Returns the part of the fitness that no reward lowers, see `Problem`."""
     outside = _penalty(road, features)
     if road.fitness is not None and "usual" not in arguments_of(road.fitness):
@@ -311,6 +317,7 @@ def _check_total(
 
 def _sum_exceeds(most: int, values: Int32[Array, "... K"], weights: Int32[Array, " K"]) -> Bool[Array, "..."]:
     """Returns whether the sizes of weighted values add up to over `most`, at most 2**29; exact, in 32 bits."""
+    values, weights = align(values, weights)
     sizes = jnp.abs(weights).astype(jnp.uint32)
     # A larger value gives an addend that exceeds `most` too.
     least = most // jnp.maximum(sizes, 1) + 1

@@ -19,8 +19,10 @@ from jaxtyping import Array, Int32
 from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, Untyped
+from elitelanes_jax.network.bits import default_draws
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import Metrics
 from elitelanes_jax.optimizers.base import Info
@@ -95,9 +97,10 @@ def _tracing() -> Iterator[None]:
     """Lets one thread trace at a time, without Python's garbage collector.
 
     Threads that trace at once take turns, and all their programs come late. Tracing makes many lasting objects; the
-    collector takes a tenth of the time to look through them.
+    collector takes a tenth of the time to look through them. The user's functions draw as by default, so that a search
+    can be continued under other settings of JAX.
     """
-    with _tracing_lock:
+    with _tracing_lock, default_draws():
         collects = gc.isenabled()
         try:
             gc.disable()
@@ -231,10 +234,12 @@ class Programs:
         if missing:
             self._compile(missing)
 
+    @runs_jax
     def start(self, device: jax.Device, numbers: Sequence[Array], keys: KeyData) -> States:
         """Returns the states of generation 0 of the seeds of a part."""
         return self._program(_START, device)(numbers, keys)
 
+    @runs_jax
     def advance(
         self,
         device: jax.Device,
@@ -249,6 +254,7 @@ class Programs:
         states, rows = jax.block_until_ready(program(numbers, keys, states, np.int32(first), np.int32(last)))
         return states, Info(*rows)
 
+    @runs_jax
     def collect(self, numbers: Sequence[Array], states: States) -> tuple[MeasuredElites, States]:
         """Returns the elites and the states; for one key alone, both without the axis of seeds."""
         self.prepare(starts=False, generations=0)  # the program is missing if the compiler was interrupted

@@ -20,6 +20,7 @@ from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax.network.bits import THREEFRY
@@ -56,6 +57,7 @@ _COMPILER = 200_000_000
 _OF_SEEDS = ("best_fitness", "elite_count", "refused")  # the arrays of a history with an axis of seeds
 
 
+@runs_jax
 def evolve(
     key: int | Key[Array, "*S"] = 0,
     shape: tuple[int, int] = (12, 12),
@@ -165,6 +167,7 @@ def evolve_search(
         return _evolve(run, done, states, Checkpoint(folder, _identity(run, done), every), progress)
 
 
+@runs_jax
 def compile_search(search: Search, keys: SearchKeys) -> None:
     """Compiles what `evolve_search` with these arguments runs, so that it finds the programs.
 

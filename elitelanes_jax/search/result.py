@@ -17,6 +17,7 @@ from elitelanes_jax._util.errors import InputError, pluralize, shorten, warn_use
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax._util.packages import __version__
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
@@ -141,16 +142,19 @@ class Result:
     config: Config | None = field(default=None, metadata={"static": True})
     functions: tuple[tuple[str, str], ...] = field(default=(), metadata={"static": True})
 
+    @runs_jax
     def best(self) -> Int8[Array, "*S H W"]:
         """Returns the grid of lowest fitness, int8 ``[H, W]``; among equal ones the first."""
         ranked = jnp.where(self.elites.valid, self.elites.fitness, vacant_fitness(self.elites.fitness.dtype))
         index = jnp.argmin(ranked, axis=-1)[..., None, None, None]
         return jnp.take_along_axis(self.elites.grids, index, axis=-3)[..., 0, :, :]
 
+    @jax.transfer_guard("allow")
     def satisfies(self) -> Bool[np.ndarray, "*S N"]:
         """Returns which elites are in all ranges of the search, exactly."""
         return np.asarray(self.elites.valid) & satisfies(self.elites.by_name(), self.search.ranges)
 
+    @jax.transfer_guard("allow")
     def maps(self, count: int = 16, *, where: UserValue = ()) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
 
@@ -189,6 +193,7 @@ class Result:
         features: dict[str, AnyArray] = dict(with_town_features(elites.features, names, elites.grids, "where"))
         return replace(self, elites=elites._replace(features=features), search=search)
 
+    @jax.transfer_guard("allow")
     def choose(
         self,
         count: int,
@@ -200,6 +205,7 @@ class Result:
         """Chooses maps as `maps` does, and says why the others were rejected."""
         return choose_maps(self.elites, self.search, count, seed, exclude=exclude, min_difference=min_difference)
 
+    @jax.transfer_guard("allow")
     def __repr__(self) -> str:
         """Returns the search and its elites, in a few lines."""
         fitness = self.elites.fitness
@@ -234,6 +240,7 @@ class Result:
             f"{pluralize(seeds, 'seed')}, {evaluations:,} evaluations each"
         )
 
+    @jax.transfer_guard("allow")
     def save(self, path: str | Path, *, state: bool = True, seed: int | None = None) -> None:
         """Writes the result to a file, whole or not at all: arrays as NumPy's ``.npz``, options as JSON in it.
 
@@ -282,6 +289,7 @@ class Result:
         return load_with_seed(path)[0]
 
 
+@runs_jax
 def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     """Returns what `Result.load` returns, and the seed that is noted in the file, or None."""
     settings, arrays = unpack(check_named("path", checked_path, path))
@@ -319,6 +327,14 @@ class SearchInterrupted(KeyboardInterrupt):
     def result(self) -> Result:
         """The result so far, from whose state the search continues."""
         return self._make()
+
+    def __reduce__(self) -> tuple[Callable[..., "SearchInterrupted"], tuple[str, Result]]:
+        """Makes the result, so that the interruption of a worker process reaches its parent with it."""
+        return _interrupted, (str(self), self.result)
+
+
+def _interrupted(message: str, result: Result) -> SearchInterrupted:
+    return SearchInterrupted(message, lambda: result)
 
 
 def check_can_save(state: Iterable[AnyArray | jax.ShapeDtypeStruct]) -> None:

@@ -21,6 +21,8 @@ from elitelanes_jax.maps import furnish
 from elitelanes_jax.network.bits import seed_key
 from elitelanes_jax.tiles.files import GROUND
 
+pytestmark = pytest.mark.usefixtures("standard")  # `views` allows promotions itself
+
 TILE_PX = 64
 TOWN = Path(__file__).parents[2] / "docs/examples/town.json"
 CAMERA, BARE = Camera(rows=30, columns=40), Variation()

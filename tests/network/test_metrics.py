@@ -64,7 +64,8 @@ def test_every_small_grid(shape):
     """Compares one grid of each class under rotation and mirroring with the oracle, and all others with that one."""
     numbers, values = np.arange(16 ** prod(shape)), 16 ** np.arange(prod(shape))[::-1]
     grids = (numbers[:, None] // values % 16).reshape(-1, *shape).astype(np.int8)
-    images = [rotate_many(side, turns) for side in (grids, mirror_many(grids)) for turns in range(4)]
+    sides = grids, mirror_many(grids)
+    images = [np.asarray(rotate_many(side, turns)) for side in sides for turns in range(4)]
     first = np.min([image.reshape(len(grids), -1) @ values for image in images if image.shape == grids.shape], axis=0)
     compare(grids[first == numbers])
     found, turned = measure_many(grids), measure_many(rotate_many(grids, 1))

@@ -148,7 +148,7 @@ def check_steps(name, *, fill):
         elites = found(states)
         metrics = measured(elites.grids)
         for bad in (metrics.mismatches, metrics.boundary_violations, *([metrics.dead_ends] if fill else [])):
-            assert not (np.asarray(bad) * elites.valid).any()
+            assert not (np.asarray(bad) * np.asarray(elites.valid)).any()
         lowest = np.where(elites.valid, elites.fitness, np.iinfo(np.int32).max).min(axis=1)
         np.testing.assert_array_equal(infos.best_fitness[0], lowest)
         assert (lowest <= best).all()

@@ -29,7 +29,7 @@ from elitelanes_jax.problem import Problem, niche_index
 from elitelanes_jax.problem.descriptor import compute_descriptor
 
 # Other libraries' warnings are theirs.
-pytestmark = pytest.mark.filterwarnings("default")
+pytestmark = [pytest.mark.filterwarnings("default"), pytest.mark.usefixtures("standard")]
 
 DOCS = Path(__file__).parents[2] / "docs"
 SHAPE, COUNT, PARK = (5, 6), 24, (2, 3)

@@ -1,0 +1,83 @@
+"""Running JAX whatever the user has set: transfers of arrays are allowed, and a forked process is refused.
+
+This module does not import JAX, so that functions for arrays of NumPy and JAX can use it.
+"""
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from elitelanes_jax._util.errors import InputError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_started, _forked = False, False  # whether JAX had started before a fork, and whether this process is its child
+
+
+def runs_jax(function: Callable[P, R]) -> Callable[P, R]:
+    """Declares that a function runs JAX: in its calls transfers are allowed, see `transfers`.
+
+    In a process that was forked after JAX started, the function raises `InputError`. JAX would wait there for threads
+    that only the parent has.
+    """
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        if _forked:
+            raise InputError(
+                "process: expected a process in which JAX can run, got a fork of a process that had started JAX; "
+                "start workers with multiprocessing's method spawn or forkserver"
+            )
+        with transfers():
+            return function(*args, **kwargs)
+
+    return call
+
+
+def transfers() -> AbstractContextManager[None]:
+    """Allows transfers of arrays in its block, also where JAX's setting `jax_transfer_guard` forbids them.
+
+    An array of NumPy as an argument of a compiled function is a transfer, and so is a number in an operation on arrays
+    of JAX.
+    """
+    jax = sys.modules.get("jax")
+    return nullcontext() if jax is None else jax.transfer_guard("allow")
+
+
+def allows_promotions(function: Callable[P, R]) -> Callable[P, R]:
+    """Declares that a function mixes ranks and dtypes of arrays, also where JAX's settings forbid it."""
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        import jax
+
+        with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+            return function(*args, **kwargs)
+
+    return call
+
+
+def _before_fork() -> None:
+    global _started
+    if (jax := sys.modules.get("jax")) is None:
+        return
+    # JAX refuses to change this setting once it has started its threads.
+    devices = jax.config.jax_num_cpu_devices
+    try:
+        jax.config.update("jax_num_cpu_devices", 2 if devices == 1 else 1)
+        jax.config.update("jax_num_cpu_devices", devices)
+    except RuntimeError:
+        _started = True
+
+
+def _after_fork() -> None:
+    global _forked
+    _forked = _started
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(before=_before_fork, after_in_child=_after_fork)

@@ -1,0 +1,146 @@
+"""Whatever the user sets in JAX, all kernels, methods and environments run, and their results are the same."""
+
+from contextlib import ExitStack, contextmanager
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from batches import GROUPS, batches, plain
+from certified import same
+
+from elitelanes_jax import InputError, RoadMap, evolve, measure, repair, rotate
+from elitelanes_jax.drive import RoadNav, RoadNavParams, make_levels
+from elitelanes_jax.network import measure_town
+from elitelanes_jax.optimizers import seed_keys
+
+pytestmark = pytest.mark.usefixtures("any_types")
+
+STRICT = {
+    "jax_numpy_rank_promotion": "raise",
+    "jax_numpy_dtype_promotion": "strict",
+    "jax_transfer_guard": "disallow",
+}
+
+# Of settings that take other values than True and False.
+OTHER = {
+    "jax_default_matmul_precision": "bfloat16",
+    "jax_default_prng_impl": "rbg",
+    "jax_error_checking_behavior_divide": "raise",
+    "jax_error_checking_behavior_nan": "raise",
+    "jax_error_checking_behavior_oob": "raise",
+    "jax_exec_time_optimization_effort": -1.0,
+    "jax_legacy_prng_key": "error",
+    "jax_memory_fitting_effort": -1.0,
+    "jax_memory_fitting_level": "O0",
+    "jax_numpy_dtype_promotion": "strict",
+    "jax_numpy_rank_promotion": "raise",
+    "jax_optimization_level": "O3",
+    "jax_random_seed_offset": 5,
+    "jax_transfer_guard": "disallow",
+}
+
+# The settings that change what `jax.random` and `jax.numpy` return.
+NUMBERS = {
+    "jax_default_matmul_precision": "bfloat16",
+    "jax_default_prng_impl": "rbg",
+    "jax_enable_x64": True,
+    "jax_random_seed_offset": 5,
+    "jax_threefry_partitionable": False,
+}
+
+# With these, JAX computes nothing or refuses to use a key twice, as `fold_in` does.
+NOT_TRIED = {"jax_no_execution", "jax_no_tracing", "jax_debug_key_reuse"}
+
+
+@contextmanager
+def settings(**values):
+    """Settings of the whole process, because a context manager of JAX sets them for one thread."""
+    before = {name: getattr(jax.config, name) for name in values}
+    with ExitStack() as stack:
+        for name, value in values.items():
+            stack.callback(jax.config.update, name, before[name])
+            jax.config.update(name, value)
+        yield
+
+
+@pytest.mark.parametrize(
+    "group", [pytest.param(name, marks=[pytest.mark.slow] * (name == "methods")) for name in GROUPS]
+)
+def test_all_run_under_strict_settings(group):
+    """Compiled, with arguments that are on the device. The rooms' own tests run with these settings too, but for
+    transfers."""
+    for name, batch in list(batches(group)):
+        with settings(**STRICT):
+            try:
+                jax.block_until_ready(jax.jit(batch.function)(*batch.arguments))
+            except Exception as error:
+                raise AssertionError(name) from error
+
+
+def test_arrays_of_numpy_and_numbers_may_be_arguments_where_transfers_are_forbidden():
+    road_map = RoadMap(np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8))
+    with settings(**STRICT):
+        key = seed_keys(0, 1)[0]
+        params = RoadNavParams(make_levels(key, [road_map], 2))
+        _, state = RoadNav.reset(key, params)
+        RoadNav.step(key, state, 1, params)
+        measure(road_map.codes), measure_town(road_map), repair(rotate(road_map.codes, 2))
+
+
+def draw(grid):
+    """A feature of the user, whose value is random."""
+    key = jax.random.wrap_key_data(jnp.array([0, 7], jnp.uint32), impl="threefry2x32")
+    return jax.random.randint(jax.random.split(key)[1], (), 0, 9, jnp.int32) + (grid == 5).sum(dtype=jnp.int32)
+
+
+def search(generations=2, **options):
+    """A search whose method splits keys, see `bits.split`."""
+    options = {"method": "pso", "preset": "paper", "seeds": 2, "features": {"drawn": draw}, "axes": "drawn:4"} | options
+    return evolve(3, (4, 5), generations=generations, **options)
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_search_is_the_same_whatever_is_set(name, tmp_path):
+    """Also if it is continued under another setting."""
+    # The user's functions may compute other numbers with 64 bits. Then the search is another one.
+    options = {"features": None, "axes": None} if name == "jax_enable_x64" else {}
+    expected = search(checkpoint=tmp_path, **options)
+    with settings(**{name: NUMBERS[name]}):
+        same(search(**options), expected)
+        continued = search(3, checkpoint=tmp_path, **options)
+        if options:
+            search(checkpoint=tmp_path / "own")
+    same(continued, search(3, **options))
+    if options:
+        with pytest.raises(InputError, match="expected results with drawn"):
+            search(checkpoint=tmp_path / "own")
+
+
+@pytest.mark.slow
+def test_no_setting_of_jax_changes_a_search():
+    expected = search()
+    tried = {name: not value for name, value in jax.config.values.items() if isinstance(value, bool)} | OTHER
+    for name in tried.keys() - NOT_TRIED:
+        try:
+            with settings(**{name: tried[name]}):
+                pass
+        except (AttributeError, RuntimeError):
+            continue  # only at the start of a process, and read by JAX's own parts alone
+        with settings(**{name: tried[name]}):
+            try:
+                same(search(), expected)
+            except Exception as error:
+                raise AssertionError(name) from error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("group", GROUPS)
+def test_kernels_and_environments_are_the_same_whatever_is_set(group):
+    for name, batch in batches(group):
+        expected = plain(jax.jit(batch.function)(*batch.arguments))
+        for setting in ("jax_threefry_partitionable", "jax_default_prng_impl", "jax_random_seed_offset"):
+            with settings(**{setting: NUMBERS[setting]}):
+                found = plain(jax.jit(batch.function)(*batch.arguments))
+            for one, other in zip(found, expected, strict=True):
+                np.testing.assert_array_equal(one, other, err_msg=f"{name}, {setting}")
