@@ -43,6 +43,8 @@ VALUES = [None, "x", -1, 2.5, object(), [], {}, np.zeros((2, 3, 4, 5)), KEY]
 SLOW = {"collect", "draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
 SLOW |= {
     "make_rides",
+    "stream_views",
+    "views",
     "write_result",
     "measure_town",
     "propose_tiles",
@@ -80,6 +82,7 @@ def arguments():
         "apply": print, "archive": made.empty_archive(), "archives": "a.npz",
         "asked": np.array([0, 1]), "atlas": drive.make_atlas(scaled["image"], scaled["labels"]),
         "axes": paper_axes((4, 4)), "best": np.full((1, len(task.optimum)), np.inf), "best_known": np.zeros(3),
+        "batch": 2,
         "bits": np.zeros(3, np.uint32), "camera": drive.Camera(), "codes": grid, "config": optimizers.EvolutionConfig(),
         "count": 2, "cuts": [tiles.Cut("turn_1", 6, tile.image, "a.jpg", 0, 0)], "depth": 3.0,
         "descriptor": np.zeros((2, 5), int), "dtype": np.dtype(np.int32), "environment": drive.RoadNav,
@@ -99,6 +102,7 @@ def arguments():
         "position": (1, 9), "prefix": "city", "probability": 0.5, "problem": made, "pufferlib": pufferlib,
         "record": run, "result": None, "results": {},
         "rides": None, "road_map": road_map, "rotations": tile_set.rotations, "rows": [{"file": "a"}], "scale": 0.5,
+        "scenes": None,
         "search": print, "seed": 0, "shape": (4, 4), "sheet": np.zeros((20, 20, 3), np.uint8),
         "sight": drive.make_sight(scaled["image"], scaled["labels"], tile_set.rotations), "size": 16,
         "source": road_map, "sources": [road_map],

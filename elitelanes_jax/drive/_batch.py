@@ -39,7 +39,8 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
 
     def numbers(part: Array) -> Array:
         if part.dtype == jnp.int8:
-            part = part[..., None] & jnp.array([8, 4, 2, 1], jnp.int8) > 0
+            bits = np.array([8, 4, 2, 1], np.int8).reshape(*(1,) * part.ndim, 4)
+            part = part[..., None] & bits > 0
         return part.astype(jnp.float32).reshape(-1)
 
     return jnp.concatenate([numbers(part) for part in parts])

@@ -20,6 +20,7 @@ corner from the corner to the north, and the road south of it from the corner to
 shift of one vector.
 """
 
+from collections.abc import Sequence
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -30,7 +31,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 from jaxtyping import Array, Bool, Int, Int8, UInt
 
-from elitelanes_jax._util.types import Pytree
+from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.xla import PaddedLayout, materialize
 
@@ -145,7 +146,7 @@ class _Arrangement(NamedTuple):
         rows = grids.reshape(-1, self.layout.stride)
         return materialize(_extend(rows, _FAR - 1, _FAR - 1)).reshape(-1)
 
-    def take_apart(self, cells: Array, shape: tuple[int, ...]) -> Array:
+    def take_apart(self, cells: Array, shape: Sequence[Untyped]) -> Array:
         """Returns the grids again, without the empty rows, in the shape of the batch."""
         cells = cells[self.margin : cells.shape[0] - self.margin]
         if self.beside:

@@ -7,10 +7,7 @@ from .object_set import ObjectSet as ObjectSet
 from .object_set import default_objects as default_objects
 from .object_set import draw_tag as draw_tag
 from .object_set import load_objects as load_objects
-from .photographs.comparison import Difference as Difference
-from .photographs.comparison import find_differences as find_differences
 from .photographs.comparison import turn_floor as turn_floor
-from .photographs.comparison import turn_to_plan as turn_to_plan
 from .photographs.cutting import Cut as Cut
 from .photographs.cutting import cut_tiles as cut_tiles
 from .photographs.cutting import write_cuts as write_cuts
@@ -19,7 +16,6 @@ from .photographs.proposals import Proposal as Proposal
 from .photographs.proposals import propose_tiles as propose_tiles
 from .photographs.reading import Lens as Lens
 from .photographs.reading import Photograph as Photograph
-from .photographs.reading import read_lens as read_lens
 from .photographs.reading import read_photograph as read_photograph
 from .rendering import LABEL_COLOURS as LABEL_COLOURS
 from .rendering import LABELS as LABELS
@@ -32,8 +28,6 @@ from .rendering import scale_tiles as scale_tiles
 from .rendering import stand as stand
 from .rendering import write_picture as write_picture
 from .rendering import write_png as write_png
-from .sides import SideLines as SideLines
-from .sides import measure_sides as measure_sides
 from .tag_pages import write_tags as write_tags
 from .tileset import MASKS as MASKS
 from .tileset import TileSet as TileSet

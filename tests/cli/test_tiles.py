@@ -25,7 +25,8 @@ def test_a_good_set_is_described(folder, capsys):
     assert lines[0] == "tiles: 4 tiles"
     assert lines[6] == "no end: maps with dead ends cannot be drawn"
     assert lines[5] == "rotated, 16 pictures of the codes 3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15"
-    assert len(lines) == 7
+    assert lines[7].startswith("in tiles from the left end of each side") and len(lines) == 8 + 11 + 1
+    assert lines[-1].endswith("lane_offset is 0.2")
 
 
 def test_all_faults_are_listed_at_once(folder, capsys):

@@ -92,6 +92,7 @@ def test_an_environment_alone_does_the_same_bit_for_bit():
             np.testing.assert_array_equal(ours, theirs[2:], strict=True)
 
 
+@pytest.mark.usefixtures("standard")
 def test_what_a_caller_writes_changes_nothing():
     class Metrics(tuple):
         def _asdict(self):

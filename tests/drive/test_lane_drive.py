@@ -107,6 +107,7 @@ def test_the_figures_of_the_lane_are_those_of_lane_pose(params, rides):
     np.testing.assert_allclose(ahead, np.array([-1 / 0.3, 0, 1 / 0.7])[movement.turn[going]], rtol=1e-5)
 
 
+@pytest.mark.usefixtures("standard")
 def test_lanes_are_where_the_tile_set_has_them():
     """Starts are on the oracle's polylines, the expert stays on them, and `d` is measured from them."""
     levels = make_levels(jax.random.key(0), [TOWN], 8)

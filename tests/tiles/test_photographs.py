@@ -15,17 +15,16 @@ from elitelanes_jax.tiles import (
     Photograph,
     Proposal,
     cut_tiles,
-    find_differences,
-    measure_sides,
     propose_masks,
     propose_tiles,
-    read_lens,
     read_photograph,
     turn_floor,
-    turn_to_plan,
 )
 from elitelanes_jax.tiles.photographs import reading
+from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_to_plan
+from elitelanes_jax.tiles.photographs.reading import read_lens
 from elitelanes_jax.tiles.photographs.views import View, places_of, view_of
+from elitelanes_jax.tiles.sides import measure_sides
 
 TOWN = photographed.TOWN
 CORNERS = photographed.corners_of(3, 3)
