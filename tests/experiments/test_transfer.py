@@ -137,15 +137,15 @@ def test_training_continues_to_the_same_weights(tmp_path, monkeypatch):
     views, file = train.Views(images, labels, np.zeros((8, 3), np.float32)), tmp_path / "checkpoint"
 
     batches, shares = partial(train.draw_batches, "pose", views, 0), train.shares_of(views.labels)
-    whole = train.train("pose", batches, shares, 3, 0, tmp_path / "whole", print)
+    whole = train.train_on("pose", batches, shares, 3, 0, tmp_path / "whole", print)
 
     def stop(_: str) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(train, "_KEEP_EVERY", 0)
     with pytest.raises(KeyboardInterrupt):
-        train.train("pose", batches, shares, 3, 0, file, stop)
-    again = train.train("pose", batches, shares, 3, 0, file, print)
+        train.train_on("pose", batches, shares, 3, 0, file, stop)
+    again = train.train_on("pose", batches, shares, 3, 0, file, print)
     jax.tree.map(np.testing.assert_array_equal, jax.device_get(whole), jax.device_get(again))
 
 

@@ -16,7 +16,7 @@ from elitelanes_jax import load_tiles
 from elitelanes_jax.drive import VARIED, Camera, Scenes, make_scenes, stream_views
 from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS, write_weights
-from experiments.perception.gym_duckietown.train import BATCH, STEPS, Views, shares_of, train
+from experiments.perception.gym_duckietown.train import BATCH, STEPS, Views, shares_of, train_on
 
 __all__ = ["main", "stream"]
 
@@ -51,7 +51,7 @@ def _run(options: argparse.Namespace) -> None:
     checkpoint = options.out.with_suffix(".checkpoint")
     batches = partial(stream, options.task, scenes, options.seed)
     shares = shares_of(next(batches(0)).labels)
-    weights = train(options.task, batches, shares, steps, options.seed, checkpoint, partial(print, flush=True))
+    weights = train_on(options.task, batches, shares, steps, options.seed, checkpoint, partial(print, flush=True))
     write_weights(options.out, weights)
     print(f"{options.out}: {options.out.stat().st_size:,} bytes")
     checkpoint.unlink()

@@ -34,7 +34,7 @@ from experiments.perception.gym_duckietown.nets import (
     write_weights,
 )
 
-__all__ = ["BATCH", "STEPS", "Views", "draw_batches", "main", "read_views", "shares_of", "train"]
+__all__ = ["BATCH", "STEPS", "Views", "draw_batches", "main", "read_views", "shares_of", "train", "train_on"]
 
 BATCH = {"pose": 64, "labels": 8}
 STEPS = {"pose": 3000, "labels": 900}
@@ -105,7 +105,13 @@ def shares_of(labels: UInt8[NDArray, "N 120 160"]) -> Float[NDArray, "4"]:
     return np.asarray(np.maximum(np.bincount(labels.ravel(), minlength=4) / labels.size, 1e-4))
 
 
-def train(
+def train(task: str, views: Views, steps: int, seed: int, checkpoint: Path, say: Callable[[str], None]) -> Pytree:
+    """Trains a network on random batches of views, see `train_on`."""
+    batches = partial(draw_batches, task, views, seed)
+    return train_on(task, batches, shares_of(views.labels[::10]), steps, seed, checkpoint, say)
+
+
+def train_on(
     task: str,
     batches: Callable[[int], Iterator[Views]],
     shares: Float[NDArray, "4"],
@@ -161,9 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> None:
     views, steps = read_views(options.dataset), options.steps or STEPS[options.task]
     checkpoint = options.out.with_suffix(".checkpoint")
-    batches = partial(draw_batches, options.task, views, options.seed)
-    shares = shares_of(views.labels[::10])
-    weights = train(options.task, batches, shares, steps, options.seed, checkpoint, partial(print, flush=True))
+    weights = train(options.task, views, steps, options.seed, checkpoint, partial(print, flush=True))
     write_weights(options.out, weights)
     print(f"{options.out}: {options.out.stat().st_size:,} bytes")
     checkpoint.unlink()
