@@ -152,11 +152,6 @@ class Programs:
         if self._file is not None:
             self._stored = load(self._file)
 
-    @property
-    def on_disk(self) -> bool:
-        """Whether a file has some of the programs; otherwise they are traced at their first use."""
-        return self._stored is not None
-
     # Not cached properties: Python 3.11 computes one of these at a time, of whatever object, so that a thread which
     # traces and a thread which waits to trace would wait for each other.
     @property
