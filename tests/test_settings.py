@@ -11,6 +11,7 @@ from certified import same
 
 from elitelanes_jax import InputError, RoadMap, evolve, measure, repair, rotate
 from elitelanes_jax.drive import RoadNav, RoadNavParams, make_levels
+from elitelanes_jax.drive._batch import SAME_STEP, Batch
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.optimizers import seed_keys
 
@@ -86,6 +87,10 @@ def test_arrays_of_numpy_and_numbers_may_be_arguments_where_transfers_are_forbid
         _, state = RoadNav.reset(key, params)
         RoadNav.step(key, state, 1, params)
         measure(road_map.codes), measure_town(road_map), repair(rotate(road_map.codes, 2))
+        together = Batch(RoadNav, params, 2, SAME_STEP)
+        together.reset([1, 2])
+        together.step([0, 1])
+        assert len(together.states("render")) == 2
 
 
 def draw(grid):

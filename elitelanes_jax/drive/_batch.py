@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, instance, is_whole, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition
 from elitelanes_jax.network.bits import THREEFRY, fold_in
@@ -112,7 +113,7 @@ class Outcome(NamedTuple):
     """What a step of a batch returns, as arrays of NumPy that the caller may write to.
 
     Attributes:
-      observation: float32 ``[N, size]`` or uint8 pictures, of the episode that goes on or begins.
+      observation: float32 ``[N, size]`` or uint8 pictures; where an episode was reset, the first of the next one.
       reward: float32 ``[N]``.
       terminated: bool ``[N]``.
       truncated: bool ``[N]``.
@@ -132,7 +133,7 @@ _Packed = tuple[dict[str, AnyArray], list[AnyArray]]
 
 
 class _Carry(NamedTuple):
-    """All that goes on from step to step."""
+    """The state of a batch between two steps."""
 
     streams: UInt32[Array, "N 3"]  # the two words of a key, and how many keys of the stream are used
     state: _Packed
@@ -142,6 +143,7 @@ class _Carry(NamedTuple):
 class Batch:
     """A batch of environments. Two calls make a step: `send` starts it, and `receive` waits for its outcome."""
 
+    @runs_jax
     def __init__(
         self, environment: Environment, params: Pytree, envs: int, mode: str, *, channels_first: bool = False
     ) -> None:
@@ -162,6 +164,7 @@ class Batch:
         blank = jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), states)
         self._carry = _Carry(jnp.asarray(_to_streams(random_seeds)), self._states.pack(blank), jnp.zeros(rows, bool))
 
+    @runs_jax
     def reset(self, seeds: Sequence[UserValue] | None = None, chosen: NDArray[np.bool_] | None = None) -> np.ndarray:
         """Starts episodes in the chosen environments, by default in all, and returns the observations of all.
 
@@ -193,6 +196,7 @@ class Batch:
         streams[seeded] = _to_streams(np.array([seeds[index] for index in seeded], np.uint64))
         self._carry = self._carry._replace(streams=jnp.asarray(streams))
 
+    @runs_jax
     def send(self, actions: UserValue) -> None:
         """Starts a step with whole numbers ``[N]``, or real ones ``[N, action_size]``."""
         self._check_begun("step")
@@ -202,6 +206,7 @@ class Batch:
         step = _step(self._carry, array, self.params, environment=self.environment, mode=self._mode)
         self._carry, *self._sent = step
 
+    @runs_jax
     def receive(self) -> Outcome:
         """Waits for the outcome of the step that was sent."""
         (observation, reached), (stacks, others) = self._sent
@@ -217,6 +222,7 @@ class Batch:
         self.send(actions)
         return self.receive()
 
+    @runs_jax
     def states(self, name: str) -> list[Pytree]:
         """Returns the states, as arrays of NumPy. Before a reset, an error says that `name` needs it."""
         self._check_begun(name)

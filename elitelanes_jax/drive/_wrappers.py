@@ -153,12 +153,10 @@ def gymnasium_env(
         render_mode = None if draw is None else "rgb_array"
         action_space, observation_space = batch.spaces(gymnasium.spaces)
 
-        @runs_jax
         def reset(self, *, seed: int | None = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
             super().reset(seed=seed)
             return batch.reset([seed])[0], {}
 
-        @runs_jax
         def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
             done = batch.step(np.asarray(action)[None])
             metrics = {name: metric[0, ...] for name, metric in done.metrics.items()}
