@@ -15,8 +15,8 @@ import numpy as np
 from elitelanes_jax import load_tiles
 from elitelanes_jax.drive import VARIED, Camera, Scenes, make_scenes, stream_views
 from experiments.common import Parser, leave, run, whole
-from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS, write_weights
-from experiments.perception.gym_duckietown.train import BATCH, STEPS, Views, shares_of, train_on
+from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
+from experiments.perception.gym_duckietown.train import BATCH, STEPS, Views, shares_of, train_on, write_trained
 
 __all__ = ["main", "stream"]
 
@@ -48,13 +48,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> None:
     scenes = make_scenes(options.maps, load_tiles(options.tiles), tile_px=_TILE_PX)
     steps = options.steps or 2 * STEPS[options.task]
-    checkpoint = options.out.with_suffix(".checkpoint")
     batches = partial(stream, options.task, scenes, options.seed)
     shares = shares_of(next(batches(0)).labels)
-    weights = train_on(options.task, batches, shares, steps, options.seed, checkpoint, partial(print, flush=True))
-    write_weights(options.out, weights)
-    print(f"{options.out}: {options.out.stat().st_size:,} bytes")
-    checkpoint.unlink()
+    write_trained(options.out, partial(train_on, options.task, batches, shares, steps, options.seed))
 
 
 if __name__ == "__main__":

@@ -34,7 +34,18 @@ from experiments.perception.gym_duckietown.nets import (
     write_weights,
 )
 
-__all__ = ["BATCH", "STEPS", "Views", "draw_batches", "main", "read_views", "shares_of", "train", "train_on"]
+__all__ = [
+    "BATCH",
+    "STEPS",
+    "Views",
+    "draw_batches",
+    "main",
+    "read_views",
+    "shares_of",
+    "train",
+    "train_on",
+    "write_trained",
+]
 
 BATCH = {"pose": 64, "labels": 8}
 STEPS = {"pose": 3000, "labels": 900}
@@ -151,6 +162,14 @@ def train_on(
     return weights
 
 
+def write_trained(out: Path, training: Callable[[Path, Callable[[str], None]], Pytree]) -> None:
+    """Writes the weights of a training, which keeps its checkpoint beside them until then."""
+    checkpoint = out.with_suffix(".checkpoint")
+    write_weights(out, training(checkpoint, partial(print, flush=True)))
+    print(f"{out}: {out.stat().st_size:,} bytes")
+    checkpoint.unlink()
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("train", __doc__)
@@ -166,11 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     views, steps = read_views(options.dataset), options.steps or STEPS[options.task]
-    checkpoint = options.out.with_suffix(".checkpoint")
-    weights = train(options.task, views, steps, options.seed, checkpoint, partial(print, flush=True))
-    write_weights(options.out, weights)
-    print(f"{options.out}: {options.out.stat().st_size:,} bytes")
-    checkpoint.unlink()
+    write_trained(options.out, partial(train, options.task, views, steps, options.seed))
 
 
 if __name__ == "__main__":
