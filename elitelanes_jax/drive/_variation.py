@@ -1,7 +1,7 @@
 """What differs between views of one scene: background, shadows, lens and colours, as `dataset --transform` varies them.
 
-A view's numbers are drawn first, `draw_look`. Then `lay_background` and `photograph` make the picture, of which only
-the last step rounds colours.
+First `draw_look` draws the numbers of a view. Then `lay_background` and `photograph` make the picture. Colours are
+rounded once, in the last step.
 
 XLA for processors repeats a formula for each of its uses. Therefore whatever several pixels or all colours use is
 computed by `once`.

@@ -70,7 +70,7 @@ class _Pose(NamedTuple):
     yaw: float = 0.0
 
     def then(self, child: "_Pose") -> "_Pose":
-        """Returns the pose of a child in the frame of which this is a pose."""
+        """Returns the pose of a child, given in this frame, in the parent of this frame."""
         x = self.x + cos(self.yaw) * child.x - sin(self.yaw) * child.y
         y = self.y + sin(self.yaw) * child.x + cos(self.yaw) * child.y
         yaw = remainder(self.yaw + child.yaw, 2 * pi)  # the sum of several may be infinite
@@ -222,7 +222,7 @@ class _Frames:
 
 
 def _own_pose(frame: _Table, size: float) -> _Pose:
-    """Returns the pose of a frame in the frame that it is relative to."""
+    """Returns the pose of a frame, relative to its parent frame."""
     unit = frame.get("unit")
     if unit not in (*_NOTHING, *_METRES, "tiles"):
         raise InputError(f"unit: expected metres or tiles, got {brief(unit, 40)}")

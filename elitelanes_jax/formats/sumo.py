@@ -36,7 +36,7 @@ _SETTINGS = {
 # What the names of files mean in SUMO's settings and on its command line: a list, a port of the network, a folder, and
 # a variable of the environment. No way to write them keeps them from their meaning.
 _REFUSED = (",", ":", "\\", "${")
-# What is read as it is when it is written as the code of its character: such a code, and the user's home.
+# SUMO expands these characters in names of files. Their codes are read as the characters.
 _QUOTED = {"%": "%25", "~": "%7e"}
 
 _ARC = np.linspace(0, math.pi / 2, 9)[:, None]

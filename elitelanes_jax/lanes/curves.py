@@ -94,7 +94,7 @@ def middle_of_side(tile: Cell, side: int) -> tuple[float, float]:
 
 
 def moved(point: tuple[float, float], heading: int, distance: float) -> tuple[float, float]:
-    """Returns the point that is so many tiles away in the direction of a heading."""
+    """Returns the point at a distance in tiles, in the direction of a heading."""
     ahead = SIDES[heading]
     return point[0] + distance * ahead.right, point[1] + distance * ahead.down
 

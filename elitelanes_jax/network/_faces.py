@@ -131,7 +131,7 @@ class _Arrangement(NamedTuple):
 
     @property
     def closed(self) -> "np.unsignedinteger[Any]":
-        """The value of a wall: a label that it is or-ed onto loses every comparison."""
+        """The value of a wall. Its bits are all set, so that a label or-ed with it is never the least one."""
         return self.initial.dtype.type(np.iinfo(self.initial.dtype).max)
 
     @property

@@ -20,8 +20,8 @@ def check_array(name: str, array: AnyArray, shape: Sequence[int | str], *dtypes:
     Args:
       name: in messages.
       array: of numbers.
-      shape: the length of each axis; a text stands for any length.
-      *dtypes: one of which the array must have.
+      shape: the length of each axis, or a text that names an axis of any length.
+      *dtypes: the dtypes that the array may have.
 
     Raises:
       InputError: for another shape or dtype.

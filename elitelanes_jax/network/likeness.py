@@ -39,7 +39,7 @@ def road_forms(grids: _Grids) -> list[bytes]:
 
 
 def difference(grid: AnyArray, other: AnyArray) -> float:
-    """Returns the share of tiles in which two grids differ, wherever their roads are.
+    """Returns the share of tiles in which two grids differ, at the position where they are most alike.
 
     One grid's roads are laid on the other's at every position, rotated and mirrored in all eight ways. In each way, the
     cells with different codes are counted; a tile on an empty cell differs too. The least count is divided by the

@@ -202,8 +202,8 @@ def _in_range(image: NDArray[np.uint8], colour: Colour, darkest: float) -> NDArr
 def _clean(mask: NDArray[np.uint8], close: NDArray[np.uint8], cut: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Closes the gaps of a mask, then removes bridges and specks, all narrower than a disc.
 
-    The mask goes on beyond the picture as it ends there, so that tape of which the border leaves little stays a line.
-    The outermost pixels do not count: they may show a little of what is beyond the tile.
+    The outermost pixels do not count: they may show a little of what is beyond the tile. Outwards from there the mask
+    repeats the pixels next to them, so that a narrow rest of tape at the border stays a line.
     """
     rim = max(1, round(len(mask) * _RIM))
     around = rim + max(len(close), len(cut))

@@ -4,7 +4,7 @@
 
 Floors of 12 to 30 tiles, and single tiles on six kinds of floor, photographed by `synthetic_photographs.py`. The tile
 sets are drawn with seeds that no parameter was chosen with. A cut is right if no corner of a tile is off by more than
-1 % of a tile. Nothing but the size of the floor is told.
+1 % of a tile. The program is given the size of the floor and nothing else.
 """
 
 import argparse

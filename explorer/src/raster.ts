@@ -1,4 +1,4 @@
-/** Maps of so many tiles that a tile has few pixels: drawing a million paths would take a minute. */
+/** Draws large maps, whose tiles have few pixels, pixel by pixel: drawing a million paths would take a minute. */
 import { GROUND, END, mapShapes, paint, ROAD } from "./drawing";
 import { SIDES, type Grid } from "./network/codes";
 

@@ -15,7 +15,7 @@ test("a shelf is written as --inventory takes it, and read from the record of a 
   expect([shelfFrom(null), shelfFrom(undefined), shelfFrom("straight=2")]).toEqual([null, null, null]);
 });
 
-/** Returns an editor after a stroke in each of so many cells. */
+/** Returns an editor after `strokes` strokes, each in another cell. */
 function drawn(grid: Grid, strokes: number): Editor {
   let editor = editorOf(grid);
   for (let cell = 0; cell < strokes; cell++) {

@@ -181,7 +181,7 @@ def photographs(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("photographs")
 def test_the_way_from_photographs_to_a_tile_set(capsys):
-    """The page on tiles, step by step, but for what evolves maps."""
+    """The page on tiles, step by step, without the commands that evolve maps."""
     page, said = PAGES["docs/tiles.md"], ""
     for language, text in blocks(page, "python", "sh"):
         if language == "python":

@@ -48,7 +48,7 @@ export const framed = ({ height, width }: Frame, edge: number): Frame => ({
 
 /**
  * Returns the style of a canvas for a map with `edge` tiles around it. A map as large as `frame` is as wide as the element
- * around it, or so many per cent of the window high. All maps of a frame have one scale.
+ * around it, or as high as a percentage of the window. All maps of a frame have one scale.
  */
 export function fittedStyle(map: Frame, edge: number, most: number, frame = framed(map, edge)) {
   const { height, width } = framed(map, edge);
