@@ -15,7 +15,7 @@ from elitelanes_jax import Weights, evolve, fitness, measure, mirror, random_gri
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.optimizers import PRESETS
-from elitelanes_jax.search import _programs
+from elitelanes_jax.search import _compiling
 
 SHAPE = (5, 6)
 
@@ -60,7 +60,7 @@ def run_environments():
 
 
 def run_methods():
-    _programs._MOST_CELLS = (-1, -1)  # else so short a search is not optimised
+    _compiling._MOST_CELLS = (-1, -1)  # else so short a search is not optimised
     found = {}
     for method, preset in (one for one in PRESETS if one[1] in ("tuned", "paper")):
         result = evolve(3, SHAPE, seeds=2, method=method, preset=preset, generations=12, progress=False)
