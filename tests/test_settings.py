@@ -2,6 +2,7 @@
 
 from contextlib import ExitStack, contextmanager
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -134,7 +135,10 @@ def test_no_setting_of_jax_changes_a_search():
             continue  # only at the start of a process, and read by JAX's own parts alone
         with settings(**{name: tried[name]}):
             try:
-                same(search(), expected)
+                found = search()
+                # A setting may change the text of the user's feature. The search is then another one to a checkpoint.
+                chex.assert_trees_all_equal(found.elites, expected.elites)
+                chex.assert_trees_all_equal(found.state.inner, expected.state.inner)
             except Exception as error:
                 raise AssertionError(name) from error
 

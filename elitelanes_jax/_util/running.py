@@ -48,19 +48,6 @@ def transfers() -> AbstractContextManager[None]:
     return nullcontext() if jax is None else jax.transfer_guard("allow")
 
 
-def allows_promotions(function: Callable[P, R]) -> Callable[P, R]:
-    """Declares that a function mixes ranks and dtypes of arrays, also where JAX's settings forbid it."""
-
-    @wraps(function)
-    def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        import jax
-
-        with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
-            return function(*args, **kwargs)
-
-    return call
-
-
 def _before_fork() -> None:
     global _started
     if (jax := sys.modules.get("jax")) is None:

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int32, Key, UInt8, UInt32
 
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.running import allows_promotions, runs_jax
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive._camera import Camera, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
 from elitelanes_jax.drive._objects import Objects, Rays, stand
@@ -199,9 +199,14 @@ def _check_arguments(scenes: Scenes, batch: int, camera: Camera, variation: Vari
 
 
 @runs_jax
-@partial(jax.jit, static_argnames=("batch", "samples"))
-@allows_promotions
 def _draw(key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int) -> Views:
+    # Arrays of several ranks and dtypes are mixed here, which settings of JAX may forbid.
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        return _draw_batch(key, scenes, camera, variation, batch=batch, samples=samples)
+
+
+@partial(jax.jit, static_argnames=("batch", "samples"))
+def _draw_batch(key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int) -> Views:
     keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(batch))
     camera, variation = jax.tree.map(
         lambda number: jnp.broadcast_to(jnp.asarray(number, jnp.float32), batch), (camera, variation)

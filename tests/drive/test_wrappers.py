@@ -141,6 +141,7 @@ def test_they_can_be_copied(params, seeing):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("standard")  # rejax adds arrays of several dtypes
 def test_rejax_learns_on_it(levels):
     pytest.importorskip("rejax")
     from gymnax.environments import spaces
