@@ -13,7 +13,7 @@ from certified import evolve
 from elitelanes_jax import Axis, Weights, annealed_map_elites, fitness, measure, repair, road_problem
 from elitelanes_jax.network import random_bits, random_grids
 from elitelanes_jax.optimizers import AnnealedMapElitesConfig, AnnealingConfig
-from elitelanes_jax.optimizers._annealed_map_elites import Cycle, _Bits, _draw_mates, _Groups
+from elitelanes_jax.optimizers._cycles import Cycle, CycleBits, Groups
 from elitelanes_jax.problem import tuned_axes
 from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.rules import RULES
@@ -125,9 +125,9 @@ def test_a_vacant_niche_gives_no_mate():
     problem, config = road_problem(SHAPE), AnnealedMapElitesConfig(elite_mate=1.0)
     archives, zero = problem.empty_archive(copies=5), jnp.zeros(CHAINS, jnp.int32)
     cycle = Cycle(jnp.zeros((CHAINS, len(problem.axes)), jnp.int32), zero > 0, zero, zero)
-    bits = _Bits.of(random_bits(KEY, (CHAINS, 12)))
+    bits = CycleBits.of(random_bits(KEY, (CHAINS, 12)))
     others = random_grids(KEY, CHAINS, SHAPE)
-    mates = _draw_mates(_Groups.of(problem, CHAINS, False), config, bits, cycle, archives, others)
+    mates = Groups.of(problem, CHAINS, False).draw_mates(bits, cycle, archives, others, elite_mate=config.elite_mate)
     np.testing.assert_array_equal(mates, others)
 
 
