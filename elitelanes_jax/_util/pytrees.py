@@ -30,21 +30,21 @@ def pytree(kind: type[R]) -> type[R]:
     `jax.tree_util.register_dataclass` would call the constructor, which checks the fields. But transformations make
     records of tracers, axes and None.
     """
-    structure = [one.name for one in fields(kind) if one.metadata.get("static")]  # type: ignore[arg-type]
+    structure = [item.name for item in fields(kind) if item.metadata.get("static")]  # type: ignore[arg-type]
     children = [name for name in kind.options() if name not in structure]
 
-    def flatten(one: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
-        return [getattr(one, name) for name in children], tuple(getattr(one, name) for name in structure)
+    def flatten(record: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
+        return [getattr(record, name) for name in children], tuple(getattr(record, name) for name in structure)
 
-    def flatten_with_keys(one: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
-        values, values_of_structure = flatten(one)
+    def flatten_with_keys(record: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
+        values, values_of_structure = flatten(record)
         keys = map(jax.tree_util.GetAttrKey, children)
         return list(zip(keys, values, strict=True)), values_of_structure
 
     def unflatten(values_of_structure: tuple[UserValue, ...], values: Iterable[UserValue]) -> R:
-        one = object.__new__(kind)
-        vars(one).update(zip((*structure, *children), (*values_of_structure, *values), strict=True))
-        return one
+        record = object.__new__(kind)
+        vars(record).update(zip((*structure, *children), (*values_of_structure, *values), strict=True))
+        return record
 
     jax.tree_util.register_pytree_with_keys(kind, flatten_with_keys, unflatten, flatten)
     return kind

@@ -33,14 +33,26 @@ _STREETS = """
 1 LIVNAROVIC ST., 1 MCALLESTER ST., 1 TULSIANI ST., 1 MAKARYCHEV ST., 1 BLUM ST., 1 FURUI ST.
 """
 
-_IN_ORDER = [
-    name for count, _, name in (item.strip().partition(" ") for item in _STREETS.split(",")) for _ in range(int(count))
-]
 
-STREET_NAMES: dict[int, str] = dict(zip(SIGN_TAGS["sign_street_name"], _IN_ORDER, strict=True))
+def _names_in_order() -> list[str]:
+    """Returns the street name of each tag from 440 on."""
+    names = []
+    for item in _STREETS.split(","):
+        count, _, name = item.strip().partition(" ")
+        names += [name] * int(count)
+    return names
+
+
+STREET_NAMES: dict[int, str] = dict(zip(SIGN_TAGS["sign_street_name"], _names_in_order(), strict=True))
 """The street name of each tag of a street name sign. Several tags have the same name."""
 
-STREETS = tuple(
-    tuple(tag for tag, other in STREET_NAMES.items() if other == name) for name in dict.fromkeys(STREET_NAMES.values())
-)
+
+def _tags_by_name() -> dict[str, tuple[int, ...]]:
+    tags: dict[str, tuple[int, ...]] = {}
+    for tag, name in STREET_NAMES.items():
+        tags[name] = (*tags.get(name, ()), tag)
+    return tags
+
+
+STREETS = tuple(_tags_by_name().values())
 """The tags of each street name."""

@@ -20,18 +20,21 @@ EXTREMES = Path(__file__).with_name("extremes.txt")
 
 def features_of(grid: NDArray[np.int8]) -> dict[str, float]:
     """Returns the metrics and shares of one grid ``[H, W]``, in the order of `FEATURES`; shares are parts of 1."""
-    metrics = plain_measure(grid)
-    shares = {name: metrics[part] / max(1, sum(metrics[other] for other in of)) for name, (part, of) in SHARES.items()}
-    return {name: (metrics | shares)[name] for name in FEATURES}
+    features: dict[str, float] = dict(plain_measure(grid))
+    for share, (part, parts_of_whole) in SHARES.items():
+        whole = sum(features[name] for name in parts_of_whole)
+        features[share] = features[part] / max(1, whole)
+    return {name: features[name] for name in FEATURES}
 
 
 @cache
 def _measured() -> list[tuple[NDArray[np.int8], dict[str, float]]]:
-    grids = [
-        np.array([[int(code, 16) for code in row] for row in line.split()], np.int8)
-        for line in EXTREMES.read_text(encoding="ascii").splitlines()
-    ]
-    return [(grid, features_of(grid)) for grid in grids]
+    measured = []
+    for line in EXTREMES.read_text(encoding="ascii").splitlines():
+        rows = [[int(code, 16) for code in row] for row in line.split()]
+        grid = np.array(rows, np.int8)
+        measured.append((grid, features_of(grid)))
+    return measured
 
 
 def feature_range(name: str) -> tuple[float, float]:
@@ -49,8 +52,10 @@ def feature_range(name: str) -> tuple[float, float]:
 
 def extreme_maps(name: str) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     """Returns a map int8 ``[12, 12]`` with the smallest value of a feature, and one with the largest."""
-    low, high = feature_range(name)
-    return tuple(next(grid for grid, features in _measured() if features[name] == end) for end in (low, high))  # type: ignore[return-value]
+    feature_range(name)  # checks the name
+    smallest, _ = min(_measured(), key=lambda measured: measured[1][name])
+    largest, _ = max(_measured(), key=lambda measured: measured[1][name])
+    return smallest, largest
 
 
 def describe_features() -> dict[str, tuple[str, str]]:
@@ -66,11 +71,21 @@ def describe_features() -> dict[str, tuple[str, str]]:
 
 def _range_text(name: str) -> str:
     if name in TOWN_FEATURES:
-        kind = "0..1" if is_share(name) else "a ratio" if feature_unit(name) > 1 else "a number"
-        value = features_without_gaps(_SHAPE).get(name)
-        return kind if value is None else f"{kind}; filled {value_text(value / feature_unit(name))}"
+        return _town_range_text(name)
     low, high = map(value_text, feature_range(name))
     return low if low == high else f"{low}..{high}"
+
+
+def _town_range_text(name: str) -> str:
+    unit = feature_unit(name)
+    if is_share(name):
+        kind = "0..1"
+    elif unit > 1:
+        kind = "a ratio"
+    else:
+        kind = "a number"
+    filled = features_without_gaps(_SHAPE).get(name)
+    return kind if filled is None else f"{kind}; filled {value_text(filled / unit)}"
 
 
 def value_text(value: float) -> str:

@@ -56,10 +56,7 @@ def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tup
     if isinstance(where, Mapping):
         ranges = [_range(f"where: {name}", name, limits, features) for name, limits in where.items()]
     elif isinstance(where, Iterable):
-        ranges = [
-            _range("where", item.name, item[1:], features) if isinstance(item, Range) else _parse(item, features)
-            for item in where
-        ]
+        ranges = [_read_range(item, features) for item in where]
     else:
         raise InputError(f"where: expected ranges such as ['crossings=6..10'], got {where!r}")
     check_unique("where", "feature", [item.name for item in ranges])
@@ -74,11 +71,12 @@ def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[
     names = (*feature_names, *SHARES)
     limits = np.array([[-LARGEST], [LARGEST]], np.int32).repeat(len(names), axis=1)
     for name, low, high in where:
+        column, unit = names.index(name), feature_unit(name)
         if low is not None:
             # Thousandths of shares are rounded down.
-            limits[0, names.index(name)] = (floor if name in SHARES else ceil)(low * feature_unit(name))
+            limits[0, column] = floor(low * unit) if name in SHARES else ceil(low * unit)
         if high is not None:
-            limits[1, names.index(name)] = floor(high * feature_unit(name))
+            limits[1, column] = floor(high * unit)
     return limits
 
 
@@ -102,9 +100,10 @@ def range_penalty(
     distance = (limits[0] - features).clip(0, None) + (features - limits[1]).clip(0, None)
     distance = distance.clip(None, LARGEST // factor) * factor
     # Processors divide by a constant many times as fast as by numbers that differ between columns.
-    steps = sum(
-        (divisor == one).astype(np.int32) * ((distance + one - 1) // one) for one in np.unique(divisor).tolist()
-    )
+    steps: AnyArray = 0
+    for constant in np.unique(divisor).tolist():
+        has_divisor = (divisor == constant).astype(np.int32)
+        steps += has_divisor * ((distance + constant - 1) // constant)
     steps = steps.clip(None, _most_steps(len(names)))
     return _STEEPNESS * steps.sum(axis=-1, dtype=np.int32)
 
@@ -126,13 +125,22 @@ def satisfies(features: Mapping[str, AnyArray], where: Iterable[Range]) -> Bool[
     """
     inside = np.ones(np.shape(features[METRIC_NAMES[0]]), bool)
     for name, low, high in where:
-        part, whole = SHARES.get(name, (name, ()))
+        part, parts_of_whole = SHARES.get(name, (name, ()))
         value = np.asarray(features[part], np.int64)
-        total: AnyArray = sum(np.asarray(features[one], np.int64) for one in whole) if whole else feature_unit(name)
-        for limit, sign in ((low, 1), (high, -1)):
-            if limit is not None:
-                inside &= sign * (value * limit.denominator - total * limit.numerator) >= 0
+        whole: AnyArray = feature_unit(name)
+        if parts_of_whole:
+            whole = sum(np.asarray(features[other], np.int64) for other in parts_of_whole)
+        if low is not None:
+            inside &= value * low.denominator >= whole * low.numerator
+        if high is not None:
+            inside &= value * high.denominator <= whole * high.numerator
     return inside
+
+
+def _read_range(item: UserValue, features: Collection[str] | None) -> Range:
+    if isinstance(item, Range):
+        return _range("where", item.name, (item.low, item.high), features)
+    return _parse(item, features)
 
 
 def _parse(text: UserValue, features: Collection[str] | None) -> Range:
@@ -146,7 +154,8 @@ def _parse(text: UserValue, features: Collection[str] | None) -> Range:
 def _range(source: str, name: UserValue, limits: UserValue, features: Collection[str] | None) -> Range:
     check_feature(source, name, features)
     if isinstance(limits, str) and ".." in limits:
-        limits = [limit.strip() or None for limit in limits.split("..", 1)]
+        low_text, high_text = limits.split("..", 1)
+        limits = (low_text.strip() or None, high_text.strip() or None)
     pair = limits if isinstance(limits, tuple | list) else (limits, limits)
     if len(pair) != 2:
         raise InputError(f"{source}: expected a number or two limits, got {shorten(repr(limits))}")

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import ceil, floor
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, Plain
@@ -14,9 +15,19 @@ from elitelanes_jax.search.style import read_style
 # The features that make maps alike: those with an axis and a range, and those with a range alone.
 _SPREAD = ("loops_per_tile", "turn_share", "box_fill", "symmetry")
 _HELD = ("crossing_share", "adjacent_turns_per_tile")
+
 # The least margin of a range on either side, a part of 1 or a ratio: maps of one author differ this much.
-_LEAST = {"loops_per_tile": 0.02, "crossing_share": 0.04}
-_USUAL_LEAST, _BINS = 0.1, 4
+_LEAST_MARGIN = {"loops_per_tile": 0.02, "crossing_share": 0.04}
+_USUAL_LEAST_MARGIN = 0.1
+
+# The features that are no part of 1, and the largest limit of their ranges.
+_RATIOS = ("loops_per_tile", "adjacent_turns_per_tile")
+_LARGEST_RATIO = 10.0
+
+_BINS = 4
+
+# For each share of the tiles, the metric that counts them.
+_COUNTED = {"straight_share": "straights", "turn_share": "turns", "crossing_share": "crossings"}
 
 
 def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
@@ -29,36 +40,50 @@ def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
     Args:
       grids: integer codes ``[H, W]``, one or more, with roads.
     """
-    rows, gaps = [], False
-    for grid in grids:
-        cut = cut_to_roads(np.asarray(grid, np.int8))
-        if not cut.any():
-            raise InputError("like: expected maps with roads, got one without")
-        metrics, gaps = plain_measure(cut), gaps or not cut.all()
-        shares = {name: metrics[of] / metrics["tiles"] for name, of in _COUNTED.items()}
-        rows.append({name: value / 1000 for name, value in plain_town(cut).items()} | shares | metrics)
-    where, axes = {}, []
-    for name in (*_SPREAD, *_HELD):
-        values = [float(row[name]) for row in rows]
-        low, high = min(values), max(values)
-        margin = max((high - low) / 4, _LEAST.get(name, _USUAL_LEAST))
-        most = 10.0 if name in ("loops_per_tile", "adjacent_turns_per_tile") else 1.0
-        first, last = floor(1000 * max(low - margin, 0)), ceil(1000 * min(high + margin, most))
-        where[name] = (first / 1000, last / 1000)
-        if name in _SPREAD:
-            axes.append({"metric": name, "bins": _BINS, "width": -(-(last - first) // _BINS), "start": first})
-    town = read_style("town").options
-    kept = all(not row[name] for row in rows for name in RULES["duckietown"].forbidden)
-    targets = {name: [float(row[name]) for row in rows] for name in (*_SPREAD, *_HELD, "straight_share")}
+    towns = [_cut(grid) for grid in grids]
+    examples = [_features(town) for town in towns]
+    keeps_rules = not any(example[name] for example in examples for name in RULES["duckietown"].forbidden)
+    has_gaps = not all(town.all() for town in towns)
+
+    limits = {name: _limits(name, [example[name] for example in examples]) for name in (*_SPREAD, *_HELD)}
+    usual = read_style("town").options
     return {
-        "preset": town["preset"],
-        "rules": "duckietown" if kept else None,
-        "fill": False if gaps and not kept else None,
-        "weights": town["weights"],
-        "where": where,
-        "axes": axes,
-        "targets": targets,
+        "preset": usual["preset"],
+        "rules": "duckietown" if keeps_rules else None,
+        "fill": False if has_gaps and not keeps_rules else None,
+        "weights": usual["weights"],
+        "where": {name: (first / 1000, last / 1000) for name, (first, last) in limits.items()},
+        "axes": [_axis(name, *limits[name]) for name in _SPREAD],
+        "targets": {name: [example[name] for example in examples] for name in (*limits, "straight_share")},
     }
 
 
-_COUNTED = {"straight_share": "straights", "turn_share": "turns", "crossing_share": "crossings"}
+def _cut(grid: AnyArray) -> NDArray[np.int8]:
+    """Returns the smallest box around the roads of a map."""
+    roads = cut_to_roads(np.asarray(grid, np.int8))
+    if not roads.any():
+        raise InputError("like: expected maps with roads, got one without")
+    return roads
+
+
+def _features(town: NDArray[np.int8]) -> dict[str, float]:
+    """Returns the metrics, shares and town features of a map; shares and town features in units of 1."""
+    metrics = plain_measure(town)
+    features = {name: value / 1000 for name, value in plain_town(town).items()}
+    features |= {share: metrics[part] / metrics["tiles"] for share, part in _COUNTED.items()}
+    features |= metrics
+    return {name: float(value) for name, value in features.items()}
+
+
+def _limits(name: str, values: Sequence[float]) -> tuple[int, int]:
+    """Returns the lower and the upper limit of a feature, in thousandths."""
+    low, high = min(values), max(values)
+    margin = max((high - low) / 4, _LEAST_MARGIN.get(name, _USUAL_LEAST_MARGIN))
+    most = _LARGEST_RATIO if name in _RATIOS else 1.0
+    return floor(1000 * max(low - margin, 0)), ceil(1000 * min(high + margin, most))
+
+
+def _axis(name: str, first: int, last: int) -> dict[str, Plain]:
+    """Returns the axis whose bins divide the range of a feature."""
+    width = -(-(last - first) // _BINS)
+    return {"metric": name, "bins": _BINS, "width": width, "start": first}
