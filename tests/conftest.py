@@ -1,30 +1,15 @@
 """Fixtures and helpers that several tests share."""
 
-import ctypes
 import gc
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import jax
 import jaxtyping
-
-
-def known_to_jax(*options: str) -> str:
-    """Returns the options of XLA that the JAX at hand knows: an unknown one ends the process."""
-
-    def known(flags):
-        command = [sys.executable, "-c", "import jax; jax.devices()"]
-        trial = subprocess.run(command, env=os.environ | {"XLA_FLAGS": flags}, stderr=subprocess.DEVNULL, check=False)
-        return trial.returncode == 0
-
-    return " ".join(options if known(" ".join(options)) else filter(known, options))
-
 
 # The programs of a session go to a folder of its own, which all workers and the commands that tests start share: what
 # one has compiled another only loads. A test runs a program a few times, so compiling sooner is worth more than speed:
@@ -33,10 +18,10 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     cache = tempfile.TemporaryDirectory(prefix="elitelanes-tests-", ignore_cleanup_errors=True)
     os.environ["XDG_CACHE_HOME"] = cache.name
     if "slow" not in sys.argv:
-        os.environ["XLA_FLAGS"] = known_to_jax(
-            "--xla_backend_optimization_level=0",
-            "--xla_cpu_use_fusion_emitters=false",
-            "--xla_cpu_parallel_codegen_split_count=1",
+        os.environ["XLA_FLAGS"] = (
+            "--xla_backend_optimization_level=0"
+            " --xla_cpu_use_fusion_emitters=false"
+            " --xla_cpu_parallel_codegen_split_count=1"
         )
     os.environ["MALLOC_ARENA_MAX"] = "2"  # the compiler's threads would each keep memory of their own
 jax.config.update("jax_compilation_cache_dir", str(Path(os.environ["XDG_CACHE_HOME"]) / "elitelanes_jax"))
@@ -54,11 +39,11 @@ jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typ
 
 import numpy as np
 import pytest
+from compiled_programs import free_programs
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax.search._programs import _find
 from elitelanes_jax.tiles.tileset import TileSet, default_tiles, load_tiles
 
 # Examples are few enough for CI and the same every time; compilation of a new shape may take its time.
@@ -68,10 +53,13 @@ settings.load_profile("ci")
 REAL_TILES = Path(__file__).parents[2] / "shared" / "real_tiles"
 
 
-def grids(*, thin=False):
-    """Hypothesis: grids of any codes, of a few shapes (each is compiled once), also one tile wide where asked for."""
-    shapes = st.sampled_from([(2, 2), (2, 5), (5, 2), (3, 4), (6, 6)] + [(1, 1), (1, 4), (5, 1)] * thin)
-    return shapes.flatmap(lambda shape: hnp.arrays(np.int8, shape, elements=st.integers(0, 15)))
+SHAPES = [(2, 2), (2, 5), (5, 2), (3, 4), (6, 6)]
+ALL_SHAPES = [*SHAPES, (1, 1), (1, 4), (5, 1)]
+
+
+def grids(shapes=SHAPES):
+    """Hypothesis: grids of any codes. Each shape is compiled once, so that there are few."""
+    return st.sampled_from(shapes).flatmap(lambda shape: hnp.arrays(np.int8, shape, elements=st.integers(0, 15)))
 
 
 # Rooms whose tests run under JAX's strict settings, so that no shape and no dtype of ours depends on a promotion.
@@ -136,29 +124,7 @@ def small_files_only():
 
 
 @pytest.fixture(scope="module", autouse=True)
-def compiled_programs_are_let_go() -> Iterator[None]:
+def compiled_programs_are_freed() -> Iterator[None]:
     """One process that keeps the programs of all modules runs out of memory mappings, and crashes."""
     yield
-    _find.cache_clear()
-    jax.clear_caches()
-    gc.collect()
-    with suppress(OSError, AttributeError):  # not every system has glibc, which keeps freed memory unless it is told
-        ctypes.CDLL("libc.so.6").malloc_trim(0)
-
-
-_compiled: list[str] = []
-
-
-def _count(event: str, _: float, **__: object) -> None:
-    if event == "/jax/core/compile/backend_compile_duration":
-        _compiled.append(event)
-
-
-jax.monitoring.register_event_duration_secs_listener(_count)
-
-
-@contextmanager
-def compilations() -> Iterator[list[str]]:
-    """A list that has an entry for each program compiled within the block."""
-    _compiled.clear()
-    yield _compiled
+    free_programs()

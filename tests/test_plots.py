@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import matplotlib as mpl
 import numpy as np
 import pytest
-from conftest import grids
+from conftest import ALL_SHAPES, grids
 from hypothesis import given, settings
 from oracle import measure as oracle
 
@@ -38,7 +38,7 @@ def artist(ax, label):
 
 
 @settings(max_examples=40)
-@given(grids(thin=True))
+@given(grids(ALL_SHAPES))
 def test_a_map_has_a_ribbon_for_each_link_and_a_bar_for_each_end(grid):
     """Repaired or not: what is not answered is drawn to the tile's side, and ends there."""
     _, ax = plt.subplots()
@@ -56,7 +56,7 @@ def test_a_map_has_a_ribbon_for_each_link_and_a_bar_for_each_end(grid):
 
 
 @settings(max_examples=40)
-@given(grids(thin=True))
+@given(grids(ALL_SHAPES))
 def test_lanes_lead_from_tile_to_tile_over_the_middle_of_their_side(grid):
     grid = np.asarray(repair(grid))
     _, ax = plt.subplots()

@@ -4,7 +4,7 @@ import jax
 import networkx as nx
 import numpy as np
 import pytest
-from conftest import compilations
+from compiled_programs import compilations
 from driving_oracle import drawn_maps, lane_graph
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -5,7 +5,7 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from conftest import compilations
+from compiled_programs import compilations
 from driving_oracle import drawn_maps, pick
 
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, auto_reset, make_levels

@@ -9,7 +9,7 @@ import jax
 import networkx as nx
 import numpy as np
 import pytest
-from conftest import grids
+from conftest import ALL_SHAPES, grids
 from hypothesis import example, given
 from oracle import road_graph
 
@@ -44,7 +44,7 @@ def on_any_roads(test):
     """Runs a test on all sorts of grids that have a road."""
     for grid in (KNOT, RING, BLOCK):
         test = example(grid)(test)
-    return given(grids(thin=True).filter(lambda grid: road_graph(grid).number_of_edges()))(test)
+    return given(grids(ALL_SHAPES).filter(lambda grid: road_graph(grid).number_of_edges()))(test)
 
 
 def maps(batch):

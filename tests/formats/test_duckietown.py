@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 import yaml
-from conftest import grids
+from conftest import ALL_SHAPES, grids
 from duckietown_lanes import OWN_ENVIRONMENT, check_lanes, read_by_duckietown_world, say_by_duckietown_world
 from hypothesis import given
 from hypothesis import strategies as st
@@ -86,7 +86,7 @@ def test_all_kinds_and_sides():
             steps = [(-column, row) for row, column in steps]  # a quarter turn counter-clockwise
 
 
-@given(grids(thin=True))
+@given(grids(ALL_SHAPES))
 def test_without_dead_ends_nothing_is_left_that_leads_nowhere(grid):
     left = without_dead_ends(grid)
     metrics = measure(left)

@@ -1,7 +1,7 @@
 """Graphs, against NetworkX and the metrics."""
 
 import networkx as nx
-from conftest import grids
+from conftest import ALL_SHAPES, grids
 from hypothesis import given
 from oracle import road_graph
 
@@ -13,7 +13,7 @@ def cyclomatic(graph):
     return graph.number_of_edges() - graph.number_of_nodes() + nx.number_connected_components(graph)
 
 
-@given(grids(thin=True))
+@given(grids(ALL_SHAPES))
 def test_the_tile_graph_has_what_is_measured(grid):
     graph, metrics = tile_graph(grid), measure(grid)
     assert nx.utils.graphs_equal(nx.Graph(graph.edges), nx.Graph(road_graph(grid).edges))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import grids
+from conftest import ALL_SHAPES, grids
 from hypothesis import given
 from hypothesis import strategies as st
 from oracle import difference as slow_difference
@@ -24,8 +24,8 @@ def moved(draw, grid):
 @st.composite
 def pairs(draw):
     """Hypothesis: small grids; half of the pairs are a grid and its image with up to two other codes."""
-    one = draw(grids(thin=True)) * draw(st.sampled_from([1, 1, 0]))
-    other = draw(st.one_of(grids(thin=True), moved(one)))
+    one = draw(grids(ALL_SHAPES)) * draw(st.sampled_from([1, 1, 0]))
+    other = draw(st.one_of(grids(ALL_SHAPES), moved(one)))
     for _ in range(draw(st.integers(0, 2))):
         row, column = draw(st.integers(0, len(other) - 1)), draw(st.integers(0, other.shape[1] - 1))
         other = np.array(other)

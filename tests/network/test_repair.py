@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from conftest import grids
+from conftest import ALL_SHAPES, grids
 from hypothesis import given
 from hypothesis import strategies as st
 from oracle import fill as oracle_fill
@@ -15,7 +15,7 @@ from elitelanes_jax import InputError, measure, repair
 from elitelanes_jax.network import ROAD_ALPHABET
 
 
-@given(grids(thin=True), st.integers(0, 2**32 - 1))
+@given(grids(ALL_SHAPES), st.integers(0, 2**32 - 1))
 def test_repair_is_the_rule_applied_to_every_edge(grid, seed):
     rng = np.random.default_rng(seed)
     mask = rng.random(grid.shape) < rng.random()
@@ -38,7 +38,7 @@ def test_every_small_grid_with_every_mask(shape):
         assert not (metrics.mismatches.any() or metrics.boundary_violations.any())
 
 
-@given(grids(thin=True))
+@given(grids(ALL_SHAPES))
 def test_a_repaired_grid_fits_together_and_stays_as_it_is(grid):
     repaired = np.array(repair(grid))
     found = oracle(repaired)

@@ -6,7 +6,7 @@ import jax
 import networkx as nx
 import numpy as np
 import pytest
-from conftest import grids
+from conftest import ALL_SHAPES, grids
 from hypothesis import given
 from oracle import road_graph
 
@@ -14,7 +14,7 @@ from elitelanes_jax.network.codes import rotate_codes
 from elitelanes_jax.network.symmetry import canonical_form, canonical_forms, mirror, rotate
 
 
-@given(grids(thin=True))
+@given(grids(ALL_SHAPES))
 def test_cells_and_codes_go_together(grid):
     width = grid.shape[1]
     quarter, flipped = rotate(grid), mirror(grid)
@@ -26,7 +26,7 @@ def test_cells_and_codes_go_together(grid):
     assert nx.utils.graphs_equal(nx.relabel_nodes(road_graph(grid), moved), road_graph(flipped))
 
 
-@given(grids(thin=True))
+@given(grids(ALL_SHAPES))
 def test_group(grid):
     np.testing.assert_array_equal(rotate(rotate(grid)), rotate(grid, 2))
     np.testing.assert_array_equal(rotate(grid, 4), grid)
@@ -35,7 +35,7 @@ def test_group(grid):
     np.testing.assert_array_equal(mirror(rotate(grid)), rotate(mirror(grid), -1))
 
 
-@given(grids(thin=True))
+@given(grids(ALL_SHAPES))
 def test_canonical_form_is_that_of_every_image(grid):
     form = canonical_form(grid)
     for turns in range(4):

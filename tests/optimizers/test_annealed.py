@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from certified import certificates, evolve
+from compiled_programs import compilations
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
@@ -61,13 +62,13 @@ def test_the_optimum_of_small_grids_is_found_by_all(method, fill):
     assert result.history.best_fitness[:, -1].tolist() == [min(certificates()[3, 3, fill].values())] * 4
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("fill", [True, False])
+@pytest.mark.parametrize("fill", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_the_optimum_of_four_by_four_is_found(fill):
-    result = evolve(seed_keys(0, 8), (4, 4), method="ea", preset="tuned", evaluations=30_000, fill=fill)
+    result = evolve(seed_keys(0, 8), (4, 4), method="ea", preset="tuned", evaluations=10_000, fill=fill)
     assert result.history.best_fitness[:, -1].tolist() == [min(certificates()[4, 4, fill].values())] * 8
 
 
+@pytest.mark.slow
 def test_the_tuned_ea_reaches_the_proven_optimum_of_six_by_six():
     result = evolve(seed_keys(3, 4), (6, 6), method="ea", preset="tuned", evaluations=30_000, fill=True)
     assert result.history.best_fitness[:, -1].tolist() == [-158] * 4
@@ -88,8 +89,6 @@ def test_tuned_is_better_than_paper(method):
 
 @every_method
 def test_what_is_asked_for_is_found_and_other_ranges_need_no_second_compilation(method):
-    from conftest import compilations
-
     setting = {"method": method, "preset": "tuned", "fill": True}
     where = ["crossings=4..6", "cyclomatic=3..5", "straight_share=0.2..0.6"]
     result = evolve(seed_keys(0, 2), (6, 6), evaluations=9600, where=where, **setting)

@@ -17,6 +17,7 @@ from threading import Thread
 import jax
 import numpy as np
 import pytest
+from compiled_programs import forget_programs
 
 from elitelanes_jax._util.progress import reporting
 from elitelanes_jax._util.threads import start_thread
@@ -37,22 +38,15 @@ def arrays(result):
     return [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves((result.elites, result.state))]
 
 
-def forget():
-    """As in a new process, no program is known."""
-    jax.clear_caches()
-    for kept in ("_find", "_start_in_structure", "_start_program", "_advance_program", "_collect_program"):
-        getattr(_programs, kept).cache_clear()
-
-
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """The folder of the files, empty at first; no search knows the programs of an earlier one."""
-    forget()
+    forget_programs()
     monkeypatch.setattr(_stored_programs, "LOADED", time.time_ns())  # somebody may edit sources during the tests
     before = jax.config.values["jax_compilation_cache_dir"]
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "cache"))
     yield tmp_path / "cache" / "exported"
-    forget()
+    forget_programs()
     jax.config.update("jax_compilation_cache_dir", before)
 
 
@@ -65,14 +59,14 @@ def test_forgotten_programs_leave_nothing(folder):
     known = weakref.ref(fitness)
     run(fitness=fitness)
     del fitness
-    forget()
+    forget_programs()
     gc.collect()
     assert known() is None
 
 
 def in_a_new_process(monkeypatch):
     """As in a new process, no program is known; from here on none may be traced."""
-    forget()
+    forget_programs()
     monkeypatch.setattr(_programs.Programs, "_exportable", None)
 
 
@@ -106,7 +100,7 @@ def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch
     start = run(generations=0)
     (file,) = folder.iterdir()
     assert set(load(file).exports) == {"start", "collect"}
-    forget()
+    forget_programs()
     whole = run()
     assert set(load(file).exports) == NAMES
     in_a_new_process(monkeypatch)
@@ -169,7 +163,7 @@ def test_a_search_finds_what_other_threads_compiled(folder, monkeypatch):
     monkeypatch.setattr(_programs.Programs, "_compile", None)
     found = [evolve(3, (size, 5), seeds=2, spec=spec, progress=False) for size in (4, 3)]
     monkeypatch.undo()
-    forget()
+    forget_programs()
     folder.rename(folder.with_name("aside"))
     assert arrays(found[0]) == arrays(evolve(3, (4, 5), seeds=2, spec=spec, progress=False))
 
@@ -193,7 +187,7 @@ def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
     line = rf"{re.escape(str(file))}: compiled programs cannot be loaded \(.+\); they are compiled again\n"
     for spoilt in (flip(whole), other_programs(whole)):
         file.write_bytes(spoilt)
-        forget()
+        forget_programs()
         capsys.readouterr()
         with reporting(quiet=False):
             assert arrays(first()) == expected
@@ -286,7 +280,7 @@ def test_threads_that_trace_and_threads_that_lower_do_not_wait_for_each_other(fo
     shapes = [(4, 5), (4, 6), (4, 7)]
     for shape in shapes:
         evolve(3, shape, seeds=2, method="ea", preset="paper", generations=0, progress=False)
-    forget()
+    forget_programs()
     calls = [(shape, 2) for shape in shapes] + [((3, width), 0) for width in (5, 6, 7)]
     threads = [
         Thread(

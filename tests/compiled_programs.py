@@ -1,0 +1,55 @@
+"""Compiled programs of this process: counts those that are compiled, and frees them."""
+
+import ctypes
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import jax
+
+__all__ = ["compilations", "forget_programs", "free_programs"]
+
+# So many programs may be in memory at once: each takes memory mappings, of which a process has 65,530.
+_MOST_PROGRAMS = 100
+
+_compiled: list[str] = []
+_in_memory: list[str] = []
+
+
+def _count(event: str, _: float, **__: object) -> None:
+    if event == "/jax/core/compile/backend_compile_duration":
+        _compiled.append(event)
+        _in_memory.append(event)
+
+
+jax.monitoring.register_event_duration_secs_listener(_count)
+
+
+@contextmanager
+def compilations() -> Iterator[list[str]]:
+    """A list that has an entry for each program compiled within the block."""
+    _compiled.clear()
+    yield _compiled
+
+
+def forget_programs() -> None:
+    """Forgets the programs of JAX and of searches: as in a new process, none is known."""
+    from elitelanes_jax.search import _programs
+
+    jax.clear_caches()
+    for name in ("_find", "_start_in_structure", "_start_program", "_advance_program", "_collect_program"):
+        getattr(_programs, name).cache_clear()
+
+
+def free_programs() -> None:
+    """Forgets all programs, and returns their memory to the system if they are many.
+
+    To look for what is no longer used takes a third of a second, so that it is not done after each module.
+    """
+    forget_programs()
+    if len(_in_memory) < _MOST_PROGRAMS:
+        return
+    _in_memory.clear()
+    gc.collect()
+    with suppress(OSError, AttributeError):  # not every system has glibc, which keeps freed memory unless it is told
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
