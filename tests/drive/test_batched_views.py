@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("standard")  # `views` allows promotions it
 
 TILE_PX = 64
 TOWN = Path(__file__).parents[2] / "docs/examples/town.json"
-CAMERA, BARE = Camera(rows=30, columns=40), Variation()
+CAMERA, BARE, NOISY = Camera(rows=30, columns=40), Variation(), Variation(noise=8)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def viewpoint_of(plan, camera):
     return _robot_views.Viewpoint(matrix, size, sky, TILE_PX, lines, {})
 
 
-@pytest.mark.parametrize("lines", [None, 0.07])
+@pytest.mark.parametrize("lines", [pytest.param(None, marks=pytest.mark.slow), 0.07])
 def test_views_are_those_of_the_datasets_camera(grids, scenes, drawn_tiles, lines):
     camera, variation = Camera(rows=60, columns=80), Variation(lines=lines)
     seen = jax.device_get(views(jax.random.key(1), scenes, 12, camera=camera, variation=variation))
@@ -116,12 +116,13 @@ def layers_of(scenes, plan):
     return road, (green_paved >> 16) / (4 * 64), above / 4
 
 
-def test_a_view_depends_on_the_key_and_its_index_alone(scenes):
+@pytest.mark.parametrize("batch", [4, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_view_depends_on_the_key_and_its_index_alone(scenes, batch):
     key = jax.random.key(5)
     draw = partial(views, scenes=scenes, camera=CAMERA, variation=VARIED)
     many = jax.device_get(draw(key, batch=7))
-    for part in (draw(key, batch=1), jax.jit(partial(draw, batch=4))(key)):
-        jax.tree.map(lambda few, all_: np.testing.assert_array_equal(few, all_[: len(few)]), jax.device_get(part), many)
+    part = jax.device_get(jax.jit(partial(draw, batch=batch))(key))
+    jax.tree.map(lambda few, all_: np.testing.assert_array_equal(few, all_[:batch]), part, many)
     assert len(np.unique(many.poses.x)) == 7
     other = jax.device_get(draw(jax.random.key(6), batch=7))
     assert (other.images != many.images).mean() > 0.5
@@ -194,11 +195,11 @@ def test_streaks_of_motion_are_those_of_datasets(numbers):
 
 
 def test_a_stream_yields_the_batches_of_its_seed(scenes):
-    draw = partial(stream_views, 7, scenes, 4, camera=CAMERA, variation=VARIED)
+    draw = partial(stream_views, 7, scenes, 4, camera=CAMERA, variation=NOISY)
     stream = draw()
     first, second = next(stream), next(stream)
     key = jax.random.fold_in(seed_key(7), 1)
-    expected = views(key, scenes, 4, camera=CAMERA, variation=VARIED)
+    expected = views(key, scenes, 4, camera=CAMERA, variation=NOISY)
     jax.tree.map(np.testing.assert_array_equal, second, expected)
     jax.tree.map(np.testing.assert_array_equal, second, next(draw(first=1)))
     assert (np.asarray(first.images) != np.asarray(second.images)).any()

@@ -133,9 +133,8 @@ def test_light_and_noise_change_colours_alone(scene):
     change = noisy.image.astype(float) - plain.image
     assert 4 < change[plain.image < 200].std() < 6
     poses = Pose(*np.array([pose, pose], np.float32).T)
-    both = jax.vmap(look, in_axes=(0, 0, None, None, None))(
-        jax.random.split(jax.random.key(0), 2), poses, tiles, atlas, Camera()
-    )
+    frames = jax.jit(jax.vmap(look, in_axes=(0, 0, None, None, None)))
+    both = frames(jax.random.split(jax.random.key(0), 2), poses, tiles, atlas, Camera())
     np.testing.assert_array_equal(both.labels[1], plain.labels)
     np.testing.assert_array_equal(both.image[0], plain.image)
 
@@ -146,7 +145,8 @@ def test_pictures_of_a_code_alternate_and_noise_depends_on_the_pose():
     camera = Camera(height=2.0, forward=0.0, pitch=90.0, rows=45, columns=45, field_of_view=60.0, noise=2.0)
     sight = make_sight(shades, shades[..., 0], {0: [(0, 0)], 15: [(1, 0), (2, 0), (3, 0)]}, camera)
     poses = [Pose(*jnp.array([2.5, 2.5, theta])) for theta in (np.pi / 2, np.pi / 2, np.pi / 2 + 1e-4)]
-    first, again, other = (np.asarray(look_around(pose, np.full((5, 5), 15), sight).image) for pose in poses)
+    seen = jax.jit(look_around)
+    first, again, other = (np.asarray(seen(pose, np.full((5, 5), 15), sight).image) for pose in poses)
     cells = np.rint(first[11:34:11, 11:34:11, 0] / 60)
     assert set(cells.flat) == {1, 2, 3} and np.diff(cells).all() and np.diff(cells, axis=0).all()
     assert (first == again).all() and (first != other).mean() > 0.5

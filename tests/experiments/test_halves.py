@@ -48,9 +48,10 @@ def certified(name):
     return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
 
 
-def test_bridges_are_allowed_if_asked_for():
-    upper, lower = two_halves(5, 6)
-    swept = sweep((5, 6), 7, fill=True).values
+@pytest.mark.parametrize("shape", [(4, 5), pytest.param((5, 6), marks=pytest.mark.slow)])
+def test_bridges_are_allowed_if_asked_for(shape):
+    upper, lower = two_halves(*shape)
+    swept = sweep(shape, 7, fill=True).values
     found = [find_optimum(upper, lower, cyclomatic, bridgeless=False).score for cyclomatic in range(1, 7)]
     np.testing.assert_array_equal(found, np.nan_to_num(swept[1:], nan=-1))
 

@@ -29,7 +29,7 @@ def search(axes, restart, **more):
     annealing = AnnealingConfig(population=CHAINS, chains=1, cycle=CYCLE)
     config = AnnealedMapElitesConfig(annealing, restart=restart, restart_length=2, **more)
     optimizer = annealed_map_elites(problem, config)
-    step, state = jax.jit(optimizer.step), optimizer.init(jax.random.key(0))
+    step, state = jax.jit(optimizer.step), jax.jit(optimizer.init)(jax.random.key(0))
     states = [state]
     for number in range(STEPS):
         state, _ = step(jax.random.fold_in(jax.random.key(0), number), state)
@@ -57,8 +57,9 @@ def test_each_group_keeps_what_its_own_chains_found_and_nothing_else():
     groups = len(states[0].archives.fitness) // 400 - 1
     isolated = CHAINS // 2
     expected = np.full((groups, 400), VACANT)
+    find_niches = jax.jit(problem.niche)
     for state in states:  # a chain's grid is one of those evaluated; rejected ones may have entered the archive too
-        niche = problem.niche(jnp.asarray(state.chains.features))
+        niche = np.asarray(find_niches(state.chains.features))
         for chain in range(isolated):
             group = chain * groups // isolated
             expected[group, niche[chain]] = min(expected[group, niche[chain]], state.chains.fitness[chain])
@@ -137,7 +138,7 @@ def test_penalties_are_the_fitness_without_rewards():
     problem = road_problem((5, 6), tuned_axes((5, 6)), weights=weights, where="crossings=2..4")
     rewards = Weights(*(0 for _ in Weights._fields))
     rewards = rewards._replace(turns=-7, cyclomatic=-2, straight_score=-2, constant=11)
-    evaluation = problem.evaluate(jnp.asarray(grids))
+    evaluation = jax.jit(problem.evaluate)(jnp.asarray(grids))
     expected = evaluation.fitness - fitness(jax.vmap(measure)(jnp.asarray(grids)), rewards)
     np.testing.assert_array_equal(problem.penalties(evaluation.features), expected)
     more = road_problem((5, 6), measured=("signable", "crossings3"), feature_weights=np.array([-5, 3]))
@@ -157,7 +158,7 @@ def test_a_step_from_grids_that_are_not_evaluated_is_generation_0():
     drawn = random_grids(key, CHAINS, SHAPE)
     grids = [repair(grid, fill=True) for grid in given] + [repair(grid, raster=True, fill=True) for grid in drawn[2:]]
     np.testing.assert_array_equal(state.chains.grids, np.array(grids))
-    fitness, features = problem.evaluate(jnp.array(grids))
+    fitness, features = jax.jit(problem.evaluate)(jnp.array(grids))
     np.testing.assert_array_equal(state.chains.fitness, fitness)
     expected = np.full(problem.niches, VACANT)
     np.minimum.at(expected, np.asarray(problem.niche(features)), fitness)

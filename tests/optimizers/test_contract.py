@@ -87,6 +87,7 @@ every_optimizer = optimizers()
 class Compiled(NamedTuple):
     optimizer: Optimizer
     first: Any  # the states of generation 0, seeds in front
+    elites: Any  # from states, seeds in front, to their elites
     run: Any  # from states, and the first and the last generation, to states and reports
     step: Any
 
@@ -100,6 +101,7 @@ def compiled(name, fill=False, /):
     return Compiled(
         optimizer,
         jax.tree.map(lambda *parts: jnp.stack(parts), *first),
+        jax.jit(jax.vmap(optimizer.elites)),
         lambda states, begin, end: moving(KEYS, states, begin, end),
         jax.jit(optimizer.step),
     )
@@ -136,8 +138,7 @@ def test_each_step_does_so_with_the_other_repair(name):
 
 def check_steps(name, *, fill):
     one = compiled(name, True) if fill else compiled(name)
-    found = jax.jit(jax.vmap(one.optimizer.elites))
-    states, best = one.first, found(one.first).fitness.min(axis=1)
+    states, best = one.first, one.elites(one.first).fitness.min(axis=1)
     for generation in range(1, 16):
         before = states
         states, infos = one.run(states, generation, generation)
@@ -145,7 +146,7 @@ def check_steps(name, *, fill):
         if isinstance(states, AnnealedState):  # what was best in the cycle before is forgotten
             known = jnp.where(before.cooling.begins[:, None], VACANT, before.cycle_best.fitness)
             np.testing.assert_array_equal(states.cycle_best.fitness, jnp.minimum(states.chains.fitness, known))
-        elites = found(states)
+        elites = one.elites(states)
         metrics = measured(elites.grids)
         for bad in (metrics.mismatches, metrics.boundary_violations, *([metrics.dead_ends] if fill else [])):
             assert not (np.asarray(bad) * np.asarray(elites.valid)).any()
@@ -159,7 +160,7 @@ def check_steps(name, *, fill):
 
 @every_optimizer
 def test_elites_have_the_fitness_and_the_metrics_of_their_grids(name):
-    elites = jax.vmap(compiled(name).optimizer.elites)(whole_run(name)[0])
+    elites = compiled(name).elites(whole_run(name)[0])
     chex.assert_type([elites.grids, elites.fitness, elites.features, elites.valid], [jnp.int8, int, int, bool])
     grids, fitness, counts = (np.asarray(array) for array in elites[:3])
     for place in map(tuple, np.argwhere(elites.valid)[::3]):
@@ -234,7 +235,7 @@ def test_a_run_is_a_start_and_all_its_generations():
 
 def test_an_archive_holds_each_elite_in_its_niche():
     states, infos = whole_run("map-elites")
-    elites = jax.vmap(compiled("map-elites").optimizer.elites)(states)
+    elites = compiled("map-elites").elites(states)
     niches = jnp.broadcast_to(jnp.arange(elites.valid.shape[1]), elites.valid.shape)
     found = niche_index(compute_descriptor(elites.features, METRIC_NAMES, AXES), AXES)
     np.testing.assert_array_equal(found[elites.valid], niches[elites.valid])

@@ -1,5 +1,7 @@
 """PSO and GWO against their equations, in floats and one particle, tile and code at a time."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +18,8 @@ K = len(ROAD_ALPHABET)
 
 
 repaired = jax.jit(jax.vmap(lambda grid: PROBLEM.repair_raster(grid.astype(jnp.int8))))
+evaluated = jax.jit(partial(evaluate, PROBLEM))
+drawn_codes = jax.jit(jax.vmap(categorical))
 
 
 @pytest.mark.parametrize(
@@ -44,15 +48,16 @@ def test_particles_move_by_the_equations(config):
         np.testing.assert_allclose(np.asarray(after.velocity) / 4096, velocity, atol=(reach + 4) / 4096)
         np.testing.assert_array_equal(after.position, state.position + after.velocity)
 
-        drawn = np.array(ROAD_ALPHABET)[jax.vmap(categorical)(bits, after.velocity)]
-        found = evaluate(PROBLEM, repaired(drawn))
+        drawn = np.array(ROAD_ALPHABET)[drawn_codes(bits, after.velocity)]
+        found = jax.device_get(evaluated(repaired(drawn)))
+        before, moved = jax.device_get((state, after))
         for particle in range(6):
-            better = found.fitness[particle] < state.best.fitness[particle]
-            source = found if better else state.best
-            np.testing.assert_array_equal(after.best.grids[particle], source.grids[particle])
-            assert after.best.fitness[particle] == source.fitness[particle]
-            place = after.position if better else state.best_position
-            np.testing.assert_array_equal(after.best_position[particle], place[particle])
+            better = found.fitness[particle] < before.best.fitness[particle]
+            source = found if better else before.best
+            np.testing.assert_array_equal(moved.best.grids[particle], source.grids[particle])
+            assert moved.best.fitness[particle] == source.fitness[particle]
+            place = moved.position if better else before.best_position
+            np.testing.assert_array_equal(moved.best_position[particle], place[particle])
         assert info.best_fitness == after.best.fitness.min()
         state = after
 

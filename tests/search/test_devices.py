@@ -50,7 +50,7 @@ def test_seeds_spread_over_devices():
 @pytest.mark.parametrize("method", ["ea", pytest.param("map-elites", marks=pytest.mark.slow)])
 def test_seeds_are_the_same_on_any_number_of_devices_stopped_and_continued_on_others(method):
     run = partial(evolve, jax.random.split(jax.random.key(3), 7), (5, 6), method=method, preset="paper", fill=False)
-    one, *others = (run(generations=12, devices=devices) for devices in (1, 2, 3, [CPU] * 7))
+    one, *others = (run(generations=12, devices=devices) for devices in (1, 2, [CPU] * 7))
     for other in others:
         chex.assert_trees_all_equal((other.elites, other.state), (one.elites, one.state))
         chex.assert_trees_all_equal(other.history[:4], one.history[:4])
