@@ -1,4 +1,4 @@
-// Builds the module and the style sheet that lie in the Python package: `node build.mjs [FOLDER]`.
+// Builds the modules and the style sheets that are in the Python package: `node build.mjs [FOLDER]`.
 import { readFileSync } from "node:fs";
 import { build } from "esbuild";
 
@@ -10,7 +10,7 @@ const { dependencies } = JSON.parse(read("package.json"));
 const licences = Object.keys(dependencies).map((name) => `${name}\n\n${read(`node_modules/${name}/LICENSE`).trim()}`);
 
 await build({
-  entryPoints: { explorer: "src/index.tsx" },
+  entryPoints: { explorer: "src/index.tsx", hands: "src/hands/index.tsx" },
   outdir: folder,
   bundle: true,
   format: "esm",
@@ -21,6 +21,14 @@ await build({
   banner: { js: `/*!\n${licences.join("\n\n")}\n*/` },
   jsx: "automatic",
   jsxImportSource: "preact",
+});
+
+await build({
+  entryPoints: { hands: "src/hands/style.css" },
+  outdir: folder,
+  target: ["chrome111", "firefox113", "safari16.4"],
+  minify: true,
+  charset: "ascii",
 });
 
 // The chart's styles keep to the explorer's element, as all others do.

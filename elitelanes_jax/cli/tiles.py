@@ -14,6 +14,7 @@ from elitelanes_jax._util.checks import name, path
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
+from elitelanes_jax.cli.editing import add_edit
 from elitelanes_jax.cli.photographs import add_cut, add_read
 from elitelanes_jax.cli.program import say, warn
 
@@ -29,6 +30,7 @@ def add_tiles(commands: Commands) -> None:
     below = tiles.add_subparsers(title="commands", required=True, metavar="COMMAND")
     add_cut(below)
     add_read(below)
+    add_edit(below)
     check = add_command(below, "check", _check, help="describe a tile set, or list all its errors")
     check.add_argument("folder", type=checked_by(path), metavar="DIR")
     masks = add_command(

@@ -104,6 +104,13 @@ def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLO
     return {"road": road, "red": lines["red"] & road, "yellow": lines["yellow"] & road}
 
 
+def propose_layer_masks(image: Layer, colours: Mapping[str, Colour] = COLOURS) -> dict[str, NDArray[np.bool_]]:
+    """Proposes masks as `propose_masks` does; the transparent pixels of the picture are on no mask."""
+    # White is neither asphalt nor a line.
+    on_white = np.where(image.opaque[..., None], image.pixels, np.uint8(255))
+    return {name: mask & image.opaque for name, mask in propose_masks(on_white, colours).items()}
+
+
 class Proposal(NamedTuple):
     """The masks of one tile.
 
@@ -158,8 +165,7 @@ def _propose(
     folder: Path, image: Layer, colours: Mapping[str, Colour], overwrite: Collection[str], problems: list[str]
 ) -> Proposal:
     """Proposes the masks that a tile lacks; `problems` gets a line for each error of an existing mask."""
-    # White is neither asphalt nor a line.
-    proposed = propose_masks(np.where(image.opaque[..., None], image.pixels, np.uint8(255)), colours)
+    proposed = propose_layer_masks(image, colours)
     masks, names = {}, []
     for name in MASKS:
         file = folder / f"{name}.png"

@@ -1,0 +1,71 @@
+"""The command ``elitelanes tiles edit``."""
+
+import argparse
+from contextlib import suppress
+
+from elitelanes_jax._util.checks import folder, path, whole
+from elitelanes_jax._util.errors import InputError, reason
+from elitelanes_jax.cli.arguments import Commands, add_command, checked_by
+from elitelanes_jax.cli.program import say
+
+
+def add_edit(commands: Commands) -> None:
+    command = add_command(
+        commands,
+        "edit",
+        _edit,
+        help="correct corners, kinds and masks on a page in the browser",
+        description="Serves a page to this computer alone, on which a tile set is corrected by hand: the corners of "
+        "tiles in photographs, their kinds and directions, and masks. Save on the page writes the set; the earlier one "
+        "is kept next to it. Finish on the page, or Ctrl-C, ends the command.",
+        notes="""examples:
+  elitelanes tiles edit my-tiles --open
+  elitelanes tiles edit my-tiles --photos floor.jpg --size 3 4 --open
+""",
+    )
+    command.add_argument("folder", type=checked_by(folder), metavar="DIR", help="folder of a tile set, or a new one")
+    command.add_argument(
+        "--photos",
+        type=checked_by(path),
+        nargs="+",
+        default=[],
+        metavar="PHOTO",
+        help="JPEG or PNG files to cut more tiles from",
+    )
+    command.add_argument(
+        "--size",
+        type=checked_by(whole(1, 40)),
+        nargs=2,
+        default=(1, 1),
+        metavar=("ROWS", "COLUMNS"),
+        help="tiles of the floor on each photograph; by default 1 1",
+    )
+    command.add_argument("--port", type=checked_by(whole(1, 65535)), metavar="N", help="by default any free one")
+    command.add_argument("--open", action="store_true", help="open the page in the browser")
+
+
+def _edit(options: argparse.Namespace) -> int:
+    from elitelanes_jax.explorer.serving import HandServer
+    from elitelanes_jax.tiles.editing import HandWork
+    from elitelanes_jax.tiles.photographs.reading import read_photograph
+
+    photographs = [read_photograph(file) for file in options.photos]
+    work = HandWork(options.folder, photographs, tuple(options.size))
+    try:
+        server = HandServer(work, options.port or 0)
+    except OSError as error:
+        raise InputError(f"--port: expected a free port, got {options.port}: {reason(error)}") from None
+    with server:
+        say(f"correct {options.folder} at {server.url}\nCtrl-C ends this", asked=True)
+        if options.open:
+            import webbrowser
+
+            if not webbrowser.open(server.url):
+                say("no browser was found; open the page in one")
+        with suppress(KeyboardInterrupt):  # the usual way to end it: what was saved is complete
+            server.serve_forever()
+    if work.saved:
+        say(f"saved in {options.folder}; now: elitelanes tiles check {options.folder}")
+    else:
+        say("nothing was saved")
+    return 0

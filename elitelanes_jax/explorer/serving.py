@@ -1,0 +1,151 @@
+"""Serves the page on which a tile set is corrected by hand, on this computer alone.
+
+Other programs of the computer and other web sites cannot use it: each path begins with a random token, and the headers
+`Host` and `Origin` must name this server. A site whose name is bound to 127.0.0.1 has another `Host`.
+"""
+
+import json
+import secrets
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Lock
+
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import MIB
+from elitelanes_jax._util.types import Plain, Untyped
+from elitelanes_jax.explorer.page import static_text
+from elitelanes_jax.tiles.editing import HandWork
+
+_MOST_BYTES = 256 * MIB  # of a request: the masks of 30 tiles of 4096 x 4096 pixels
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+_PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Tiles by hand · Elite Lanes</title>
+<link rel="icon" href="data:,">
+<link rel="stylesheet" href="explorer.css">
+<link rel="stylesheet" href="hands.css">
+</head>
+<body>
+<main id="elitelanes-hands"></main>
+<noscript>This page needs JavaScript, which is switched off.</noscript>
+<script type="module" src="hands.js"></script>
+</body>
+</html>
+"""
+_STATIC = {"explorer.css": "text/css", "hands.css": "text/css", "hands.js": "text/javascript"}
+
+
+class HandServer(ThreadingHTTPServer):
+    """The server of one `HandWork`. `serve_forever` returns when the page is finished with.
+
+    Attributes:
+      url: of the page.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, work: HandWork, port: int = 0) -> None:
+        """Listens on 127.0.0.1; raises `OSError` if the port is taken. The port 0 stands for any free one."""
+        super().__init__(("127.0.0.1", port), _Handler)
+        self.token = secrets.token_urlsafe(24)
+        self.hosts = [f"{name}:{self.server_address[1]}" for name in ("127.0.0.1", "localhost")]
+        self.url = f"http://{self.hosts[0]}/{self.token}/"
+        self.work = work
+        self.lock = Lock()  # one request at a time computes or saves
+        self.actions: dict[str, Callable[[Untyped], Plain]] = {
+            "fit": work.fit,
+            "cut": work.cut,
+            "mask": work.mask,
+            "save": work.save,
+            "finish": lambda _: None,
+        }
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers the requests of a page."""
+
+    server: HandServer
+
+    def do_GET(self) -> None:
+        path = self._path()
+        if path is None:
+            return
+        name, _, item = path.partition("/")
+        work = self.server.work
+        try:
+            if path == "":
+                self._send(200, "text/html; charset=utf-8", _PAGE.encode())
+            elif path in _STATIC:
+                self._send(200, f"{_STATIC[path]}; charset=utf-8", static_text(path).encode())
+            elif path == "state":
+                self._send_json(200, work.state())
+            elif name == "photographs":
+                self._send(200, "image/jpeg", work.photograph(int(item)))
+            elif name == "pictures":
+                self._send(200, "image/png", work.picture(item))
+            else:
+                self._send_json(404, {"error": "no such page"})
+        except (LookupError, ValueError):
+            self._send_json(404, {"error": "no such page"})
+
+    def do_POST(self) -> None:
+        path = self._path()
+        if path is None:
+            return
+        action = self.server.actions.get(path)
+        if action is None or self.headers.get_content_type() != "application/json":
+            self._send_json(404, {"error": "no such action"})
+            return
+        length = self.headers.get("Content-Length", "")
+        if not length.isdecimal() or int(length) > _MOST_BYTES:
+            self._send_json(413, {"error": f"expected a request of at most {_MOST_BYTES // MIB} MiB"})
+            return
+        try:
+            values = json.loads(self.rfile.read(int(length)))
+            with self.server.lock:
+                answer = action(values)
+            self._send_json(200, answer)
+            if path == "finish":
+                self.server.shutdown()  # after the answer, because the process then ends
+        except InputError as error:
+            self._send_json(422, {"error": str(error)})
+        except OSError as error:
+            self._send_json(422, {"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)})
+        except (LookupError, TypeError, ValueError, RecursionError) as error:
+            self._send_json(400, {"error": f"expected a request of this page, got {shorten(repr(error))}"})
+
+    def log_message(self, *_: Untyped) -> None:
+        """Prints nothing: the terminal shows what was saved."""
+
+    def _path(self) -> str | None:
+        """Returns the path without the token; answers None to whom may not ask."""
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        is_ours = host in self.server.hosts and origin in (None, f"http://{host}")
+        _, token, path = ("/" + self.path.partition("?")[0].lstrip("/") + "/").split("/", 2)
+        if is_ours and secrets.compare_digest(token.encode(), self.server.token.encode()):
+            return path.rstrip("/")
+        self._send_json(403, {"error": "open the address that the command has printed"})
+        return None
+
+    def _send_json(self, status: int, values: Plain) -> None:
+        self._send(status, "application/json", json.dumps(values, allow_nan=False).encode())
+
+    def _send(self, status: int, kind: str, content: bytes) -> None:
+        self.send_response(status)
+        for name, value in {
+            "Content-Type": kind,
+            "Content-Length": str(len(content)),
+            "Content-Security-Policy": _POLICY,
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+            "Cache-Control": "no-store",
+        }.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(content)

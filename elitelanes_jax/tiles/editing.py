@@ -1,0 +1,252 @@
+"""A tile set that is corrected by hand: where its tiles are in photographs, of which kind they are, and their masks.
+
+A page asks for fits, cuts and masks, and keeps the corrections. `HandWork` computes fits, cuts and masks as
+`elitelanes tiles cut` and `elitelanes tiles masks` do, and writes the set. Values of the page are plain, as in JSON.
+"""
+
+import os
+import shutil
+from base64 import b64decode, b64encode
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+from itertools import count
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import is_whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax._util.types import Plain, Untyped
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.tiles.files import Layer, read_image
+from elitelanes_jax.tiles.masking import (
+    COLOURS,
+    mask_folder,
+    parse_colour,
+    proposal_sheet,
+    propose_layer_masks,
+)
+from elitelanes_jax.tiles.masking import Proposal as Masked
+from elitelanes_jax.tiles.photographs.cutting import cut_tiles, mask_cut
+from elitelanes_jax.tiles.photographs.proposals import Proposal, propose_tiles
+from elitelanes_jax.tiles.photographs.reading import Photograph
+from elitelanes_jax.tiles.rendering import png_of, write_png
+from elitelanes_jax.tiles.tileset import MASKS, inspect_tiles, tile_folders
+
+_SHOWN = 1600  # the longest side in pixels of a photograph on the page
+_SHEETS = ("sheet.png", "masks.png")  # they show the masks of before, and stay in the earlier set
+
+
+class _Picture(NamedTuple):
+    """The picture of a tile, and its file."""
+
+    layer: Layer
+    file: bytes
+
+
+class HandWork:
+    """The tiles and photographs that a page shows, and the folder that it saves to.
+
+    Attributes:
+      folder: of the tile set, new or existing.
+      photographs: that tiles are cut from.
+      saved: whether the set was written, and the earlier one is kept.
+    """
+
+    def __init__(self, folder: Path, photographs: Sequence[Photograph], shape: tuple[int, int]) -> None:
+        """Reads the set, if there is one, and finds the tiles in the photographs.
+
+        Raises:
+          InputError: for a folder that is neither new nor a tile set, or the current folder.
+        """
+        self.folder, self.photographs = folder, list(photographs)
+        self._pictures: dict[str, _Picture] = {}
+        self.saved = False
+        if folder.exists() and folder.resolve() == Path.cwd():
+            raise InputError(f"{folder}: expected a folder that can be renamed, got the current one")
+        is_new = not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
+        if is_new and not photographs:
+            raise InputError(f"{folder}: expected a tile set, got no files; --photos cuts tiles out of photographs")
+        tiles = [] if is_new else mask_folder(folder)
+        self._tiles = [self._add(tile.folder.name, _read(tile.folder), tile.masks) for tile in tiles]
+        self._starts = [self._start(photograph, shape) for photograph in photographs]
+        self._stamp = _stamp_of(folder)
+
+    def state(self) -> dict[str, Plain]:
+        """Returns what the page begins with."""
+        colours = {name: [list(pair) for pair in colour] for name, colour in COLOURS.items()}
+        problems = inspect_tiles(self.folder, lines=True)[1] if self._tiles else []
+        return {
+            "folder": str(self.folder),
+            "colours": colours,
+            "tiles": self._tiles,
+            "photographs": self._starts,
+            "problems": problems,
+        }
+
+    def photograph(self, index: int) -> bytes:
+        """Returns a photograph as a JPEG file, as large as the page shows it."""
+        image = self.photographs[index].image
+        scale = min(1.0, _SHOWN / max(image.shape[:2]))
+        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        return cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
+
+    def picture(self, identifier: str) -> bytes:
+        """Returns the picture of a tile as a PNG file."""
+        return png_of(self._pictures[identifier].layer.pixels)
+
+    def fit(self, values: Untyped) -> Plain:
+        """Proposes where the tiles of a photograph are: near its corners, exactly at them, or found without corners."""
+        corners = None if values["corners"] is None else np.array(values["corners"], float).reshape(4, 2)
+        shape = values["rows"], values["columns"]
+        if not all(is_whole(side) and 1 <= side <= 40 for side in shape):
+            raise InputError(f"expected 1 to 40 rows and columns, got {shape[0]} and {shape[1]}")
+        fits = corners is None or not values["exact"]
+        return propose_tiles(self.photographs[values["photo"]], shape=shape, corners=corners, fit=fits)._asdict()
+
+    def cut(self, values: Untyped) -> Plain:
+        """Cuts the tiles of a proposal whose kind is sure; returns them with their proposed masks."""
+        photograph = self.photographs[values["photo"]]
+        proposal = Proposal(**values["proposal"])
+        size = photograph.image.shape[1], photograph.image.shape[0]
+        if np.shape(proposal.homography) != (3, 3) or (proposal.width, proposal.height) != size:
+            raise InputError(f"{photograph.name}: expected a proposal for this photograph, got another one")
+        cuts = cut_tiles(photograph, proposal)
+        if not cuts:
+            raise InputError(f"{photograph.name}: expected tiles of a sure kind, got none; set the kinds")
+        return [self._add(cut.name, _picture_of(cut.image), mask_cut(cut)) for cut in cuts]
+
+    def mask(self, values: Untyped) -> Plain:
+        """Proposes one mask of a tile by colours, in bits as `_pack` has them."""
+        ranges = {name: ",".join(f"{low}..{high}" for low, high in values["colours"][name]) for name in MASKS}
+        colours = {name: parse_colour(text) for name, text in ranges.items()}
+        layer = self._pictures[values["id"]].layer
+        return _pack(propose_layer_masks(layer, colours)[values["mask"]])
+
+    def save(self, values: Untyped) -> dict[str, Plain]:
+        """Writes the set, whole or not at all. The first time, the earlier set is copied to a new name next to it.
+
+        Returns:
+          The names of the tiles, where the earlier set is, and the problems that `elitelanes tiles check` finds.
+
+        Raises:
+          InputError: without tiles, or if another program changed the folder.
+        """
+        if not values:
+            raise InputError("expected at least one tile, got none")
+        if _stamp_of(self.folder) != self._stamp:
+            raise InputError(f"{self.folder}: another program changed it; nothing was saved. Start the command again")
+        names = _names(values)
+        kept = None
+        if self.folder.exists() and any(self.folder.iterdir()) and not self.saved:
+            kept = _copy_aside(self.folder)
+        with output_folder(self.folder, {"command": "tiles edit"}, foreign=lambda _: None, force=True) as work:
+            self._write(work.files, dict(zip(names, values, strict=True)))
+        self.saved = True
+        self._stamp = _stamp_of(self.folder)
+        problems = inspect_tiles(self.folder, lines=True)[1]
+        return {"names": names, "kept": kept and str(kept), "problems": problems}
+
+    def _start(self, photograph: Photograph, shape: tuple[int, int]) -> dict[str, Plain]:
+        height, width = photograph.image.shape[:2]
+        start = {"name": photograph.name, "width": width, "height": height, "rows": shape[0], "columns": shape[1]}
+        try:
+            return start | {"proposal": propose_tiles(photograph, shape=shape)._asdict(), "advice": ""}
+        except InputError as error:
+            return start | {"proposal": None, "advice": str(error)}
+
+    def _add(self, name: str, picture: _Picture, masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, Plain]:
+        """Keeps a tile's picture; returns its values for the page."""
+        identifier = sha256(name.encode() + picture.file).hexdigest()[:16]
+        self._pictures[identifier] = picture
+        packed: dict[str, Plain] = {mask: _pack(pixels) for mask, pixels in masks.items()}
+        kind, side = name.rpartition("_")[0], len(picture.layer.pixels)
+        return {"id": identifier, "name": name, "kind": kind, "side": side, "masks": packed}
+
+    def _write(self, target: Path, tiles: Mapping[str, Untyped]) -> None:
+        """Writes the tiles by name, and copies all other files of the set."""
+        sources = tile_folders(self.folder, []) if self.folder.exists() else []
+        skipped = {source.name for source in sources} | set(_SHEETS)
+        if self.folder.exists():
+            shutil.copytree(
+                self.folder,
+                target,
+                symlinks=True,
+                dirs_exist_ok=True,
+                ignore=lambda folder, names: skipped & set(names) if Path(folder) == self.folder else set(),
+            )
+        written = []
+        for name, tile in tiles.items():
+            picture = self._pictures[tile["id"]]
+            write_atomic(target / name / "image.png", picture.file)
+            masks = {mask: _unpack(tile["masks"][mask], len(picture.layer.pixels)) for mask in MASKS}
+            for mask, pixels in masks.items():
+                write_png(target / name / f"{mask}.png", pixels.astype(np.uint8) * 255)
+            written.append(Masked(target / name, picture.layer.pixels, masks, ()))
+        write_png(target / "masks.png", proposal_sheet("Masks corrected by hand", written))
+
+
+def _read(folder: Path) -> _Picture:
+    """Reads the picture of a tile, which `mask_folder` has checked."""
+    file = folder / "image.png"
+    layer = read_image(file, [])
+    assert layer is not None
+    return _Picture(layer, file.read_bytes())
+
+
+def _picture_of(image: NDArray[np.uint8]) -> _Picture:
+    return _Picture(Layer(image, np.ones(image.shape[:2], bool), 0.0), png_of(image))
+
+
+def _names(tiles: Sequence[Untyped]) -> list[str]:
+    """Returns the folder name of each tile: its earlier one if the kind is the same, otherwise the next of its kind."""
+    for tile in tiles:
+        if tile["kind"] not in KINDS or tile["kind"] == "empty":
+            raise InputError(f"{tile['name']}: expected a kind of tile, got {tile['kind']!r}")
+    fits = [tile["name"].rpartition("_")[0] == tile["kind"] for tile in tiles]
+    counts = Counter(tile["name"] for tile, is_fit in zip(tiles, fits, strict=True) if is_fit)
+    names: list[str] = []
+    for tile, is_fit in zip(tiles, fits, strict=True):
+        name = tile["name"]
+        if not is_fit or name in names:
+            free = (f"{tile['kind']}_{number}" for number in count(1))
+            name = next(name for name in free if name not in counts and name not in names)
+        names.append(name)
+    return names
+
+
+def _copy_aside(folder: Path) -> Path:
+    """Copies a folder to a new name next to it, so that nothing in it is lost."""
+    names = (f"{folder.name}.before" + (f"-{index}" if index > 1 else "") for index in count(1))
+    kept = next(copy for copy in map(folder.resolve().with_name, names) if not copy.exists())
+    with output_folder(kept, {"command": "tiles edit"}) as work:
+        shutil.copytree(folder, work.files, symlinks=True, dirs_exist_ok=True)
+    return kept
+
+
+def _stamp_of(folder: Path) -> list[tuple[str, int, int]]:
+    """Returns name, size and time of every file in a folder, from which it is seen whether any was changed."""
+    stamps = []
+    for parent, _, files in os.walk(folder):
+        for file in files:
+            status = Path(parent, file).lstat()
+            stamps.append((str(Path(parent, file)), status.st_size, status.st_mtime_ns))
+    return sorted(stamps)
+
+
+def _pack(mask: NDArray[np.bool_]) -> str:
+    """Returns the bits of a mask, row by row, eight to a byte, the first in the highest bit, in base 64."""
+    return b64encode(np.packbits(mask).tobytes()).decode()
+
+
+def _unpack(text: str, side: int) -> NDArray[np.bool_]:
+    packed = np.frombuffer(b64decode(text, validate=True), np.uint8)
+    if packed.size != -(-side * side // 8):
+        raise InputError(f"expected a mask of {side} x {side} pixels, got {packed.size} bytes")
+    return np.unpackbits(packed, count=side * side).reshape(side, side).astype(np.bool_)

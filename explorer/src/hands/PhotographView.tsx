@@ -1,0 +1,261 @@
+/** A photograph: corners to drag, and the kind and direction of each cell. */
+import { useRef, useState } from "preact/hooks";
+import { KIND_OF, SIDES } from "../network/codes";
+import { Choice, Switch } from "../parts/Controls";
+import { areConvex, outlineOf, pixelOf, viewOf, type Point, type View } from "./view";
+import { ask, kindOfCode, KINDS, kindWord, sureCells, SURE, withCode, type Photograph, type Proposal } from "./work";
+
+const STEPS: Readonly<Record<string, Point>> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
+const CORNER_NAMES = ["first", "second", "third", "fourth"];
+/** Milliseconds after the last key until a moved corner is fitted. */
+const PAUSE = 900;
+
+interface Props {
+  readonly photograph: Photograph;
+  readonly index: number;
+  readonly onChange: (photograph: Photograph) => void;
+  readonly onCut: (proposal: Proposal) => void;
+  readonly say: (text: string) => void;
+}
+
+const cornersOf = ({ proposal, width, height }: Photograph): readonly Point[] =>
+  proposal?.corners ?? [
+    [width * 0.2, height * 0.2],
+    [width * 0.8, height * 0.2],
+    [width * 0.8, height * 0.8],
+    [width * 0.2, height * 0.8],
+  ];
+
+export function PhotographView({ photograph, index, onChange, onCut, say }: Props) {
+  const { width, height, rows, columns, proposal } = photograph;
+  const [snaps, setSnaps] = useState(true);
+  const [busy, setBusy] = useState(false);
+  const [dragged, setDragged] = useState<readonly Point[] | null>(null);
+  const [[row, column], setCell] = useState<readonly [number, number]>([0, 0]);
+  const picture = useRef<SVGSVGElement>(null);
+  const grabbed = useRef(-1);
+  const timer = useRef(0);
+  const corners = dragged ?? cornersOf(photograph);
+  const view: View = dragged || !proposal ? viewOf(corners, rows, columns, width, height) : proposal;
+
+  /** Asks for a fit near corners, or without any; keeps the kinds that the user has set if the size is the same. */
+  const fit = async (near: readonly Point[] | null, size: readonly [number, number] = [rows, columns]) => {
+    setBusy(true);
+    try {
+      const values = { photo: index, corners: near, rows: size[0], columns: size[1], exact: !snaps };
+      const fitted = await ask<Proposal>("fit", values);
+      const corrected = size[0] === rows && size[1] === columns ? photograph.corrected : [];
+      const proposed = (corrected ?? []).reduce((now, cell) => withCode(now, ...cell), fitted);
+      onChange({ ...photograph, rows: size[0], columns: size[1], proposal: proposed, advice: "", corrected });
+      if (fitted.advice) say(fitted.advice);
+    } catch (error) {
+      const advice = (error as Error).message;
+      if (size[0] !== rows || size[1] !== columns) {
+        onChange({ ...photograph, rows: size[0], columns: size[1], proposal: null, advice });
+      }
+      say(advice);
+    }
+    setDragged(null);
+    setBusy(false);
+  };
+  const release = (moved: readonly Point[]) => {
+    if (areConvex(moved)) return void fit(moved);
+    say("The corners must go clockwise around the tiles, and their lines must not cross");
+    setDragged(null);
+  };
+  const place = (event: PointerEvent): Point => {
+    const box = picture.current!.getBoundingClientRect();
+    const scale = width / box.width;
+    return [(event.clientX - box.left) * scale - 0.5, (event.clientY - box.top) * scale - 0.5];
+  };
+  const within = ([x, y]: Point): Point => [Math.min(Math.max(x, 0), width - 1), Math.min(Math.max(y, 0), height - 1)];
+  const replaced = (corner: number, point: Point) =>
+    corners.map((old, other) => (other === corner ? within(point) : old));
+  const down = (event: PointerEvent, corner: number) => {
+    if (busy) return;
+    (event.currentTarget as Element).setPointerCapture(event.pointerId);
+    grabbed.current = corner;
+  };
+  const move = (event: PointerEvent) => {
+    if (grabbed.current >= 0) setDragged(replaced(grabbed.current, place(event)));
+  };
+  const up = () => {
+    grabbed.current = -1;
+    if (dragged) release(dragged);
+  };
+  const cornerKeys = (event: KeyboardEvent, corner: number) => {
+    const step = STEPS[event.key] as Point | undefined;
+    if (!step || busy) return;
+    event.preventDefault();
+    const reach = (event.shiftKey ? 10 : 1) * Math.max(1, width / 1600);
+    const moved = replaced(corner, [corners[corner][0] + step[0] * reach, corners[corner][1] + step[1] * reach]);
+    setDragged(moved);
+    clearTimeout(timer.current);
+    timer.current = window.setTimeout(() => release(moved), PAUSE);
+  };
+  const setCode = (code: number) => {
+    if (!proposal) return;
+    const corrected = [...(photograph.corrected ?? []), [row, column, code] as const];
+    onChange({ ...photograph, proposal: withCode(proposal, row, column, code), corrected });
+  };
+  const code = proposal?.codes[row]?.[column] ?? 0;
+  const turn = () => {
+    const codes = KINDS[kindOfCode(code)] ?? [0];
+    setCode(codes[(codes.indexOf(code) + codes.length - 1) % codes.length]);
+  };
+  const cellKeys = (event: KeyboardEvent) => {
+    const step = STEPS[event.key] as Point | undefined;
+    if (event.key.toLowerCase() === "r") return turn();
+    if (!step) return;
+    event.preventDefault();
+    const next = [row + step[1], column + step[0]] as const;
+    if (next[0] < 0 || next[0] >= rows || next[1] < 0 || next[1] >= columns) return;
+    setCell(next);
+    picture.current!.querySelector<SVGElement>(`[data-cell="${next.join()}"]`)!.focus();
+  };
+  const cells = Array.from(
+    { length: rows * columns },
+    (_, cell) => [Math.floor(cell / columns), cell % columns] as const,
+  );
+  const unit = width / 100;
+  const sides = SIDES.filter(({ bit }) => code & bit).map(({ name }) => name);
+  const cuts = proposal ? sureCells(proposal) : 0;
+  return (
+    <div class="split">
+      <section class="panel" aria-label="Photograph">
+        <svg
+          ref={picture}
+          class="photograph"
+          viewBox={`-0.5 -0.5 ${width} ${height}`}
+          aria-busy={busy}
+          onPointerMove={move}
+          role="group"
+          aria-label={photograph.name}
+        >
+          <image href={`photographs/${index}`} x="-0.5" y="-0.5" width={width} height={height} />
+          {cells.map(([y, x]) => {
+            const value = proposal?.codes[y]?.[x] ?? 0;
+            const isSure = (proposal?.sure[y]?.[x] ?? 0) >= SURE;
+            const centre = pixelOf(view, [x + 0.5, y + 0.5]);
+            const ways = SIDES.filter(({ bit }) => value & bit).map(({ right, down: below }) =>
+              pixelOf(view, [x + 0.5 + right * 0.42, y + 0.5 + below * 0.42]),
+            );
+            const isSelected = y === row && x === column;
+            const name = `row ${y + 1}, column ${x + 1}: ${value ? KIND_OF[value] : "no tile"}${isSure ? "" : ", unsure"}`;
+            return (
+              <g
+                key={`${y},${x}`}
+                data-cell={`${y},${x}`}
+                class={`cell${isSure ? "" : " unsure"}${isSelected ? " selected" : ""}`}
+                role="button"
+                aria-pressed={isSelected}
+                aria-label={name}
+                tabindex={isSelected ? 0 : -1}
+                onClick={() => setCell([y, x])}
+                onFocus={() => setCell([y, x])}
+                onKeyDown={cellKeys}
+              >
+                <polygon points={outlineOf(view, y, x).join(" ")} />
+                <path d={ways.map((way) => `M${centre.join()}L${way.join()}`).join("")} stroke-width={unit * 0.5} />
+              </g>
+            );
+          })}
+          {corners.map(([x, y], corner) => (
+            <g
+              key={corner}
+              class="corner"
+              role="button"
+              tabindex={0}
+              aria-label={`${CORNER_NAMES[corner]} corner, ${Math.round(x)}, ${Math.round(y)}. Arrow keys move it`}
+              onPointerDown={(event) => down(event, corner)}
+              onPointerUp={up}
+              onPointerCancel={up}
+              onKeyDown={(event) => cornerKeys(event, corner)}
+            >
+              <circle cx={x} cy={y} r={unit * 4} class="reach" />
+              <circle cx={x} cy={y} r={unit * 2.6} class="grip" />
+              <circle cx={x} cy={y} r={unit * 0.35} class="point" />
+            </g>
+          ))}
+        </svg>
+        <p class="note">
+          Drag the four corners of the tiles, or move them with the arrow keys.{" "}
+          {snaps ? "They snap to what fits the photograph." : "They stay where you put them."} Click a tile to correct
+          its kind; R turns it. Orange tiles are unsure, and are not cut.
+        </p>
+      </section>
+      <section class="panel side" aria-label="Corrections">
+        <div class="bar">
+          <label class="size">
+            Rows{" "}
+            <input
+              type="number"
+              min="1"
+              max="40"
+              value={rows}
+              onChange={(event) => void fit(null, [Number(event.currentTarget.value), columns])}
+            />
+          </label>
+          <label class="size">
+            Columns{" "}
+            <input
+              type="number"
+              min="1"
+              max="40"
+              value={columns}
+              onChange={(event) => void fit(null, [rows, Number(event.currentTarget.value)])}
+            />
+          </label>
+          <button type="button" disabled={busy} onClick={() => void fit(null)}>
+            Find the tiles
+          </button>
+          <Switch on={snaps} onChange={setSnaps} title="corners move to where they fit the photograph best">
+            Snap
+          </Switch>
+        </div>
+        <p class={proposal && !proposal.advice ? "fits" : "warning"} aria-live="polite">
+          {busy
+            ? "Fitting …"
+            : proposal
+              ? proposal.advice || `The corners fit, with a score of ${proposal.score.toFixed(2)}.`
+              : photograph.advice}
+        </p>
+        {proposal && (
+          <div class="bar">
+            <Choice
+              label={`Kind of row ${row + 1}, column ${column + 1}`}
+              value={kindOfCode(code)}
+              options={[...Object.keys(KINDS), "empty"].map((kind) => [kind, kindWord(kind)] as const)}
+              onChange={(kind) => setCode(KINDS[kind]?.[0] ?? 0)}
+            />
+            <button type="button" onClick={turn} disabled={(KINDS[kindOfCode(code)] ?? []).length < 2}>
+              Turn
+            </button>
+            {proposal.sure[row][column] < SURE && code > 0 && (
+              <button type="button" onClick={() => setCode(code)}>
+                It is right
+              </button>
+            )}
+            <span class="note">{sides.length ? `opens ${sides.join(", ")} on the photograph` : "is not cut"}</span>
+          </div>
+        )}
+        <div class="buttons">
+          <button
+            type="button"
+            class="main"
+            disabled={busy || !cuts}
+            onClick={() => proposal && onCut(proposal)}
+            title="earlier tiles of this photograph are replaced"
+          >
+            Cut {cuts} {cuts === 1 ? "tile" : "tiles"}
+          </button>
+        </div>
+      </section>
+    </div>
+  );
+}

@@ -1,0 +1,144 @@
+/** What the page corrects, and the requests to the command that serves it. */
+import { KIND_OF } from "../network/codes";
+import { MASKS, pack, painted, unpack, type Colours, type Mask, type MaskName, type Strokes } from "./masks";
+import type { Point, View } from "./view";
+
+/** The values of `Proposal` in tiles/photographs/proposals.py that the page reads. */
+export interface Proposal extends View {
+  readonly corners: readonly Point[];
+  readonly codes: readonly (readonly number[])[];
+  readonly sure: readonly (readonly number[])[];
+  readonly score: number;
+  readonly advice: string;
+}
+
+export interface Photograph {
+  readonly name: string;
+  readonly width: number;
+  readonly height: number;
+  readonly rows: number;
+  readonly columns: number;
+  readonly proposal: Proposal | null;
+  /** Why there is no proposal. */
+  readonly advice: string;
+  /** The codes that the user has set, by row and column. A new fit keeps them. */
+  readonly corrected?: readonly (readonly [row: number, column: number, code: number])[];
+}
+
+export interface Tile {
+  readonly id: string;
+  readonly name: string;
+  readonly kind: string;
+  readonly side: number;
+  readonly base: Readonly<Record<MaskName, Mask>>;
+  readonly strokes: Readonly<Record<MaskName, Strokes | null>>;
+  readonly colours: Colours;
+  /** The photograph that the tile was cut from, or null. */
+  readonly photograph: number | null;
+  readonly leftOut: boolean;
+}
+
+export interface Work {
+  readonly tiles: readonly Tile[];
+  readonly photographs: readonly Photograph[];
+}
+
+export interface Saved {
+  readonly names: readonly string[];
+  readonly kept: string | null;
+  readonly problems: readonly string[];
+}
+
+/** A tile as the server gives it. */
+interface ServedTile extends Pick<Tile, "id" | "name" | "kind" | "side"> {
+  readonly masks: Readonly<Record<MaskName, string>>;
+}
+
+export interface Served {
+  readonly folder: string;
+  readonly colours: Colours;
+  readonly tiles: readonly ServedTile[];
+  readonly photographs: readonly Photograph[];
+  readonly problems: readonly string[];
+}
+
+/** The least score of a proposal or a cell that is sure, as in tiles/photographs/proposals.py. */
+export const SURE = 0.5;
+
+/** The kinds by the names of their folders, and the codes of each, turned counter-clockwise from one to the next. */
+export const KINDS: Readonly<Record<string, readonly number[]>> = {
+  straight: [10, 5],
+  turn: [6, 12, 9, 3],
+  crossing3: [7, 14, 13, 11],
+  crossing4: [15],
+  end: [2, 4, 8, 1],
+};
+export const kindOfCode = (code: number): string =>
+  Object.keys(KINDS).find((kind) => KINDS[kind].includes(code)) ?? "empty";
+export const kindWord = (kind: string): string => (kind in KINDS ? KIND_OF[KINDS[kind][0]] : "no tile");
+
+const byMask = <T>(make: (mask: MaskName) => T): Record<MaskName, T> => ({
+  road: make("road"),
+  red: make("red"),
+  yellow: make("yellow"),
+});
+
+export function tileOf({ masks, ...tile }: ServedTile, colours: Colours, photograph: number | null): Tile {
+  const base = byMask((mask) => unpack(masks[mask], tile.side));
+  return { ...tile, base, strokes: byMask(() => null), colours, photograph, leftOut: false };
+}
+
+/** Returns the tiles and new ones. New tiles whose names are taken get the next name of their kind. */
+export function joined(tiles: readonly Tile[], fresh: readonly Tile[]): readonly Tile[] {
+  const names = new Set(tiles.map(({ name }) => name));
+  const renamed = fresh.map((tile) => {
+    let name = tile.name;
+    for (let number = 1; names.has(name); number++) name = `${tile.kind}_${number}`;
+    names.add(name);
+    return { ...tile, name };
+  });
+  return [...tiles, ...renamed];
+}
+
+/** Returns the masks of a tile with what the brush has changed. */
+export const masksOf = (tile: Tile) => byMask((mask) => painted(tile.base[mask], tile.strokes[mask]));
+
+/** Returns the tiles as the server saves them. */
+export const toSave = (tiles: readonly Tile[]) =>
+  tiles
+    .filter((tile) => !tile.leftOut)
+    .map((tile) => {
+      const masks = masksOf(tile);
+      return { id: tile.id, name: tile.name, kind: tile.kind, masks: byMask((mask) => pack(masks[mask])) };
+    });
+
+/** Returns the proposal with another code in one cell, which is sure then. */
+export function withCode(proposal: Proposal, row: number, column: number, code: number): Proposal {
+  const changed = (rows: readonly (readonly number[])[], value: number) =>
+    rows.map((cells, y) => (y === row ? cells.map((cell, x) => (x === column ? value : cell)) : cells));
+  return { ...proposal, codes: changed(proposal.codes, code), sure: changed(proposal.sure, 1) };
+}
+
+/** Returns the cells that are cut: tiles of a sure kind. */
+export const sureCells = ({ codes, sure }: Proposal): number =>
+  codes.flat().filter((code, cell) => code && sure.flat()[cell] >= SURE).length;
+
+/** Asks the command. Its refusal is an error with the words for the user. */
+export async function ask<T>(action: string, values?: unknown): Promise<T> {
+  let answer: Response;
+  try {
+    answer = await fetch(
+      action,
+      values === undefined
+        ? {}
+        : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(values) },
+    );
+  } catch {
+    throw new Error("The command that serves this page has ended. Nothing more can be saved.");
+  }
+  const content = (await answer.json()) as T & { readonly error?: string };
+  if (!answer.ok) throw new Error(content.error);
+  return content;
+}
+
+export { MASKS };

@@ -1,0 +1,267 @@
+"""The page on which tiles are corrected by hand: what its server does and refuses, and the page in Chromium."""
+
+import base64
+import http.client
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from threading import Thread
+
+import cv2
+import numpy as np
+import photographed
+import pytest
+from explored import IN_BROWSER
+from folders import files
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.explorer.serving import HandServer
+from elitelanes_jax.tiles import Photograph, Proposal, cut_tiles, inspect_tiles, load_tiles, propose_masks
+from elitelanes_jax.tiles.editing import HandWork
+from elitelanes_jax.tiles.masking import COLOURS
+from elitelanes_jax.tiles.photographs.cutting import mask_cut
+from elitelanes_jax.tiles.tileset import default_tiles
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(scope="module")
+def shot():
+    return Photograph("floor.jpg", photographed.photograph(photographed.TOWN))
+
+
+@pytest.fixture(scope="module")
+def photographed_work(shot):
+    """Work on a photograph; its folder is never written."""
+    return HandWork(Path("never-written"), [shot], (3, 3))
+
+
+@pytest.fixture
+def tiles(tmp_path):
+    """A small tile set with a file beside the tiles."""
+    folder = tmp_path / "tiles"
+    for kind in ("turn_1", "straight_1", "crossing3_1", "crossing4_1"):
+        (folder / kind).mkdir(parents=True)
+        for file in (default_tiles() / kind).iterdir():
+            small = cv2.resize(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), (96, 96), interpolation=cv2.INTER_NEAREST)
+            cv2.imwrite(str(folder / kind / file.name), small)
+    (folder / "tileset.toml").write_text('name = "mine"\n')
+    (folder / "sheet.png").write_bytes(b"old")
+    return folder
+
+
+def unpacked(text, side):
+    bits = np.unpackbits(np.frombuffer(base64.b64decode(text), np.uint8), count=side * side)
+    return bits.reshape(side, side) > 0
+
+
+def packed(mask):
+    return base64.b64encode(np.packbits(mask)).decode()
+
+
+def test_a_photograph_is_fitted_and_cut_as_the_command_does_it(photographed_work, shot):
+    state = json.loads(json.dumps(photographed_work.state()))
+    (start,) = state["photographs"]
+    proposal = start["proposal"]
+    assert (start["rows"], start["columns"], state["tiles"]) == (3, 3, [])
+    corners = (np.array(proposal["corners"]) + 4).tolist()
+    request = {"photo": 0, "corners": corners, "rows": 3, "columns": 3}
+    exact = photographed_work.fit(request | {"exact": True})
+    np.testing.assert_allclose(exact["corners"], corners, atol=0.01)
+    cuts = cut_tiles(shot, Proposal(**proposal))
+    served = photographed_work.cut({"photo": 0, "proposal": proposal})
+    assert [tile["name"] for tile in served] == [cut.name for cut in cuts]
+    for tile, cut in zip(served, cuts, strict=True):
+        picture = cv2.imdecode(np.frombuffer(photographed_work.picture(tile["id"]), np.uint8), cv2.IMREAD_COLOR)
+        np.testing.assert_array_equal(picture[..., ::-1], cut.image)
+        for name, mask in mask_cut(cut).items():
+            np.testing.assert_array_equal(unpacked(tile["masks"][name], 128), mask)
+    colours = {name: [list(pair) for pair in colour] for name, colour in COLOURS.items()}
+    colours["road"][2] = [0, 60]
+    bits = photographed_work.mask({"id": served[0]["id"], "mask": "road", "colours": colours})
+    expected = propose_masks(cuts[0].image, COLOURS | {"road": COLOURS["road"]._replace(value=(0, 60))})
+    np.testing.assert_array_equal(unpacked(bits, 128), expected["road"])
+    # A tile of another kind is cut as that kind.
+    proposal["codes"][1][1] = 15
+    assert "crossing4_1" in [tile["name"] for tile in photographed_work.cut({"photo": 0, "proposal": proposal})]
+
+
+def test_wrong_requests_are_refused(photographed_work):
+    request = {"photo": 0, "corners": [[9, 9], [8, 500], [500, 500], [500, 9]], "rows": 3, "columns": 3, "exact": True}
+    with pytest.raises(InputError, match="counter-clockwise"):
+        photographed_work.fit(request)
+    with pytest.raises(InputError, match="expected 1 to 40 rows and columns, got 0 and 3"):
+        photographed_work.fit(request | {"rows": 0})
+    proposal = photographed_work.state()["photographs"][0]["proposal"]
+    with pytest.raises(InputError, match="expected a proposal for this photograph"):
+        photographed_work.cut({"photo": 0, "proposal": proposal | {"width": 5}})
+    with pytest.raises(InputError, match="expected at least one tile, got none"):
+        photographed_work.save([])
+
+
+def test_a_set_is_saved_whole_and_the_earlier_one_is_kept(tiles):
+    before = files(tiles)
+    work = HandWork(tiles, [], (1, 1))
+    values = [{name: tile[name] for name in ("id", "name", "kind", "masks")} for tile in work.state()["tiles"]]
+    assert [tile["name"] for tile in values] == ["turn_1", "straight_1", "crossing3_1", "crossing4_1"]
+    yellow = unpacked(values[1]["masks"]["yellow"], 96)
+    yellow[40:44, 20:24] = True
+    values[1]["masks"]["yellow"] = packed(yellow)
+    answer = work.save(values)
+    assert answer["names"] == ["turn_1", "straight_1", "crossing3_1", "crossing4_1"]
+    assert Path(answer["kept"]).name == "tiles.before" and files(Path(answer["kept"])) == before
+    after = files(tiles)
+    assert (tiles / "tileset.toml").read_text() == 'name = "mine"\n' and "sheet.png" not in after
+    for tile in load_tiles(tiles).tiles:
+        assert after[f"{tile.name}/image.png"] == before[f"{tile.name}/image.png"]
+    saved = next(tile for tile in load_tiles(tiles).tiles if tile.name == "straight_1")
+    np.testing.assert_array_equal(saved.yellow, yellow)
+    # The second time, nothing more is set aside: the page wrote what it replaces.
+    assert work.save(values[1:])["kept"] is None
+    assert not (tiles / "turn_1").exists()
+    assert {folder.name for folder in tiles.parent.iterdir()} == {"tiles", "tiles.before"}
+
+
+def test_a_tile_of_another_kind_gets_the_next_name(tiles):
+    work = HandWork(tiles, [], (1, 1))
+    values = work.state()["tiles"]
+    values[0]["kind"] = "straight"
+    values[1]["name"] = values[2]["name"]
+    values[1]["kind"] = values[2]["kind"]
+    assert work.save(values)["names"] == ["straight_1", "crossing3_1", "crossing3_2", "crossing4_1"]
+    assert any("straight_1" in problem and "road" in problem for problem in inspect_tiles(tiles)[1])
+
+
+def test_a_set_that_another_program_changed_and_bad_masks_are_not_written(tiles):
+    work = HandWork(tiles, [], (1, 1))
+    values = work.state()["tiles"]
+    bad = [values[0] | {"masks": values[0]["masks"] | {"red": packed(np.zeros(9, bool))}}, *values[1:]]
+    before = files(tiles)
+    with pytest.raises(InputError, match="expected a mask of 96 x 96 pixels"):
+        work.save(bad)
+    assert files(tiles) == before
+    (tiles / "turn_1" / "red.png").write_bytes((tiles / "turn_1" / "road.png").read_bytes())
+    before = files(tiles)
+    with pytest.raises(InputError, match="another program changed it; nothing was saved"):
+        work.save(values)
+    assert files(tiles) == before
+
+
+@pytest.fixture
+def server(tiles):
+    with HandServer(HandWork(tiles, [], (1, 1))) as server:
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+def asked(server, path, *, body=None, **headers):
+    """Sends a request; returns the status and the content."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_address[1], timeout=20)
+    headers = {name.replace("_", "-"): value for name, value in headers.items()}
+    if body is not None:
+        headers = {"Content-Type": "application/json"} | headers
+    connection.request("GET" if body is None else "POST", path, body, headers)
+    answer = connection.getresponse()
+    content = answer.read()
+    connection.close()
+    return answer.status, content
+
+
+def test_the_server_answers_its_own_page_alone(server, tiles):
+    before = files(tiles)
+    root, port = f"/{server.token}/", server.server_address[1]
+    assert server.server_address[0] == "127.0.0.1"
+    assert asked(server, root)[0] == 200
+    status, content = asked(server, root + "state", Host=f"localhost:{port}")
+    assert status == 200 and len(json.loads(content)["tiles"]) == 4
+    tile = json.loads(content)["tiles"][0]["id"]
+    assert asked(server, f"{root}pictures/{tile}")[1][:4] == b"\x89PNG"
+    save = json.dumps(json.loads(content)["tiles"])
+    ours = f"http://127.0.0.1:{port}"
+    for refused, path, headers in (
+        (403, "/", {}),
+        (403, "/state", {}),
+        (403, f"/{server.token[:-1]}/state", {}),
+        (403, root + "save", {"body": save, "Host": "evil.example"}),
+        (403, root + "save", {"body": save, "Host": f"evil.example:{port}"}),
+        (403, root + "save", {"body": save, "Origin": "https://evil.example"}),
+        (403, root + "save", {"body": save, "Origin": "null"}),
+        (403, "/wrong/save", {"body": save, "Origin": ours}),
+        (404, root + "save", {"body": save, "Content_Type": "text/plain"}),
+        (404, root + "other", {"body": save}),
+        (404, root + "pictures/other", {}),
+        (404, root + "photographs/0", {}),
+        (404, root + "../../etc/passwd", {}),
+        (400, root + "save", {"body": "{"}),
+        (400, root + "save", {"body": "[5]"}),
+        (422, root + "save", {"body": "[]"}),
+    ):
+        status, content = asked(server, path, **headers)
+        assert status == refused and list(json.loads(content)) == ["error"], (path, headers)
+    assert asked(server, root + "save", body="[]", Content_Length=str(2**40))[0] == 413
+    assert files(tiles) == before
+    assert asked(server, root + "save", body=save, Origin=ours)[0] == 200
+    assert files(tiles) != before
+
+
+def started(folder, *arguments):
+    """Starts the command; returns its process and the address of its page."""
+    command = [sys.executable, "-m", "elitelanes_jax", "tiles", "edit", *arguments]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
+    return process, re.search(r"http://\S+", process.stdout.readline())[0]
+
+
+def test_finish_ends_the_command(tiles):
+    process, url = started(tiles.parent, "tiles")
+    port, token = re.search(r":(\d+)/(.+)/", url).groups()
+    connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=20)
+    connection.request("POST", f"/{token}/finish", "null", {"Content-Type": "application/json"})
+    assert connection.getresponse().status == 200
+    connection.close()
+    out = process.communicate(timeout=20)[0]
+    assert process.returncode == 0 and out.endswith("nothing was saved\n")
+
+
+@IN_BROWSER
+def test_corners_masks_and_undo_in_a_browser(tmp_path):
+    photographed.draw_photographs(tmp_path)
+    process, url = started(tmp_path, "mine", "--photos", "floor.jpg", "--size", "3", "3")
+    try:
+        ran = subprocess.run(
+            ["node", HERE / "hands.mjs", url, "390"], capture_output=True, text=True, check=False, timeout=240
+        )
+        assert ran.returncode == 0, ran.stderr
+        out = process.communicate(timeout=20)[0]
+    finally:
+        process.kill()
+    seen = json.loads(ran.stdout)
+    assert (seen["console"], seen["axe"], seen["overflow"]) == ([], [], [])
+    assert [url.startswith(origin) for origin in seen["requests"]] == [True]
+    corners = [tuple(map(int, re.search(r"(\d+), (\d+)\.", label).groups())) for label in seen["corner"]]
+    start, dragged, snapped, stepped, undone = (np.array(corner) for corner in corners)
+    assert np.abs(dragged - start).min() >= 8
+    assert np.abs(snapped - start).max() <= 1
+    assert stepped.tolist() == (snapped + np.array([10, 0])).tolist() and undone.tolist() == snapped.tolist()
+    assert seen["fits"].startswith("The corners fit")
+    assert seen["cells"] == [
+        "row 2, column 2: straight",
+        "row 2, column 2: turn",
+        "opens south, west on the photograph",
+        "row 2, column 2: straight",
+    ]
+    assert (seen["cut"], seen["tiles"], seen["slider"]) == ("Cut 9 tiles", 9, "130")
+    # The slider changed the picture, undo brought it back; a stroke and a key did, and two undos.
+    assert seen["looks"] == [0, 1, 0, 3, 4, 5, 3]
+    assert seen["reaches"] == ["The road reaches no side, which is no tile, not a turn."]
+    assert seen["warned"].startswith("There are changes that are not saved")
+    assert seen["saved"] == "Saved 9 tiles in mine" and seen["problems"].endswith("No problems.")
+    assert process.returncode == 0 and out.endswith("saved in mine; now: elitelanes tiles check mine\n")
+    assert main(["tiles", "check", str(tmp_path / "mine")]) == 0
+    turn = next(tile for tile in load_tiles(tmp_path / "mine").tiles if tile.name == "turn_1")
+    assert not turn.road[60:68, 60:68].any()  # the stroke that erased
