@@ -10,8 +10,6 @@ from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.files import Tile
 
-"""Tiles from the road's middle to the middle of a lane in our model of lanes."""
-
 _SEEN = 1 / 5  # the strip along a side in which a separator begins
 _DASH = 1 / 24  # the depth of a separator that is measured: on a turn it leaves the middle further inside
 _WHITE = 130  # the least brightness of white tape in even light
