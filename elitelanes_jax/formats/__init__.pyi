@@ -17,6 +17,8 @@ from .plan import PlacedTile as PlacedTile
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
 from .plan_pages import write_plan as write_plan
+from .pufferdrive import PufferDrive as PufferDrive
+from .pufferdrive import to_pufferdrive as to_pufferdrive
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps
 from .road_map import map_to_json as map_to_json

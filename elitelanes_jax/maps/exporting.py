@@ -117,6 +117,9 @@ FORMATS = {
     "opendrive": Format((".xodr",), lambda one, _, **how: formats.to_opendrive(one, _streets(how)), _STREETS),
     "lanelet2": Format((".osm",), lambda one, _, **how: formats.to_lanelet2(one, _streets(how)), _STREETS),
     "commonroad": Format((".xml",), lambda one, _, **how: formats.to_commonroad(one, _streets(how)), _STREETS),
+    "pufferdrive": Format(
+        (".bin", ".json"), lambda one, name, **how: formats.to_pufferdrive(one, name, _streets(how)), _STREETS
+    ),
     "gltf": Format((".glb",), lambda one, _, **how: formats.to_gltf(one.codes.shape, *_floor(one, **how)), _FLOOR),
     "mujoco": Format((".xml", ".png"), _mujoco, _FLOOR),
     "movingai": Format(
