@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl sb3 trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -104,6 +104,17 @@ mujoco: .venv-mujoco/.ready
 # POGEMA, called from ours as a program.
 pogema: $(READY) .venv-pogema/.ready
 	$(BIN)/python -m pytest -m slow tests/formats/test_robots_maps.py
+
+# MetaDrive, called from ours as a program. It draws nothing, so it does not download its pictures from GitHub.
+metadrive: $(READY) .venv-metadrive/.ready
+	$(BIN)/python -m pytest -m slow tests/formats/test_metadrive.py
+
+.venv-metadrive/.ready:
+	rm -rf .venv-metadrive
+	$(PYTHON) -m venv .venv-metadrive
+	.venv-metadrive/bin/python -m pip install --quiet --disable-pip-version-check metadrive-simulator==0.4.3 \
+	  eclipse-sumo sumolib
+	touch $@
 
 # Ultralytics and PyTorch, called from ours as programs.
 yolo: $(READY) .venv-yolo/.ready

@@ -36,6 +36,7 @@ ENVIRONMENTS = {
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
     "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh")),
     "pogema": Environment(".venv-pogema", ("pogema",)),
+    "metadrive": Environment(".venv-metadrive", ("metadrive-simulator", "eclipse-sumo")),
     "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),
     "yolo": Environment(".venv-yolo", ("ultralytics", "torch")),
     "marimo": Environment(".venv-marimo", ("marimo", "anywidget")),
