@@ -124,10 +124,14 @@ def test_ious_beside_white_lines_are_left_out():
     found = labels.copy()
     found[:, 60:, 80:87] = 1
     none = np.zeros((1, 120, 160, 3), np.uint8)
-    pictures = Pictures(none, labels, np.zeros((1, 3)), np.zeros((1, 2)), np.zeros(1), np.zeros(1, bool), white)
-    row = label_table({"photos": pictures}, {"net": lambda images: found}).splitlines()[2]
+    nothing = np.zeros((1, 3)), np.zeros((1, 2)), np.zeros(1), np.zeros(1, bool)
+    # The labels that fit have no white line, and are what the network found.
+    pictures = Pictures(none, labels, *nothing, white, found, np.zeros_like(white))
+    fitting, own = label_table({"photos": pictures}, {"net": lambda images: found}).splitlines()[2:]
+    assert fitting.split(" | ")[:3] == ["| photos", "fitting", "net"]
+    assert fitting.split(" | ")[3:] == ["1.000", "1.000", "nan", "1.000", "1.000", "1.000 |"]
     share = 77 / 84
-    assert row.split(" | ")[2:] == ["0.971", f"{share:.3f}", "nan", "1.000", f"{80 / 87:.3f}", "1.000 |"]
+    assert own.split(" | ")[3:] == ["0.971", f"{share:.3f}", "nan", "1.000", f"{80 / 87:.3f}", "1.000 |"]
 
 
 @pytest.mark.slow

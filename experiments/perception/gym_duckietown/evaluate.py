@@ -9,10 +9,11 @@ import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax.tiles import LABELS
@@ -22,7 +23,7 @@ from experiments.perception.gym_duckietown.nets import find_labels, find_poses, 
 from experiments.perception.gym_duckietown.pictures import KINDS, TILE, Pictures, read_pictures
 from experiments.perception.unet import confusion, ious
 
-__all__ = ["errors_of", "label_table", "main", "pose_table"]
+__all__ = ["LabelScores", "errors_of", "label_table", "main", "pose_table", "score_labels"]
 
 _RESAMPLES = 1000
 _BAND = 4  # pixels
@@ -74,24 +75,52 @@ def pose_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> str
     return table(head, rows, left=3)
 
 
+class LabelScores(NamedTuple):
+    """The IoUs of found labels, 0 to 1.
+
+    Attributes:
+      classes: of each class of `LABELS`; NaN for a class that neither side has.
+      paved: of road, stop lines and lane separators together.
+      paved_elsewhere: the same, without the pixels within `_BAND` of a white line.
+    """
+
+    classes: Float[NDArray, "4"]
+    paved: float
+    paved_elsewhere: float
+
+
+def score_labels(
+    true: UInt8[NDArray, "N 120 160"], white: Bool[NDArray, "N 120 160"], found: UInt8[NDArray, "N 120 160"]
+) -> LabelScores:
+    """Compares found labels with true ones, whose white lines are `white`."""
+    widened = [cv2.dilate(lines.astype(np.uint8), np.ones((2 * _BAND + 1,) * 2)) for lines in white]
+    elsewhere = np.stack(widened) == 0
+    paved, found_paved = true.clip(0, 1), found.clip(0, 1)
+    return LabelScores(
+        ious(confusion(true, found, len(LABELS))),
+        float(ious(confusion(paved, found_paved, 2))[1]),
+        float(ious(confusion(paved[elsewhere], found_paved[elsewhere], 2))[1]),
+    )
+
+
 def label_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> str:
     """Returns a table of each class's IoU on maps without objects.
 
-    Paved are road, stop lines and lane separators together. Pixels within `_BAND` of a white line of gym-duckietown's
-    labels, which do not fit its photographs, are beside white lines.
+    It measures against labels that fit the pictures, and against gym-duckietown's labels, which do not fit its
+    photographs.
     """
     rows = []
     for style, shown in pictures.items():
-        true, white = shown.labels[~shown.objects], shown.white[~shown.objects]
-        beside = np.stack([cv2.dilate(one.astype(np.uint8), np.ones((2 * _BAND + 1,) * 2)) for one in white]) > 0
+        without = ~shown.objects
+        kinds = {"fitting": (shown.fitting, shown.fitting_white), "gym-duckietown's": (shown.labels, shown.white)}
         for name, find in finders.items():
-            found = np.asarray(find(shown.images[~shown.objects]), np.uint8)
-            scores = list(ious(confusion(true, found, len(LABELS))))
-            scores += [
-                ious(confusion(true[part].clip(0, 1), found[part].clip(0, 1), 2))[1] for part in (beside >= 0, ~beside)
-            ]
-            rows.append([style, name, *(f"{score:.3f}" for score in scores)])
-    return table(["style", "method", *LABELS, "paved", "paved, not beside white lines"], rows, left=2)
+            found = np.asarray(find(shown.images[without]), np.uint8)
+            for words, (true, white) in kinds.items():
+                scores = score_labels(true[without], white[without], found)
+                figures = [*scores.classes, scores.paved, scores.paved_elsewhere]
+                rows.append([style, words, name, *(f"{figure:.3f}" for figure in figures)])
+    head = ["style", "labels", "method", *LABELS, "paved", "paved, not beside white lines"]
+    return table(head, rows, left=3)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

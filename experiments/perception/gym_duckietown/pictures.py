@@ -8,7 +8,7 @@ own pictures, which shows the limit.
 
 import argparse
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,18 +20,20 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import load_tiles
 from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
-from elitelanes_jax.tiles import choose_tiles, scale_tiles
+from elitelanes_jax.tiles import MASKS, choose_tiles, propose_masks, scale_tiles
 from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
-from experiments.perception.gym_duckietown.world import DuckietownMap, World, random_poses, read_maps
+from experiments.perception.gym_duckietown.world import DuckietownMap, World, data_folder, random_poses, read_maps
 
 __all__ = [
     "CLASSES",
     "KINDS",
     "STYLES",
     "TILE",
+    "TILE_KINDS",
     "Pictures",
     "classes_of",
+    "label_tiles",
     "main",
     "our_views",
     "read_pictures",
@@ -52,6 +54,11 @@ _COLOURS = np.array(  # the last one is beyond the tiles, see `bridge`
     [(127, 127, 127), (0, 0, 0), (255, 0, 0), (255, 255, 0), (255, 255, 255), (255, 0, 255)]
 )
 
+TILE_KINDS = ("straight", "curve_left", "curve_right", "3way_left", "3way_right", "4way")
+"""The kinds of tiles with a road, as gym-duckietown names them."""
+
+_BRIGHT = 130  # of the darkest channel: asphalt is darker, and white tape is not
+
 _CURVATURES = np.array([-1 / 0.3, 0, 1 / 0.7], np.float32)  # of a right turn, straight on, a left turn, in 1 / tiles
 _PORTION = 16  # poses of one request: larger pictures are not kept
 
@@ -69,6 +76,8 @@ class Pictures(NamedTuple):
       kinds: uint8 ``[N]``, indices of `KINDS`.
       objects: bool ``[N]``, whether the map has objects.
       white: bool ``[N, 120, 160]``, white lines, which are background in the labels.
+      fitting: uint8 ``[N, 120, 160]``, labels from our masks of the style's own tiles, where the pictures show them.
+      fitting_white: bool ``[N, 120, 160]``, the white lines of these labels.
     """
 
     images: UInt8[NDArray, "N 120 160 3"]
@@ -78,6 +87,8 @@ class Pictures(NamedTuple):
     kinds: UInt8[NDArray, " N"]
     objects: NDArray[np.bool_]
     white: Bool[NDArray, "N 120 160"]
+    fitting: UInt8[NDArray, "N 120 160"]
+    fitting_white: Bool[NDArray, "N 120 160"]
 
 
 def classes_of(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -105,22 +116,54 @@ def take(world: World, place: DuckietownMap, style: str, count: int, seed: int) 
     ways = np.array([int(code).bit_count() for code in codes])
     kinds = np.where(ways > 2, 2, np.where(np.isin(codes, (5, 10)), 0, 1)).astype(np.uint8)
     images, lane, objects = _look(world, place, style, poses, shrink)
-    # Nearest pixels, as our labels are.
-    labels, *_ = _look(world, place, "labels", poses, lambda seen: classes_of(seen[:, 2::4, 2::4]))
-    white = labels == CLASSES.index("white line")
-    labels[white] = 0
+    labels, white = _look_at_labels(world, place, poses, {})
+    fitting, fitting_white = _look_at_labels(world, place, poses, label_tiles(style))
     lanes = np.column_stack([lane / (TILE, 1), _CURVATURES[np.asarray(near.movement.turn)]]).astype(np.float32)
     ours = np.column_stack([near.d, near.phi]).astype(np.float32)
     found = np.isfinite(lanes).all(axis=1)
-    taken = Pictures(images, labels, lanes, ours, kinds, np.full(count, objects), white)
+    taken = Pictures(images, labels, lanes, ours, kinds, np.full(count, objects), white, fitting, fitting_white)
     return Pictures(*(np.compress(found, part, axis=0) for part in taken))
 
 
+@cache
+def label_tiles(style: str) -> dict[str, UInt8[NDArray, "H W 3"]]:
+    """Draws a picture of labels for each kind of tile, from our masks of the style's picture of it.
+
+    Bright pixels outside of the masks are white lines.
+    """
+    drawn = {}
+    for kind in TILE_KINDS:
+        file = data_folder() / "textures" / "tiles-processed" / style / kind / "texture.jpg"
+        image = np.asarray(cv2.imread(str(file)))[..., ::-1].copy()
+        classes = np.where(image.min(axis=-1) > _BRIGHT, CLASSES.index("white line"), 0)
+        for name, mask in propose_masks(image).items():
+            classes[mask] = MASKS.index(name) + 1
+        # Larger pixels: OpenGL mixes neighbouring ones, and a mixed colour may be that of a third class.
+        drawn[kind] = np.kron(_COLOURS[classes].astype(np.uint8), np.ones((4, 4, 1), np.uint8))
+    return drawn
+
+
+def _look_at_labels(
+    world: World, place: DuckietownMap, poses: Float[NDArray, "N 3"], tiles: dict[str, NDArray[np.uint8]]
+) -> tuple[UInt8[NDArray, "N 120 160"], Bool[NDArray, "N 120 160"]]:
+    """Returns labels and white lines, of gym-duckietown's own pictures of labels or of other ones for `tiles`."""
+    # Nearest pixels, as our labels are.
+    labels, *_ = _look(world, place, "labels", poses, lambda seen: classes_of(seen[:, 2::4, 2::4]), tiles)
+    white = labels == CLASSES.index("white line")
+    labels[white] = 0
+    return labels, white
+
+
 def _look(
-    world: World, place: DuckietownMap, style: str, poses: Float[NDArray, "N 3"], reduce: Reduce
+    world: World,
+    place: DuckietownMap,
+    style: str,
+    poses: Float[NDArray, "N 3"],
+    reduce: Reduce,
+    tiles: dict[str, NDArray[np.uint8]] | None = None,
 ) -> tuple[NDArray[np.uint8], Float[NDArray, "N 2"], bool]:
-    """Returns reduced pictures, lane poses, and whether the map has objects."""
-    about = world.load(place, style=style)
+    """Returns reduced pictures, lane poses, and whether the map has objects. `tiles` replaces pictures of tiles."""
+    about = world.load(place, style=style, **(tiles or {}))
     images, lanes = [], []
     for first in range(0, len(poses), _PORTION):
         answer = world.ask("look", poses=poses[first : first + _PORTION])

@@ -2,7 +2,9 @@
 
     python -m experiments.perception.gym_duckietown.stream {pose,labels} MAPS... --out FILE [--tiles DIR] [--steps N]
 
-MAPS are files of maps, such as those of `elitelanes generate`. An interrupted training continues with the same command.
+MAPS are files of maps, such as those of `elitelanes generate`. Views of the package's own tiles have shifted white
+lines, because tiles differ between labs. Views of other tiles do not. An interrupted training continues with the same
+command.
 """
 
 import argparse
@@ -18,16 +20,24 @@ from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
 from experiments.perception.gym_duckietown.train import BATCH, STEPS, Views, shares_of, train_on, write_trained
 
-__all__ = ["main", "stream"]
+__all__ = ["LINES", "TILE_PX", "main", "stream"]
 
 _CAMERA = Camera(rows=ROWS, columns=COLUMNS)
-_VARIATION = VARIED.replace(blur=0.5, lines=0.07)
-_TILE_PX = 256
+_VARIATION = VARIED.replace(blur=0.5)
+LINES = 0.07
+"""The largest stretch of drawn tiles at their white lines, in tiles."""
+
+TILE_PX = 256
+"""The side of the largest pictures of tiles in pixels."""
 
 
-def stream(task: str, scenes: Scenes, seed: int, first: int) -> Iterator[Views]:
-    """Yields batches of new views without end, from the batch of index `first` on."""
-    for views in stream_views(seed, scenes, BATCH[task], camera=_CAMERA, variation=_VARIATION, first=first):
+def stream(task: str, scenes: Scenes, seed: int, lines: float | None, first: int) -> Iterator[Views]:
+    """Yields batches of new views without end, from the batch of index `first` on.
+
+    White lines are shifted by up to `lines` tiles. None does not shift them.
+    """
+    variation = _VARIATION.replace(lines=lines)
+    for views in stream_views(seed, scenes, BATCH[task], camera=_CAMERA, variation=variation, first=first):
         yield Views(*(np.asarray(part) for part in views[:3]))
 
 
@@ -46,9 +56,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    scenes = make_scenes(options.maps, load_tiles(options.tiles), tile_px=_TILE_PX)
+    scenes = make_scenes(options.maps, load_tiles(options.tiles), tile_px=TILE_PX)
     steps = options.steps or 2 * STEPS[options.task]
-    batches = partial(stream, options.task, scenes, options.seed)
+    lines = LINES if options.tiles is None else None
+    batches = partial(stream, options.task, scenes, options.seed, lines)
     shares = shares_of(next(batches(0)).labels)
     write_trained(options.out, partial(train_on, options.task, batches, shares, steps, options.seed))
 

@@ -19,7 +19,7 @@ from elitelanes_jax.optimizers import seed_keys
 from experiments.common import Untyped
 from experiments.perception.gym_duckietown.bridge import receive, send
 
-__all__ = ["HERE", "PYTHON", "DuckietownMap", "World", "our_towns", "random_poses", "read_maps"]
+__all__ = ["HERE", "PYTHON", "DuckietownMap", "World", "data_folder", "our_towns", "random_poses", "read_maps"]
 
 HERE = Path(__file__).parent
 PYTHON = HERE.parents[2] / ".venv-gym-duckietown" / "bin" / "python"
@@ -87,16 +87,25 @@ class World:
             raise InputError(f"{place.name}: {error}") from None
 
 
+def data_folder() -> Path:
+    """Returns the folder of duckietown-world's maps and textures in the environment.
+
+    Raises:
+      InputError: if there is none.
+    """
+    folders = list(PYTHON.parents[1].glob("lib*/python3*/site-packages/duckietown_world/data/gd1"))
+    if not folders:
+        raise InputError(f"{PYTHON}: expected an environment with duckietown-world's maps, got none")
+    return folders[0]
+
+
 def read_maps(part: str, only: str | None = None) -> list[DuckietownMap]:
     """Reads the maps of a part of maps.toml, "development" or "test": people's from the environment, then our towns.
 
     `only` is "people" or "towns". The search for our towns takes a minute.
     """
     listed = tomllib.loads((HERE / "maps.toml").read_text(encoding="utf-8"))[part]
-    folders = list(PYTHON.parents[1].glob("lib*/python3*/site-packages/duckietown_world/data/gd1/maps"))
-    if not folders:
-        raise InputError(f"{PYTHON}: expected an environment with duckietown-world's maps, got none")
-    files = [folders[0] / f"{name}.yaml" for name in listed["people"]]
+    files = [data_folder() / "maps" / f"{name}.yaml" for name in listed["people"]]
     found = [DuckietownMap(file.stem, file.read_text(encoding="utf-8"), read_map(file).codes) for file in files]
     ours = our_towns(**listed["towns"]) if only != "people" else []
     towns = [DuckietownMap(f"town {index}", to_duckietown(one), one) for index, one in enumerate(ours)]
