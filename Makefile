@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -275,6 +275,10 @@ perception: $(READY) .venv-gym-duckietown/.ready
 	$(SEE).pictures test --only people --poses 12 --out $(SEEN)/photos.npz
 	$(SEE).evaluate $(SEEN)/photos.npz --pose $(SEEN)/pose.npz --labels $(SEEN)/labels.npz --out $(SEEN)/tables.md
 	$(SEE).rides $(SEEN)/pose.npz --only people --out $(SEEN)/pose-rides.json
+
+# A network that learns from photographs of gym-duckietown's tiles. LAB adds options, such as LAB='--seeds 3'.
+photographs-lab: $(READY) .venv-gym-duckietown/.ready
+	$(SEE).lab $(LAB)
 
 detection: $(READY)
 	$(BIN)/python -m experiments.perception.detection

@@ -94,7 +94,7 @@ class World:
         with tempfile.TemporaryDirectory() as folder:
             for kind, picture in pictures.items():
                 # load_texture keeps each file's texture for good, and the name of this folder is new.
-                file = os.path.join(folder, kind + ".png")
+                file = f"{folder}/{kind}.png"
                 Image.fromarray(picture).convert("RGBA").save(file)
                 texture = graphics.Texture(graphics.load_texture(file), tex_name=kind, rng=None)
                 for tile in self._env.grid:
