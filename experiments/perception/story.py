@@ -1,0 +1,134 @@
+"""Draws the first picture of the README: a photograph of a floor, its tile set, towns of it, and a robot's view.
+
+python -m experiments.perception.story
+"""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax import evolve, load_tiles, render
+from elitelanes_jax.drive import Camera, look, make_atlas, random_pose
+from elitelanes_jax.tiles import (
+    MASKS,
+    Cut,
+    Photograph,
+    Proposal,
+    TileSet,
+    choose_tiles,
+    cut_tiles,
+    propose_masks,
+    propose_tiles,
+    scale_tiles,
+    write_cuts,
+    write_text,
+)
+from experiments.common import Parser, leave, run
+from experiments.perception.synthetic_photographs import draw_set, photograph
+
+OUT = Path(__file__).parents[2] / "docs" / "story.jpg"
+FLOOR = np.array([[6, 7, 5, 3], [14, 15, 5, 11], [12, 13, 5, 9]], np.int8)
+WIDTH, HEIGHT, GAP, HEAD = 560, 420, 16, 34
+PAPER, INK, OUTLINE = (250, 249, 246), (40, 40, 44), (235, 40, 160)
+POSE = 4  # seed of the robot's pose
+COLOURS = np.array([(90, 150, 200), (255, 0, 60), (255, 225, 0)], np.uint8)  # of `MASKS`
+TITLES = (
+    "1. A photograph of a floor",
+    "2. Its tiles, with masks",
+    "3. Towns of these tiles",
+    "4. What a robot sees there",
+)
+
+Picture = NDArray[np.uint8]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    Parser("story", __doc__).parse_args(arguments)
+    return run("story", draw)
+
+
+def draw() -> None:
+    """Writes the picture."""
+    # A set whose asphalt and tape differ from those of the package's own.
+    rng, laid_tiles = np.random.default_rng(5), draw_set(201)
+    seen = photograph(rng, FLOOR, laid_tiles, "wood", fill=(0.8, 1.0))
+    shot = Photograph("floor", seen.image)
+    proposal = propose_tiles(shot, shape=FLOOR.shape)
+    cuts = cut_tiles(shot, proposal)
+    with tempfile.TemporaryDirectory() as folder:
+        write_cuts(folder, cuts)
+        tiles = load_tiles(folder)
+    result = evolve(0, shape=(6, 8), evaluations=8_000, style="town")
+    towns = [road_map.codes for road_map in result.maps(4, where="bridges=0")]
+    drawn = [np.asarray(render(codes, tiles, tile_px=33, seed=1).image) for codes in towns]
+    parts = (_outlined(shot, proposal), _masked(cuts), _two_by_two(drawn), _robot_view(towns[0], tiles))
+    panels = [_panel(title, part) for title, part in zip(TITLES, parts, strict=True)]
+    sheet = _two_by_two(panels)
+    cv2.imwrite(str(OUT), sheet[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
+
+
+def _two_by_two(pictures: list[Picture]) -> Picture:
+    return np.vstack([np.hstack(pictures[:2]), np.hstack(pictures[2:4])])
+
+
+def _outlined(shot: Photograph, proposal: Proposal) -> Picture:
+    """Draws the sides of all tiles over a photograph."""
+    picture, rows, columns = shot.image.copy(), *FLOOR.shape
+    lines = [np.array([[0, row], [columns, row]], float) for row in range(rows + 1)]
+    lines += [np.array([[column, 0], [column, rows]], float) for column in range(columns + 1)]
+    for ends in lines:
+        points = proposal.view.pixels_of(np.linspace(*ends, 40))
+        cv2.polylines(picture, [np.rint(points).astype(np.int32)], False, OUTLINE, 4, cv2.LINE_AA)
+    return picture
+
+
+def _masked(cuts: list[Cut]) -> Picture:
+    """Draws the tiles, and below each its masks."""
+    rows = []
+    for first in range(0, len(cuts), 6):
+        chosen = cuts[first : first + 6]
+        images = [cv2.resize(cut.image, (180, 180), interpolation=cv2.INTER_AREA) for cut in chosen]
+        rows.append(_row([np.asarray(image, np.uint8) for image in images]))
+        rows.append(_row([_masks_of(np.asarray(image, np.uint8)) for image in images]))
+    return np.vstack(rows)
+
+
+def _row(pictures: list[Picture]) -> Picture:
+    return np.hstack([np.pad(picture, ((4, 4), (4, 4), (0, 0)), constant_values=PAPER[0]) for picture in pictures])
+
+
+def _masks_of(image: Picture) -> Picture:
+    masks, picture = propose_masks(image), np.full_like(image, 60)
+    for name, colour in zip(MASKS, COLOURS, strict=True):
+        picture[masks[name]] = colour
+    return picture
+
+
+def _robot_view(codes: NDArray[np.int8], tiles: TileSet) -> Picture:
+    scaled, chosen = scale_tiles(tiles, 256), choose_tiles(codes, tiles)
+    atlas, cells = make_atlas(scaled["image"], scaled["labels"]), chosen[..., 0] * 4 + chosen[..., 1]
+    pose = random_pose(jax.random.key(POSE), codes)
+    camera = Camera(rows=4 * HEIGHT, columns=4 * WIDTH)
+    return np.asarray(look(jax.random.key(0), pose, cells.astype(np.int32), atlas, camera).image)
+
+
+def _panel(title: str, picture: Picture) -> Picture:
+    """Scales a picture into a panel, below its title."""
+    scale = min(WIDTH / picture.shape[1], HEIGHT / picture.shape[0])
+    size = (round(picture.shape[1] * scale), round(picture.shape[0] * scale))
+    scaled = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+    panel = np.full((HEAD + HEIGHT + GAP, WIDTH + GAP, 3), PAPER, np.uint8)
+    top, left = HEAD + (HEIGHT - size[1]) // 2, (WIDTH - size[0]) // 2 + GAP // 2
+    panel[top : top + size[1], left : left + size[0]] = scaled
+    write_text(panel, title, (GAP // 2, 24), 0.75, INK)
+    return panel
+
+
+if __name__ == "__main__":
+    leave(main())
