@@ -83,7 +83,7 @@ def _outlined(shot: Photograph, proposal: Proposal) -> Picture:
     lines = [np.array([[0, row], [columns, row]], float) for row in range(rows + 1)]
     lines += [np.array([[column, 0], [column, rows]], float) for column in range(columns + 1)]
     for ends in lines:
-        points = proposal.view.pixels_of(np.linspace(*ends, 40))
+        points = proposal.view.pixels_of(np.linspace(ends[0], ends[1], 40))
         cv2.polylines(picture, [np.rint(points).astype(np.int32)], False, OUTLINE, 4, cv2.LINE_AA)
     return picture
 

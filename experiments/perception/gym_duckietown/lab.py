@@ -316,9 +316,9 @@ def report(results: Results) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("lab", __doc__)
-    names = {"choices": ROWS, "metavar": "ROW", "nargs": "*"}
-    parser.add_argument("--rows", **names, default=list(ROWS), help=f"default all: {', '.join(ROWS)}")
-    parser.add_argument("--rides", **names, default=[], help="rows whose first seed also drives; default none")
+    add_rows = partial(parser.add_argument, choices=ROWS, metavar="ROW", nargs="*")
+    add_rows("--rows", default=list(ROWS), help=f"default all: {', '.join(ROWS)}")
+    add_rows("--rides", default=[], help="rows whose first seed also drives; default none")
     parser.add_argument("--seeds", type=whole(1, 100), default=1, metavar="N", help="of each row; default 1")
     out = Path("results/photographs-lab")
     parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"default {out}")
