@@ -31,8 +31,12 @@ from elitelanes_jax.tiles import (
 from experiments.common import Parser, leave, run
 from experiments.perception.synthetic_photographs import draw_set, photograph
 
+__all__ = ["FLOOR", "main"]
+
 OUT = Path(__file__).parents[2] / "docs" / "story.jpg"
 FLOOR = np.array([[6, 7, 5, 3], [14, 15, 5, 11], [12, 13, 5, 9]], np.int8)
+"""The codes of the floor: all kinds of tiles, twelve of them."""
+
 WIDTH, HEIGHT, GAP, HEAD = 560, 420, 16, 34
 PAPER, INK, OUTLINE = (250, 249, 246), (40, 40, 44), (235, 40, 160)
 POSE = 4  # seed of the robot's pose

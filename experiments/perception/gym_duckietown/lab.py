@@ -22,11 +22,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, load_tiles
 from elitelanes_jax.drive import make_scenes
-from elitelanes_jax.tiles import LABELS, TileSet, default_tiles, inspect_tiles
+from elitelanes_jax.tiles import LABELS, default_tiles, inspect_tiles
 from experiments.common import Parser, leave, run, table, whole, write
 from experiments.perception.gym_duckietown import pictures, rides
 from experiments.perception.gym_duckietown.evaluate import errors_of, score_labels
@@ -35,7 +34,8 @@ from experiments.perception.gym_duckietown.pictures import KINDS, Pictures, read
 from experiments.perception.gym_duckietown.stream import LINES, TILE_PX, stream
 from experiments.perception.gym_duckietown.train import read_views, shares_of, train, train_on, write_trained
 from experiments.perception.gym_duckietown.world import HERE, data_folder
-from experiments.perception.synthetic_photographs import lay_floor, photograph
+from experiments.perception.story import FLOOR
+from experiments.perception.synthetic_photographs import photograph
 
 __all__ = ["ROWS", "Row", "build_set", "cut_floor", "main", "report"]
 
@@ -102,7 +102,6 @@ _MORE_TEXTURES = {
     "crossing4_2": "tiles/photos/4way_1_gymd.jpg",
 }
 _SECOND = ("turn_2",)  # what the set `one` lacks
-_FLOOR = (3, 4)
 _TILT = 30  # degrees from straight down, at least
 
 Results = dict[str, dict[str, dict[str, float]]]
@@ -171,26 +170,13 @@ def cut_floor(folder: Path, photographs: Path) -> None:
     """Lays a floor of photographed tiles, takes one oblique photograph of it, and cuts it into a tile set."""
     rng, tiles = np.random.default_rng(0), load_tiles(photographs)
     while True:
-        codes = lay_floor(rng, _FLOOR, tiles)
-        if not _shows_all_kinds(codes, tiles):
-            continue
-        seen = photograph(rng, codes, tiles, "wood", fill=(0.65, 1.0))
+        seen = photograph(rng, FLOOR, tiles, "wood", fill=(0.65, 1.0))
         if seen.tilt >= _TILT:
             break
     file = folder.with_name("floor.png")
     file.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(file), seen.image[..., ::-1])
-    _elitelanes("tiles", "cut", str(file), "--size", *map(str, _FLOOR), "--out", str(folder))
-
-
-def _shows_all_kinds(codes: NDArray[np.int8], tiles: TileSet) -> bool:
-    """Says whether each kind of tile, but dead ends, is on a floor."""
-    kinds = {tile.name.split("_")[0] for tile in tiles.tiles} - {"end"}
-    shown = set()
-    for code in np.unique(codes[codes > 0]).tolist():
-        index = tiles.rotations[code][0][0]
-        shown.add(tiles.pictures[index].name.split("_")[0])
-    return shown == kinds
+    _elitelanes("tiles", "cut", str(file), "--size", *map(str, FLOOR.shape), "--out", str(folder))
 
 
 def _elitelanes(*arguments: str) -> None:
