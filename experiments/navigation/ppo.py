@@ -16,7 +16,10 @@ from jaxtyping import Array, Float, Key
 from elitelanes_jax.drive import Environment, Level, auto_reset
 from experiments.common import Pytree
 
-__all__ = ["Network", "Outputs", "Ppo", "advantages", "distribution", "drive_levels", "train"]
+__all__ = [
+    *("Driven", "Driver", "Network", "Outputs", "Ppo", "advantages", "begin", "collect", "distribution"),
+    *("drive_levels", "learn", "train"),
+]
 
 
 Outputs: TypeAlias = tuple[Float[Array, "B M"], Float[Array, "T B A"], Float[Array, "T B"]]
@@ -68,8 +71,8 @@ class Ppo(NamedTuple):
     entropy: float = 0.01
 
 
-class _Driven(NamedTuple):
-    """What was driven, each ``[T, B, ...]``; `after` is the value of what an action led to."""
+class Driven(NamedTuple):
+    """The steps that were driven, each ``[T, B, ...]``; `after` is the value of the observation after an action."""
 
     seen: Pytree
     first: Array
@@ -82,8 +85,8 @@ class _Driven(NamedTuple):
     ended: Array
 
 
-class _Driver(NamedTuple):
-    """All that goes on from update to update."""
+class Driver(NamedTuple):
+    """The state of a training: the learner, and the environments with the memory of the policy."""
 
     weights: Pytree
     optimizer: Pytree
@@ -182,45 +185,94 @@ def _optimizer(ppo: Ppo) -> optax.GradientTransformation:
 
 
 @partial(jax.jit, static_argnames=("environment", "network", "ppo"))
-def _begin(key: Array, params: Pytree, environment: Environment, network: Network, ppo: Ppo) -> _Driver:
+def _begin(key: Array, params: Pytree, environment: Environment, network: Network, ppo: Ppo) -> Driver:
     starting, weighing = jax.random.split(key)
     seen, states = jax.vmap(environment.reset, (0, None))(jax.random.split(starting, ppo.envs), params)
-    first, memory = jnp.ones(ppo.envs, bool), jnp.zeros((ppo.envs, network.memory))
-    weights = network.init(weighing, memory, *_row((seen, first)))
-    return _Driver(weights, _optimizer(ppo).init(weights), states, seen, first, memory)
+    return begin(weighing, seen, states, network, ppo)
+
+
+def begin(key: Array, seen: Pytree, states: Pytree, network: Network, ppo: Ppo) -> Driver:
+    """Returns a driver with random weights and B environments in these states; the key is consumed."""
+    count = len(jax.tree.leaves(seen)[0])
+    first, memory = jnp.ones(count, bool), jnp.zeros((count, network.memory))
+    weights = network.init(key, memory, *_row((seen, first)))
+    return Driver(weights, _optimizer(ppo).init(weights), states, seen, first, memory)
 
 
 @partial(jax.jit, static_argnames=("environment", "network", "ppo"), donate_argnames="driver")
 def _update(
-    key: Array, driver: _Driver, params: Pytree, environment: Environment, network: Network, ppo: Ppo
-) -> tuple[_Driver, Array]:
-    discrete, resetting = environment.actions is not None, auto_reset(environment)
+    key: Array, driver: Driver, params: Pytree, environment: Environment, network: Network, ppo: Ppo
+) -> tuple[Driver, Array]:
     driving, learning = jax.random.split(key)
+    memory = driver.memory
+    driver, driven = collect(driving, driver, params, auto_reset(environment), network, ppo.steps)
+    discrete = environment.actions is not None
+    weights, optimizer = learn(learning, driver.weights, driver.optimizer, memory, driven, network, ppo, discrete)
+    return driver._replace(weights=weights, optimizer=optimizer), driven.reward.mean()
 
-    def drive(driver: _Driver, key: Array) -> tuple[_Driver, _Driven]:
+
+def collect(
+    key: Array, driver: Driver, params: Pytree, environment: Environment, network: Network, steps: int
+) -> tuple[Driver, Driven]:
+    """Drives some steps of all environments.
+
+    Args:
+      key: consumed.
+      driver: the state before.
+      params: of the environment.
+      environment: whose steps begin the next episode themselves.
+      network: the policy.
+      steps: of each environment.
+    """
+    discrete, count = environment.actions is not None, len(driver.first)
+
+    def drive(driver: Driver, key: Array) -> tuple[Driver, Driven]:
         choosing, going = jax.random.split(key)
         memory, head, value = network.apply(driver.weights, driver.memory, *_row((driver.seen, driver.first)))
         draw, chance_of, _ = distribution(head[0], discrete)
         action = draw(choosing)
-        done = jax.vmap(resetting.step, (0, 0, 0, None))(
-            jax.random.split(going, ppo.envs), driver.states, action, params
+        done = jax.vmap(environment.step, (0, 0, 0, None))(
+            jax.random.split(going, count), driver.states, action, params
         )
         _, _, after = network.apply(driver.weights, memory, *_row((done.reached, jnp.zeros_like(driver.first))))
         ended = done.terminated | done.truncated
-        step = _Driven(
+        step = Driven(
             *(driver.seen, driver.first, action, chance_of(action), value[0], after[0]),
             *(done.reward, done.terminated, ended),
         )
         return driver._replace(states=done.state, seen=done.observation, first=ended, memory=memory), step
 
-    memory = driver.memory
-    driver, driven = jax.lax.scan(drive, driver, jax.random.split(driving, ppo.steps))
+    return jax.lax.scan(drive, driver, jax.random.split(key, steps))
+
+
+def learn(
+    key: Array,
+    weights: Pytree,
+    optimizer: Pytree,
+    memory: Array,
+    driven: Driven,
+    network: Network,
+    ppo: Ppo,
+    discrete: bool,
+) -> tuple[Pytree, Pytree]:
+    """Learns from steps; returns the weights and the state of the optimiser.
+
+    Args:
+      key: consumed.
+      weights: of the network.
+      optimizer: its state.
+      memory: of the policy before the first step, ``[B, M]``.
+      driven: the steps ``[T, B]`` of these weights.
+      network: the policy.
+      ppo: settings of the training.
+      discrete: see `distribution`.
+    """
     outcome = driven.reward, driven.value, driven.after, driven.terminated, driven.ended
     advantage = advantages(*outcome, ppo.discount, ppo.trace)
     target = advantage + driven.value
-    share = 1 - driver.optimizer[1][0].count / (ppo.updates * ppo.epochs * ppo.minibatches)
+    share = 1 - optimizer[1][0].count / (ppo.updates * ppo.epochs * ppo.minibatches)
 
-    def loss(weights: Pytree, memory: Array, driven: _Driven, advantage: Array, target: Array) -> Array:
+    def loss(weights: Pytree, memory: Array, driven: Driven, advantage: Array, target: Array) -> Array:
         _, head, value = network.apply(weights, memory, driven.seen, driven.first)
         _, chance_of, entropy = distribution(head, discrete)
         ratio = jnp.exp(chance_of(driven.action) - driven.chance)
@@ -228,17 +280,16 @@ def _update(
         gain = jnp.minimum(ratio * scaled, jnp.clip(ratio, 1 - ppo.clip, 1 + ppo.clip) * scaled).mean()
         return 0.5 * ((value - target) ** 2).mean() - gain - ppo.entropy * share * entropy().mean()
 
-    def learn(carry: tuple[Pytree, Pytree], chosen: Array) -> tuple[tuple[Pytree, Pytree], None]:
+    def improve(carry: tuple[Pytree, Pytree], chosen: Array) -> tuple[tuple[Pytree, Pytree], None]:
         weights, optimizer = carry
         part = jax.tree.map(lambda x: x[:, chosen], (driven, advantage, target))
         gradient = jax.grad(loss)(weights, memory[chosen], *part)
         updates, optimizer = _optimizer(ppo).update(gradient, optimizer)
         return (optax.apply_updates(weights, updates), optimizer), None
 
-    orders = jax.vmap(lambda key: jax.random.permutation(key, ppo.envs))(jax.random.split(learning, ppo.epochs))
+    orders = jax.vmap(lambda key: jax.random.permutation(key, len(memory)))(jax.random.split(key, ppo.epochs))
     parts = orders.reshape(ppo.epochs * ppo.minibatches, -1)
-    (weights, optimizer), _ = jax.lax.scan(learn, (driver.weights, driver.optimizer), parts)
-    return driver._replace(weights=weights, optimizer=optimizer), driven.reward.mean()
+    return jax.lax.scan(improve, (weights, optimizer), parts)[0]
 
 
 def _row(tree: Pytree) -> Pytree:
