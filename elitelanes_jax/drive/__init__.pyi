@@ -1,3 +1,4 @@
+from ._batch import flatten as flatten
 from ._camera import Camera as Camera
 from ._camera import Sight as Sight
 from ._camera import look as look
@@ -8,7 +9,9 @@ from ._distances import UNREACHABLE as UNREACHABLE
 from ._distances import distances as distances
 from ._distances import lane_nodes as lane_nodes
 from ._environment import Environment as Environment
+from ._environment import ReplayState as ReplayState
 from ._environment import Transition as Transition
+from ._environment import auto_replay as auto_replay
 from ._environment import auto_reset as auto_reset
 from ._lane_drive import LaneDrive as LaneDrive
 from ._lane_drive import LaneDriveObservation as LaneDriveObservation

@@ -84,3 +84,48 @@ def auto_reset(environment: Environment) -> Environment:
         return done._replace(observation=environment.observe(state, params), state=state)
 
     return environment._replace(step=name_wrong_arguments(step))
+
+
+class ReplayState(NamedTuple):
+    """The state of an environment that begins its level again.
+
+    Attributes:
+      state: of the environment.
+      level: that every episode begins on.
+    """
+
+    state: Pytree
+    level: Level
+
+
+def auto_replay(environment: Environment) -> Environment:
+    """Returns the environment with steps that begin the same level again at the end of an episode.
+
+    A curriculum that chooses levels can reset N environments to N levels, and knows which steps belong to which level.
+    Fields of a step are those of `auto_reset`. States are `ReplayState`. Raises `InputError` for anything else than an
+    environment.
+    """
+    check_named("environment", instance(Environment), environment)
+
+    def reset(key: Key[Array, ""], params: Pytree) -> tuple[Pytree, ReplayState]:
+        return reset_to_level(key, draw_level(key, params.levels), params)
+
+    def reset_to_level(key: Key[Array, ""], level: Level, params: Pytree) -> tuple[Pytree, ReplayState]:
+        seen, state = environment.reset_to_level(key, level, params)
+        return seen, ReplayState(state, level)
+
+    @runs_jax
+    @divide_batches
+    def step(key: Key[Array, ""], state: ReplayState, action: Pytree, params: Pytree) -> Transition:
+        done = environment.step(jax.random.fold_in(key, 0), state.state, action, params)
+        _, first = environment.reset_to_level(jax.random.fold_in(key, 1), state.level, params)
+        ended = done.terminated | done.truncated
+        after = jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, done.state)
+        return done._replace(observation=environment.observe(after, params), state=ReplayState(after, state.level))
+
+    return environment._replace(
+        reset=reset,
+        reset_to_level=reset_to_level,
+        step=name_wrong_arguments(step),
+        observe=lambda state, params: environment.observe(state.state, params),
+    )

@@ -8,7 +8,15 @@ import pytest
 from compiled_programs import compilations
 from driving_oracle import drawn_maps, pick
 
-from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, auto_reset, make_levels
+from elitelanes_jax.drive import (
+    LaneDrive,
+    LaneDriveParams,
+    RoadNav,
+    RoadNavParams,
+    auto_replay,
+    auto_reset,
+    make_levels,
+)
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import Robot, drive, still
 
@@ -139,3 +147,27 @@ def test_states_keep_their_dtypes_with_numbers_of_64_bits(robot):
         assert [leaf.dtype for leaf in jax.tree.leaves(after)] == [np.float32] * len(jax.tree.leaves((pose, wheels)))
     finally:
         jax.config.update("jax_enable_x64", False)
+
+
+@every_environment
+def test_a_level_begins_again_when_its_episode_ends(name):
+    environment, params = made(name)
+    replaying, keys = auto_replay(environment), jax.random.split(jax.random.key(5), COUNT)
+    _, state = jax.vmap(replaying.reset_to_level, (0, 0, None))(keys, params.levels, params)
+    step = jax.jit(jax.vmap(replaying.step, (0, 0, 0, None)))
+    plain = jax.jit(jax.vmap(environment.step, (0, 0, 0, None)))
+    rng, ends = np.random.default_rng(0), 0
+    for number in range(20):
+        action = draw_actions(environment, rng)
+        keys = jax.random.split(jax.random.key(number), COUNT)
+        done = jax.device_get(step(keys, state, action, params))
+        inner = jax.vmap(jax.random.fold_in, (0, None))(keys, 0)
+        close(done.reward, plain(inner, state.state, action, params).reward)
+        ended, start = done.terminated | done.truncated, params.levels.start
+        assert jax.tree.all(jax.tree.map(np.array_equal, done.state.level, params.levels))
+        if name == "road-nav":
+            assert (done.state.state.tiles[ended] == 0).all()
+            assert (done.state.state.node.row == start.row)[ended].all()
+        ends += ended.sum()
+        state = done.state
+    assert ends > COUNT / 2
