@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -78,6 +78,10 @@ rl: .venv-rl/.ready
 # Stable-Baselines3, which needs PyTorch, and the core of PufferLib. PufferLib itself does not install without CUDA.
 sb3: .venv-sb3/.ready
 	.venv-sb3/bin/python -m pytest -m 'slow or not slow' tests/drive/test_vectors.py
+
+# The methods of environment design, on the level sampler of JaxUED.
+ued-tests: .venv-ued/.ready
+	.venv-ued/bin/python -m pytest -m 'slow or not slow' tests/experiments/test_ued.py
 
 # Packs of maps for other programs, in results/packs: make pack-town pack-paper pack-city pack-hard. Each goes on where
 # it ended. Hard ones have few loops and straights, where drivers fail slightly more often (experiments/navigation).
@@ -143,12 +147,13 @@ EXTRAS-marimo := dev,marimo
 EXTRAS-interop := dev,interop,plots
 EXTRAS-rl := dev,rl
 EXTRAS-sb3 := dev,sb3
+EXTRAS-ued := dev,experiments,ued
 # CleanRL's PPO imports these two.
 MORE-sb3 := tensorboard==2.21.0 tyro==1.0.17
 BARE-sb3 := pufferlib-core==3.0.23
 MORE-simulators := carla==0.9.16 lanelet2==1.2.3
 
-$(patsubst %,.venv-%/.ready,mujoco sumo simulators marimo interop rl sb3): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
+$(patsubst %,.venv-%/.ready,mujoco sumo simulators marimo interop rl sb3 ued): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]' \
@@ -295,6 +300,9 @@ driving-speed: $(READY)
 
 vector-speed: .venv-rl/.ready
 	.venv-rl/bin/python -m experiments.navigation.vector_speed
+
+ued: .venv-ued/.ready
+	.venv-ued/bin/python -m experiments.navigation.ued.study
 
 trainers: .venv-sb3/.ready results/trainer-towns
 	.venv-sb3/bin/python -m experiments.navigation.trainers results/trainer-towns

@@ -31,6 +31,7 @@ ENVIRONMENTS = {
     "interop": Environment(".venv-interop", ("qdax", "evosax", "ribs")),
     "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax")),
     "sb3": Environment(".venv-sb3", ("gymnasium", "stable-baselines3", "torch", "pufferlib-core")),
+    "ued-tests": Environment(".venv-ued", ("jaxued", "gymnax", "flax", "optax")),
     "sumo": Environment(".venv-sumo", ("eclipse-sumo",)),
     "simulators": Environment(".venv-simulators", ("carla", "lanelet2", "eclipse-sumo")),
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),

@@ -38,7 +38,7 @@ PAGES = {file.relative_to(ROOT).as_posix(): file.read_text(encoding="utf-8") for
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 
 # Pages whose programs other tests run.
-RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("benchmark", "exports", "interop", "plots", "scaling", "tiles")]
+RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("benchmark", "exports", "interop", "plots", "scaling", "tiles", "ued")]
 PROGRAMS = [
     pytest.param(page, text, marks=[pytest.mark.slow] if page.startswith("experiments") else [])
     for page in PAGES

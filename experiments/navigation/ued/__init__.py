@@ -1,0 +1,1 @@
+"""RoadUED: unsupervised environment design whose regret is exact over complete spaces of levels."""

@@ -1,0 +1,93 @@
+"""Prioritised level replay, and its robust form, which learns from replayed levels alone.
+
+Jiang et al., "Prioritized level replay", 2021, and "Replay-guided adversarial environment design", 2021. The levels are
+kept by JaxUED's sampler, and scored by MaxMC.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Key
+
+from elitelanes_jax.drive import Level
+from experiments.common import Untyped
+from experiments.navigation.ppo import Ppo
+from experiments.navigation.ued.agent import Agent, learn, new_agent, rollout, score
+from experiments.navigation.ued.spaces import Space, draw, levels_of
+
+__all__ = ["LevelBuffer", "robust_train", "train"]
+
+REPLAY = 0.5
+"""The probability that a round replays levels, once half of the buffer is filled."""
+
+
+class LevelBuffer:
+    """JaxUED's `LevelSampler` with its state. A level that comes again updates its score."""
+
+    def __init__(self, level: Level, capacity: int) -> None:
+        """Makes an empty buffer of levels like this one."""
+        jax.tree_map = jax.tree.map  # JaxUED 0.0.1 calls it, and JAX 0.10 has it no longer
+        from jaxued.level_sampler import LevelSampler
+
+        self._sampler = LevelSampler(
+            capacity,
+            replay_prob=REPLAY,
+            staleness_coeff=0.3,
+            minimum_fill_ratio=0.5,
+            prioritization="rank",
+            prioritization_params={"temperature": 0.3},
+            duplicate_check=True,
+        )
+        self._sample = jax.jit(self._sampler.sample_replay_levels, static_argnums=2)
+        self._insert, self._update = jax.jit(self._sampler.insert_batch), jax.jit(self._sampler.update_batch)
+        self.state: Untyped = self._sampler.initialize(level, {"highest_return": jnp.float32(-jnp.inf)})
+
+    def replays(self, key: Array) -> bool:
+        """Draws whether the next round replays levels."""
+        return bool(self._sampler.sample_replay_decision(self.state, key))
+
+    def sample(self, key: Array, count: int) -> tuple[Array, Level, Array]:
+        """Draws levels by score and age: their places, the levels, and the highest returns on them so far."""
+        self.state, (places, levels) = self._sample(self.state, key, count)
+        return places, levels, self.state["levels_extra"]["highest_return"][places]
+
+    def insert(self, levels: Level, scores: Array, highest_return: Array) -> None:
+        """Inserts levels that score higher than the levels that they replace."""
+        self.state, _ = self._insert(self.state, levels, scores, {"highest_return": highest_return})
+
+    def update(self, places: Array, scores: Array, highest_return: Array) -> None:
+        """Changes the scores of levels."""
+        self.state = self._update(self.state, places, scores, {"highest_return": highest_return})
+
+
+def train(
+    key: Key[Array, ""], space: Space, ppo: Ppo, *, robust: bool = False, capacity: int = 2048
+) -> Iterator[Agent]:
+    """Trains an agent; yields it after each round, also after those that only score new levels."""
+    levels = levels_of(space, draw(key, space, ppo.envs))
+    if robust:
+        ppo = ppo._replace(updates=max(1, int(ppo.updates * REPLAY)))  # for the rate, which falls as the agent learns
+    agent = new_agent(key, levels, ppo)
+    buffer = LevelBuffer(jax.tree.map(lambda part: part[0], levels), capacity)
+    rounds = int(ppo.updates / REPLAY) if robust else ppo.updates
+    for number in range(rounds):
+        deciding, drawing, driving, learning = jax.random.split(jax.random.fold_in(key, number), 4)
+        replays = buffer.replays(deciding)
+        if replays:
+            places, levels, highest = buffer.sample(drawing, ppo.envs)
+            driven = rollout(driving, agent, levels, ppo)
+            scores = score(driven, ppo, highest)
+            buffer.update(places, scores.max_mc, scores.highest_return)
+        else:
+            levels = levels_of(space, draw(drawing, space, ppo.envs))
+            driven = rollout(driving, agent, levels, ppo)
+            scores = score(driven, ppo)
+            buffer.insert(levels, scores.max_mc, scores.highest_return)
+        if replays or not robust:
+            agent = learn(learning, agent, driven, ppo)
+        yield agent
+
+
+robust_train = partial(train, robust=True)

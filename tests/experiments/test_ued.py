@@ -1,0 +1,246 @@
+"""RoadUED: its spaces are complete, its regret is exact, and its methods choose the levels that they should."""
+
+import re
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import networkx as nx
+import numpy as np
+import pytest
+from pages import blocks, run_program
+
+from elitelanes_jax.drive import RoadNav
+from elitelanes_jax.network import measure
+
+pytest.importorskip("experiments.navigation.ppo", reason="flax and optax are not here", exc_type=ImportError)
+from experiments.navigation.ued import agent, regret, spaces
+from experiments.navigation.ued.methods import accel, archive, domain_randomisation, oracle, plr, sfl
+
+CERTIFICATES = Path(__file__).parents[2] / "experiments" / "search" / "results" / "certificates.md"
+
+RING = [[6, 5, 5, 5, 3], [10, 0, 0, 0, 10], [12, 5, 5, 5, 9]]
+THETA = [[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]]
+
+
+def certified(name):
+    """Returns the certified numbers of networks by cyclomatic number."""
+    words = " ".join(re.fullmatch(r"(\d)(x)(\d)([AB])", name).groups())
+    counts = CERTIFICATES.read_text(encoding="utf-8").split("Number of flawless networks")[1]
+    row = re.search(rf"^\| {words} \|(.*)\|$", counts, re.MULTILINE)[1]
+    return {loops: int(cell.replace(",", "")) for loops, cell in enumerate(row.split("|"), 1) if cell.strip()}
+
+
+def counted(grids):
+    loops, counts = np.unique(jax.vmap(measure)(jnp.asarray(grids)).cyclomatic, return_counts=True)
+    return dict(zip(loops.tolist(), counts.tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    "name", ["5x5A", "6x6A", *(pytest.param(name, marks=pytest.mark.slow) for name in ("7x7A", "5x5B"))]
+)
+def test_spaces_have_as_many_networks_as_are_certified(name):
+    networks = spaces.with_symmetry(spaces.read_networks(name))
+    assert counted(networks) == certified(name)
+    if name != "5x5A":
+        return
+    listed = spaces.list_networks(*spaces.SPACES[name])
+    assert {grid.tobytes() for grid in listed} == {grid.tobytes() for grid in networks}
+
+
+def test_a_changed_file_is_refused(tmp_path, monkeypatch):
+    text = (spaces._FOLDER / "5x5A.txt").read_text(encoding="utf-8")
+    (tmp_path / "5x5A.txt").write_text(text[:-2] + "0\n", encoding="utf-8")
+    monkeypatch.setattr(spaces, "_FOLDER", tmp_path)
+    with pytest.raises(ValueError, match="checksum"):
+        spaces.read_networks("5x5A")
+    with pytest.raises(ValueError, match="expected one of 5x5B, .*, got '9x9A'"):
+        spaces.read_networks("9x9A")
+
+
+def lane_graph(grid):
+    """Returns the graph of nodes (row, column, heading), side by side from the codes. Nobody turns back."""
+    graph = nx.DiGraph()
+    steps = [(-1, 0, 8), (0, 1, 4), (1, 0, 2), (0, -1, 1)]
+    for row, column in np.ndindex(grid.shape):
+        for heading in range(4):
+            if not grid[row, column] & steps[(heading + 2) % 4][2]:
+                continue
+            for way, (down, right, bit) in enumerate(steps):
+                if grid[row, column] & bit and way != (heading + 2) % 4:
+                    graph.add_edge((row, column, heading), (row + down, column + right, way))
+    return graph
+
+
+@pytest.fixture(scope="module")
+def space():
+    return spaces.make_space(spaces.read_networks("5x5A"))
+
+
+def test_distances_and_pairs_are_those_of_networkx(space):
+    total = 0
+    for number, grid in enumerate(np.asarray(space.grids)):
+        away = dict(nx.all_pairs_shortest_path_length(lane_graph(grid)))
+        nodes = list(zip(*(np.asarray(part)[number].tolist() for part in space.nodes), strict=True))
+        distance = np.asarray(space.distance)[number]
+        place = {node: nodes.index(node) for node in set(nodes)}
+        assert set(place) == set(away)
+        for start, goals in away.items():
+            total += len(goals) - 1
+            assert {goal: distance[place[start], place[goal]] for goal in goals} == goals
+    assert len(space.pairs) == total == np.count_nonzero(space.distance)
+
+
+def test_actions_lead_to_nodes_that_levels_have(corridor):
+    """The two networks have different numbers of nodes, so one is padded."""
+    assert corridor.choice.shape[1] > len(
+        set(zip(*(np.asarray(part)[0].tolist() for part in corridor.nodes), strict=True))
+    )
+    for onward, distance in zip(np.asarray(corridor.onward), np.asarray(corridor.distance), strict=True):
+        away = np.where(np.eye(len(onward), dtype=bool), 0, 999)
+        for _ in range(len(away)):
+            away = np.minimum(away, 1 + away[onward].min(axis=1))
+        is_level = distance > 0
+        np.testing.assert_array_equal(away[is_level], distance[is_level])
+
+
+def driven_return(weights, levels, key, greedy):
+    """Drives one episode on each level, tile by tile; returns the sums of rewards."""
+    params = agent.params()
+    seen, state = jax.vmap(RoadNav.reset_to_level, (None, 0, None))(key, levels, params)
+    count = len(levels.grid)
+
+    def go(carry, key):
+        seen, state, total, over = carry
+        row = jax.tree.map(lambda part: part[None], seen)
+        head = agent.NETWORK.apply(weights, jnp.zeros((count, 0)), row, jnp.ones((1, count), bool))[1][0]
+        action = head.argmax(axis=-1) if greedy else jax.random.categorical(key, head)
+        done = jax.vmap(RoadNav.step, (None, 0, 0, None))(key, state, action, params)
+        total += jnp.where(over, 0, done.reward)
+        return (done.observation, done.state, total, over | done.terminated | done.truncated), None
+
+    start = seen, state, jnp.zeros(count), jnp.zeros(count, bool)
+    return jax.lax.scan(go, start, jax.random.split(key, agent.LIMIT))[0][2]
+
+
+@pytest.mark.parametrize("greedy", [True, False])
+def test_regret_is_that_of_driving(space, greedy):
+    levels = spaces.levels_of(space, jnp.arange(len(space.pairs)))
+    weights = agent.new_agent(jax.random.key(1), levels, agent.PPO).weights
+    # Wider logits, so that the policy is far from uniform.
+    weights = jax.tree.map(lambda part: 3 * part, weights)
+    best = 1 - 0.01 * levels.shortest
+    drive = jax.jit(lambda key: driven_return(weights, levels, key, greedy))
+    exact = np.asarray(regret.evaluate(weights, space, greedy=greedy).regret)
+    assert exact.min() > -1e-4
+    if greedy:
+        np.testing.assert_allclose(exact, best - drive(jax.random.key(0)), atol=1e-4)
+        return
+    sampled = np.stack([best - drive(jax.random.key(number)) for number in range(16)])
+    error = sampled.mean(axis=0) - exact
+    deviation = sampled.std(axis=0, ddof=1) / 4
+    assert abs(error.mean()) < 4 * np.sqrt((deviation**2).sum()) / len(exact)
+    assert np.corrcoef(sampled.mean(axis=0), exact)[0, 1] > 0.95
+
+
+def test_summaries_are_means_of_the_worst(space):
+    outcome = regret.Outcome(jnp.arange(len(space.pairs), dtype=jnp.float32), jnp.zeros(len(space.pairs)))
+    summary, last = regret.summarise(space, outcome), len(space.pairs) - 1
+    worst = -(-len(space.pairs) // 100)
+    assert summary["worst"] == last and summary["mean"] == pytest.approx(last / 2)
+    assert summary["cvar1"] == pytest.approx(last - (worst - 1) / 2)
+
+
+PPO = agent.PPO._replace(updates=24, envs=32, steps=16, minibatches=2)
+
+
+@pytest.fixture(scope="module")
+def corridor():
+    """Returns levels on a ring, where nothing can be decided, and on a ring with a street across it.
+
+    A curriculum is optimal if it has no level on the ring.
+    """
+    return spaces.make_space(np.array([RING, THETA], np.int8))
+
+
+def shares_of_theta(monkeypatch, module, corridor, **settings):
+    """Trains by a method; returns the shares of levels with a choice among those learned from, update by update."""
+    shares, learn = [], module.learn
+
+    def recording(key, learner, driven, ppo):
+        shares.append(float((np.asarray(driven.seen.whole_map)[0] == THETA).all(axis=(1, 2)).mean()))
+        return learn(key, learner, driven, ppo)
+
+    monkeypatch.setattr(module, "learn", recording)
+    assert len(list(module.train(jax.random.key(0), corridor, PPO, **settings))) == PPO.updates
+    return np.array(shares)
+
+
+def share_in_space(corridor):
+    return (np.asarray(corridor.pairs) >= corridor.distance[0].size).mean()
+
+
+def test_random_levels_are_uniform_and_the_oracle_leaves_the_ring_out(monkeypatch, corridor):
+    uniform = shares_of_theta(monkeypatch, domain_randomisation, corridor)
+    assert uniform.mean() == pytest.approx(share_in_space(corridor), abs=0.06) and uniform.min() < 1
+    assert (shares_of_theta(monkeypatch, oracle, corridor) == 1).all()
+
+
+@pytest.mark.slow
+def test_learnable_levels_are_not_on_the_ring(monkeypatch, corridor):
+    shares = shares_of_theta(monkeypatch, sfl, corridor)
+    assert len(shares) == 16
+    assert shares.mean() > share_in_space(corridor) + 0.05
+
+
+@pytest.mark.slow
+def test_the_archive_is_a_source_of_levels(monkeypatch, corridor):
+    assert len(shares_of_theta(monkeypatch, archive, corridor, evaluations=500)) == PPO.updates
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["PLR", "robust PLR", "ACCEL"])
+def test_replayed_levels_are_not_on_the_ring(monkeypatch, corridor, name):
+    pytest.importorskip("jaxued")
+    module = accel if name == "ACCEL" else plr
+    settings = {"robust": True} if name == "robust PLR" else {}
+    shares = shares_of_theta(monkeypatch, module, corridor, capacity=64, **settings)
+    if name == "ACCEL":
+        assert 1 <= len(shares) <= PPO.updates // 2
+    elif name == "PLR":
+        assert len(shares) == PPO.updates
+        assert shares[12:].mean() > share_in_space(corridor)
+    else:
+        assert len(shares) < PPO.updates
+        assert shares.mean() > share_in_space(corridor)
+
+
+def test_edits_keep_the_task_or_make_one(corridor):
+    levels = spaces.levels_of(corridor, spaces.draw(jax.random.key(0), corridor, 64))
+    edited = jax.device_get(accel.edit(jax.random.key(1), levels))
+    changed = (edited.grid != np.asarray(levels.grid)).any(axis=(1, 2))
+    assert changed.mean() > 0.2
+    for number in range(16):
+        graph = lane_graph(edited.grid[number])
+        start, goal = ((int(part[number]) for part in node) for node in (edited.start, edited.goal))
+        assert nx.shortest_path_length(graph, tuple(start), tuple(goal)) == edited.shortest[number] > 0
+
+
+@pytest.mark.slow
+def test_scores_are_those_of_jaxued():
+    pytest.importorskip("jaxued")
+    jax.tree_map = jax.tree.map
+    from jaxued import utils
+
+    rng = np.random.default_rng(0)
+    ended, numbers = rng.random((20, 6)) < 0.2, rng.random((20, 6)).astype(np.float32)
+    ended[:, 0] = False
+    theirs = utils.positive_value_loss(jnp.asarray(ended), jnp.asarray(numbers), incomplete_value=0.0)
+    np.testing.assert_allclose(agent.episode_means(numbers, jnp.asarray(ended)), theirs, rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_the_method_on_the_page_runs(capsys):
+    page = CERTIFICATES.parents[3] / "docs" / "ued.md"
+    (program,) = (text for _, text in blocks(page.read_text(encoding="utf-8"), "python"))
+    run_program(program, "docs/ued.md", capsys)
