@@ -1,13 +1,15 @@
 """One sample: a map drawn in one view."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, instance, whole
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels, stand
+from elitelanes_jax.dataset._robot_views import Viewpoint, draw_viewpoint, find_rays, see, see_labels, stand
+from elitelanes_jax.dataset._tiled_maps import TiledMap, can_tile, see_tiled_labels
 from elitelanes_jax.dataset._transforms import Transforms, Viewpoints
 from elitelanes_jax.dataset._variation import compress, varies, vary_background, vary_light, vary_motion
 from elitelanes_jax.dataset._views import draw_view, photograph, warp
@@ -16,7 +18,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat
 from elitelanes_jax.tiles.pasting import paste_objects
-from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, render, show_paved
+from elitelanes_jax.tiles.rendering import LABELS, TileChoice, check_tile_px, plan_choice, render, show_paved
 from elitelanes_jax.tiles.tileset import TileSet
 
 
@@ -60,15 +62,17 @@ def draw_sample(
       InputError: for a camera on a map without a lane, an object without a picture, or an argument of another type.
     """
     check_named("index", whole(0), index)
-    chosen = choose_tiles(road_map.codes, tiles, [seed, index])
-    picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
-    size = (picture.labels.shape[0], picture.labels.shape[1])
+    check_named("tiles", instance(TileSet), tiles)
+    tile_px = check_tile_px(tile_px)
+    chosen = _plan_choice(road_map.codes.tobytes(), road_map.codes.shape, tiles).choose([seed, index])
+    size = (road_map.codes.shape[0] * tile_px, road_map.codes.shape[1] * tile_px)
     rng = np.random.default_rng([seed, index, 1])
     view = draw_view(rng, transforms, size)
     things = (road_map.objects or ()) if objects is not None else ()
     pictures = objects.choose(things, [seed, index, 2]) if objects is not None else []
     if camera is None:
         about, near = {}, 0.0
+        picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
         seen = {"image": warp(picture.image, view, GROUND), "labels": warp(picture.labels, view)}
         flat, order = lay_all_flat(things, pictures, tile_px)
         placed = [one._replace(matrix=view.matrix @ one.matrix) for one in flat]
@@ -77,15 +81,18 @@ def draw_sample(
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px, road_map.objects or (), tiles.lane_offset)
         view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
         about, near = viewpoint.about, NEAR
-        seen = {"image": see(picture.image, viewpoint, GROUND), "labels": see_labels(picture.labels, viewpoint)}
+        ground_view = _see_ground(road_map, tiles, chosen, tile_px, viewpoint)
+        seen = {"image": ground_view.image, "labels": ground_view.labels}
         placed, order, distances = stand(things, pictures, viewpoint, tile_px)
         more = [{"distance": distance} for distance in distances]
     if transforms.background:
-        paved = show_paved(tiles, chosen, tile_px).astype(np.uint8)
-        sky = np.zeros(view.size, bool) if camera is None else above_horizon(viewpoint)
-        ground_seen = (warp(paved, view) if camera is None else see_labels(paved, viewpoint)) == 0
+        if camera is None:
+            paved = warp(show_paved(tiles, chosen, tile_px).astype(np.uint8), view) > 0
+            sky = np.zeros(view.size, bool)
+        else:
+            paved, sky = ground_view.paved, ground_view.sky
         behind = np.random.default_rng([seed, index, 3])
-        seen["image"] = vary_background(behind, seen["image"], ground_seen & ~sky, sky, transforms)
+        seen["image"] = vary_background(behind, seen["image"], ~paved & ~sky, sky, transforms)
     instances: dict[str, NDArray[np.uint16]] = {}
     if objects is not None:
         seen = {name: layer.copy() for name, layer in seen.items()}  # arrays may be shared with the rendered map
@@ -114,10 +121,47 @@ def draw_sample(
         "fitness": road_map.fitness,
         "niche": road_map.niche,
         "map_seed": road_map.seed,
-        "tiles": [[tiles.pictures[tile].name for tile, _ in row] for row in chosen],
+        "tiles": [[tiles.pictures[tile].name for tile in row] for row in chosen[..., 0].tolist()],
         "quarter_turns": chosen[..., 1].tolist(),
         "transform": transform,
         **about,
-        "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
+        "class_pixels": np.bincount(seen["labels"].reshape(-1), minlength=len(LABELS)).tolist(),
     }
     return Sample({**seen, **instances}, {name: value for name, value in metadata.items() if value is not None})
+
+
+@lru_cache(maxsize=64)
+def _plan_choice(codes: bytes, shape: tuple[int, int], tiles: TileSet) -> TileChoice:
+    """Lists the pictures of a map's cells, once for all views of the map."""
+    return plan_choice(np.frombuffer(codes, np.int8).reshape(shape), tiles)
+
+
+class _GroundView(NamedTuple):
+    """What a robot sees of a map without its objects.
+
+    Attributes:
+      image: uint8 ``[h, w, 3]``, RGB.
+      labels: uint8 ``[h, w]``, indices in `LABELS`.
+      paved: bool ``[h, w]``, whether a pixel shows a tile, see `show_paved`.
+      sky: bool ``[h, w]``, whether a pixel is above the horizon.
+    """
+
+    image: NDArray[np.uint8]
+    labels: NDArray[np.uint8]
+    paved: NDArray[np.bool_]
+    sky: NDArray[np.bool_]
+
+
+def _see_ground(
+    road_map: RoadMap, tiles: TileSet, chosen: NDArray[np.int_], tile_px: int, viewpoint: Viewpoint
+) -> _GroundView:
+    """Draws a robot's view of a map: of the tiles that are seen, or of the whole map if its tiles are blended."""
+    rays = find_rays(viewpoint, 1)
+    if can_tile(tiles, tile_px):
+        tiled = TiledMap(tiles, tile_px, chosen[..., 0] * 4 + chosen[..., 1])
+        seen = see_tiled_labels(tiled, rays)
+        return _GroundView(tiled.see(viewpoint, GROUND), seen.labels, seen.paved, ~rays.near)
+    picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
+    paved = see_labels(show_paved(tiles, chosen, tile_px).astype(np.uint8), viewpoint) > 0
+    labels = see_labels(picture.labels, viewpoint)
+    return _GroundView(see(picture.image, viewpoint, GROUND), labels, paved, ~rays.near)

@@ -5,16 +5,18 @@ sides, so that small and large pictures vary alike. All values are always drawn,
 change the others.
 """
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.dataset._transforms import VARIATION, Transforms
 
 _GRAINS = (4, 16, 64)  # of a pattern, from coarse to fine, along each side
 _RECTANGLES = 5
+_DOUBT = 0.004  # grey levels
 _LONGEST = 25  # samples along a streak of motion blur
 
 
@@ -34,13 +36,19 @@ def vary_background(
 
     `ground` has the pixels of the ground that may change, and `sky` those above the horizon.
     """
-    changed = rng.uniform() < transforms.background
-    patterns = _pattern(rng, ground.shape), _clutter(rng, _pattern(rng, ground.shape))
-    if not changed:
+    if rng.uniform() >= transforms.background:
         return image
     shown = image.copy()
-    for part, pattern in zip((ground, sky), patterns, strict=True):
-        shown[part] = np.clip(np.rint(pattern[part]), 0, 255)
+    # All is drawn from `rng`, but only the pixels that are shown are computed.
+    carpet, wall = _draw_pattern(rng, ground.shape), _draw_pattern(rng, ground.shape)
+    shown[ground] = _to_bytes(carpet.colours(carpet.field()[ground]))
+    sky_rows = np.flatnonzero(sky.any(axis=1))
+    clutter = _draw_clutter(rng, sky.shape)
+    if len(sky_rows):
+        last = sky_rows[-1] + 1
+        behind = _to_bytes(wall.colours(wall.field()[:last]))
+        clutter.draw(behind)
+        shown[:last][sky[:last]] = behind[sky[:last]]
     return shown
 
 
@@ -53,12 +61,41 @@ def vary_light(
     shadow = 1 / (1 + np.exp(-np.clip((field - level) * 2 ** (2 + 4 * edge), -30, 30)))
     rows, columns = ((np.arange(side) + 0.5) / side * 2 - 1 for side in image.shape[:2])
     away = (rows[:, None] ** 2 + columns**2) / 2
-    light = ((1 - depth * shadow) * (1 - corners * away))[..., None]
+    light = (1 - depth * shadow) * (1 - corners * away)
     gamma, saturation, warmth = rng.uniform(-1, 1, 3) * (transforms.gamma, transforms.saturation, transforms.warmth)
-    colours = 255 * (image * light / 255) ** (2**gamma)
-    grey = colours.mean(axis=-1, keepdims=True)
-    colours = (grey + (colours - grey) * (1 + saturation)) * (1 + warmth, 1, 1 - warmth)
-    return np.asarray(np.clip(np.rint(colours), 0, 255), np.uint8)
+    tone = _Tone(2**gamma, 1 + saturation, np.array([1 + warmth, 1, 1 - warmth]))
+    return tone.apply(image, light)
+
+
+class _Tone(NamedTuple):
+    """The exponent of a tone curve, the factor of the colours' distance from grey, and one of each channel."""
+
+    exponent: float
+    saturation: float
+    channels: Float[NDArray, " 3"]
+
+    def compute(self, image: UInt8[NDArray, "*n 3"], light: Float[NDArray, "*n"]) -> UInt8[NDArray, "*n 3"]:
+        """Applies the tone to pixels under a light, in 64 bits."""
+        colours = 255 * (image * light[..., None] / 255) ** self.exponent
+        grey = colours.mean(axis=-1, keepdims=True)
+        return _to_bytes((grey + (colours - grey) * self.saturation) * self.channels)
+
+    def apply(self, image: UInt8[NDArray, "h w 3"], light: Float[NDArray, "h w"]) -> UInt8[NDArray, "h w 3"]:
+        """Returns what `compute` returns, in a third of the time.
+
+        Of the power of a product, one factor has 256 values. The rest is computed in 32 bits, with an error of at most
+        0.001 grey levels. Pixels that are closer than `_DOUBT` to the middle of two grey levels are computed anew.
+        """
+        curve = (255 * (np.arange(256) / 255) ** self.exponent).astype(np.float32)
+        colours = cv2.LUT(image, curve) * (light**self.exponent).astype(np.float32)[..., None]
+        to_grey = np.full((3, 3), (1 - self.saturation) / 3) + np.eye(3) * self.saturation
+        toned = cv2.transform(colours, self.channels[:, None] * to_grey)
+        rounded = np.rint(toned)
+        doubtful = np.abs(toned - rounded) > 0.5 - _DOUBT
+        shown = np.asarray(np.clip(rounded, 0, 255), np.uint8)
+        pixels = np.flatnonzero(doubtful.any(axis=-1))
+        shown.reshape(-1, 3)[pixels] = self.compute(image.reshape(-1, 3)[pixels], light.reshape(-1)[pixels])
+        return shown
 
 
 def vary_motion(rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], motion: float) -> UInt8[NDArray, "h w 3"]:
@@ -79,8 +116,13 @@ def compress(rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], most: flo
     quality = round(100 - 90 * rng.uniform(0, most))
     if not most:
         return image
-    _, coded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), np.uint8)[..., ::-1]
+    blue_first = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, coded = cv2.imencode(".jpg", blue_first, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.cvtColor(np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR)), cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _to_bytes(colours: Float[NDArray, "*n"]) -> UInt8[NDArray, "*n"]:
+    return np.asarray(np.clip(np.rint(colours), 0, 255), np.uint8)
 
 
 def _noise(rng: np.random.Generator, shape: tuple[int, ...], grains: int) -> Float[NDArray, "h w"]:
@@ -89,20 +131,52 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...], grains: int) -> Flo
     return np.asarray(cv2.resize(grid, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
-def _pattern(rng: np.random.Generator, shape: tuple[int, ...]) -> Float[NDArray, "h w 3"]:
-    """Makes something like grass, carpet, concrete or a wall: one colour, and coarse to fine noise of another one."""
+class _Pattern(NamedTuple):
+    """Something like grass, carpet, concrete or a wall: one colour, and coarse to fine noise of another one."""
+
+    colour: Float[NDArray, "2 3"]
+    weights: Float[NDArray, " grains"]
+    noises: list[Float[NDArray, "h w"]]
+
+    def field(self) -> Float[NDArray, "h w"]:
+        """Returns the noise of all grains."""
+        field = np.zeros(self.noises[0].shape)
+        for weight, noise in zip(self.weights, self.noises, strict=True):
+            field += weight * noise
+        return field
+
+    def colours(self, field: Float[NDArray, "*n"]) -> Float[NDArray, "*n 3"]:
+        """Returns the colours of pixels from their noise."""
+        return np.asarray(self.colour[0] + field[..., None] * self.colour[1])
+
+
+def _draw_pattern(rng: np.random.Generator, shape: tuple[int, ...]) -> _Pattern:
     colour = rng.uniform(10, 245) + rng.normal(size=(2, 3)) * [[30], [50]]
-    weights: Numeric = rng.uniform(size=len(_GRAINS)) ** 2
-    field = sum(weight * _noise(rng, shape, grains) for weight, grains in zip(weights, _GRAINS, strict=True))
-    return np.asarray(colour[0] + np.asarray(field)[..., None] * colour[1])
+    weights = rng.uniform(size=len(_GRAINS)) ** 2
+    return _Pattern(colour, weights, [_noise(rng, shape, grains) for grains in _GRAINS])
 
 
-def _clutter(rng: np.random.Generator, image: Float[NDArray, "h w 3"]) -> Float[NDArray, "h w 3"]:
-    """Draws up to 5 rectangles on a picture: furniture, doors and windows."""
+class _Clutter(NamedTuple):
+    """Rectangles on a picture: furniture, doors and windows.
+
+    Attributes:
+      corners: int ``[N, 2, 2]``, row and column of the first pixel, and of the one after the last.
+      colours: uint8 ``[N, 3]``.
+    """
+
+    corners: Int[NDArray, "N 2 2"]
+    colours: UInt8[NDArray, "N 3"]
+
+    def draw(self, image: UInt8[NDArray, "h w 3"]) -> None:
+        """Draws the rectangles on a picture, or on its upper rows."""
+        for (low, high), colour in zip(self.corners, self.colours, strict=True):
+            image[low[0] : high[0], low[1] : high[1]] = colour
+
+
+def _draw_clutter(rng: np.random.Generator, shape: tuple[int, ...]) -> _Clutter:
+    """Draws up to 5 rectangles for a picture of (rows, columns)."""
     count = rng.integers(_RECTANGLES + 1)
     centres, sides = rng.uniform(size=(_RECTANGLES, 2)), rng.uniform(0.02, 0.4, (_RECTANGLES, 2))
     colours = rng.uniform(0, 255, (_RECTANGLES, 3))
-    corners = (np.stack([centres - sides / 2, centres + sides / 2], axis=1) * image.shape[:2]).clip(0).astype(int)
-    for (low, high), colour in list(zip(corners, colours, strict=True))[:count]:
-        image[low[0] : high[0], low[1] : high[1]] = colour
-    return image
+    corners = (np.stack([centres - sides / 2, centres + sides / 2], axis=1) * shape).clip(0).astype(int)
+    return _Clutter(corners[:count], _to_bytes(colours[:count]))

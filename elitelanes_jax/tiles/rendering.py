@@ -20,7 +20,7 @@ from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
 from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat, load_objects
 from elitelanes_jax.tiles.pasting import paste_objects
-from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
+from elitelanes_jax.tiles.tileset import MASKS, RotatedTile, TileSet, load_tiles
 
 LABELS = ("background", "road", "stop line", "lane separator")
 """The classes of a label map: a label is an index in this list. Lines cover the road."""
@@ -69,6 +69,33 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
     Raises:
       InputError: for a bad grid, or if the set has no picture for a cell.
     """
+    return plan_choice(grid, tiles).choose(seed)
+
+
+class TileChoice(NamedTuple):
+    """The pictures among which `choose_tiles` chooses for the cells of a grid.
+
+    Attributes:
+      pictures: int ``[N, 2]``, the tiles and quarter turns of all codes.
+      first: int ``[H, W]``, the index of the cell's first picture.
+      choices: int ``[H, W]``, the number of the cell's pictures.
+    """
+
+    pictures: NDArray[np.int_]
+    first: NDArray[np.int_]
+    choices: NDArray[np.int_]
+
+    def choose(self, seed: int | list[int]) -> NDArray[np.int_]:
+        """Chooses a picture for each cell; see `choose_tiles` for the result and the error."""
+        try:
+            lots = np.random.default_rng(seed).random(self.first.shape)
+        except (TypeError, ValueError):
+            raise InputError(f"seed: expected whole numbers, 0 or more, got {seed!r}") from None
+        return self.pictures[self.first + (lots * self.choices).astype(int)]
+
+
+def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
+    """Lists the pictures of each cell of a grid; the errors are those of `choose_tiles`."""
     grid = np.asarray(check_grid(grid))
     if not isinstance(tiles, TileSet):
         raise InputError(f"tiles: expected a TileSet, as load_tiles gives it, got {shorten(repr(tiles))}")
@@ -79,15 +106,12 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
             f"grid: expected tiles that the set {tiles.name!r} can draw (codes {drawn}), "
             f"got {code} ({KIND_OF[code]}) at row {row}, column {column}" + remedy * (KIND_OF[code] == "end")
         )
-    try:
-        lots = np.random.default_rng(seed).random(grid.shape)
-    except (TypeError, ValueError):
-        raise InputError(f"seed: expected whole numbers, 0 or more, got {seed!r}") from None
-    chosen = np.zeros((*grid.shape, 2), int)
+    pictures: list[RotatedTile] = []
+    first, count = np.zeros((2, 16), int)
     for code, draws in tiles.rotations.items():
-        cells = grid == code
-        chosen[cells] = np.array(draws)[(lots[cells] * len(draws)).astype(int)]
-    return chosen
+        first[code], count[code] = len(pictures), len(draws)
+        pictures += draws
+    return TileChoice(np.array(pictures), first[grid], count[grid])
 
 
 def render(
@@ -238,7 +262,8 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
             f"pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got {pixels.dtype} {list(pixels.shape)}"
         )
     if pixels.ndim == 3:
-        pixels = pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
+        swap = cv2.COLOR_RGB2BGR if pixels.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
+        pixels = np.asarray(cv2.cvtColor(pixels, swap), pixels.dtype)
     return cv2.imencode(".png", pixels)[1].tobytes()
 
 
@@ -296,11 +321,11 @@ def show_paved(tiles: TileSet, chosen: NDArray[np.int_], tile_px: int) -> NDArra
 
     Empty cells and the transparent pixels of tile pictures are ground. `chosen` is what `choose_tiles` returns.
     """
-    return _lay_out(_scale_opaque(tiles, tile_px)[chosen[..., 0] * 4 + chosen[..., 1]])
+    return _lay_out(scale_opaque(tiles, tile_px)[chosen[..., 0] * 4 + chosen[..., 1]])
 
 
 @lru_cache(maxsize=4)
-def _scale_opaque(tiles: TileSet, size: int) -> NDArray[np.bool_]:
+def scale_opaque(tiles: TileSet, size: int) -> NDArray[np.bool_]:
     """Scales where all tiles are opaque, bool ``[4·T, P, P]``, with indices as in `scale_tiles`."""
     rotated = []
     for tile in tiles.pictures:

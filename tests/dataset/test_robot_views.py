@@ -12,8 +12,9 @@ from given_maps import random_maps
 from pages import blocks
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels, stand
+from elitelanes_jax.dataset._robot_views import draw_viewpoint, find_rays, see, see_labels, stand
 from elitelanes_jax.dataset._samples import draw_sample
+from elitelanes_jax.dataset._tiled_maps import TiledMap, can_tile, see_tiled_labels
 from elitelanes_jax.dataset._transforms import Viewpoints
 from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
@@ -26,7 +27,7 @@ from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.tiles.object_set import load_objects
-from elitelanes_jax.tiles.rendering import choose_tiles, render, scale_tiles
+from elitelanes_jax.tiles.rendering import choose_tiles, render, scale_tiles, show_paved
 
 TOWN = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 15, 11], [12, 5, 13, 9]], np.int8)
 SMALL = Viewpoints(rows=48, columns=64)
@@ -101,6 +102,46 @@ def test_labels_and_pictures_are_those_of_the_environments_camera(drawn_tiles):
         away.append(np.abs(see(picture.image, viewpoint, ground).astype(int) - np.asarray(view.image)).mean())
     assert np.mean(same) >= 0.995
     assert np.mean(away) < 6  # one averages, the other takes the nearest pixel
+
+
+@pytest.mark.parametrize("tile_px", [32, 96])
+def test_the_tiles_that_are_seen_give_the_view_of_the_whole_map(tile_px, drawn_tiles):
+    """Near and far, upright and from above, and with lines that are shifted."""
+    assert can_tile(drawn_tiles, tile_px) and not can_tile(drawn_tiles, tile_px + 8)
+    assert not can_tile(replace(drawn_tiles, blend=True), tile_px)
+    rng = np.random.default_rng(tile_px)
+    for number in range(24):
+        settings = Viewpoints(
+            **{"rows": 20 + int(rng.integers(60)), "columns": 20 + int(rng.integers(60)), "heading": 180},
+            **{"pitch": rng.uniform(0, 90), "height": (0.05, 0.2, 4)[number % 3], "lines": 0.07 * (number % 2)},
+        )
+        viewpoint = draw_viewpoint(rng, settings, TOWN, tile_px)
+        chosen = choose_tiles(TOWN, drawn_tiles, number)
+        whole = render(TOWN, drawn_tiles, tile_px=tile_px, chosen=chosen)
+        paved = show_paved(drawn_tiles, chosen, tile_px).astype(np.uint8)
+        tiled = TiledMap(drawn_tiles, tile_px, chosen[..., 0] * 4 + chosen[..., 1])
+        np.testing.assert_array_equal(tiled.see(viewpoint, (9, 8, 7)), see(whole.image, viewpoint, (9, 8, 7)))
+        seen = see_tiled_labels(tiled, find_rays(viewpoint, 1))
+        np.testing.assert_array_equal(seen.labels, see_labels(whole.labels, viewpoint))
+        np.testing.assert_array_equal(seen.paved, see_labels(paved, viewpoint))
+
+
+def rays_by_hand(viewpoint, finer):
+    """Each ray from the inverse of the viewpoint's matrix, without shifted lines."""
+    rows, columns = (side * finer for side in viewpoint.size)
+    u, v = (np.arange(columns) + 0.5) / finer, ((np.arange(rows) + 0.5) / finer)[:, None]
+    x, y, inverse_depth = (part[0] * u + part[1] * v + part[2] for part in np.linalg.inv(viewpoint.matrix))
+    near = inverse_depth > 1e-6
+    depth = 1 / np.where(near, inverse_depth, 1)
+    x, y = (np.clip(np.where(near, part * depth, -1e6), -1e6, 1e6).astype(np.float32) for part in (x, y))
+    return x, y, near
+
+
+@pytest.mark.parametrize("pitch", [0, 20, 89])
+def test_rays_that_meet_the_ground_are_those_of_the_matrix(pitch):
+    for viewpoint in viewpoints(8, SMALL.replace(pitch=pitch, wobble=0.3)):
+        for one, expected in zip(find_rays(viewpoint, 2), rays_by_hand(viewpoint, 2), strict=True):
+            np.testing.assert_array_equal(one, expected)
 
 
 def test_a_place_of_the_map_is_where_its_pixel_is(drawn_tiles):

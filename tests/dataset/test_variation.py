@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see_labels
 from elitelanes_jax.dataset._samples import draw_sample
 from elitelanes_jax.dataset._transforms import VARIATION, Transforms, Viewpoints
-from elitelanes_jax.dataset._variation import compress, vary_background, vary_light, vary_motion
+from elitelanes_jax.dataset._variation import _Tone, compress, vary_background, vary_light, vary_motion
 from elitelanes_jax.formats.road_map import RoadMap
 
 LOOP = np.pad(np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8), 1)
@@ -71,6 +71,17 @@ def test_no_range_no_change():
     np.testing.assert_array_equal(vary_light(rng(), image, none), image)
     assert vary_motion(rng(), image, 0) is image
     assert compress(rng(), image, 0) is image
+
+
+@given(
+    st.integers(0, 10**6), st.floats(0.25, 4), st.floats(0, 2), st.floats(-0.5, 0.5), st.sampled_from([0, 1e-9, 0.5])
+)
+@settings(max_examples=60)
+def test_tones_in_32_bits_are_those_in_64_bits(seed, exponent, saturation, warmth, darkest):
+    """All ranges of `Transforms`, and the light that no shadow, a deep one and a whole one leave."""
+    image, light = image_of(seed), darkest + (1 - darkest) * rng(seed + 1).random((40, 60))
+    tone = _Tone(exponent, saturation, np.array([1 + warmth, 1, 1 - warmth]))
+    np.testing.assert_array_equal(tone.apply(image, light), tone.compute(image, light))
 
 
 @given(st.integers(0, 10**6))
