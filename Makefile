@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -120,6 +120,10 @@ metadrive: $(READY) .venv-metadrive/.ready
 	  eclipse-sumo sumolib
 	touch $@
 
+# webdataset, and Hugging Face's datasets on Parquet.
+shards: .venv-shards/.ready
+	.venv-shards/bin/python -m pytest tests/dataset/test_shards.py
+
 # Ultralytics and PyTorch, called from ours as programs.
 yolo: $(READY) .venv-yolo/.ready
 	$(BIN)/python -m pytest -m slow tests/dataset/test_training.py
@@ -141,6 +145,7 @@ yolo: $(READY) .venv-yolo/.ready
 	touch $@
 
 EXTRAS-mujoco := dev,mujoco
+EXTRAS-shards := dev,shards
 EXTRAS-sumo := dev,plots,sumo
 EXTRAS-simulators := dev,sumo
 EXTRAS-marimo := dev,marimo
@@ -153,7 +158,7 @@ MORE-sb3 := tensorboard==2.21.0 tyro==1.0.17
 BARE-sb3 := pufferlib-core==3.0.23
 MORE-simulators := carla==0.9.16 lanelet2==1.2.3
 
-$(patsubst %,.venv-%/.ready,mujoco sumo simulators marimo interop rl sb3 ued): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
+$(patsubst %,.venv-%/.ready,mujoco shards sumo simulators marimo interop rl sb3 ued): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]' \

@@ -39,6 +39,7 @@ ENVIRONMENTS = {
     "pogema": Environment(".venv-pogema", ("pogema",)),
     "metadrive": Environment(".venv-metadrive", ("metadrive-simulator", "eclipse-sumo")),
     "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),
+    "shards": Environment(".venv-shards", ("webdataset", "datasets", "pyarrow")),
     "yolo": Environment(".venv-yolo", ("ultralytics", "torch")),
     "marimo": Environment(".venv-marimo", ("marimo", "anywidget")),
     "newest": Environment(".venv-newest", ("networkx", "numba")),

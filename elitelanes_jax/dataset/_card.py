@@ -1,6 +1,6 @@
 """The card of a dataset for readers, and a sheet of some of its samples."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -40,7 +40,7 @@ _OBJECTS = """
 views from a robot, `distance` in metres. Objects are background in labels and masks."""
 
 
-def write_card(about: dict[str, Plain], loading: str, arrays: str, guide: str) -> str:
+def write_card(about: dict[str, Plain], loading: str, arrays: str, guide: str, data_files: Mapping[str, str]) -> str:
     """Returns the README of a dataset, Markdown with the front matter that Hugging Face reads.
 
     Args:
@@ -48,6 +48,7 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str, guide: str) -
       loading: a program that loads it.
       arrays: a program that loads it as NumPy arrays.
       guide: text about the files of its layout.
+      data_files: a pattern of each split's shards, by the split's name; empty without shards.
     """
     licence = about["tile_set"]["licence"]
     counts = about["pictures"]
@@ -60,6 +61,8 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str, guide: str) -
         f"license: {licence.lower() if licence.lower() in _LICENCES else 'other'}",
         *([f"size_categories: [{size}]"] if size else []),
         "tags: [road-networks, duckietown, synthetic]",
+        *(["configs:", "- config_name: default", "  data_files:"] if data_files else []),
+        *(f"  - {{split: {split}, path: {pattern!r}}}" for split, pattern in data_files.items()),
         "---",
     ]
     asked = about["settings"]

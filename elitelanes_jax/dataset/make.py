@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,16 +14,26 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance, path, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
-from elitelanes_jax._util.files import read_json, write_atomic, write_json
+from elitelanes_jax._util.files import new_file, read_json, write_atomic, write_json
 from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._card import draw_boxes, sample_sheet, write_card
-from elitelanes_jax.dataset._layouts import RECORD, Layout, find_layout, foreign_to_dataset, write_sample
+from elitelanes_jax.dataset._layouts import (
+    LAYOUTS,
+    MAPS,
+    RECORD,
+    Layout,
+    find_layout,
+    foreign_to_dataset,
+    write_maps,
+    write_sample,
+)
 from elitelanes_jax.dataset._plan import evolve_maps
-from elitelanes_jax.dataset._samples import draw_sample
+from elitelanes_jax.dataset._samples import Sample, draw_sample
+from elitelanes_jax.dataset._shards import ShardSample, encode_sample, shard_fields
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
@@ -35,7 +46,7 @@ from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet
 
 _ON_SHEET = 12
-_BLOCK = 1000  # samples that are listed at once, and whose records share a folder
+_BLOCK = 1000  # samples that are listed at once, and that share a file of records or a shard
 
 
 class _Drawing(NamedTuple):
@@ -48,7 +59,7 @@ class _Drawing(NamedTuple):
       objects: whose pictures to draw the maps' objects with; None to leave them out.
       splits: int ``[maps]``, the split of each map.
       files: the folder for the pictures.
-      records: the folder for the records. A sample is complete when its record exists.
+      records: the folder for the records.
     """
 
     spec: DatasetSpec
@@ -64,38 +75,39 @@ class _Drawing(NamedTuple):
         """The number of samples."""
         return len(self.maps) * self.spec.views
 
-    def record_file(self, index: int) -> Path:
-        """Returns the file of a sample's record."""
-        return self.records / f"{index // _BLOCK:03d}" / f"{index:06d}.json"
+    def blocks(self) -> Iterator["_Block"]:
+        """Yields the samples, some at a time: a list of all may not fit into memory."""
+        for split in np.unique(self.splits).tolist():
+            yield from self.blocks_of(split)
 
-    def read_record(self, index: int) -> dict[str, Plain]:
-        """Reads the record of a sample."""
-        return json.loads(self.record_file(index).read_text(encoding="utf-8"))
+    def blocks_of(self, split: int) -> Iterator["_Block"]:
+        """Yields the samples of a split, in order."""
+        maps, views = np.flatnonzero(self.splits == split), self.spec.views
+        count = len(maps) * views
+        for number, first in enumerate(range(0, count, _BLOCK)):
+            positions = range(first, min(first + _BLOCK, count))
+            indices = [int(maps[position // views]) * views + position % views for position in positions]
+            yield _Block(split, number, -(-count // _BLOCK), indices, self.records / f"{SPLITS[split]}-{number}.jsonl")
 
     def read_split(self, split: int) -> Iterator[dict[str, Plain]]:
         """Reads the records of a split's samples, in order."""
-        for first in (np.flatnonzero(self.splits == split) * self.spec.views).tolist():
-            yield from map(self.read_record, range(first, first + self.spec.views))
+        for block in self.blocks_of(split):
+            records = block.read_records()
+            for index in block.indices:
+                yield json.loads(records[index])
 
     def count_drawn(self) -> int:
         """Counts the samples that an earlier run has drawn."""
-        return sum(1 for _ in self.records.glob("*/[0-9]*.json"))
+        return sum(file.read_bytes().count(b"\n") for file in self.records.glob("*.jsonl"))
 
-    def missing(self) -> Iterator[list[int]]:
-        """Yields the samples that are not drawn yet, some at a time: a list of all may not fit into memory."""
-        for first in range(0, self.total, _BLOCK):
-            block = range(first, min(first + _BLOCK, self.total))
-            yield [index for index in block if not self.record_file(index).exists()]
-
-    def draw(self, index: int) -> None:
-        """Draws a sample, and writes its pictures, then its record."""
-        spec, layout = self.spec, find_layout(self.spec.format)
-        road_map, split = self.maps[index // spec.views], int(self.splits[index // spec.views])
+    def draw(self, index: int) -> Sample:
+        """Draws a sample."""
+        spec, road_map = self.spec, self.maps[index // self.spec.views]
         if spec.furnish is not None:
             seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
             place = partial(furnish, spec=spec.furnish, seed=seed)
             road_map = check_named(f"furnish: map {index // spec.views}", place, road_map)
-        sample = draw_sample(
+        return draw_sample(
             road_map,
             self.tiles,
             index,
@@ -105,8 +117,55 @@ class _Drawing(NamedTuple):
             camera=spec.camera,
             objects=self.objects,
         )
-        write_sample(sample, layout, split, self.files)
-        write_atomic(self.record_file(index), json.dumps(sample.record | layout.note(sample)).encode())
+
+    def draw_files(self, index: int) -> bytes:
+        """Draws a sample, and writes its pictures; returns the line of its record."""
+        layout = find_layout(self.spec.format)
+        sample = self.draw(index)
+        write_sample(sample, layout, int(self.splits[index // self.spec.views]), self.files)
+        return _line(index, sample.record | layout.note(sample))
+
+
+class _Block(NamedTuple):
+    """At most `_BLOCK` samples of one split.
+
+    Attributes:
+      split: an index in `SPLITS`.
+      number: of the block in its split, from 0.
+      total: the number of blocks in the split.
+      indices: of the samples, in order.
+      records: the file with a line for each sample: its index, a tab, and its record. A sample is complete when its
+        line is written. A run that is killed may leave a part of a line at the end.
+    """
+
+    split: int
+    number: int
+    total: int
+    indices: list[int]
+    records: Path
+
+    def read_records(self) -> dict[int, bytes]:
+        """Reads the records so far, of JSON, by the samples' indices."""
+        if not self.records.exists():
+            return {}
+        *lines, _ = self.records.read_bytes().split(b"\n")
+        pairs = (line.split(b"\t", 1) for line in lines)
+        return {int(index): record for index, record in pairs}
+
+    def missing(self) -> list[int]:
+        """Returns the indices of the samples that are not drawn yet, and removes a part of a line."""
+        if not self.records.exists():
+            return self.indices
+        content = self.records.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]
+        if whole != content:
+            write_atomic(self.records, whole)
+        drawn = self.read_records()
+        return [index for index in self.indices if index not in drawn]
+
+
+def _line(index: int, record: dict[str, Plain]) -> bytes:
+    return f"{index}\t{json.dumps(record)}\n".encode()
 
 
 def make_dataset(
@@ -145,6 +204,7 @@ def make_planned(
     out = Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
     given = spec.maps_from
+    layout = find_layout(spec.format)
     identity = _identity(spec, tiles, objects)
     settle(out)
     if (out / RECORD).exists():
@@ -169,13 +229,14 @@ def make_planned(
             remove(work.kept)
             raise
         _resume_pictures(out, work, identity, force)
+        draw_block = _draw_block if layout.open_shard is None else _draw_shard
         drawing = _Drawing(spec, maps, tiles, objects, splits, work.files, work.kept / "records")
         with Progress("drawing", drawing.total, "pictures", done=drawing.count_drawn()) as bar:
             try:
                 with _one_thread_each():
-                    for indices in drawing.missing():
-                        calls = (partial(drawing.draw, index) for index in indices)
-                        side_by_side(calls, workers=workers, ended=lambda _: bar.count())
+                    for block in drawing.blocks():
+                        if indices := block.missing():
+                            draw_block(drawing, block, indices, workers, bar)
             except InputError as error:  # the objects do not fit
                 _delete_pictures(work)
                 if given is not None:
@@ -195,11 +256,14 @@ def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> d
     about = {name: getattr(tiles, name) for name in ("name", "licence", "blend")}
     if tiles.lane_offset != LANE_OFFSET:
         about["lane_offset"] = tiles.lane_offset
+    versions = installed_versions()
+    if spec.format == "parquet":
+        versions["pyarrow"] = version("pyarrow")
     identity = {
         "settings": plain,
         "given_maps": None if spec.maps_from is None else spec.maps_from.digest,
         "tile_set": about | {"tiles": tiles.digest},
-        "versions": installed_versions(),
+        "versions": versions,
     }
     if objects is not None:
         identity["object_set"] = {"name": objects.name, "pictures": objects.digest}
@@ -234,6 +298,48 @@ def _delete_pictures(work: Unfinished) -> None:
         remove(entry)
 
 
+def _draw_block(drawing: _Drawing, block: _Block, indices: list[int], workers: int, bar: Progress) -> None:
+    """Draws samples of a block as files."""
+    block.records.parent.mkdir(exist_ok=True)
+    with block.records.open("ab") as records:
+
+        def complete(line: bytes) -> None:
+            records.write(line)
+            bar.count()
+
+        calls = (partial(drawing.draw_files, index) for index in indices)
+        side_by_side(calls, workers=workers, ended=complete)
+
+
+def _draw_shard(drawing: _Drawing, block: _Block, indices: list[int], workers: int, bar: Progress) -> None:
+    """Draws a block as a shard, which is written whole or not at all. The records of its samples are written last."""
+    layout, lines = find_layout(drawing.spec.format), []
+    assert layout.open_shard is not None
+    # Samples that are drawn before an earlier one of the shard. They are about as many as workers.
+    waiting: dict[int, ShardSample] = {}
+    following = iter(indices)
+
+    def draw(index: int) -> None:
+        waiting[index] = encode_sample(drawing.draw(index))
+
+    with new_file(drawing.files / layout.shard_file(block.split, block.number, block.total)) as part:
+        part.parent.mkdir(parents=True, exist_ok=True)
+        with layout.open_shard(part, shard_fields(drawing.spec, drawing.maps, drawing.objects)) as write:
+            due = next(following)
+
+            def complete(_: None) -> None:
+                nonlocal due
+                while due in waiting:
+                    sample = waiting.pop(due)
+                    write(sample)
+                    lines.append(_line(due, sample.record))
+                    bar.count()
+                    due = next(following, -1)
+
+            side_by_side((partial(draw, index) for index in indices), workers=workers, ended=complete)
+    write_atomic(block.records, lines)
+
+
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Turns OpenCV's own threads off, because they slow the workers down."""
@@ -250,10 +356,17 @@ def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
     spec, splits, out = drawing.spec, drawing.splits, drawing.files
     layout = find_layout(spec.format)
     pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
+    count = min(_ON_SHEET, drawing.total)
+    on_sheet = [row * drawing.total // count for row in range(count)]
+    records: dict[int, dict[str, Plain]] = {}
     for split in np.unique(splits).tolist():
         for record in drawing.read_split(split):
             pixels[SPLITS[split]] += record["class_pixels"]
+            if record["number"] in on_sheet:
+                records[record["number"]] = record
         layout.list_samples(out, split, partial(drawing.read_split, split))
+    if layout.open_shard is not None:
+        write_maps(out / MAPS, drawing.maps, spec.views)
     about = identity | {
         "pictures": {name: int((splits == split).sum()) * spec.views for split, name in enumerate(SPLITS)},
         "classes": [
@@ -262,14 +375,20 @@ def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
         ],
         "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
     }
-    first, count = int(splits.min()), min(_ON_SHEET, drawing.total)
-    shown = [drawing.read_record(row * drawing.total // count) for row in range(count)]
+    first, shown = int(splits.min()), [records[index] for index in on_sheet]
     guide = layout.guide(first, objects=drawing.objects is not None)
     programs = layout.loading(first), layout.loading_arrays(first, poses=spec.camera is not None)
-    write_atomic(out / "README.md", write_card(about, *programs, guide).encode())
-    entries = [_on_sheet(record, drawing, layout) for record in shown]
+    write_atomic(out / "README.md", write_card(about, *programs, guide, layout.data_files(splits)).encode())
+    pictures, pictures_layout = out, layout
+    if layout.open_shard is not None:
+        # The sheet reads files of pictures. A few samples are drawn again for it.
+        pictures, pictures_layout = drawing.records / "sheet", LAYOUTS["imagefolder"]
+        for record in shown:
+            split = int(splits[record["number"] // spec.views])
+            write_sample(drawing.draw(record["number"]), pictures_layout, split, pictures)
+    entries = [_on_sheet(record, drawing, pictures_layout) for record in shown]
     shape = spec.camera.rows / spec.camera.columns if spec.camera else 1
-    sheet = sample_sheet(out, entries, f"{count} of {drawing.total} pictures", shape)
+    sheet = sample_sheet(pictures, entries, f"{count} of {drawing.total} pictures", shape)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
     if layout.boxes is not None and drawing.objects is not None:
         fullest = max(shown, key=lambda record: len(record["objects"]))

@@ -28,7 +28,7 @@ from elitelanes_jax.search.spec import SearchSpec
 
 _USUAL_SEARCH = SearchSpec(evaluations=100_000)
 
-LAYOUTS = ("imagefolder", "coco")
+LAYOUTS = ("imagefolder", "coco", "webdataset", "parquet")
 """The layouts of a dataset's folder."""
 
 # The longest side that OpenCV warps, and the most pixels that Pillow reads.
@@ -65,7 +65,7 @@ class DatasetSpec(Record):
       size: sides of the maps in tiles, such as 8..14 for squares, or 8..10 12..14 for rows and columns
       split: shares of the maps for training, validation and test
       views: pictures of each map, each with other tile pictures, in another view
-      format: layout: imagefolder or coco
+      format: layout: imagefolder, coco, webdataset or parquet
       transforms: how views of the maps vary: none, standard, varied, quarter-turns, rotation=DEGREES, scale=LOW..HIGH,
         perspective=SHARE, crop=PIXELS, light=, contrast=, colour=SHARE, blur=PIXELS, noise=LEVELS, background=,
         shadow=, vignette=, gamma=, saturation=, warmth=SHARE, motion=PIXELS, compression=SHARE; by default standard

@@ -1,0 +1,170 @@
+"""Shards: files with many samples, for training that streams a dataset from a disk or a network.
+
+The bytes of a shard depend on its samples alone, and for Parquet on the version of pyarrow.
+"""
+
+import json
+import tarfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+
+from elitelanes_jax._util.types import Plain, Untyped
+from elitelanes_jax.dataset._samples import Sample
+from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.tiles.object_set import ObjectSet
+from elitelanes_jax.tiles.rendering import png_of
+
+_ROWS = 100  # of a row group: what a reader of Parquet has in memory at once
+
+
+class ShardSample(NamedTuple):
+    """A sample whose pictures are encoded.
+
+    Attributes:
+      pictures: files of PNG, by layer.
+      record: the metadata, plain values for JSON.
+    """
+
+    pictures: dict[str, bytes]
+    record: dict[str, Plain]
+
+
+def encode_sample(sample: Sample) -> ShardSample:
+    """Encodes the pictures of a sample, as the other layouts do."""
+    return ShardSample({name: png_of(layer) for name, layer in sample.layers.items()}, sample.record)
+
+
+class ShardFields(NamedTuple):
+    """What the samples of a dataset have in their records.
+
+    Attributes:
+      metrics: the names of the maps' metrics, and whether each is a whole number on all maps.
+      camera: whether they are views from a robot.
+      lines: whether the camera's records have the stretch at white lines.
+      objects: whether objects are drawn.
+    """
+
+    metrics: dict[str, bool]
+    camera: bool
+    lines: bool
+    objects: bool
+
+
+def shard_fields(spec: DatasetSpec, maps: Sequence[RoadMap], objects: ObjectSet | None) -> ShardFields:
+    """Returns what the samples of a dataset have in their records."""
+    metrics: dict[str, bool] = {}
+    for road_map in maps:
+        for name, value in (road_map.metrics or {}).items():
+            metrics[name] = metrics.get(name, True) and isinstance(value, int)
+    camera = spec.camera
+    return ShardFields(metrics, camera is not None, camera is not None and camera.lines > 0, objects is not None)
+
+
+OpenShard = Callable[[Path, ShardFields], AbstractContextManager[Callable[[ShardSample], None]]]
+"""(file, fields) -> a context that gives a function, which adds a sample to the file."""
+
+
+@contextmanager
+def open_tar(file: Path, _: ShardFields) -> Iterator[Callable[[ShardSample], None]]:
+    """Writes a tar file as WebDataset reads it: the names of a sample's files have its number up to the first dot."""
+    with tarfile.open(file, "w", format=tarfile.USTAR_FORMAT) as archive:
+
+        def add(name: str, content: bytes) -> None:
+            # Times, owners and permissions are the defaults of `TarInfo`, which are the same on all machines.
+            entry = tarfile.TarInfo(name)
+            entry.size = len(content)
+            archive.addfile(entry, BytesIO(content))
+
+        def write(sample: ShardSample) -> None:
+            key = f"{sample.record['number']:06d}"
+            for layer, picture in sample.pictures.items():
+                add(f"{key}.{layer}.png", picture)
+            add(f"{key}.json", json.dumps(sample.record).encode())
+
+        yield write
+
+
+@contextmanager
+def open_parquet(file: Path, fields: ShardFields) -> Iterator[Callable[[ShardSample], None]]:
+    """Writes a Parquet file with a row for each sample. Hugging Face's datasets decodes its pictures."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    schema = _schema(fields)
+    rows: list[dict[str, Plain]] = []
+    # Pictures are compressed already, and no two are equal.
+    writer = parquet.ParquetWriter(file, schema, use_dictionary=False, compression="zstd")
+    with writer:
+
+        def write(sample: ShardSample) -> None:
+            name = f"{sample.record['number']:06d}"
+            pictures = {
+                layer: {"bytes": picture, "path": f"{name}.{layer}.png"} for layer, picture in sample.pictures.items()
+            }
+            rows.append(pictures | sample.record)
+            if len(rows) == _ROWS:
+                flush()
+
+        def flush() -> None:
+            writer.write_table(pa.Table.from_pylist(rows, schema))
+            rows.clear()
+
+        yield write
+        if rows:
+            flush()
+
+
+def _schema(fields: ShardFields) -> Untyped:
+    """Returns the columns of a Parquet file, with a note for Hugging Face's datasets which of them are pictures."""
+    import pyarrow as pa
+
+    whole, number, text = pa.int64(), pa.float64(), pa.string()
+    picture = pa.struct({"bytes": pa.binary(), "path": text})
+    box = pa.list_(number)
+
+    def numbers(*names: str) -> Untyped:
+        return pa.struct(dict.fromkeys(names, number))
+
+    layers = ["image", "labels", *(["instances"] if fields.objects else [])]
+    columns = dict.fromkeys(layers, picture) | {
+        "number": whole,
+        "size": pa.list_(whole),
+        "pixels": pa.list_(whole),
+        "codes": pa.list_(pa.list_(whole)),
+    }
+    if fields.metrics:
+        columns["metrics"] = pa.struct({name: whole if counts else number for name, counts in fields.metrics.items()})
+    columns |= {
+        "fitness": number,
+        "niche": pa.list_(whole),
+        "map_seed": pa.list_(whole),
+        "tiles": pa.list_(pa.list_(text)),
+        "quarter_turns": pa.list_(pa.list_(whole)),
+        "transform": pa.struct(
+            {
+                "matrix": pa.list_(pa.list_(number)),
+                "gains": pa.list_(number),
+                **dict.fromkeys(("offset", "blur", "noise"), number),
+                "noise_seed": whole,
+            }
+        ),
+    }
+    if fields.camera:
+        camera = dict.fromkeys(("height", "forward", "pitch", "field_of_view"), number) | {"sky": pa.list_(whole)}
+        columns |= dict.fromkeys(("d", "phi", "curvature"), number) | {
+            "pose": numbers("x", "y", "theta"),
+            "nearest": numbers("d", "phi", "curvature"),
+            "movement": pa.struct(dict.fromkeys(("row", "column", "heading", "turn"), whole)),
+            "camera": pa.struct(camera | ({"lines": number} if fields.lines else {})),
+        }
+    if fields.objects:
+        thing = {"kind": text, "instance": whole, "box": box, "whole": box, "visible": number}
+        columns["objects"] = pa.list_(pa.struct(thing | ({"distance": number} if fields.camera else {})))
+    columns["class_pixels"] = pa.list_(whole)
+    features = {layer: {"_type": "Image"} for layer in layers}
+    note = json.dumps({"info": {"features": features}})
+    return pa.schema(columns, metadata={"huggingface": note})
