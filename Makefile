@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -70,6 +70,10 @@ marimo: .venv-marimo/.ready explorer/node_modules/.ready
 interop: .venv-interop/.ready
 	.venv-interop/bin/python -m pytest -m 'slow or not slow' -k 'interop or pyribs' \
 	  tests/optimizers/test_interop.py tests/docs/test_notebooks.py
+
+# Dask with two worker processes, one of which is killed; Submitit without SLURM; spawned processes.
+cluster: .venv-cluster/.ready
+	.venv-cluster/bin/python -m pytest -m 'slow or not slow' tests/test_executors.py tests/docs/test_scaling_page.py
 
 # Gymnasium's check of environments and its vector environments, and the loops of Gymnax and Rejax.
 rl: .venv-rl/.ready
@@ -151,6 +155,7 @@ EXTRAS-simulators := dev,sumo
 EXTRAS-marimo := dev,marimo
 EXTRAS-interop := dev,interop,plots
 EXTRAS-rl := dev,rl
+EXTRAS-cluster := dev,cluster,dask
 EXTRAS-sb3 := dev,sb3
 EXTRAS-ued := dev,experiments,ued
 # CleanRL's PPO imports these two.
@@ -158,7 +163,7 @@ MORE-sb3 := tensorboard==2.21.0 tyro==1.0.17
 BARE-sb3 := pufferlib-core==3.0.23
 MORE-simulators := carla==0.9.16 lanelet2==1.2.3
 
-$(patsubst %,.venv-%/.ready,mujoco shards sumo simulators marimo interop rl sb3 ued): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
+$(patsubst %,.venv-%/.ready,mujoco shards sumo simulators marimo interop cluster rl sb3 ued): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]' \

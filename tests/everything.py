@@ -29,6 +29,7 @@ class Environment(NamedTuple):
 ENVIRONMENTS = {
     "test": Environment(".venv", ("networkx", "numba")),
     "interop": Environment(".venv-interop", ("qdax", "evosax", "ribs")),
+    "cluster": Environment(".venv-cluster", ("distributed", "submitit", "cloudpickle")),
     "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax")),
     "sb3": Environment(".venv-sb3", ("gymnasium", "stable-baselines3", "torch", "pufferlib-core")),
     "ued-tests": Environment(".venv-ued", ("jaxued", "gymnax", "flax", "optax")),

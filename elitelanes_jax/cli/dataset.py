@@ -1,8 +1,10 @@
 """The command ``elitelanes dataset``."""
 
 import argparse
+from pathlib import Path
 
 from elitelanes_jax._util.errors import pluralize
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.cli.arguments import (
     COMPILING,
     Commands,
@@ -12,6 +14,7 @@ from elitelanes_jax.cli.arguments import (
     naming_options,
     read_options,
 )
+from elitelanes_jax.cli.executors import add_executors, open_pool
 from elitelanes_jax.cli.program import say
 
 
@@ -29,6 +32,7 @@ def add_dataset(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, DatasetSpec())
+    add_executors(command)
     add_shared(command, "--force", "--cores", "--quiet")
 
 
@@ -43,13 +47,23 @@ def _dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     use_compile_cache()
-    with naming_options(DatasetSpec(), "furnish"):
-        about = make_planned(plan, options.out, force=options.force)
+    with naming_options(DatasetSpec(), "furnish"), open_pool(options) as pool:
+        about = make_planned(plan, options.out, force=options.force, pool=pool)
+    if spec.part is None:
+        say(describe_dataset(about, options.out))
+    else:
+        index, count = spec.part
+        maps = f"maps {spec.map_indices[0]} to {spec.map_indices[-1]}"
+        say(f"part {index} of {count}, {maps}, in {options.out}; elitelanes merge joins all parts")
+    return 0
+
+
+def describe_dataset(about: dict[str, Plain], out: Path) -> str:
+    """Returns a table of a dataset's classes in each split, from its record."""
     table = {"": about["pictures"], "pictures": about["pictures"].values()}
     for one in about["classes"]:
         shares = (pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values())
         table[one["name"]] = [f"{share:.2%}" for share in shares]
     lines = [f"{head:14}  " + "  ".join(f"{cell:>10}" for cell in cells) for head, cells in table.items()]
     pictures = pluralize(sum(about["pictures"].values()), "picture")
-    say("\n".join([*lines, f"{pictures} in {options.out}; how to load them: {options.out / 'README.md'}"]))
-    return 0
+    return "\n".join([*lines, f"{pictures} in {out}; how to load them: {out / 'README.md'}"])

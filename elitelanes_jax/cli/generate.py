@@ -19,6 +19,7 @@ from elitelanes_jax.cli.arguments import (
     naming_options,
     read_options,
 )
+from elitelanes_jax.cli.executors import add_executors, open_pool
 from elitelanes_jax.cli.program import program_name, say
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def add_generate(commands: Commands) -> None:
     )
     add_shared(command, "--out")
     add_options(command, GenerateSpec())
+    add_executors(command)
     command.add_argument(
         "--floor",
         type=checked_by(real(0, 10_000, unit="metres, a number", exclusive=True)),
@@ -83,8 +85,8 @@ def _generate(options: argparse.Namespace) -> int:
 
     use_compile_cache()
     try:
-        with naming_options(GenerateSpec(), "furnish"):
-            maps = generate_planned(run, options.out, force=options.force)
+        with naming_options(GenerateSpec(), "furnish"), open_pool(options) as pool:
+            maps = generate_planned(run, options.out, force=options.force, pool=pool)
     except NotEnoughMapsError as error:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:
@@ -118,8 +120,9 @@ def add_merge(commands: Commands) -> None:
         commands,
         "merge",
         _merge,
-        help="join the parts of a run",
-        description="Joins the results of elitelanes generate --part, and writes the folder of a run without parts.",
+        help="join the parts of a run or a dataset",
+        description="Joins the results of elitelanes generate --part or dataset --part, and writes the folder of a run "
+        "without parts.",
     )
     command.add_argument(
         "parts", type=checked_by(path), nargs="+", metavar="PART", help="folders of all parts, in any order"
@@ -128,6 +131,12 @@ def add_merge(commands: Commands) -> None:
 
 
 def _merge(options: argparse.Namespace) -> int:
+    if (options.parts[0] / "dataset.json").is_file():
+        from elitelanes_jax.cli.dataset import describe_dataset
+        from elitelanes_jax.dataset.joining import merge_dataset
+
+        say(describe_dataset(merge_dataset(options.parts, options.out, force=options.force), options.out))
+        return 0
     from elitelanes_jax.maps.parts import merge
 
     maps = merge(options.parts, options.out, force=options.force)

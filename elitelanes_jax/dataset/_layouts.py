@@ -25,9 +25,12 @@ RECORD = "dataset.json"
 MAPS = "maps.jsonl"
 """The file with the maps of a dataset of shards, by which `--maps-from` reads them."""
 
+PART = "part.jsonl"
+"""The file with the records of the samples of a part, a line ``[split, record]`` for each."""
+
 # The files of a dataset besides its pictures.
 _DESCRIBING = (
-    rf"README\.md|contact-sheet\.png|boxes\.png|{re.escape(RECORD)}|(train|validation|test)/metadata\.jsonl"
+    rf"README\.md|contact-sheet\.png|boxes\.png|{re.escape(RECORD)}|{re.escape(PART)}|(train|validation|test)/metadata\.jsonl"
     r"|metadata/(train|val|test)\.jsonl|annotations/(objects_)?(train|val|test)\.json"
     r"|labels/(train|val|test)/\d{6,}\.txt|data\.yaml|maps\.jsonl"
 )

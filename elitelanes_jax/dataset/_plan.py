@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.engine import Pool
 from elitelanes_jax._util.errors import NotEnoughMapsError
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
@@ -18,7 +19,9 @@ from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.search.evolution import compile_search, evolve_search
 from elitelanes_jax.search.keys import SearchKeys, keys_of_seeds
+from elitelanes_jax.search.parts import evolve_each
 from elitelanes_jax.search.resolve import Search
+from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.selection import MIN_DIFFERENCE
 
 # Each round evolves 16 seeds and returns at most 512 maps, because maps of one seed are related. After a round with
@@ -28,14 +31,20 @@ _SEEDS, _FROM_ROUND, _FEW = 16, 512, 8
 _AHEAD = 2
 
 
-def evolve_maps(spec: DatasetSpec, searches: Mapping[tuple[int, int], Search], work: Path) -> list[RoadMap]:
+def evolve_maps(
+    spec: DatasetSpec, searches: Mapping[tuple[int, int], Search], work: Path, pool: Pool | None = None
+) -> list[RoadMap]:
     """Evolves the maps round by round, and writes a file after each round to the folder `work`.
+
+    The workers of a pool evolve the rounds that are needed at least, side by side.
 
     All are valid, and the `difference` of each from all others, of any size, is the first of `MIN_DIFFERENCE` or more.
     If no more such maps of a size are found, the next, smaller difference applies. The maps of a round are spread
     evenly over the niches. Raises `NotEnoughMapsError`.
     """
     sizes = [_Size(spec.seed, searches[shape], count, work) for shape, count in maps_by_shape(spec).items()]
+    if pool is not None:
+        _evolve_ahead(sizes, pool)
     maps: list[RoadMap] = []
     with Progress("evolving", spec.maps, "maps") as bar:
         # These wait for the programs of each size, compiled beside the searches before it. The first compiles its own.
@@ -47,6 +56,22 @@ def evolve_maps(spec: DatasetSpec, searches: Mapping[tuple[int, int], Search], w
                 maps += found
                 bar.count(len(found))
     return maps
+
+
+def _evolve_ahead(sizes: "Sequence[_Size]", pool: Pool) -> None:
+    """Evolves the first rounds of all sizes on workers, as many as the maps need at least, and keeps the results."""
+    rounds = []
+    for size in sizes:
+        for number in range(-(-size.wanted // _FROM_ROUND)):
+            if not size.file(number).exists() and not size.result_file(number).exists():
+                rounds.append((size, number))
+    tasks = [(size.search, size.keys(number)) for size, number in rounds]
+    with Progress("searching", len(rounds), "searches") as bar:
+        for index, part in evolve_each(tasks, pool):
+            size, number = rounds[index]
+            size.result_file(number).parent.mkdir(exist_ok=True)
+            part.result.save(size.result_file(number), state=False)
+            bar.count()
 
 
 class _Size(NamedTuple):
@@ -66,7 +91,7 @@ class _Size(NamedTuple):
         found: list[NDArray[np.int8]] = []
         number = level = 0
         while len(found) < self.wanted:
-            file = self._file(number)
+            file = self.file(number)
             if not file.exists():
                 chosen = self._evolve(number, found, others, level)
                 lines = (vars(road_map) | {"codes": road_map.codes.tolist()} for road_map in chosen)
@@ -86,21 +111,30 @@ class _Size(NamedTuple):
 
     def compile_aside(self) -> Callable[[], None]:
         """Compiles the first round's programs, if it was not made before; returns a function that waits."""
-        if self._file(0).exists() or count_cores() == 1:
+        if self.file(0).exists() or self.result_file(0).exists() or count_cores() == 1:
             return lambda: None
-        return start_thread(partial(compile_search, self.search, self._keys(0)))
+        return start_thread(partial(compile_search, self.search, self.keys(0)))
 
-    def _file(self, number: int) -> Path:
+    def file(self, number: int) -> Path:
+        """Returns the file of the maps of a round."""
         return self.work / "maps" / f"{self.shape[0]}x{self.shape[1]}-{number}.jsonl"
 
-    def _keys(self, number: int) -> SearchKeys:
+    def result_file(self, number: int) -> Path:
+        """Returns the file of the result of a round that a worker evolved."""
+        return self.work / "searches" / f"{self.shape[0]}x{self.shape[1]}-{number}.npz"
+
+    def keys(self, number: int) -> SearchKeys:
+        """Returns the keys of a round."""
         return keys_of_seeds(self.seed, range(number * _SEEDS, (number + 1) * _SEEDS))
 
     def _evolve(
         self, number: int, found: Sequence[NDArray[np.int8]], others: Sequence[NDArray[np.int8]], level: int
     ) -> list[RoadMap]:
         """Evolves the maps of a round, which differ from all earlier maps by at least `MIN_DIFFERENCE[level]`."""
-        result = evolve_search(self.search, self._keys(number))
+        if self.result_file(number).exists():
+            result = Result.load(self.result_file(number))
+        else:
+            result = evolve_search(self.search, self.keys(number))
         count = min(self.wanted - len(found), _FROM_ROUND)
         exclude = [*others, *found]
         choice = result.choose(count, self.seed, exclude=exclude, min_difference=(MIN_DIFFERENCE[level],))

@@ -1,29 +1,28 @@
 """From a specification to a dataset's folder, drawn by several threads. A killed run is resumed."""
 
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, instance, path, whole
+from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
-from elitelanes_jax._util.files import new_file, read_json, write_atomic, write_json
+from elitelanes_jax._util.files import read_json, write_atomic, write_json
 from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
-from elitelanes_jax._util.threads import count_cores, side_by_side
+from elitelanes_jax._util.threads import count_cores
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._card import draw_boxes, sample_sheet, write_card
+from elitelanes_jax.dataset._drawing import Drawing, Samples, draw_here, draw_on
 from elitelanes_jax.dataset._layouts import (
     LAYOUTS,
     MAPS,
+    PART,
     RECORD,
     Layout,
     find_layout,
@@ -32,144 +31,27 @@ from elitelanes_jax.dataset._layouts import (
     write_sample,
 )
 from elitelanes_jax.dataset._plan import evolve_maps
-from elitelanes_jax.dataset._samples import Sample, draw_sample
-from elitelanes_jax.dataset._shards import ShardSample, encode_sample, shard_fields
+from elitelanes_jax.dataset._shards import shard_fields
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.lanes.curves import LANE_OFFSET
-from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet
 
 _ON_SHEET = 12
-_BLOCK = 1000  # samples that are listed at once, and that share a file of records or a shard
-
-
-class _Drawing(NamedTuple):
-    """The sources and the folders of the samples.
-
-    Attributes:
-      spec: of the dataset.
-      maps: of the dataset.
-      tiles: to draw them with.
-      objects: whose pictures to draw the maps' objects with; None to leave them out.
-      splits: int ``[maps]``, the split of each map.
-      files: the folder for the pictures.
-      records: the folder for the records.
-    """
-
-    spec: DatasetSpec
-    maps: Sequence[RoadMap]
-    tiles: TileSet
-    objects: ObjectSet | None
-    splits: NDArray[np.int_]
-    files: Path
-    records: Path
-
-    @property
-    def total(self) -> int:
-        """The number of samples."""
-        return len(self.maps) * self.spec.views
-
-    def blocks(self) -> Iterator["_Block"]:
-        """Yields the samples, some at a time: a list of all may not fit into memory."""
-        for split in np.unique(self.splits).tolist():
-            yield from self.blocks_of(split)
-
-    def blocks_of(self, split: int) -> Iterator["_Block"]:
-        """Yields the samples of a split, in order."""
-        maps, views = np.flatnonzero(self.splits == split), self.spec.views
-        count = len(maps) * views
-        for number, first in enumerate(range(0, count, _BLOCK)):
-            positions = range(first, min(first + _BLOCK, count))
-            indices = [int(maps[position // views]) * views + position % views for position in positions]
-            yield _Block(split, number, -(-count // _BLOCK), indices, self.records / f"{SPLITS[split]}-{number}.jsonl")
-
-    def read_split(self, split: int) -> Iterator[dict[str, Plain]]:
-        """Reads the records of a split's samples, in order."""
-        for block in self.blocks_of(split):
-            records = block.read_records()
-            for index in block.indices:
-                yield json.loads(records[index])
-
-    def count_drawn(self) -> int:
-        """Counts the samples that an earlier run has drawn."""
-        return sum(file.read_bytes().count(b"\n") for file in self.records.glob("*.jsonl"))
-
-    def draw(self, index: int) -> Sample:
-        """Draws a sample."""
-        spec, road_map = self.spec, self.maps[index // self.spec.views]
-        if spec.furnish is not None:
-            seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
-            place = partial(furnish, spec=spec.furnish, seed=seed)
-            road_map = check_named(f"furnish: map {index // spec.views}", place, road_map)
-        return draw_sample(
-            road_map,
-            self.tiles,
-            index,
-            seed=spec.seed,
-            tile_px=spec.pixels,
-            transforms=spec.transforms,
-            camera=spec.camera,
-            objects=self.objects,
-        )
-
-    def draw_files(self, index: int) -> bytes:
-        """Draws a sample, and writes its pictures; returns the line of its record."""
-        layout = find_layout(self.spec.format)
-        sample = self.draw(index)
-        write_sample(sample, layout, int(self.splits[index // self.spec.views]), self.files)
-        return _line(index, sample.record | layout.note(sample))
-
-
-class _Block(NamedTuple):
-    """At most `_BLOCK` samples of one split.
-
-    Attributes:
-      split: an index in `SPLITS`.
-      number: of the block in its split, from 0.
-      total: the number of blocks in the split.
-      indices: of the samples, in order.
-      records: the file with a line for each sample: its index, a tab, and its record. A sample is complete when its
-        line is written. A run that is killed may leave a part of a line at the end.
-    """
-
-    split: int
-    number: int
-    total: int
-    indices: list[int]
-    records: Path
-
-    def read_records(self) -> dict[int, bytes]:
-        """Reads the records so far, of JSON, by the samples' indices."""
-        if not self.records.exists():
-            return {}
-        *lines, _ = self.records.read_bytes().split(b"\n")
-        pairs = (line.split(b"\t", 1) for line in lines)
-        return {int(index): record for index, record in pairs}
-
-    def missing(self) -> list[int]:
-        """Returns the indices of the samples that are not drawn yet, and removes a part of a line."""
-        if not self.records.exists():
-            return self.indices
-        content = self.records.read_bytes()
-        whole = content[: content.rfind(b"\n") + 1]
-        if whole != content:
-            write_atomic(self.records, whole)
-        drawn = self.read_records()
-        return [index for index in self.indices if index not in drawn]
-
-
-def _line(index: int, record: dict[str, Plain]) -> bytes:
-    return f"{index}\t{json.dumps(record)}\n".encode()
 
 
 def make_dataset(
-    spec: DatasetSpec, out: str | Path, *, workers: int | None = None, force: bool = False
+    spec: DatasetSpec,
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    force: bool = False,
+    executor: Engine | None = None,
+    parts: int | None = None,
 ) -> dict[str, Plain]:
     """Evolves maps, draws them, and writes them as a dataset.
 
@@ -182,68 +64,82 @@ def make_dataset(
       workers: threads that draw; by default one for each core (see `use_cores`).
       force: whether another dataset in the folder is replaced when this one is complete, if an earlier run wrote all
         files in it. Until then the disk needs room for both.
+      executor: as in `evolve`; its workers search and draw, and need no access to the folder. Pictures return through
+        the executor, and are written here.
+      parts: the number of parts in which an executor's workers draw; defaults to parts of up to 250 pictures.
 
     Returns:
-      The record in ``dataset.json``.
+      The record in ``dataset.json``. That of a part says which part it is.
 
     Raises:
       InputError: for constraints that no map can meet, given maps that cannot be drawn, maps too alike to be split, a
-        bad tile set, or a folder with other files.
+        bad tile set, a folder with other files, or a worker with other versions.
       NotEnoughMapsError: if the searches return too few maps.
       OSError: that names the file, if a file cannot be written. The same call resumes.
+      ConnectionError: if the executor lost a part. The same call resumes.
     """
     spec = check_named("spec", instance(DatasetSpec), spec)
-    return make_planned(plan_dataset(spec), out, workers=workers, force=force)
+    return make_planned(plan_dataset(spec), out, workers=workers, force=force, pool=check_pool(executor, parts))
 
 
 def make_planned(
-    plan: PlannedDataset, out: str | Path, *, workers: int | None = None, force: bool = False
+    plan: PlannedDataset,
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    force: bool = False,
+    pool: Pool | None = None,
 ) -> dict[str, Plain]:
     """Makes a planned dataset; the other arguments, and the errors, are those of `make_dataset`."""
     spec, tiles, _, objects = plan
     out = Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
     given = spec.maps_from
-    layout = find_layout(spec.format)
+    find_layout(spec.format)  # checks that its package is installed
     identity = _identity(spec, tiles, objects)
+    asked = identity | {"part": spec.part}
     settle(out)
     if (out / RECORD).exists():
         try:
-            compare_settings(out, out / RECORD, identity, "use another folder, or force=True to replace this one")
+            compare_settings(out, out / RECORD, asked, "use another folder, or force=True to replace this one")
             return read_json(out / RECORD)
         except InputError:
             if not force:
                 raise
     inputs: list[str | Path] = [*(given.paths if given else ()), *spec.inputs, *spec.search.inputs]
     with output_folder(
-        out, _of_maps(identity), inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
+        out, _of_maps(asked), inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:
         try:
             first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
             sizes = first if first == last else f"{first} to {last}"
             words = f"{pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
             announce(f"making a dataset of {words}")
-            maps = evolve_maps(spec, plan.searches, work.kept) if given is None else given.maps
+            maps = evolve_maps(spec, plan.searches, work.kept, pool) if given is None else given.maps
             splits = split_maps(spec, maps)
         except (InputError, NotEnoughMapsError):  # the next run has other settings
             remove(work.kept)
             raise
         _resume_pictures(out, work, identity, force)
-        draw_block = _draw_block if layout.open_shard is None else _draw_shard
-        drawing = _Drawing(spec, maps, tiles, objects, splits, work.files, work.kept / "records")
-        with Progress("drawing", drawing.total, "pictures", done=drawing.count_drawn()) as bar:
+        fields = shard_fields(spec, maps, objects)
+        drawing = Drawing(spec, dict(enumerate(maps)), tiles, objects, fields)
+        samples = Samples(spec.views, splits, spec.map_indices, work.files, work.kept / "records")
+        with Progress("drawing", samples.total, "pictures", done=samples.count_drawn()) as bar:
             try:
-                with _one_thread_each():
-                    for block in drawing.blocks():
-                        if indices := block.missing():
-                            draw_block(drawing, block, indices, workers, bar)
+                if pool is None:
+                    draw_here(drawing, samples, workers, bar.count)
+                else:
+                    draw_on(pool, drawing, samples, bar.count)
             except InputError as error:  # the objects do not fit
                 _delete_pictures(work)
                 if given is not None:
                     raise
                 hint = "the maps are kept for the same command with other objects"
                 raise InputError(f"{error}; {hint}") from None
-        about = _finish(drawing, identity)
+        if spec.part is None:
+            about = finish(samples, identity, drawing)
+        else:
+            about = write_part(samples, asked)
     if given is not None:
         given.announce_left_out()
     return about
@@ -298,77 +194,39 @@ def _delete_pictures(work: Unfinished) -> None:
         remove(entry)
 
 
-def _draw_block(drawing: _Drawing, block: _Block, indices: list[int], workers: int, bar: Progress) -> None:
-    """Draws samples of a block as files."""
-    block.records.parent.mkdir(exist_ok=True)
-    with block.records.open("ab") as records:
+def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
+    """Writes the records of a part's samples, each with its split, and the part's settings; returns the settings."""
 
-        def complete(line: bytes) -> None:
-            records.write(line)
-            bar.count()
+    def lines() -> Iterator[bytes]:
+        for split in range(len(SPLITS)):
+            for record in samples.read_split(split):
+                yield f"{json.dumps([split, record])}\n".encode()
 
-        calls = (partial(drawing.draw_files, index) for index in indices)
-        side_by_side(calls, workers=workers, ended=complete)
-
-
-def _draw_shard(drawing: _Drawing, block: _Block, indices: list[int], workers: int, bar: Progress) -> None:
-    """Draws a block as a shard, which is written whole or not at all. The records of its samples are written last."""
-    layout, lines = find_layout(drawing.spec.format), []
-    assert layout.open_shard is not None
-    # Samples that are drawn before an earlier one of the shard. They are about as many as workers.
-    waiting: dict[int, ShardSample] = {}
-    following = iter(indices)
-
-    def draw(index: int) -> None:
-        waiting[index] = encode_sample(drawing.draw(index))
-
-    with new_file(drawing.files / layout.shard_file(block.split, block.number, block.total)) as part:
-        part.parent.mkdir(parents=True, exist_ok=True)
-        with layout.open_shard(part, shard_fields(drawing.spec, drawing.maps, drawing.objects)) as write:
-            due = next(following)
-
-            def complete(_: None) -> None:
-                nonlocal due
-                while due in waiting:
-                    sample = waiting.pop(due)
-                    write(sample)
-                    lines.append(_line(due, sample.record))
-                    bar.count()
-                    due = next(following, -1)
-
-            side_by_side((partial(draw, index) for index in indices), workers=workers, ended=complete)
-    write_atomic(block.records, lines)
+    write_atomic(samples.files / PART, lines())
+    write_json(samples.files / RECORD, about)
+    return read_json(samples.files / RECORD)
 
 
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Turns OpenCV's own threads off, because they slow the workers down."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
+def finish(samples: Samples, identity: dict[str, Plain], drawing: Drawing | None = None) -> dict[str, Plain]:
+    """Writes the files that describe the samples of a whole dataset; returns the record of the dataset.
 
-
-def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
-    """Writes the files that describe the samples; returns the record of the dataset."""
-    spec, splits, out = drawing.spec, drawing.splits, drawing.files
-    layout = find_layout(spec.format)
+    `drawing` is what the samples were drawn from; a dataset of shards needs it.
+    """
+    splits, out, total = samples.splits, samples.files, samples.total
+    settings, has_objects = identity["settings"], "object_set" in identity
+    layout, camera = find_layout(settings["format"]), settings["camera"]
     pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
-    count = min(_ON_SHEET, drawing.total)
-    on_sheet = [row * drawing.total // count for row in range(count)]
+    count = min(_ON_SHEET, total)
+    on_sheet = [row * total // count for row in range(count)]
     records: dict[int, dict[str, Plain]] = {}
     for split in np.unique(splits).tolist():
-        for record in drawing.read_split(split):
+        for record in samples.read_split(split):
             pixels[SPLITS[split]] += record["class_pixels"]
             if record["number"] in on_sheet:
                 records[record["number"]] = record
-        layout.list_samples(out, split, partial(drawing.read_split, split))
-    if layout.open_shard is not None:
-        write_maps(out / MAPS, drawing.maps, spec.views)
+        layout.list_samples(out, split, partial(samples.read_split, split))
     about = identity | {
-        "pictures": {name: int((splits == split).sum()) * spec.views for split, name in enumerate(SPLITS)},
+        "pictures": {name: int((splits == split).sum()) * samples.views for split, name in enumerate(SPLITS)},
         "classes": [
             {"label": label, "name": name, "colour": colour}
             for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
@@ -376,32 +234,34 @@ def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
         "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
     }
     first, shown = int(splits.min()), [records[index] for index in on_sheet]
-    guide = layout.guide(first, objects=drawing.objects is not None)
-    programs = layout.loading(first), layout.loading_arrays(first, poses=spec.camera is not None)
+    guide = layout.guide(first, objects=has_objects)
+    programs = layout.loading(first), layout.loading_arrays(first, poses=camera is not None)
     write_atomic(out / "README.md", write_card(about, *programs, guide, layout.data_files(splits)).encode())
     pictures, pictures_layout = out, layout
     if layout.open_shard is not None:
+        assert drawing is not None
+        write_maps(out / MAPS, [*drawing.maps.values()], samples.views)
         # The sheet reads files of pictures. A few samples are drawn again for it.
-        pictures, pictures_layout = drawing.records / "sheet", LAYOUTS["imagefolder"]
+        pictures, pictures_layout = samples.records / "sheet", LAYOUTS["imagefolder"]
         for record in shown:
-            split = int(splits[record["number"] // spec.views])
-            write_sample(drawing.draw(record["number"]), pictures_layout, split, pictures)
-    entries = [_on_sheet(record, drawing, pictures_layout) for record in shown]
-    shape = spec.camera.rows / spec.camera.columns if spec.camera else 1
-    sheet = sample_sheet(pictures, entries, f"{count} of {drawing.total} pictures", shape)
+            index = record["number"]
+            write_sample(drawing.draw(index), pictures_layout, samples.split_of(index), pictures)
+    entries = [_on_sheet(record, samples, pictures_layout) for record in shown]
+    shape = camera["rows"] / camera["columns"] if camera else 1
+    sheet = sample_sheet(pictures, entries, f"{count} of {total} pictures", shape)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
-    if layout.boxes is not None and drawing.objects is not None:
+    if layout.boxes is not None and has_objects:
         fullest = max(shown, key=lambda record: len(record["objects"]))
-        image, *_ = _on_sheet(fullest, drawing, layout)
+        image, *_ = _on_sheet(fullest, samples, layout)
         write_atomic(out / layout.boxes, png_of(draw_boxes(out / image, fullest["objects"])))
     write_json(out / RECORD, about)
     return read_json(out / RECORD)
 
 
-def _on_sheet(record: dict[str, Plain], drawing: _Drawing, layout: Layout) -> tuple[str, str, tuple[str, ...]]:
+def _on_sheet(record: dict[str, Plain], samples: Samples, layout: Layout) -> tuple[str, str, tuple[str, ...]]:
     """Returns the files of a sample's image and labels, and its lines on the sheet."""
     index, metrics = record["number"], record.get("metrics", {})
-    split, (height, width) = int(drawing.splits[index // drawing.spec.views]), record["size"]
+    split, (height, width) = samples.split_of(index), record["size"]
     image, labels = (layout.file(split, index, layer) for layer in ("image", "labels"))
     figures = ", ".join(f"{name} {metrics[name]}" for name in ("cyclomatic", "crossings", "bridges") if name in metrics)
     return image, labels, (f"{index:06d}, {SPLITS[split]}, {height} x {width} tiles", figures)

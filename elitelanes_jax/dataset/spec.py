@@ -1,6 +1,7 @@
 """The specification of a dataset, and the numbers of maps of each size and split; without JAX and OpenCV."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, fields
 from itertools import product
 from math import floor, prod
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from elitelanes_jax._util.checks import SEED, TILE_PX, instance, is_whole, none_or, one_of, path, whole
+from elitelanes_jax._util.engine import part_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
@@ -21,7 +23,7 @@ from elitelanes_jax.dataset._transforms import (
 )
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.given import GivenMaps, parse_given
-from elitelanes_jax.maps.spec import SPLITS, parse_split
+from elitelanes_jax.maps.spec import SPLITS, parse_part, parse_split
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.search.resolve import plain_spec
 from elitelanes_jax.search.spec import SearchSpec
@@ -30,6 +32,8 @@ _USUAL_SEARCH = SearchSpec(evaluations=100_000)
 
 LAYOUTS = ("imagefolder", "coco", "webdataset", "parquet")
 """The layouts of a dataset's folder."""
+
+_SHARDS = ("webdataset", "parquet")  # layouts without a file for each picture
 
 # The longest side that OpenCV warps, and the most pixels that Pillow reads.
 _LONGEST_SIDE, _MOST_PIXELS = 32_766, 178_956_970
@@ -80,6 +84,7 @@ class DatasetSpec(Record):
       furnish: objects for each view: all, signs, or amounts such as duckies=6 trees=0.2; by default those of given maps
       objects: folder of the pictures of the maps' objects; by default the package's own
       tile_px: side of a tile in pixels; by default 64, with a camera 256
+      part: draw only a part of the maps, such as 3/10; elitelanes merge joins the parts
     """
 
     maps: int = option(1000, whole(1), "N")
@@ -96,6 +101,7 @@ class DatasetSpec(Record):
     furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     objects: Path | None = option(None, none_or(path), "DIR")
     tile_px: int | None = option(None, none_or(TILE_PX), "N")
+    part: tuple[int, int] | None = option(None, none_or(parse_part), "K/N")
 
     def check_together(self) -> None:
         """Checks the number of maps against sizes and splits, the camera, and the size of the pictures."""
@@ -111,6 +117,10 @@ class DatasetSpec(Record):
                 raise InputError(f"{few}: expected {expected}, got {self.maps}; a split of 1 0 0 trains on all")
         if self.camera is not None:
             self._check_camera()
+        if self.part is not None and self.part[1] > self.maps:
+            raise InputError(f"part: expected at most {self.maps} parts, one for each map, got {self.part[1]}")
+        if self.part is not None and self.format in _SHARDS:
+            raise InputError(f"part: expected a format with a file for each picture, got {self.format}")
         self._check_pixels()
         low = min(map(min, shapes))
         smallest = low * self.pixels * min(1.0, self.transforms.scale[0])
@@ -181,9 +191,23 @@ class DatasetSpec(Record):
         rows, columns = (range(low, high + 1) for low, high in (self.size[0], self.size[-1]))
         return [(side, side) for side in rows] if len(self.size) == 1 else list(product(rows, columns))
 
+    @property
+    def map_indices(self) -> range:
+        """The indices of the maps to draw: all, or those of the part."""
+        index, count = self.part or (1, 1)
+        return part_of(self.maps, index - 1, count)
+
+    def without_given(self) -> Self:
+        """Returns the specification without the given maps, for a worker that gets the maps to draw alone."""
+        spec = copy(self)
+        object.__setattr__(spec, "maps_from", None)
+        return spec
+
     def to_plain(self) -> dict[str, UserValue]:
-        """Returns plain values for JSON; for given maps their digest."""
-        return self.values() | {
+        """Returns plain values for JSON, without the part; for given maps their digest."""
+        values = self.values()
+        del values["part"]
+        return values | {
             "maps_from": self.maps_from and self.maps_from.digest,
             "transforms": self.transforms.values(),
             "camera": self.camera and self.camera.values(),

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from elitelanes_jax._util.checks import check_named, instance, path
+from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder, remove
@@ -20,6 +21,7 @@ from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.search.evolution import evolve_search
 from elitelanes_jax.search.keys import keys_of_seeds
+from elitelanes_jax.search.parts import evolve_parts, join_parts
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
 
@@ -37,7 +39,14 @@ class Evolved(NamedTuple):
     device: str
 
 
-def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> list[RoadMap]:
+def generate(
+    spec: GenerateSpec,
+    out: str | Path,
+    *,
+    force: bool = False,
+    executor: Engine | None = None,
+    parts: int | None = None,
+) -> list[RoadMap]:
     """Evolves maps, chooses among them, and writes them to a new folder, whole or not at all.
 
     The same specification gives the same files, byte for byte, except for the times in ``run.json``. If a search was
@@ -48,30 +57,39 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
       spec: of the search and the folder.
       out: the folder, new or empty.
       force: whether the folder is replaced, if an earlier run wrote all files in it.
+      executor: as in `evolve`; its workers need no access to the folder. If a run ends early, the same call evolves
+        only the parts that did not return.
+      parts: the number of parts that an executor's workers get; defaults to parts of up to 32 seeds.
 
     Returns:
       The maps, as they were written.
 
     Raises:
-      InputError: for constraints that no map can meet, a bad tile set, a folder with files in it, or a folder that
-        another search or another process uses.
+      InputError: for constraints that no map can meet, a bad tile set, a folder with files in it, a folder that
+        another search or another process uses, or a worker with other versions.
       NotEnoughMapsError: if there are fewer valid and different maps than requested; with `at_most`, if there is none.
-      OSError: if the folder cannot be written.
+      OSError: if the folder cannot be written; a `ConnectionError`, if the executor lost a part.
     """
     spec = check_named("spec", instance(GenerateSpec), spec)
-    return generate_planned(plan_run(spec), out, force=force)
+    return generate_planned(plan_run(spec), out, force=force, pool=check_pool(executor, parts))
 
 
-def generate_planned(run: PlannedRun, out: str | Path, *, force: bool = False) -> list[RoadMap]:
+def generate_planned(
+    run: PlannedRun, out: str | Path, *, force: bool = False, pool: Pool | None = None
+) -> list[RoadMap]:
     """Evolves the maps of a planned run; the other arguments, and the errors, are those of `generate`."""
     out = Path(check_named("out", path, out))
     inputs = [*run.spec.inputs, *run.search.inputs]
     with output_folder(out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force) as work:
-        return write_run(work.files, _evolve(run, work.kept / "search"))
+        _announce_search(run)
+        if pool is None:
+            evolved = _evolve(run, work.kept / "search")
+        else:
+            evolved = _evolve_on(pool, run, work.kept / "parts")
+        return write_run(work.files, evolved)
 
 
-def _evolve(run: PlannedRun, checkpoint: Path) -> Evolved:
-    """Evolves the seeds of a run, and keeps the checkpoint if the search was long."""
+def _announce_search(run: PlannedRun) -> None:
     spec, search = run.spec, run.search
     maps = pluralize(spec.maps, "map")
     if spec.part is not None:
@@ -81,6 +99,11 @@ def _evolve(run: PlannedRun, checkpoint: Path) -> Evolved:
         f"evolving {maps} of {spec.size[0]} x {spec.size[1]} tiles: {search.settings.method}, "
         f"{search.settings.preset}, {runs} of {_budget(search)}"
     )
+
+
+def _evolve(run: PlannedRun, checkpoint: Path) -> Evolved:
+    """Evolves the seeds of a run, and keeps the checkpoint if the search was long."""
+    spec, search = run.spec, run.search
     start = time.perf_counter()
     keys = keys_of_seeds(spec.seed, spec.seed_indices)
     result = evolve_search(search, keys, checkpoint=checkpoint, every=_SECONDS_A_CHECKPOINT)
@@ -93,6 +116,26 @@ def _evolve(run: PlannedRun, checkpoint: Path) -> Evolved:
         seconds=max(time.perf_counter() - start, result.history.seconds),  # a resumed search has earlier seconds
         speed=round(float(np.median(speeds))) if speeds.size else None,
         device=jax.devices()[0].device_kind,
+    )
+
+
+def _evolve_on(pool: Pool, run: PlannedRun, folder: Path) -> Evolved:
+    """Evolves the seeds of a run on an executor's workers, and keeps the parts if the search was long.
+
+    The seconds are the sum over the parts, as in `merge`.
+    """
+    keys = keys_of_seeds(run.spec.seed, run.spec.seed_indices)
+    parts = evolve_parts(run.search, keys, pool, folder=folder)
+    seconds = sum(part.seconds for part in parts)
+    if seconds < _WORTH_KEEPING:
+        remove(folder)
+    speeds = np.concatenate([part.result.history.evaluations_per_second for part in parts])
+    return Evolved(
+        run=run,
+        result=join_parts(parts),
+        seconds=seconds,
+        speed=round(float(np.median(speeds))) if speeds.size else None,
+        device=", ".join(sorted({part.device for part in parts})),
     )
 
 

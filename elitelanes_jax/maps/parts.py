@@ -53,25 +53,16 @@ def join_parts(folders: Sequence[Path]) -> Evolved:
     records = [_read_record(folder) for folder in folders]
     settings = {**records[0]["settings"], "part": None}
     expected = {"versions": installed_versions(), "settings": settings, "tile_set": records[0]["tile_set"]}
-    by_index: dict[int, Path] = {}
-    count = records[0]["settings"]["part"][1]
-    for folder, about in zip(folders, records, strict=True):
-        index, parts = about["settings"]["part"]
-        if parts != count:
-            raise InputError(f"{folder}: expected one of {count} parts, as {folders[0]} is, got one of {parts}")
-        got = {name: about[name] for name in expected} | {"settings": {**about["settings"], "part": None}}
-        if (difference := first_difference(expected, got)) is not None:
-            name, mine, found = difference
-            raise InputError(f"{folder}: expected a part of a run with {name} {mine!r}, got {found!r}")
-        if index in by_index:
-            raise InputError(f"{folder}: expected each part once, got {index}/{count} again, after {by_index[index]}")
-        by_index[index] = folder
-    if missing := [f"{index}/{count}" for index in range(1, count + 1) if index not in by_index]:
-        few = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
-        raise InputError(f"parts: expected all {count} parts, got all but {few}")
+    identities = []
+    for about in records:
+        identities.append({name: about[name] for name in expected} | {"settings": {**about["settings"], "part": None}})
+    by_index = order_parts(folders, [about["settings"]["part"] for about in records], identities, expected)
+    count = len(by_index)
     run = plan_run(_read_spec(folders[0], settings))
     archives = {folder: about.get("archive") for folder, about in zip(folders, records, strict=True)}
-    results = [_read_archive(by_index[index], run, (index, count), archives) for index in range(1, count + 1)]
+    results = []
+    for index, folder in enumerate(by_index, start=1):
+        results.append(_read_archive(folder, run, (index, count), archives))
     speeds = [about["times"]["evaluations_per_second"] for about in records]
     known = [speed for speed in speeds if speed is not None]
     return Evolved(
@@ -81,6 +72,42 @@ def join_parts(folders: Sequence[Path]) -> Evolved:
         speed=round(float(np.median(known))) if known else None,
         device=", ".join(sorted({about["device"] for about in records})),
     )
+
+
+def order_parts(
+    folders: Sequence[Path],
+    parts: Sequence[tuple[int, int]],
+    identities: Sequence[dict[str, Plain]],
+    expected: dict[str, Plain],
+    whole: str = "run",
+) -> list[Path]:
+    """Returns the folders of all parts in the order of the parts.
+
+    Args:
+      folders: in any order.
+      parts: the index of each, from 1, and the number of parts.
+      identities: what each depends on beside its part.
+      expected: what all depend on.
+      whole: what they are parts of, for messages.
+
+    Raises:
+      InputError: for a part of something else, or one that comes twice or is missing.
+    """
+    by_index: dict[int, Path] = {}
+    count = parts[0][1]
+    for folder, (index, of), identity in zip(folders, parts, identities, strict=True):
+        if of != count:
+            raise InputError(f"{folder}: expected one of {count} parts, as {folders[0]} is, got one of {of}")
+        if (difference := first_difference(expected, identity)) is not None:
+            name, mine, got = difference
+            raise InputError(f"{folder}: expected a part of a {whole} with {name} {mine!r}, got {got!r}")
+        if index in by_index:
+            raise InputError(f"{folder}: expected each part once, got {index}/{count} again, after {by_index[index]}")
+        by_index[index] = folder
+    if missing := [f"{index}/{count}" for index in range(1, count + 1) if index not in by_index]:
+        few = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
+        raise InputError(f"parts: expected all {count} parts, got all but {few}")
+    return [by_index[index] for index in range(1, count + 1)]
 
 
 def _read_record(folder: Path) -> dict[str, Plain]:

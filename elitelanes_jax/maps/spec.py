@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from elitelanes_jax._util.checks import SEED, TILE_PX, check_unique, flag, instance, none_or, one_of, path, real, whole
+from elitelanes_jax._util.engine import part_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, nested, option
 from elitelanes_jax._util.types import Plain, UserValue
@@ -88,7 +89,7 @@ class GenerateSpec(Record):
     def seed_indices(self) -> range:
         """The indices of the seeds to search: all, or those of the part."""
         index, count = self.part or (1, 1)
-        return range(self.seeds * (index - 1) // count, self.seeds * index // count)
+        return part_of(self.seeds, index - 1, count)
 
     def check_together(self) -> None:
         """Checks that every part has a seed."""

@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Array, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, flag, instance, none_or, real
-from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, warn_user
+from elitelanes_jax._util.engine import Engine, check_pool
+from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten, warn_user
 from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
@@ -74,6 +75,8 @@ def evolve(
     features: Mapping[str, Kernel] | None = None,
     fitness: Fitness | None = None,
     moves: Mapping[str, UserValue] | None = None,
+    executor: Engine | None = None,
+    parts: int | None = None,
     **options: Unpack[SearchOptions],
 ) -> Result:
     """Evolves road networks.
@@ -106,11 +109,17 @@ def evolve(
         not a number, becomes no elite; the history counts these grids. A result without any elite is warned of.
       moves: other weights of moves, such as ``{"mirror": 0}``, and your own moves with their weights, such as
         ``{"zigzag": (4, zigzag)}``; see `MoveWeights.with_moves`. For the tuned methods.
+      executor: a `concurrent.futures.Executor`, or another object with its `submit`, whose workers share the seeds in
+        place of the devices here: spawned processes, Dask, Submitit, MPI. The result is the same, bit for bit except
+        for the measured speeds, but has no state to continue from. Your own functions travel by cloudpickle, or
+        without it by pickle.
+      parts: the number of parts that an executor's workers get; defaults to parts of up to 32 seeds.
       **options: options of `SearchSpec`, which override those of `spec`.
 
     Raises:
       InputError: for an argument out of its range, a state or a checkpoint of a run with another key or other options,
-        or a checkpoint that another process uses.
+        a checkpoint that another process uses, or a worker with other versions.
+      ConnectionError: if the executor lost a part.
       SearchInterrupted: at Ctrl-C, after the first generation; a `KeyboardInterrupt` whose ``result`` is the result so
         far. A checkpoint has this result too, if the search took ten seconds.
       NotEnoughMemoryError: a `MemoryError`, if the search does not fit into the free memory.
@@ -129,9 +138,19 @@ def evolve(
     # The user's optimiser may make any grids.
     room_for: Room = "grids" if optimizer is None else "anything"
     search = resolve(spec, shape, room_for=room_for, shape_name="shape")
+    keys = check_keys(key, seeds)
+    pool = check_pool(executor, parts)
+    if pool is not None:
+        from elitelanes_jax.search.parts import evolve_parts, join_parts  # they call this module
+
+        for name, value in (("state", state), ("checkpoint", checkpoint), ("devices", devices)):
+            if value is not None:
+                raise InputError(f"{name}: expected none with an executor, got {shorten(repr(value), 60)}")
+        plan_run(search, keys._replace(data=keys.data[:1]), extensions, choose_devices(1))
+        return join_parts(evolve_parts(search, keys, pool, extensions, progress=progress))
     return evolve_search(
         search,
-        check_keys(key, seeds),
+        keys,
         extensions,
         state=state,
         checkpoint=checkpoint,

@@ -34,8 +34,12 @@ def join_results(results: Sequence[Result]) -> Result:
     batches = [_with_seeds(result) for result in results]
     elites = jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *(batch.elites for batch in batches))
     history = _join_histories([batch.history for batch in batches])
-    no_state = RunState(np.zeros((), np.int32), (), np.zeros((), np.uint32))
-    return replace(results[0], elites=elites, history=history, state=no_state)
+    return replace(without_state(results[0]), elites=elites, history=history)
+
+
+def without_state(result: Result) -> Result:
+    """Returns a result that has no state to continue from."""
+    return replace(result, state=RunState(np.zeros((), np.int32), (), np.zeros((), np.uint32)))
 
 
 def _search_of(result: Result) -> dict[str, UserValue]:

@@ -292,7 +292,7 @@ def test_each_niche_is_split_in_the_same_shares():
 
 def test_each_round_evolves_other_seeds():
     size = _Size(5, resolve(SearchSpec(), (5, 5)), 9, Path())
-    rounds = np.concatenate([size._keys(number).data for number in range(3)])
+    rounds = np.concatenate([size.keys(number).data for number in range(3)])
     np.testing.assert_array_equal(rounds, key_data(seed_keys(5, 48)))
 
 

@@ -1,0 +1,182 @@
+"""Calls a function on the workers of an executor: processes here, or on the hosts of a cluster."""
+
+import pickle
+import platform
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError
+from contextlib import contextmanager, nullcontext
+from functools import lru_cache
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
+
+from elitelanes_jax._util.checks import check_named, none_or, whole
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, NotEnoughMemoryError, shorten
+from elitelanes_jax._util.interruption import raise_if_interrupted
+from elitelanes_jax._util.packages import installed_versions
+from elitelanes_jax._util.types import Untyped, UserValue
+
+A = TypeVar("A")
+R = TypeVar("R")
+
+# The parts that an executor has at once. It keeps their results in memory until they are written.
+_AT_ONCE = 1000
+
+# The shortest and the longest time between two questions whether parts are done, in seconds. Submitit reads files to
+# answer.
+_SOON, _LATER = 0.02, 1.0
+
+# The errors of executors that lost a worker or a job, besides those of Python, by module and name.
+_LOST = {
+    ("distributed", "KilledWorker"),
+    ("distributed", "FutureCancelledError"),
+    ("distributed", "TimeoutError"),
+    ("submitit", "UncompletedJobError"),
+    ("submitit", "FailedSubmissionError"),
+}
+
+# What a worker returns in place of a result, because executors change errors: Submitit makes a text of them.
+_OURS = (InputError, NotEnoughMapsError, NotEnoughMemoryError, OSError)
+
+
+@runtime_checkable
+class Engine(Protocol):
+    """What divides work among workers: a `concurrent.futures.Executor`, or another class with its `submit`."""
+
+    def submit(self, function: Callable[..., Untyped], /, *args: Untyped) -> Untyped:
+        """Starts a call on a worker; returns its future, with the methods `done`, `result` and `cancel`."""
+
+
+class Pool(NamedTuple):
+    """An executor, and the number of parts to divide work into; None for the default of the work."""
+
+    executor: Engine
+    parts: int | None = None
+
+    def parts_for(self, usual: int, most: int) -> int:
+        """Returns the number of parts: the user's, or `usual`, and at most `most`."""
+        return min(self.parts or max(usual, 1), most)
+
+
+def check_pool(executor: UserValue, parts: UserValue) -> Pool | None:
+    """Checks the arguments `executor` and `parts` of a public function; returns None without an executor."""
+    parts = check_named("parts", none_or(whole(1)), parts)
+    if executor is None:
+        if parts is not None:
+            raise InputError(f"parts: expected an executor to run {parts} parts on, got none")
+        return None
+    if isinstance(executor, type) or not isinstance(executor, Engine):
+        expected = "a concurrent.futures.Executor, or another object with its method submit"
+        raise InputError(f"executor: expected {expected}, got {shorten(repr(executor))}")
+    return Pool(executor, parts)
+
+
+def part_of(count: int, index: int, parts: int) -> range:
+    """Returns the indices in part `index`, from 0, of `count` things that are divided evenly."""
+    return range(count * index // parts, count * (index + 1) // parts)
+
+
+class _Outcome(NamedTuple):
+    """What a worker returns: the result of a call, or one of our errors."""
+
+    value: Untyped
+    error: Exception | None
+
+
+def call_on_workers(executor: Engine, function: Callable[[A], R], arguments: Sequence[A]) -> Iterator[tuple[int, R]]:
+    """Calls a function with each argument on an executor's workers; yields (index, result) as the calls end.
+
+    The function, the arguments and the results travel by pickle, the function by cloudpickle where it is installed. A
+    worker loads the function once. When the iterator ends early, calls that have not started are cancelled.
+
+    Raises:
+      InputError: if the function cannot be pickled, a worker has other versions, or the function raised it.
+      ConnectionError: if the executor lost a call.
+    """
+    payload, versions = _dump(function), installed_versions()
+    together = getattr(executor, "batch", nullcontext)  # Submitit's, which makes an array of jobs
+    running: dict[int, Untyped] = {}
+    first, pause = 0, _SOON
+    try:
+        while first < len(arguments) or running:
+            if fresh := range(first, min(first + _AT_ONCE - len(running), len(arguments))):
+                with _naming_loss(first, len(arguments)), together():
+                    for index in fresh:
+                        running[index] = executor.submit(_call, versions, payload, pickle.dumps(arguments[index]))
+                first = fresh.stop
+            raise_if_interrupted()
+            ended = [index for index, future in running.items() if future.done()]
+            for index in ended:
+                yield index, _read(running.pop(index), index, len(arguments))
+            if ended:
+                pause = _SOON
+            else:
+                time.sleep(pause)
+                pause = min(2 * pause, _LATER)
+    finally:
+        for future in running.values():
+            future.cancel()
+
+
+def _dump(function: Callable[..., Untyped]) -> bytes:
+    """Pickles a function, which may hold functions of the user."""
+    try:
+        import cloudpickle
+    except ImportError:
+        dumps, hint = pickle.dumps, "; pip install cloudpickle, or define functions at the top level of a module"
+    else:
+        dumps, hint = cloudpickle.dumps, ""
+    try:
+        return bytes(dumps(function))
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InputError(f"executor: expected functions that can be sent to workers, got {error}{hint}") from None
+
+
+@lru_cache(maxsize=8)
+def _load(payload: bytes) -> Callable[..., Untyped]:
+    """Loads a function once in a worker. JAX would compile again for the functions of another copy."""
+    try:
+        return pickle.loads(payload)
+    except ImportError as error:
+        expected = f"worker {platform.node()}: expected the modules of your functions"
+        hint = "cloudpickle.register_pickle_by_value(module) sends a module's functions"
+        raise InputError(f"{expected}, got: {error}; {hint}") from None
+
+
+def _call(versions: dict[str, str], payload: bytes, argument: bytes) -> _Outcome:
+    """Runs on a worker. The versions come first, because those of another version may not load the rest."""
+    try:
+        for name, version in installed_versions().items():
+            if version != versions.get(name):
+                expected = f"{name} {versions.get(name)}, as here"
+                raise InputError(f"worker {platform.node()}: expected {expected}, got {version}")
+        return _Outcome(_load(payload)(pickle.loads(argument)), None)
+    except _OURS as error:
+        return _Outcome(None, error)
+
+
+def _read(future: Untyped, index: int, count: int) -> Untyped:
+    """Returns the result of a call, or raises its error."""
+    with _naming_loss(index, count):
+        outcome = future.result()
+    if outcome.error is not None:
+        raise outcome.error
+    return outcome.value
+
+
+@contextmanager
+def _naming_loss(index: int, count: int) -> Iterator[None]:
+    """Makes an executor's own errors one line: those of workers without this package, or of lost workers and jobs."""
+    try:
+        yield
+    except ImportError as error:
+        expected = f"elitelanes_jax {installed_versions()['elitelanes_jax']} on all workers"
+        raise InputError(f"executor: expected {expected}, got: {error}") from None
+    except Exception as error:
+        kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(error).__mro__}
+        is_shut_down = isinstance(error, RuntimeError) and "after shutdown" in str(error)
+        if not is_shut_down and not isinstance(error, BrokenExecutor | CancelledError) and kinds.isdisjoint(_LOST):
+            raise
+        words = shorten(f"{type(error).__name__}: {error}", 200)
+        raise ConnectionError(
+            f"part {index + 1} of {count}: expected its result, but the executor lost it: {words}"
+        ) from None

@@ -1,0 +1,336 @@
+"""Draws the samples of a dataset, in threads here or on the workers of an executor, and keeps what is drawn."""
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.engine import Pool, call_on_workers
+from elitelanes_jax._util.files import new_file, write_atomic
+from elitelanes_jax._util.threads import count_cores, side_by_side
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._layouts import Layout, find_layout, write_sample
+from elitelanes_jax.dataset._samples import Sample, draw_sample
+from elitelanes_jax.dataset._shards import ShardFields, ShardSample, encode_sample
+from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.furnishing.placing import furnish
+from elitelanes_jax.maps.spec import SPLITS
+from elitelanes_jax.tiles.object_set import ObjectSet
+from elitelanes_jax.tiles.tileset import TileSet
+
+_PICTURES_A_PART = 250  # for an executor: a second or more of work, and some megabytes that return
+_BLOCK = 1000  # samples that are listed at once, and that share a file of records or a shard
+
+
+class Block(NamedTuple):
+    """At most `_BLOCK` samples of one split.
+
+    Attributes:
+      split: an index in `SPLITS`.
+      number: of the block in its split, from 0.
+      total: the number of blocks in the split.
+      indices: of the samples, in order.
+      records: the file with a line for each sample: its index, a tab, and its record. A sample is complete when its
+        line is written. A run that is killed may leave a part of a line at the end.
+    """
+
+    split: int
+    number: int
+    total: int
+    indices: list[int]
+    records: Path
+
+    def read_records(self) -> dict[int, bytes]:
+        """Reads the records so far, of JSON, by the samples' indices."""
+        if not self.records.exists():
+            return {}
+        *lines, _ = self.records.read_bytes().split(b"\n")
+        pairs = (line.split(b"\t", 1) for line in lines)
+        return {int(index): record for index, record in pairs}
+
+    def missing(self) -> list[int]:
+        """Returns the indices of the samples that are not drawn yet, and removes a part of a line."""
+        if not self.records.exists():
+            return self.indices
+        content = self.records.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]
+        if whole != content:
+            write_atomic(self.records, whole)
+        drawn = self.read_records()
+        return [index for index in self.indices if index not in drawn]
+
+
+class Samples(NamedTuple):
+    """The samples of a dataset, or of a part of its maps, on disk.
+
+    Attributes:
+      views: the number of samples of each map.
+      splits: int ``[maps]``, the split of each map of the dataset.
+      maps: the indices of the maps whose samples these are.
+      files: the folder for the pictures.
+      records: the folder for the records.
+    """
+
+    views: int
+    splits: NDArray[np.int_]
+    maps: range
+    files: Path
+    records: Path
+
+    @property
+    def total(self) -> int:
+        """The number of samples."""
+        return len(self.maps) * self.views
+
+    def blocks(self) -> Iterator[Block]:
+        """Yields the samples, some at a time: a list of all may not fit into memory."""
+        for split in range(len(SPLITS)):
+            yield from self.blocks_of(split)
+
+    def blocks_of(self, split: int) -> Iterator[Block]:
+        """Yields the samples of a split, in order."""
+        maps, views = (
+            self.maps.start + np.flatnonzero(self.splits[self.maps.start : self.maps.stop] == split),
+            self.views,
+        )
+        count = len(maps) * views
+        for number, start in enumerate(range(0, count, _BLOCK)):
+            positions = range(start, min(start + _BLOCK, count))
+            indices = [int(maps[position // views]) * views + position % views for position in positions]
+            yield Block(split, number, -(-count // _BLOCK), indices, self.records / f"{SPLITS[split]}-{number}.jsonl")
+
+    def split_of(self, index: int) -> int:
+        """Returns the split of a sample."""
+        return int(self.splits[index // self.views])
+
+    def read_split(self, split: int) -> Iterator[dict[str, Plain]]:
+        """Reads the records of a split's samples, in order."""
+        for block in self.blocks_of(split):
+            records = block.read_records()
+            for index in block.indices:
+                yield json.loads(records[index])
+
+    def write_split(self, split: int, records: Iterable[dict[str, Plain]]) -> None:
+        """Writes the records of a split's samples, which come in order."""
+        following = iter(records)
+        for block in self.blocks_of(split):
+            write_atomic(block.records, [record_line(index, next(following)) for index in block.indices])
+
+    def count_drawn(self) -> int:
+        """Counts the samples that an earlier run has drawn."""
+        return sum(file.read_bytes().count(b"\n") for file in self.records.glob("*.jsonl"))
+
+
+def record_line(index: int, record: dict[str, Plain]) -> bytes:
+    """Returns the line of a sample in the records of its block."""
+    return f"{index}\t{json.dumps(record)}\n".encode()
+
+
+class Drawing(NamedTuple):
+    """What samples are drawn from.
+
+    Attributes:
+      spec: of the dataset.
+      maps: by their indices in the dataset.
+      tiles: to draw the maps with.
+      objects: whose pictures to draw the maps' objects with; None to leave them out.
+      fields: of the records in shards.
+    """
+
+    spec: DatasetSpec
+    maps: Mapping[int, RoadMap]
+    tiles: TileSet
+    objects: ObjectSet | None
+    fields: ShardFields
+
+    @property
+    def layout(self) -> Layout:
+        """The layout of the dataset."""
+        return find_layout(self.spec.format)
+
+    def draw(self, index: int) -> Sample:
+        """Draws a sample."""
+        spec, road_map = self.spec, self.maps[index // self.spec.views]
+        if spec.furnish is not None:
+            seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
+            place = partial(furnish, spec=spec.furnish, seed=seed)
+            road_map = check_named(f"furnish: map {index // spec.views}", place, road_map)
+        return draw_sample(
+            road_map,
+            self.tiles,
+            index,
+            seed=spec.seed,
+            tile_px=spec.pixels,
+            transforms=spec.transforms,
+            camera=spec.camera,
+            objects=self.objects,
+        )
+
+
+Ended = Callable[[int], object]
+"""Called with the number of samples that were drawn."""
+
+
+def draw_here(drawing: Drawing, samples: Samples, workers: int, ended: Ended) -> None:
+    """Draws the missing samples in threads."""
+    for block in samples.blocks():
+        if indices := block.missing():
+            _draw_block(drawing, block, indices, samples.files, workers, ended)
+
+
+def draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> None:
+    """Draws the missing samples on an executor's workers, and writes the files that return."""
+    tasks = _tasks(pool, drawing, samples)
+    common = drawing._replace(spec=drawing.spec.without_given(), maps={})
+    for number, (files, records) in call_on_workers(pool.executor, partial(_draw_task, common), tasks):
+        for name, content in files.items():
+            write_atomic(samples.files / name, content)
+        for portion, lines in zip(tasks[number].portions, records, strict=True):
+            _append(portion.block.records, lines)
+            ended(len(portion.indices))
+
+
+class _Portion(NamedTuple):
+    """Some of the samples of a block."""
+
+    block: Block
+    indices: list[int]
+
+
+class _Task(NamedTuple):
+    """What one call on a worker draws."""
+
+    maps: dict[int, RoadMap]
+    portions: list[_Portion]
+
+
+def _tasks(pool: Pool, drawing: Drawing, samples: Samples) -> list[_Task]:
+    """Divides the samples evenly into parts, and returns the missing ones of each part that lacks any.
+
+    A shard is of one part.
+    """
+    count = pool.parts_for(-(-samples.total // _PICTURES_A_PART), len(samples.maps))
+    parts: list[list[_Portion]] = [[] for _ in range(count)]
+    position = 0
+    for block in samples.blocks():
+        missing = set(block.missing())
+        by_part: dict[int, list[int]] = {}
+        for offset, index in enumerate(block.indices):
+            place = position if drawing.layout.open_shard is not None else position + offset
+            part = ((place + 1) * count - 1) // samples.total
+            if index in missing:
+                by_part.setdefault(part, []).append(index)
+        for part, indices in by_part.items():
+            parts[part].append(_Portion(block, indices))
+        position += len(block.indices)
+    return [_Task(_maps_of(portions, drawing), portions) for portions in parts if portions]
+
+
+def _maps_of(portions: list[_Portion], drawing: Drawing) -> dict[int, RoadMap]:
+    maps = {}
+    for portion in portions:
+        for index in portion.indices:
+            number = index // drawing.spec.views
+            maps[number] = drawing.maps[number]
+    return maps
+
+
+def _draw_task(common: Drawing, task: _Task) -> tuple[dict[str, bytes], list[bytes]]:
+    """Runs on a worker: draws samples in a temporary folder.
+
+    Returns:
+      The content of each file, by its path in the dataset, and the lines of the records of each portion.
+    """
+    drawing, records = common._replace(maps=task.maps), []
+    with TemporaryDirectory() as folder:
+        files = Path(folder, "files")
+        for number, portion in enumerate(task.portions):
+            block = portion.block._replace(records=Path(folder, f"records-{number}"))
+            _draw_block(drawing, block, portion.indices, files, count_cores(), lambda _: None)
+            records.append(block.records.read_bytes())
+        contents = {}
+        for file in files.rglob("*"):
+            if file.is_file():
+                contents[file.relative_to(files).as_posix()] = file.read_bytes()
+    return contents, records
+
+
+def _append(file: Path, content: bytes) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("ab") as stream:
+        stream.write(content)
+
+
+def _draw_block(drawing: Drawing, block: Block, indices: list[int], files: Path, workers: int, ended: Ended) -> None:
+    """Draws samples of a block, in threads."""
+    draw = _draw_pictures if drawing.layout.open_shard is None else _draw_shard
+    with _one_thread_each():
+        draw(drawing, block, indices, files, workers, ended)
+
+
+def _draw_pictures(drawing: Drawing, block: Block, indices: list[int], files: Path, workers: int, ended: Ended) -> None:
+    """Draws samples as files, each of which is followed by its record."""
+    layout = drawing.layout
+    block.records.parent.mkdir(parents=True, exist_ok=True)
+
+    def draw(index: int) -> bytes:
+        sample = drawing.draw(index)
+        write_sample(sample, layout, block.split, files)
+        return record_line(index, sample.record | layout.note(sample))
+
+    with block.records.open("ab") as records:
+
+        def complete(line: bytes) -> None:
+            records.write(line)
+            ended(1)
+
+        side_by_side((partial(draw, index) for index in indices), workers=workers, ended=complete)
+
+
+def _draw_shard(drawing: Drawing, block: Block, indices: list[int], files: Path, workers: int, ended: Ended) -> None:
+    """Draws a block as a shard, which is written whole or not at all. The records of its samples are written last."""
+    layout, lines = drawing.layout, []
+    assert layout.open_shard is not None
+    # Samples that are drawn before an earlier one of the shard. They are about as many as workers.
+    waiting: dict[int, ShardSample] = {}
+    following = iter(indices)
+
+    def draw(index: int) -> None:
+        waiting[index] = encode_sample(drawing.draw(index))
+
+    with new_file(files / layout.shard_file(block.split, block.number, block.total)) as part:
+        part.parent.mkdir(parents=True, exist_ok=True)
+        with layout.open_shard(part, drawing.fields) as write:
+            due = next(following)
+
+            def complete(_: None) -> None:
+                nonlocal due
+                while due in waiting:
+                    sample = waiting.pop(due)
+                    write(sample)
+                    lines.append(record_line(due, sample.record))
+                    ended(1)
+                    due = next(following, -1)
+
+            side_by_side((partial(draw, index) for index in indices), workers=workers, ended=complete)
+    write_atomic(block.records, lines)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Turns OpenCV's own threads off, because they slow the workers down."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)

@@ -1,0 +1,102 @@
+"""Joins the parts of a dataset, which `make_dataset` made with `DatasetSpec(part=...)`."""
+
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named, path, paths
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax._util.packages import installed_versions
+from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._drawing import Samples
+from elitelanes_jax.dataset._layouts import PART, RECORD, foreign_to_dataset
+from elitelanes_jax.dataset.make import finish
+from elitelanes_jax.maps.parts import order_parts
+from elitelanes_jax.maps.spec import SPLITS, parse_part
+
+
+def merge_dataset(
+    parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False
+) -> dict[str, Plain]:
+    """Joins the parts of a dataset, and writes the folder that `make_dataset` writes without parts, byte for byte.
+
+    Args:
+      parts: folders, in any order. Their pictures are copied.
+      out: the folder, new or empty.
+      force: whether the folder is replaced, if an earlier run wrote all files in it.
+
+    Returns:
+      The record in ``dataset.json``.
+
+    Raises:
+      InputError: for a folder that is not a part, a part of another dataset, or a part that comes twice or is missing.
+      OSError: that names the file, if a file cannot be written.
+    """
+    folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
+    records = [_read_record(folder) for folder in folders]
+    identities = []
+    for about in records:
+        identities.append({name: value for name, value in about.items() if name != "part"})
+    expected = identities[0] | {"versions": installed_versions()}
+    ordered = order_parts(folders, [about["part"] for about in records], identities, expected, "dataset")
+    with output_folder(out, {"command": "merge"}, inputs=folders, foreign=foreign_to_dataset, force=force) as work:
+        splits = _read_splits(ordered, expected["settings"])
+        views = expected["settings"]["views"]
+        samples = Samples(views, splits, range(len(splits)), work.files, work.kept / "records")
+        with Progress("joining", len(ordered), "parts") as bar:
+            for folder in ordered:
+                _copy_pictures(folder, work.files)
+                bar.count()
+        for split in range(len(SPLITS)):
+            samples.write_split(split, _records_of(ordered, split))
+        return finish(samples, expected)
+
+
+def _read_record(folder: Path) -> dict[str, Plain]:
+    try:
+        about = read_json(folder / RECORD)
+        part = about["part"]
+        complete = "versions" in about and bool(parse_part(part)) and {"maps", "views"} <= set(about["settings"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # an InputError is a ValueError
+        complete = False
+    if not complete or not (folder / PART).is_file():
+        raise InputError(f"{folder}: expected a part of a dataset, made by elitelanes dataset --part, got none")
+    return about
+
+
+def _copy_pictures(folder: Path, out: Path) -> None:
+    for file in folder.rglob("*"):
+        if file.is_file() and file.parent != folder:
+            copied = out / file.relative_to(folder)
+            copied.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, copied)
+
+
+def _read_splits(folders: Sequence[Path], settings: dict[str, Plain]) -> NDArray[np.int_]:
+    """Returns the split of each map."""
+    splits = np.zeros(settings["maps"], np.int_)
+    for split, record in _read_parts(folders):
+        splits[record["number"] // settings["views"]] = split
+    return splits
+
+
+def _records_of(folders: Sequence[Path], split: int) -> Iterator[dict[str, Plain]]:
+    """Yields the records of a split's samples, in order, as the parts are."""
+    for other, record in _read_parts(folders):
+        if other == split:
+            yield record
+
+
+def _read_parts(folders: Sequence[Path]) -> Iterator[tuple[int, dict[str, Plain]]]:
+    for folder in folders:
+        with (folder / PART).open(encoding="utf-8") as lines:
+            for line in lines:
+                split, record = json.loads(line)
+                yield split, record

@@ -1,0 +1,121 @@
+"""Searches whose seeds are divided among the workers of an executor."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from elitelanes_jax._util.engine import Pool, call_on_workers, part_of
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import read_json, write_json
+from elitelanes_jax._util.progress import Progress
+from elitelanes_jax.network.bits import THREEFRY
+from elitelanes_jax.search._user_functions import Extensions
+from elitelanes_jax.search.compile_cache import use_compile_cache
+from elitelanes_jax.search.evolution import evolve_search
+from elitelanes_jax.search.joining import join_results, without_state
+from elitelanes_jax.search.keys import SearchKeys
+from elitelanes_jax.search.resolve import Search
+from elitelanes_jax.search.result import Result
+
+# A core advances up to 32 seeds together, and a worker compiles for seconds: parts with fewer seeds do not pay.
+_SEEDS_A_PART = 32
+
+
+class EvolvedPart(NamedTuple):
+    """The result of some seeds of a search, without a state to continue from, and the figures for its record."""
+
+    result: Result
+    seconds: float  # of the generations
+    device: str
+
+
+def evolve_parts(
+    search: Search,
+    keys: SearchKeys,
+    pool: Pool,
+    extensions: Extensions = Extensions(),
+    *,
+    folder: Path | None = None,
+    progress: bool | None = None,
+) -> list[EvolvedPart]:
+    """Evolves a search in parts on the workers of an executor; returns the parts in the order of the keys.
+
+    Args:
+      search: resolved.
+      keys: of all seeds.
+      pool: the executor, and the number of parts; by default parts have up to 32 seeds.
+      extensions: of the search.
+      folder: keeps complete parts, so that the next call with an equal search evolves the others alone.
+      progress: as in `evolve`.
+
+    Raises:
+      InputError: for one key alone, keys of another kind than JAX's default, or what `call_on_workers` refuses.
+      ConnectionError: if the executor lost a part.
+    """
+    if keys.single:
+        raise InputError("key: expected several keys or a whole number, to be divided among workers, got one key")
+    if keys.kind != THREEFRY:  # the bits of other keys depend on the whole batch
+        raise InputError(f"key: expected keys of {THREEFRY}, to be divided among workers, got {keys.kind}")
+    seeds = len(keys.data)
+    count = pool.parts_for(-(-seeds // _SEEDS_A_PART), seeds)
+    slices = [part_of(seeds, index, count) for index in range(count)]
+    parts: dict[int, EvolvedPart] = {}
+    for index in range(count):
+        kept = None if folder is None else _load(folder / f"{index + 1}-of-{count}", search)
+        if kept is not None:
+            parts[index] = kept
+    waiting = [index for index in range(count) if index not in parts]
+    tasks = [(search, keys._replace(data=keys.data[slices[index].start : slices[index].stop])) for index in waiting]
+    done = sum(len(slices[index]) for index in parts)
+    with Progress(f"evolving in {count} parts", seeds, "seeds", done=done, shown=progress) as bar:
+        for position, part in evolve_each(tasks, pool, extensions):
+            index = waiting[position]
+            parts[index] = part
+            if folder is not None:
+                _save(folder / f"{index + 1}-of-{count}", part)
+            bar.count(len(slices[index]))
+    return [parts[index] for index in range(count)]
+
+
+def evolve_each(
+    tasks: Sequence[tuple[Search, SearchKeys]], pool: Pool, extensions: Extensions = Extensions()
+) -> Iterator[tuple[int, EvolvedPart]]:
+    """Evolves searches on the workers of an executor; yields the index and the result of each as it ends."""
+    caches = bool(jax.config.values.get("jax_compilation_cache_dir"))
+    return call_on_workers(pool.executor, partial(_evolve_task, extensions, caches), tasks)
+
+
+def join_parts(parts: Sequence[EvolvedPart]) -> Result:
+    """Joins the results of all parts, in their order."""
+    return join_results([part.result for part in parts])
+
+
+def _evolve_task(extensions: Extensions, caches: bool, task: tuple[Search, SearchKeys]) -> EvolvedPart:
+    """Runs on a worker, which keeps compiled programs on disk if the caller does."""
+    if caches:
+        use_compile_cache()
+    result = evolve_search(*task, extensions, progress=False)
+    arrays = jax.tree.map(np.asarray, without_state(result))  # NumPy's travel without a device
+    return EvolvedPart(arrays, result.history.seconds, jax.devices()[0].device_kind)
+
+
+def _save(path: Path, part: EvolvedPart) -> None:
+    """Writes a part and then its figures, so that a part with figures is complete."""
+    path.parent.mkdir(exist_ok=True)
+    part.result.save(path.with_suffix(".npz"))
+    write_json(path.with_suffix(".json"), {"seconds": part.seconds, "device": part.device})
+
+
+def _load(path: Path, search: Search) -> EvolvedPart | None:
+    """Returns a complete part of an equal search, or None."""
+    if not path.with_suffix(".json").exists():
+        return None
+    figures, result = read_json(path.with_suffix(".json")), Result.load(path.with_suffix(".npz"))
+    if result.search != search:  # with another budget
+        return None
+    return EvolvedPart(replace(result, search=search), figures["seconds"], figures["device"])

@@ -1,0 +1,363 @@
+"""Searches and datasets on executors give the bytes of one machine: threads, spawned processes, Dask, Submitit."""
+
+import json
+import os
+import re
+import signal
+import time
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+from folders import files
+from given_maps import small
+from killed_runs import digest
+
+from elitelanes_jax import GenerateSpec, InputError, SearchSpec, evolve, generate, make_dataset
+from elitelanes_jax._util import engine
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.dataset import merge_dataset
+from elitelanes_jax.search import parts as search_parts
+
+SEARCH = SearchSpec(method="ea", preset="paper", generations=20)
+SPEC = GenerateSpec(size=(5, 6), seeds=6, maps=3, tile_px=16, search=SEARCH)
+LONG = SPEC.replace(search=SEARCH.replace(generations=20_000))
+COMMAND = ["generate", "--size", "5", "6", "--seeds", "6", "--maps", "3", "--tile-px", "16", "--method", "ea"]
+COMMAND += ["--preset", "paper", "--generations", "20"]
+EVOLVED = small(maps_from=None, maps=12, size="4..5", search=SearchSpec(preset="paper", evaluations=500))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The digest of the folder that one machine writes."""
+    out = tmp_path_factory.mktemp("whole") / "maps"
+    generate(SPEC, out)
+    return digest(out)
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """The digest of a longer run, some of whose parts run when the first one has returned."""
+    out = tmp_path_factory.mktemp("whole") / "long"
+    generate(LONG, out)
+    return digest(out)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """The files of a dataset that one machine makes."""
+    out = tmp_path_factory.mktemp("whole") / "dataset"
+    make_dataset(small(views=2), out)
+    return files(out)
+
+
+@pytest.fixture
+def threads():
+    with ThreadPoolExecutor(2) as pool:
+        yield pool
+
+
+def fitness(usual, metrics):
+    return usual + 50 * metrics.turns
+
+
+class OneByOne:
+    """Runs each call when it is submitted, as an executor of another library may; counts the calls."""
+
+    def __init__(self, *, fails=()):
+        self.calls, self.fails = 0, fails
+
+    def submit(self, function, *arguments):
+        future = Future()
+        if self.calls in self.fails:
+            future.set_exception(self.fails[self.calls])
+        else:
+            future.set_result(function(*arguments))
+        self.calls += 1
+        return future
+
+
+@pytest.mark.parametrize("count", [3, 100])
+def test_any_number_of_parts_gives_the_files_of_one_machine(count, whole, tmp_path, threads):
+    generate(SPEC, tmp_path / "maps", executor=threads, parts=count)
+    assert digest(tmp_path / "maps") == whole
+    assert [entry.name for entry in tmp_path.iterdir()] == ["maps"]
+
+
+def test_a_search_with_functions_of_ones_own_gives_the_same_arrays(threads):
+    options = {"seeds": 4, "spec": SEARCH, "fitness": fitness}
+    expected, got = evolve(3, (5, 5), **options), evolve(3, (5, 5), **options, executor=threads, parts=2)
+    for name in ("grids", "fitness", "descriptor", "valid"):
+        np.testing.assert_array_equal(getattr(got.elites, name), getattr(expected.elites, name))
+    np.testing.assert_array_equal(got.history.best_fitness, expected.history.best_fitness)
+    assert got.functions == expected.functions and got.search == expected.search
+
+
+def test_parts_are_of_32_seeds_at_most():
+    executor = OneByOne(fails=dict.fromkeys(range(3), engine.CancelledError()))
+    with pytest.raises(ConnectionError, match="^part 1 of 3: "):
+        evolve(0, (4, 4), seeds=65, spec=SEARCH, executor=executor)
+    assert executor.calls == 3
+
+
+def test_datasets_have_the_same_files(dataset, tmp_path, threads):
+    make_dataset(small(views=2), tmp_path / "given", executor=threads, parts=5)
+    assert files(tmp_path / "given") == dataset
+
+
+@pytest.mark.slow
+def test_evolved_datasets_have_the_same_files(tmp_path, threads):
+    make_dataset(EVOLVED, tmp_path / "one machine")
+    make_dataset(EVOLVED, tmp_path / "evolved", executor=threads, parts=2)
+    assert files(tmp_path / "evolved") == files(tmp_path / "one machine")
+
+
+def test_a_lost_part_alone_is_evolved_again(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr("elitelanes_jax.maps.generation._WORTH_KEEPING", 0)
+    lost = OneByOne(fails={2: engine.BrokenExecutor("a worker died")})
+    words = "part 3 of 3: expected its result, but the executor lost it: BrokenExecutor: a worker died"
+    with pytest.raises(ConnectionError, match=f"^{words}$"):
+        generate(SPEC, tmp_path / "maps", executor=lost, parts=3)
+    assert not (tmp_path / "maps").exists()
+    again = OneByOne()
+    generate(SPEC, tmp_path / "maps", executor=again, parts=3)
+    assert again.calls == 1
+    assert digest(tmp_path / "maps") == whole
+
+
+def test_parts_of_another_budget_are_evolved_again(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr("elitelanes_jax.maps.generation._WORTH_KEEPING", 0)
+    shorter = SPEC.replace(search=SEARCH.replace(generations=10))
+    with pytest.raises(ConnectionError):
+        generate(shorter, tmp_path / "maps", executor=OneByOne(fails={2: engine.CancelledError()}), parts=3)
+    again = OneByOne()
+    generate(SPEC, tmp_path / "maps", executor=again, parts=3)
+    assert again.calls == 3
+    assert digest(tmp_path / "maps") == whole
+
+
+def test_pictures_that_returned_are_not_drawn_again(dataset, tmp_path):
+    with pytest.raises(ConnectionError, match=r"^part 4 of 4: "):
+        make_dataset(small(views=2), tmp_path / "out", executor=OneByOne(fails={3: engine.CancelledError()}), parts=4)
+    again = OneByOne()
+    make_dataset(small(views=2), tmp_path / "out", executor=again, parts=4)
+    assert again.calls == 1
+    assert files(tmp_path / "out") == dataset
+
+
+# What is wrong with an executor or beside it, and what is said.
+WRONG = {
+    "a number": ({"executor": 3}, "executor: expected a concurrent.futures.Executor, or another object"),
+    "a class": ({"executor": ThreadPoolExecutor}, "executor: expected a concurrent.futures.Executor, or another"),
+    "no executor": ({"parts": 3}, "parts: expected an executor to run 3 parts on, got none"),
+    "no parts": ({"executor": OneByOne(), "parts": 0}, "parts: expected a whole number, 1 or more, got 0"),
+    "devices": ({"executor": OneByOne(), "devices": 2}, "devices: expected none with an executor, got 2"),
+    "a checkpoint": ({"executor": OneByOne(), "checkpoint": "x"}, "checkpoint: expected none with an executor, got"),
+}
+
+
+@pytest.mark.usefixtures("any_types")
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_no_executor_is_refused(case, tmp_path):
+    arguments, message = WRONG[case]
+    with pytest.raises(InputError, match=f"^{re.escape(message)}"):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, **arguments)
+    if {"devices", "checkpoint"}.isdisjoint(arguments):
+        for make, spec in ((generate, SPEC), (make_dataset, small())):
+            with pytest.raises(InputError, match=f"^{re.escape(message)}"):
+                make(spec, tmp_path / "out", **arguments)
+    assert not list(tmp_path.iterdir())
+
+
+def test_one_key_alone_is_refused():
+    import jax
+
+    with pytest.raises(InputError, match="^key: expected several keys or a whole number, to be divided"):
+        evolve(jax.random.key(0), (4, 4), spec=SEARCH, executor=OneByOne())
+
+
+def test_a_shut_down_executor_is_one_line():
+    executor = ThreadPoolExecutor(1)
+    executor.shutdown()
+    with pytest.raises(ConnectionError, match=r"^part 1 of 2: .* cannot schedule new futures after shutdown"):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, executor=executor, parts=2)
+
+
+def test_a_worker_with_other_versions_is_named(monkeypatch):
+    here = engine.installed_versions()
+    answers = iter([here, here | {"jax": "0.1"}])
+    monkeypatch.setattr(engine, "installed_versions", lambda: next(answers))
+    with pytest.raises(InputError, match=rf"^worker .*: expected jax {here['jax']}, as here, got 0\.1$"):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, executor=OneByOne(), parts=1)
+
+
+def test_workers_without_the_package_are_one_line():
+    missing = ModuleNotFoundError("No module named 'elitelanes_jax'")
+    with pytest.raises(InputError, match=r"^executor: expected elitelanes_jax .* on all workers, got: No module"):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, executor=OneByOne(fails={0: missing}))
+
+
+def test_functions_that_cannot_travel_are_refused(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "cloudpickle", None)
+    local = {"fitness": lambda usual, metrics: usual + metrics.turns}
+    with pytest.raises(InputError, match=r"^executor: expected functions that can be sent to workers.*pip install"):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, **local, executor=OneByOne())
+
+
+def test_parts_of_a_dataset_are_joined_to_the_same_files(dataset, tmp_path, capsys):
+    folders = [tmp_path / f"part-{index}" for index in (1, 2, 3)]
+    for index, folder in enumerate(folders, start=1):
+        about = make_dataset(small(views=2, part=(index, 3)), folder)
+        assert about["part"] == [index, 3]
+        assert make_dataset(small(views=2, part=(index, 3)), folder) == about, "a part that is complete"
+    with pytest.raises(InputError, match="expected results with part None, got results with"):
+        make_dataset(small(views=2), folders[0])
+    merge_dataset(folders[::-1], tmp_path / "merged")
+    assert files(tmp_path / "merged") == dataset
+    assert main(["merge", *map(str, folders), "--out", str(tmp_path / "by command")]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith(f"24 pictures in {tmp_path / 'by command'}")
+    assert files(tmp_path / "by command") == dataset
+    make_dataset(small(views=2), folders[0], force=True)
+    assert files(folders[0]) == dataset
+
+
+def test_wrong_parts_of_a_dataset_are_one_line(tmp_path):
+    folders = [tmp_path / f"part-{index}" for index in (1, 2)]
+    for index, folder in enumerate(folders, start=1):
+        make_dataset(small(part=(index, 2)), folder)
+    before = files(tmp_path)
+    record = json.loads((folders[1] / "dataset.json").read_text())
+    for about, message in (
+        (record | {"part": [1, 2]}, "expected each part once, got 1/2 again"),
+        (record | {"part": [2, 3]}, "expected one of 2 parts, as "),
+        (record | {"versions": {"jax": "0.1"}}, "expected a part of a dataset with elitelanes_jax"),
+        (record | {"part": None}, "expected a part of a dataset, made by elitelanes dataset --part, got none"),
+    ):
+        (folders[1] / "dataset.json").write_text(json.dumps(about))
+        with pytest.raises(InputError, match=re.escape(message)):
+            merge_dataset(folders, tmp_path / "out")
+    (folders[1] / "dataset.json").write_bytes(before["part-2/dataset.json"])
+    with pytest.raises(InputError, match="^parts: expected all 2 parts, got all but 2/2$"):
+        merge_dataset(folders[:1], tmp_path / "out")
+    assert files(tmp_path) == before
+    with pytest.raises(InputError, match="^part: expected at most 12 parts, one for each map, got 13$"):
+        small(part=(1, 13))
+
+
+@pytest.mark.slow
+def test_spawned_processes_give_the_same_files(whole, dataset, tmp_path):
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        generate(SPEC, tmp_path / "maps", executor=pool, parts=3)
+        make_dataset(small(views=2), tmp_path / "dataset", executor=pool, parts=3)
+    assert digest(tmp_path / "maps") == whole
+    assert files(tmp_path / "dataset") == dataset
+
+
+@pytest.mark.slow
+def test_a_spawned_process_that_dies_loses_no_other_part(long, tmp_path, monkeypatch):
+    monkeypatch.setattr("elitelanes_jax.maps.generation._WORTH_KEEPING", 0)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        after_one_part(monkeypatch, lambda: os.kill(next(iter(pool._processes)), signal.SIGKILL))
+        with pytest.raises(ConnectionError, match="expected its result, but the executor lost it: BrokenProcessPool"):
+            generate(LONG, tmp_path / "maps", executor=pool, parts=6)
+    again = OneByOne()
+    generate(LONG, tmp_path / "maps", executor=again, parts=6)
+    assert again.calls < 6
+    assert digest(tmp_path / "maps") == long
+
+
+def after_one_part(monkeypatch, action):
+    """Calls a function once, when the first part has returned."""
+    save, calls = search_parts._save, []
+
+    def save_and_act(*arguments):
+        save(*arguments)
+        if not calls:
+            calls.append(action())
+
+    monkeypatch.setattr(search_parts, "_save", save_and_act)
+    return calls
+
+
+@pytest.fixture
+def cluster():
+    """A Dask cluster of two processes here."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster:
+        yield cluster
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_killed_dask_worker_changes_nothing(cluster, long, dataset, tmp_path, monkeypatch):
+    from distributed import Client
+
+    with Client(cluster) as client:
+        workers = client.run(os.getpid)
+        assert len(workers) == 2
+        killed = after_one_part(monkeypatch, lambda: os.kill(min(workers.values()), signal.SIGKILL))
+        generate(LONG, tmp_path / "maps", executor=client.get_executor(), parts=6)
+        assert len(killed) == 1
+        assert set(client.run(os.getpid).values()) != set(workers.values()), "another process took its place"
+        assert digest(tmp_path / "maps") == long
+        make_dataset(small(views=2), tmp_path / "dataset", executor=client.get_executor(), parts=3)
+        assert files(tmp_path / "dataset") == dataset
+        own = evolve(0, (4, 4), seeds=2, spec=SEARCH, fitness=lambda usual: usual + 1, executor=client.get_executor())
+        assert dict(own.functions).keys() == {"fitness"}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_the_command_uses_a_dask_scheduler(cluster, whole, tmp_path):
+    address = cluster.scheduler_address
+    assert main([*COMMAND, "--dask", address, "--parts", "3", "--out", str(tmp_path / "maps")]) == 0
+    assert digest(tmp_path / "maps") == whole
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "tcp://10.255.255.1:8786", "nowhere", "tcp://nowhere:x"])
+def test_an_address_that_does_not_answer_is_one_line_within_ten_seconds(address, tmp_path, capfd):
+    pytest.importorskip("distributed")
+    began = time.monotonic()
+    assert main([*COMMAND, "--dask", address, "--out", str(tmp_path / "maps")]) == 2
+    assert time.monotonic() - began < 10
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("elitelanes: --dask: expected the address of a Dask scheduler that answers, such as ")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_submitits_local_executor_gives_the_same_files(whole, dataset, tmp_path):
+    submitit = pytest.importorskip("submitit")
+    options = "cluster=local timeout_min=10"
+    assert main([*COMMAND, "--slurm", options, "--parts", "2", "--out", str(tmp_path / "maps")]) == 0
+    assert [entry.name for entry in tmp_path.iterdir()] == ["maps"]
+    assert digest(tmp_path / "maps") == whole
+    executor = submitit.AutoExecutor(tmp_path / "jobs", cluster="debug")
+    make_dataset(small(views=2), tmp_path / "dataset", executor=executor, parts=2)
+    assert files(tmp_path / "dataset") == dataset
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("timeout_min=60", "--slurm: expected SLURM's program sbatch on the PATH, got none; cluster=local needs none"),
+        ("timeout", "--slurm: expected options of Submitit such as timeout_min=60, got 'timeout'"),
+        ("cluster=local time=3", "--slurm: expected options of Submitit, got "),
+        (
+            "cluster=moon",
+            "--slurm: expected options of Submitit, got AutoExecutor doesn't know any executor named moon",
+        ),
+    ],
+)
+def test_wrong_options_of_submitit_are_one_line(options, message, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("submitit")
+    monkeypatch.setenv("PATH", str(Path(os.sep, "nowhere")))
+    assert main([*COMMAND, "--slurm", options, "--out", str(tmp_path / "maps")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"elitelanes: {message}")
