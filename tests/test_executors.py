@@ -348,7 +348,7 @@ def test_submitits_local_executor_gives_the_same_files(whole, dataset, tmp_path)
     [
         ("timeout_min=60", "--slurm: expected SLURM's program sbatch on the PATH, got none; cluster=local needs none"),
         ("timeout", "--slurm: expected options of Submitit such as timeout_min=60, got 'timeout'"),
-        ("cluster=local time=3", "--slurm: expected options of Submitit, got "),
+        ("cluster=local nothing=3", "--slurm: expected options of Submitit, got "),
         (
             "cluster=moon",
             "--slurm: expected options of Submitit, got AutoExecutor doesn't know any executor named moon",
