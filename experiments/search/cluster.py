@@ -19,7 +19,7 @@ import numpy as np
 from elitelanes_jax import DatasetSpec, RoadMap, evolve, make_dataset, use_cores
 from elitelanes_jax.dataset import Viewpoints
 from elitelanes_jax.network.wfc import generate_batch
-from experiments.common import Parser, leave, run, table, whole
+from experiments.common import Parser, Pytree, leave, run, table, whole
 
 T = TypeVar("T")
 
@@ -57,7 +57,7 @@ def _measure(cores: int, quick: bool) -> None:
 
 def _measure_round(evaluations: int, earlier: int) -> tuple[float, float, float]:
     """Returns the seconds of a round, of its first choice of maps, and of this choice for each earlier map."""
-    options = {"seeds": _SEEDS, "evaluations": evaluations}
+    options: Pytree = {"seeds": _SEEDS, "evaluations": evaluations}
     evolve(1, _SHAPE, **options)  # compiles
     result, search = _time(lambda: evolve(0, _SHAPE, **options))
     _, first = _time(lambda: result.choose(_ROUND))
@@ -69,7 +69,8 @@ def _measure_round(evaluations: int, earlier: int) -> tuple[float, float, float]
 def _measure_pictures(maps: int) -> tuple[float, float, float]:
     """Returns the seconds to draw a picture with its labels, and to receive and write it, and their bytes."""
     camera = Viewpoints(rows=120, columns=160)
-    spec = DatasetSpec(maps_from=_random_maps(maps), views=5, camera=camera, transforms="varied", split=(1, 0, 0))
+    options: Pytree = {"maps_from": _random_maps(maps), "transforms": "varied", "split": (1, 0, 0)}
+    spec = DatasetSpec(views=5, camera=camera, **options)
     count = maps * spec.views
     with TemporaryDirectory() as folder, ProcessPoolExecutor(1, get_context("spawn")) as pool:
         _, here = _time(lambda: make_dataset(spec, Path(folder, "here"), workers=1))

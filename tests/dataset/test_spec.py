@@ -49,7 +49,7 @@ def test_plain_values_are_json(tmp_path):
     spec = DatasetSpec(size=2, transforms=STANDARD.replace(crop=16), tiles=tmp_path, search=search)
     for one in (DatasetSpec(), spec):
         plain = json.loads(json.dumps(one.to_plain()))
-        assert set(plain) == set(DatasetSpec.options())
+        assert {*plain, "part"} == set(DatasetSpec.options())
         assert set(plain["search"]) == {*OPTIONS, "large"}
         searched = plain.pop("search")
         transforms = plain.pop("transforms")
