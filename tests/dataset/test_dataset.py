@@ -160,7 +160,7 @@ def test_maps_from_a_list_are_drawn_as_given_ones_and_go_on_after_an_error(tmp_p
             raise OSError(28, "No space left on device", "picture")
         write_sample(*given)
 
-    monkeypatch.setattr("elitelanes_jax.dataset.make.write_sample", full_disk)
+    monkeypatch.setattr("elitelanes_jax.dataset._drawing.write_sample", full_disk)
     with pytest.raises(OSError, match="No space left"):
         make_dataset(spec, tmp_path / "out", workers=1)
     make_dataset(spec, tmp_path / "out", workers=1)
@@ -270,8 +270,8 @@ def test_memory_does_not_depend_on_the_number_of_views(tmp_path, monkeypatch):
         if len(drawn) > 1200:
             raise OSError(28, "No space left on device", "picture")
 
-    monkeypatch.setattr("elitelanes_jax.dataset.make.draw_sample", draw_quickly)
-    monkeypatch.setattr("elitelanes_jax.dataset.make.write_sample", full_disk)
+    monkeypatch.setattr("elitelanes_jax.dataset._drawing.draw_sample", draw_quickly)
+    monkeypatch.setattr("elitelanes_jax.dataset._drawing.write_sample", full_disk)
     spec = small(views=2 * 10**9)
     tracemalloc.start()
     for _ in range(2):

@@ -9,6 +9,7 @@ import re
 import sys
 import tarfile
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -29,7 +30,7 @@ TOWN = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [14, 5, 5, 11], [12, 5, 5, 9]])
 @pytest.fixture(autouse=True)
 def small_shards(monkeypatch):
     """Four samples in a shard, and no network."""
-    monkeypatch.setattr("elitelanes_jax.dataset.make._BLOCK", 4)
+    monkeypatch.setattr("elitelanes_jax.dataset._drawing._BLOCK", 4)
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
 
 
@@ -120,7 +121,7 @@ def test_shards_go_on_after_an_error(name, tmp_path, monkeypatch):
     needs(name)
     spec = small(views=2, format=name)
     make_dataset(spec, tmp_path / "expected")
-    from elitelanes_jax.dataset.make import draw_sample
+    from elitelanes_jax.dataset._drawing import draw_sample
 
     drawn = []
 
@@ -130,7 +131,7 @@ def test_shards_go_on_after_an_error(name, tmp_path, monkeypatch):
             raise OSError(28, "No space left on device", "picture")
         return draw_sample(*given, **named)
 
-    monkeypatch.setattr("elitelanes_jax.dataset.make.draw_sample", full_disk)
+    monkeypatch.setattr("elitelanes_jax.dataset._drawing.draw_sample", full_disk)
     with pytest.raises(OSError, match="No space left"):
         make_dataset(spec, tmp_path / "out", workers=1)
     files_so_far = files(tmp_path / ".out-unfinished" / "files")
@@ -139,6 +140,19 @@ def test_shards_go_on_after_an_error(name, tmp_path, monkeypatch):
     make_dataset(spec, tmp_path / "out", workers=1)
     assert len(drawn) - before == 24 - 4 + 12, "the rest, and the samples of the sheet"
     assert files(tmp_path / "out") == files(tmp_path / "expected")
+
+
+def test_an_executor_writes_the_same_shards(tmp_path):
+    spec = robot_views(format="webdataset")
+    make_dataset(spec, tmp_path / "here")
+    with ThreadPoolExecutor(2) as pool:
+        make_dataset(spec, tmp_path / "executor", executor=pool, parts=2)
+    assert files(tmp_path / "executor") == files(tmp_path / "here")
+
+
+def test_a_part_has_no_shards():
+    with pytest.raises(InputError, match="^part: expected a format with a file for each picture, got parquet$"):
+        small(format="parquet", part=(1, 2))
 
 
 @pytest.mark.parametrize("name", SHARDS)
