@@ -89,7 +89,8 @@ def _chances(weights: Pytree, grid: Array, nodes: LaneNode, deciding: Array, par
     seen = jax.vmap(jax.vmap(observe, (None, 0)), (0, None))(at, nodes)
     count = deciding.size * nodes.row.size
     row = jax.tree.map(lambda part: part.reshape(1, count, *part.shape[2:]), seen)
-    _, head, _ = NETWORK.apply(weights, jnp.zeros((count, NETWORK.memory)), row, jnp.ones((1, count), bool))
+    outputs: Pytree = NETWORK.apply(weights, jnp.zeros((count, NETWORK.memory)), row, jnp.ones((1, count), bool))
+    _, head, _ = outputs
     if greedy:
         chances = jax.nn.one_hot(head.argmax(axis=-1), 3)
     else:

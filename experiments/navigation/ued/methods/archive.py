@@ -24,7 +24,8 @@ AXES = "cyclomatic:10:1 straight_share:10:80"
 def train(key: Key[Array, ""], space: Space, ppo: Ppo, *, evaluations: int = 20_000) -> Iterator[Agent]:
     """Trains an agent; yields it after each round."""
     fill = bool((space.grids > 0).all())
-    shape = space.grids.shape[1:]
+    height, width = space.grids.shape[1:]
+    shape = (height, width)
     archive = evolve(key, shape, evaluations=evaluations, fill=fill, axes=AXES, progress=False)
     elites = np.asarray(archive.elites.grids)[np.asarray(archive.elites.valid)]
     grids = jnp.asarray(elites.reshape(-1, *shape))

@@ -28,7 +28,8 @@ class LevelBuffer:
 
     def __init__(self, level: Level, capacity: int) -> None:
         """Makes an empty buffer of levels like this one."""
-        jax.tree_map = jax.tree.map  # JaxUED 0.0.1 calls it, and JAX 0.10 has it no longer
+        # JaxUED 0.0.1 calls it, and JAX 0.10 has it no longer.
+        jax.tree_map = jax.tree.map  # type: ignore[attr-defined]
         from jaxued.level_sampler import LevelSampler
 
         self._sampler = LevelSampler(
