@@ -94,7 +94,7 @@ def arguments():
         "keys": optimizers.seed_keys(0, 2), "labels": scaled["labels"], "level": levels, "levels": levels,
         "licence": "", "maps": [road_map], "matrix": np.eye(3), "metric": "turns", "metrics": measure(grid),
         "move": optimizers.toggle_link(), "name": "turns", "names": ["turns"], "niche": np.zeros(2, np.int32),
-        "number": 3, "objects": [], "optimizer": ea(made),
+        "number": 3, "objects": [], "observation": {"speed": np.zeros(3, np.float32)}, "optimizer": ea(made),
         "other": grid, "out": "out", "params": drive.RoadNavParams(levels),
         "parts": "a", "payload": collect([road_map], tile_px=16), "picture": render(grid, tile_set, tile_px=16),
         "photograph": photo, "plan": grid, "proposal": proposal, "tile": tile, "turns": 1,

@@ -32,9 +32,13 @@ _SEEDS = 2**64  # the number of keys
 def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows columns 3"]:
     """Returns an observation as one float32 vector: its parts in order, tile codes as four bits each, N, E, S, W.
 
-    A camera's picture is returned unchanged.
+    A camera's picture is returned unchanged. Raises `InputError` for an observation that is no pytree of arrays of
+    numbers.
     """
-    parts = [jnp.asarray(part) for part in jax.tree.leaves(observation)]
+    leaves = jax.tree.leaves(observation)
+    if not leaves or not all(map(_has_numbers, leaves)):
+        raise InputError(f"observation: expected arrays of numbers, got {shorten(repr(observation))}")
+    parts = [jnp.asarray(part) for part in leaves]
     if len(parts) == 1 and parts[0].dtype == jnp.uint8:
         return parts[0]
 
@@ -45,6 +49,11 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
         return part.astype(jnp.float32).reshape(-1)
 
     return jnp.concatenate([numbers(part) for part in parts])
+
+
+def _has_numbers(leaf: Pytree) -> bool:
+    dtype = getattr(leaf, "dtype", None)
+    return dtype is not None and (jnp.issubdtype(dtype, jnp.bool_) or jnp.issubdtype(dtype, jnp.number))
 
 
 @lru_cache(maxsize=32)  # so that batches of one environment share compiled functions

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import SEED, check_named
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
@@ -74,8 +75,9 @@ def to_pufferdrive(source: UserValue, name: str, streets: Streets = Streets(), *
       seed: of the cars' starts and turns.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, or bad measures.
+      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad seed.
     """
+    seed = check_named("seed", SEED, seed)
     road_map = as_map(source)
     graph = lane_graph(road_map.codes, turn_back=True)
     roads = _list_roads(road_map.codes, graph, streets)
