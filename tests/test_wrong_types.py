@@ -90,7 +90,7 @@ def arguments():
         "fitness": np.zeros(3), "folder": "folder", "found": found, "function": measure, "generations": 1,
         "goal": drive.LaneNode(0, 1, 1), "grid": grid, "grids": np.zeros((2, 4, 4), np.int8),
         "groups": {"a": {"turns": [1, 2]}}, "gymnasium": gymnasium, "image": "map.pgm",
-        "images": scaled["image"], "index": 0, "indices": 2, "ink": (0, 0, 0), "key": KEY,
+        "images": scaled["image"], "index": 0, "indices": 2, "ink": (0, 0, 0), "kernel": measure, "key": KEY,
         "keys": optimizers.seed_keys(0, 2), "labels": scaled["labels"], "level": levels, "levels": levels,
         "licence": "", "maps": [road_map], "matrix": np.eye(3), "metric": "turns", "metrics": measure(grid),
         "move": optimizers.toggle_link(), "name": "turns", "names": ["turns"], "niche": np.zeros(2, np.int32),

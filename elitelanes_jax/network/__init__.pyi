@@ -1,5 +1,6 @@
 from . import fitness as fitness
 from . import wfc as wfc
+from .batches import vmap_in_blocks as vmap_in_blocks
 from .bits import bernoulli as bernoulli
 from .bits import randint as randint
 from .bits import random_bits as random_bits
