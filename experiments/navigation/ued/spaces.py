@@ -29,7 +29,7 @@ __all__ = ["SPACES", "Space", "draw", "levels_of", "list_networks", "make_space"
 SPACES = {"5x5B": (5, 5, False), "5x5A": (5, 5, True), "6x6A": (6, 6, True), "7x7A": (7, 7, True)}
 """Height, width and whether every cell is filled, by name. 5x5A is for tests and for the choice of settings."""
 
-_FOLDER = Path(__file__).parent / "spaces"
+_FOLDER = Path(__file__).parent / "networks"
 
 
 class Space(NamedTuple):
