@@ -9,7 +9,7 @@ import jax
 
 __all__ = ["compilations", "forget_programs", "free_programs"]
 
-# So many programs may be in memory at once: each takes memory mappings, of which a process has 65,530.
+# The most programs in memory. Each takes memory mappings, and a process has 65,530 of them.
 _MOST_PROGRAMS = 100
 
 _compiled: list[str] = []
@@ -44,7 +44,7 @@ def forget_programs() -> None:
 def free_programs() -> None:
     """Forgets all programs, and returns their memory to the system if they are many.
 
-    To look for what is no longer used takes a third of a second, so that it is not done after each module.
+    Collecting garbage takes a third of a second, so it is not done after each module.
     """
     forget_programs()
     if len(_in_memory) < _MOST_PROGRAMS:

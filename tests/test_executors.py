@@ -79,6 +79,13 @@ class OneByOne:
         return future
 
 
+def test_each_position_is_in_its_part():
+    for count in range(1, 20):
+        for parts in range(1, count + 1):
+            for position in range(count):
+                assert position in engine.part_of(count, engine.part_with(count, position, parts), parts)
+
+
 @pytest.mark.parametrize("count", [3, 100])
 def test_any_number_of_parts_gives_the_files_of_one_machine(count, whole, tmp_path, threads):
     generate(SPEC, tmp_path / "maps", executor=threads, parts=count)

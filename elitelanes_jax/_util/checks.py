@@ -59,6 +59,12 @@ SEED = whole(0, 2**32 - 1)
 TILE_PX = whole(16, 512)
 """Checks for the side of a tile in pixels."""
 
+MOST_FLOOR_SIDE = 40
+"""The most tiles on a side of a photographed floor."""
+
+FLOOR_SIDE = whole(1, MOST_FLOOR_SIDE)
+"""Checks for the rows or columns of a photographed floor."""
+
 
 def real(least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False) -> Check:
     """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`."""

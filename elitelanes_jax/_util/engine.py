@@ -75,6 +75,11 @@ def part_of(count: int, index: int, parts: int) -> range:
     return range(count * index // parts, count * (index + 1) // parts)
 
 
+def part_with(count: int, position: int, parts: int) -> int:
+    """Returns the index of the part that has a position, of those of `part_of`."""
+    return ((position + 1) * parts - 1) // count
+
+
 class _Outcome(NamedTuple):
     """What a worker returns: the result of a call, or one of our errors."""
 

@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from itertools import count
 from math import isfinite
 from pathlib import Path
 from shutil import copymode
@@ -139,6 +140,12 @@ def write_atomic(file: Path, content: bytes | Iterable[bytes]) -> None:
 def write_json(file: Path, values: Plain) -> None:
     """Writes values as JSON, as `new_file` does."""
     write_atomic(file, json.dumps(values, indent=2).encode() + b"\n")
+
+
+def free_name(path: Path, name: str) -> Path:
+    """Returns a path next to another one that does not exist: with this name, or with -2, -3 and so on after it."""
+    names = (name if number == 1 else f"{name}-{number}" for number in count(1))
+    return next(free for free in map(path.with_name, names) if not free.exists())
 
 
 def check_new(file: Path) -> None:

@@ -3,7 +3,7 @@
 import argparse
 from contextlib import suppress
 
-from elitelanes_jax._util.checks import folder, path, whole
+from elitelanes_jax._util.checks import FLOOR_SIDE, folder, path, whole
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by
 from elitelanes_jax.cli.program import say
@@ -34,7 +34,7 @@ def add_edit(commands: Commands) -> None:
     )
     command.add_argument(
         "--size",
-        type=checked_by(whole(1, 40)),
+        type=checked_by(FLOOR_SIDE),
         nargs=2,
         default=(1, 1),
         metavar=("ROWS", "COLUMNS"),

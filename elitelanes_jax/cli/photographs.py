@@ -5,9 +5,9 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elitelanes_jax._util.checks import file_named, folder, path, real, whole
+from elitelanes_jax._util.checks import FLOOR_SIDE, file_named, folder, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
-from elitelanes_jax._util.files import check_new, never_replacing
+from elitelanes_jax._util.files import check_new, free_name, never_replacing
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
 from elitelanes_jax.cli.program import say
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from elitelanes_jax.tiles.photographs.proposals import Proposal
     from elitelanes_jax.tiles.photographs.reading import Lens, Photograph
 
-_MOST_TILES = whole(1, 40)  # on a side of a floor
 _PIXEL = real(-1e6, 1e6, unit="pixels")
 
 
@@ -70,7 +69,7 @@ def add_read(commands: Commands) -> None:
 
 def _add_floor(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--size", type=checked_by(_MOST_TILES), nargs=2, metavar=("ROWS", "COLUMNS"), help="tiles of the floor"
+        "--size", type=checked_by(FLOOR_SIDE), nargs=2, metavar=("ROWS", "COLUMNS"), help="tiles of the floor"
     )
     command.add_argument(
         "--corners",
@@ -119,7 +118,8 @@ def _cut(options: argparse.Namespace) -> int:
         raise InputError(
             refused[0] + more if refused else f"{options.photos[0]}: expected tiles of a sure kind, got none"
         )
-    kept = _set_aside(out) if existing else None
+    # Renamed, so that nothing in it is lost.
+    kept = out.rename(free_name(out, f"{out.name}.before")) if existing else None
     try:
         with output_folder(out, {"command": "tiles cut"}) as work:
             tiles = proposal_sheet("Tiles and their masks", write_cuts(work.files, cuts))
@@ -162,14 +162,6 @@ def _unsure(proposal: "Proposal") -> list[str]:
         for column, sure in enumerate(sures)
         if sure < SURE
     ]
-
-
-def _set_aside(out: Path) -> Path:
-    """Renames a folder to a new name next to it, so that nothing in it is lost."""
-    index = 1
-    while (kept := out.with_name(f"{out.name}.before" + (f"-{index}" if index > 1 else ""))).exists():
-        index += 1
-    return out.rename(kept)
 
 
 def _read(options: argparse.Namespace) -> int:

@@ -6,13 +6,12 @@ The commands on photographs are in `photographs`.
 import argparse
 import shutil
 from contextlib import ExitStack
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import name, path
 from elitelanes_jax._util.errors import pluralize
-from elitelanes_jax._util.files import new_file
+from elitelanes_jax._util.files import free_name, new_file
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
 from elitelanes_jax.cli.editing import add_edit
 from elitelanes_jax.cli.photographs import add_cut, add_read
@@ -96,8 +95,7 @@ def _masks(options: argparse.Namespace) -> int:
 
 def _keep(file: Path) -> Path:
     """Copies a file next to itself under a new name, so that no mask made by hand is lost."""
-    names = (f".{file.name}.before" + (f"-{index}" if index > 1 else "") for index in count(1))
-    kept = next(copy for copy in map(file.with_name, names) if not copy.exists())
+    kept = free_name(file, f".{file.name}.before")
     shutil.copy2(file, kept)
     return kept
 

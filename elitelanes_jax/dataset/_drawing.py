@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.engine import Pool, call_on_workers
+from elitelanes_jax._util.engine import Pool, call_on_workers, part_with
 from elitelanes_jax._util.files import new_file, write_atomic
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
@@ -51,11 +51,7 @@ class Block(NamedTuple):
 
     def read_records(self) -> dict[int, bytes]:
         """Reads the records so far, of JSON, by the samples' indices."""
-        if not self.records.exists():
-            return {}
-        *lines, _ = self.records.read_bytes().split(b"\n")
-        pairs = (line.split(b"\t", 1) for line in lines)
-        return {int(index): record for index, record in pairs}
+        return _parse_records(self.records.read_bytes()) if self.records.exists() else {}
 
     def missing(self) -> list[int]:
         """Returns the indices of the samples that are not drawn yet, and removes a part of a line."""
@@ -65,8 +61,15 @@ class Block(NamedTuple):
         whole = content[: content.rfind(b"\n") + 1]
         if whole != content:
             write_atomic(self.records, whole)
-        drawn = self.read_records()
+        drawn = _parse_records(whole)
         return [index for index in self.indices if index not in drawn]
+
+
+def _parse_records(content: bytes) -> dict[int, bytes]:
+    """Returns the records of whole lines, by the samples' indices."""
+    *lines, _ = content.split(b"\n")
+    pairs = (line.split(b"\t", 1) for line in lines)
+    return {int(index): record for index, record in pairs}
 
 
 class Samples(NamedTuple):
@@ -219,15 +222,15 @@ def _tasks(pool: Pool, drawing: Drawing, samples: Samples) -> list[_Task]:
     A shard is of one part.
     """
     count = pool.parts_for(-(-samples.total // _PICTURES_A_PART), len(samples.maps))
+    has_shards = drawing.layout.open_shard is not None
     parts: list[list[_Portion]] = [[] for _ in range(count)]
     position = 0
     for block in samples.blocks():
         missing = set(block.missing())
         by_part: dict[int, list[int]] = {}
         for offset, index in enumerate(block.indices):
-            place = position if drawing.layout.open_shard is not None else position + offset
-            part = ((place + 1) * count - 1) // samples.total
             if index in missing:
+                part = part_with(samples.total, position if has_shards else position + offset, count)
                 by_part.setdefault(part, []).append(index)
         for part, indices in by_part.items():
             parts[part].append(_Portion(block, indices))

@@ -1,4 +1,4 @@
-"""Maps that are drawn from their tiles' pictures, of which only the parts are made that a view shows.
+"""Maps of tiles' pictures. Only the part that a view shows is made.
 
 A view from a robot shows few tiles in full detail. To lay out a whole map of 7 x 7 tiles of 256 pixels for each view
 takes five times as long as all else. The results are those of views of the whole map, bit for bit, because a map is

@@ -10,20 +10,11 @@ import numpy as np
 from jaxtyping import Array, Float, UInt32
 
 from elitelanes_jax._util.types import Numeric
+from elitelanes_jax.network.bits import mix
 
 _GOLDEN = np.uint32(0x9E3779B9)  # 2**32 divided by the golden ratio: neighbours' products are far apart
 _MEAN = 2 * 255
 _DEVIATION = float(np.sqrt(4 * (256**2 - 1) / 12))
-
-
-def mix(number: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
-    """Hashes 32 bits: each bit of the number changes about half of the bits.
-
-    The multipliers are those of lowbias32 (Chris Wellons, "Prospecting for Hash Functions", 2018).
-    """
-    number = (number ^ (number >> 16)) * np.uint32(0x7FEB352D)
-    number = (number ^ (number >> 15)) * np.uint32(0x846CA68B)
-    return number ^ (number >> 16)
 
 
 def fork(seed: UInt32[Array, ""], number: Numeric) -> UInt32[Array, ""]:

@@ -1,6 +1,6 @@
 """Batches of environments in the interfaces of Gymnasium, Stable-Baselines3 and PufferLib.
 
-This module imports none of these libraries. A wrapper takes the module of the library whose classes it needs.
+This module imports none of these libraries. Each wrapper takes the module of its library as an argument.
 """
 
 import warnings

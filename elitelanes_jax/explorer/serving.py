@@ -51,7 +51,7 @@ class HandServer(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, work: HandWork, port: int = 0) -> None:
-        """Listens on 127.0.0.1; raises `OSError` if the port is taken. The port 0 stands for any free one."""
+        """Listens on 127.0.0.1; raises `OSError` if the port is taken. Port 0 means any free port."""
         super().__init__(("127.0.0.1", port), _Handler)
         self.token = secrets.token_urlsafe(24)
         self.hosts = [f"{name}:{self.server_address[1]}" for name in ("127.0.0.1", "localhost")]

@@ -20,6 +20,16 @@ from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import UNIT, align, materialize, take
 
 
+def mix(number: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
+    """Hashes 32 bits: each bit of the number changes about half of the bits.
+
+    The multipliers are those of lowbias32 (Chris Wellons, "Prospecting for Hash Functions", 2018).
+    """
+    number = (number ^ (number >> 16)) * np.uint32(0x7FEB352D)
+    number = (number ^ (number >> 15)) * np.uint32(0x846CA68B)
+    return number ^ (number >> 16)
+
+
 def check_key(key: UserValue) -> None:
     """Raises `InputError` for anything but a key of JAX, new or old style."""
     is_array = isinstance(key, jax.Array | np.ndarray)

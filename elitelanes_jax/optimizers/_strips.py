@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Real, UInt32
 
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax.network.bits import bernoulli, randint
+from elitelanes_jax.network.bits import bernoulli, mix, randint
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, transpose_codes
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import lookup, materialize, take
@@ -206,7 +206,7 @@ def _refitted(
     def forth(carry: tuple[Array, Array], column: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
         shown, same = carry  # what the western column shows, and whether the filling is the present one so far
         index, around, old, inside, ahead, refused = column
-        draws = _hash(bits + (index * 8 + np.arange(8)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
+        draws = mix(bits + (index * 8 + np.arange(8)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
         possible = take(tables.after, around * 125 + shown) & ahead & ~jnp.where(same, refused, 0)
         fitting = take(tables.forth, shown)
         again = possible & fitting[2:]
@@ -240,10 +240,3 @@ def _draw_state(bits: UInt32[Array, " 3"], states: UInt32[Array, " 2"]) -> Int32
     lowest = turned & (~turned + np.uint32(1))
     place = jax.lax.population_count(lowest - np.uint32(1)) + turn & 31
     return jnp.where(second, 32 + place, place).astype(jnp.int32)
-
-
-def _hash(bits: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
-    """Mixes bits, so that similar numbers become unrelated."""
-    bits = (bits ^ bits >> 16) * np.uint32(0x7FEB352D)
-    bits = (bits ^ bits >> 15) * np.uint32(0x846CA68B)
-    return bits ^ bits >> 16

@@ -1,4 +1,4 @@
-"""A tile set that is corrected by hand: where its tiles are in photographs, of which kind they are, and their masks.
+"""Corrects a tile set by hand: the places of its tiles in photographs, their kinds, and their masks.
 
 A page asks for fits, cuts and masks, and keeps the corrections. `HandWork` computes fits, cuts and masks as
 `elitelanes tiles cut` and `elitelanes tiles masks` do, and writes the set. Values of the page are plain, as in JSON.
@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import is_whole
+from elitelanes_jax._util.checks import MOST_FLOOR_SIDE, is_whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.files import free_name, write_atomic
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.network.codes import KINDS
@@ -105,8 +105,8 @@ class HandWork:
         """Proposes where the tiles of a photograph are: near its corners, exactly at them, or found without corners."""
         corners = None if values["corners"] is None else np.array(values["corners"], float).reshape(4, 2)
         shape = values["rows"], values["columns"]
-        if not all(is_whole(side) and 1 <= side <= 40 for side in shape):
-            raise InputError(f"expected 1 to 40 rows and columns, got {shape[0]} and {shape[1]}")
+        if not all(is_whole(side) and 1 <= side <= MOST_FLOOR_SIDE for side in shape):
+            raise InputError(f"expected 1 to {MOST_FLOOR_SIDE} rows and columns, got {shape[0]} and {shape[1]}")
         fits = corners is None or not values["exact"]
         return propose_tiles(self.photographs[values["photo"]], shape=shape, corners=corners, fit=fits)._asdict()
 
@@ -223,8 +223,7 @@ def _names(tiles: Sequence[Untyped]) -> list[str]:
 
 def _copy_aside(folder: Path) -> Path:
     """Copies a folder to a new name next to it, so that nothing in it is lost."""
-    names = (f"{folder.name}.before" + (f"-{index}" if index > 1 else "") for index in count(1))
-    kept = next(copy for copy in map(folder.resolve().with_name, names) if not copy.exists())
+    kept = free_name(folder.resolve(), f"{folder.name}.before")
     with output_folder(kept, {"command": "tiles edit"}) as work:
         shutil.copytree(folder, work.files, symlinks=True, dirs_exist_ok=True)
     return kept

@@ -40,7 +40,7 @@ def needs(name):
 
 
 def robot_views(**others):
-    """Views from a robot with objects, of maps some of which have a fitness, a seed and a metric of their own."""
+    """Views from a robot with objects. One map has a fitness and a seed, another one a metric of its own."""
     maps = [
         RoadMap(TOWN, fitness=3, niche=[1, 2], seed=(0, 1)),
         RoadMap(np.array(LOOP), metrics={"crossings": 0}),

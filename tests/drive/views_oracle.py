@@ -27,7 +27,7 @@ def grain(seed, columns, row, column):
 
 
 def stretched(seed, grains, shape, row, column):
-    """Noise with so many grains along each side, linear between their centres."""
+    """Noise with `grains` values along each side, linear between their centres."""
     total = 0.0
     for r, weight in neighbours((row + 0.5) * grains / shape[0] - 0.5, grains):
         for c, share in neighbours((column + 0.5) * grains / shape[1] - 0.5, grains):
