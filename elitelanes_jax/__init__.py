@@ -7,9 +7,9 @@ lists all names. Each name is imported at its first use, so that code without JA
 
 def __getattr__(name: str) -> object:
     """Reads the list of names at the first use of a name, so that the command can catch signals before that."""
-    from elitelanes_jax._util.faces import attach
+    import lazy_loader
 
-    attached = attach(__name__, __file__)
+    attached = lazy_loader.attach_stub(__name__, __file__)
     globals().update(zip(("__getattr__", "__dir__", "__all__"), attached, strict=True))
     return globals()[name] if name == "__all__" else attached[0](name)
 

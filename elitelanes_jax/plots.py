@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 from elitelanes_jax.network.checks import check_grid

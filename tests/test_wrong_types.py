@@ -12,7 +12,7 @@ import pytest
 
 import elitelanes_jax
 from elitelanes_jax import InputError, RoadMap, benchmark, drive, ea, load_tiles, measure, optimizers, render, tiles
-from elitelanes_jax._util.faces import name_wrong_arguments
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.records import Record
 from elitelanes_jax.explorer import collect
 from elitelanes_jax.optimizers import interop

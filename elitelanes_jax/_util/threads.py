@@ -7,6 +7,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import TypeVar
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.types import Untyped
 
@@ -15,6 +16,7 @@ T = TypeVar("T")
 _limit: int | None = None
 
 
+@name_wrong_arguments
 def use_cores(count: int) -> None:
     """Limits searches and drawing in this process to a number of the processor's cores, from the next call on.
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.benchmark.submissions import count_flaws
@@ -30,6 +31,7 @@ _Info = Mapping[str, Any]
 """What is known of a network: its metrics by name, ``flaws``, and its eight ``images``."""
 
 
+@name_wrong_arguments
 def register_pcg_problems() -> list[str]:
     """Registers road networks as problems of the package ``pcg_benchmark``; returns their names.
 

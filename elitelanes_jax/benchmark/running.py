@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Int8
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, check_unique, function_of, is_whole, listed, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
@@ -43,6 +44,7 @@ MultiTaskSearch = Callable[[Sequence[Task], np.random.Generator], Generator[tupl
 _ENDED = object()  # what a search that has ended yields
 
 
+@name_wrong_arguments
 def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> Submission:
     """Runs a search once for each seed, and keeps the best grid of each niche at every budget.
 
@@ -61,6 +63,7 @@ def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUN
     return _run([task], search, task, lambda grids: (0, grids), seeds)[0]
 
 
+@name_wrong_arguments
 def run_tasks(
     tasks: Sequence[Task], search: MultiTaskSearch, seeds: int | Iterable[int] = LEAST_RUNS
 ) -> list[Submission]:

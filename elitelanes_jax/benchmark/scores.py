@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.benchmark.tasks import Task
@@ -31,6 +32,7 @@ class Scores(NamedTuple):
     optimal: NDArray[np.float64]
 
 
+@name_wrong_arguments
 def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     """Computes the scores of archives on a task with F feasible niches.
 
@@ -74,6 +76,7 @@ def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> 
     return np.where(flawless, (1 + _nearness(task, best)) / 2, 1 / (2 + 2 * flaws)).mean(axis=-1)
 
 
+@name_wrong_arguments
 def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``; equal values give equal limits.
 

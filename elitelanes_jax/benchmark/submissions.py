@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Int8
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, file_named, instance
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic
@@ -41,6 +42,7 @@ class Submission(NamedTuple):
     grids: Int8[np.ndarray, "R T N H W"]
 
 
+@name_wrong_arguments
 def write_submission(file: str | Path, submission: Submission) -> None:
     """Writes a raw archive as an ``.npz``.
 
@@ -94,6 +96,7 @@ def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) 
         raise InputError(f"{source}: expected tile codes 0 to 15 in grids, got {grids.min()} to {grids.max()}")
 
 
+@name_wrong_arguments
 def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Scores]:
     """Measures all grids of a raw archive, and scores them.
 
@@ -126,6 +129,7 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
     return best, compute_scores(task, best)
 
 
+@name_wrong_arguments
 def grade_submission(submission: Submission) -> NDArray[np.float64]:
     """Computes the graded score of each run at each budget, which gives flawed grids partial credit.
 

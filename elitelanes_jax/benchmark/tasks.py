@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 
@@ -52,6 +53,7 @@ class Task(NamedTuple):
     witnesses: NDArray[np.int8]
 
 
+@name_wrong_arguments
 def find_task(name: str) -> Task:
     """Returns a task by name: one of `SIZES`, a hyphen, one of `BUDGETS`.
 

@@ -1,5 +1,5 @@
 """Datasets for semantic segmentation: maps of mixed sizes, drawn, labelled and split for training."""
 
-from elitelanes_jax._util.faces import attach
+import lazy_loader
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, whole
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._robot_views import Viewpoint, draw_viewpoint, find_rays, see, see_labels, stand
@@ -35,6 +36,7 @@ class Sample(NamedTuple):
     record: dict[str, Plain]
 
 
+@name_wrong_arguments
 def draw_sample(
     road_map: RoadMap,
     tiles: TileSet,

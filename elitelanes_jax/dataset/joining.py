@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json
@@ -22,6 +23,7 @@ from elitelanes_jax.maps.parts import order_parts
 from elitelanes_jax.maps.spec import SPLITS, parse_part
 
 
+@name_wrong_arguments
 def merge_dataset(
     parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False
 ) -> dict[str, Plain]:

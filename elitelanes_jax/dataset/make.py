@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, path, whole
 from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
@@ -44,6 +45,7 @@ from elitelanes_jax.tiles.tileset import TileSet
 _ON_SHEET = 12
 
 
+@name_wrong_arguments
 def make_dataset(
     spec: DatasetSpec,
     out: str | Path,

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int, Int32, Key, UInt8, UInt32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.pytrees import pytree, static, traced
@@ -29,6 +30,7 @@ from elitelanes_jax.network.bits import mix
 from elitelanes_jax.network.sharding import divide_batches
 
 
+@name_wrong_arguments
 @runs_jax
 def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
     """Makes an atlas: the pictures of all tiles of a set, in all rotations, as pixels of colour and label.
@@ -135,6 +137,7 @@ class Sight(NamedTuple):
     billboards: Billboards | None = None
 
 
+@name_wrong_arguments
 @runs_jax
 def make_sight(
     images: AnyArray,
@@ -234,6 +237,7 @@ def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Arr
     return right * factor, down * factor
 
 
+@name_wrong_arguments
 @runs_jax
 @divide_batches
 def look(
@@ -320,6 +324,7 @@ def _rows(camera: Camera, rays: Rays) -> tuple[Array, Array, Array]:
     return seen, jnp.where(seen, ahead, 0) / TILE, jnp.where(seen, -reach, 0) / TILE
 
 
+@name_wrong_arguments
 @runs_jax
 @divide_batches
 def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: Objects | None = None) -> View:

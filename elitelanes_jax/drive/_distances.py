@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive.lanes import single
@@ -23,6 +24,7 @@ NO_WAY = 3
 _SWEEPS = 4  # between two checks for changes
 
 
+@name_wrong_arguments
 @runs_jax
 @divide_batches
 def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
@@ -35,6 +37,7 @@ def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
     return jnp.stack([links & side.opposite > 0 for side in SIDES], axis=-1)
 
 
+@name_wrong_arguments
 @runs_jax
 def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 4"]:
     """Computes the number of tiles of a shortest way to the goal, from every node of a grid.

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
-from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.drive._levels import Level
@@ -64,6 +64,7 @@ def draw_level(key: Key[Array, ""], levels: Level) -> Level:
     return jax.tree.map(lambda part: jnp.asarray(part)[index], levels)
 
 
+@name_wrong_arguments
 def auto_reset(environment: Environment) -> Environment:
     """Returns the environment with steps that reset to another level at the end of an episode.
 
@@ -98,6 +99,7 @@ class ReplayState(NamedTuple):
     level: Level
 
 
+@name_wrong_arguments
 def auto_replay(environment: Environment) -> Environment:
     """Returns the environment with steps that begin the same level again at the end of an episode.
 

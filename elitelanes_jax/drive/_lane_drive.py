@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, Int32, Key, UInt8
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, is_real, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, nested, option
 from elitelanes_jax._util.running import runs_jax
@@ -403,6 +403,7 @@ _SPEED = 0.3  # metres a second
 _LOOKAHEAD = 0.12  # tiles along the lane, from the point beside the robot to the point that it drives to
 
 
+@name_wrong_arguments
 @runs_jax
 @divide_batches
 def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array, "2"]:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
@@ -42,6 +43,7 @@ class Level(NamedTuple):
     objects: Objects | None = None
 
 
+@name_wrong_arguments
 @runs_jax
 def random_level(
     key: Key[Array, ""],
@@ -90,6 +92,7 @@ def _draw(bits: Array, among: Array, width: int) -> LaneNode:
     return LaneNode(index // (4 * width), index // 4 % width, index % 4)
 
 
+@name_wrong_arguments
 @runs_jax
 def make_levels(
     key: Key[Array, ""],

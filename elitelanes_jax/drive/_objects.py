@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, UInt32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
@@ -62,6 +63,7 @@ class Billboards(NamedTuple):
     aspect: Float[Array, " P"]
 
 
+@name_wrong_arguments
 @runs_jax
 def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     """Makes the objects of maps, a batch; None if no map has any. Raises `InputError` for other things than maps."""
@@ -81,6 +83,7 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     return Objects(kind.astype(jnp.int32), *rest)
 
 
+@name_wrong_arguments
 @runs_jax
 def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     """Makes the pictures that cameras show of objects; what has none is not shown.

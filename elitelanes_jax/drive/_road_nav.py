@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Int32, Key
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, flag, instance, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax._util.running import runs_jax

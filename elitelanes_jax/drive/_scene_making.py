@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Array, UInt32
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
@@ -18,6 +19,7 @@ from elitelanes_jax.tiles.rendering import check_tile_px, scale_tiles, show_pave
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 
+@name_wrong_arguments
 def make_scenes(
     maps: UserValue,
     tiles: TileSet | None = None,

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
@@ -18,6 +19,7 @@ from elitelanes_jax.drive._environment import Environment
 _Render = Callable[[Pytree], NDArray[np.uint8]]
 
 
+@name_wrong_arguments
 def gymnasium_vector_env(
     environment: Environment,
     params: Pytree,
@@ -122,6 +124,7 @@ def _final_infos(metrics: dict[str, np.ndarray], over: NDArray[np.bool_], reache
     return final | _masked(metrics, ~over)
 
 
+@name_wrong_arguments
 def sb3_vec_env(
     environment: Environment,
     params: Pytree,
@@ -218,6 +221,7 @@ def sb3_vec_env(
     return VecEnv()
 
 
+@name_wrong_arguments
 def puffer_env(
     environment: Environment,
     params: Pytree,

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32, Key, UInt8, UInt32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
@@ -113,6 +114,7 @@ class _Plan(NamedTuple):
     objects: Objects | None
 
 
+@name_wrong_arguments
 def views(
     key: Key[Array, ""],
     scenes: Scenes,
@@ -144,6 +146,7 @@ def views(
     return _draw(key, scenes, camera, variation, batch=int(batch), samples=int(samples))
 
 
+@name_wrong_arguments
 def stream_views(
     seed: int,
     scenes: Scenes,

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Key
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import check_names
@@ -29,6 +30,7 @@ _ENVIRONMENTS: dict[str, tuple[Environment, type[RoadNavParams | LaneDriveParams
 }
 
 
+@name_wrong_arguments
 def make(
     name: str, maps: UserValue, *, count: int = 256, seed: int = 0, **settings: UserValue
 ) -> tuple[Environment, RoadNavParams | LaneDriveParams]:
@@ -125,6 +127,7 @@ class GymnaxEnv:
         return done.observation, done.state, done.reward, *ended, info
 
 
+@name_wrong_arguments
 def gymnasium_env(
     environment: Environment,
     params: Pytree,

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Key
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
@@ -99,6 +100,7 @@ class LanePose(NamedTuple):
     found: Bool[Array, "..."]
 
 
+@name_wrong_arguments
 @runs_jax
 @divide_batches
 def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
@@ -160,6 +162,7 @@ def lane_point(
     return Pose(x, y, wrap_angle(_choose(_ANGLE, movement.heading) + bend * angle))
 
 
+@name_wrong_arguments
 @runs_jax
 def random_pose(
     key: Key[Array, ""],
@@ -226,6 +229,7 @@ def tile_at(
     return row, column, code, on_road(code, x - column.astype(jnp.float32), y - row.astype(jnp.float32))
 
 
+@name_wrong_arguments
 @runs_jax
 def lane_pose(
     grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None, *, lane_offset: float = LANE_OFFSET

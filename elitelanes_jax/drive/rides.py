@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
@@ -80,6 +81,7 @@ class Rides(NamedTuple):
     success: NDArray[np.bool_]
 
 
+@name_wrong_arguments
 @runs_jax
 def make_rides(
     grid: ArrayLike,
@@ -206,6 +208,7 @@ def _describe(error: BaseException, file: str) -> str:
     return f"{type(error).__name__}: {error}" + (f" (line {lines[-1]} of {file})" if lines else "")
 
 
+@name_wrong_arguments
 @runs_jax
 def trails(
     source: UserValue, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
@@ -234,6 +237,7 @@ def _map_of(rides: Rides, source: UserValue) -> RoadMap:
     return road_map
 
 
+@name_wrong_arguments
 def film(
     source: UserValue, tiles: TileSet, rides: Rides, index: int = 0, *, tile_px: int = 128, chosen: UserValue = None
 ) -> Iterator[NDArray[np.uint8]]:

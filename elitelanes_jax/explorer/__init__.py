@@ -1,5 +1,5 @@
 """The explorer: a page, or a widget in a notebook, that shows archives and maps and edits maps."""
 
-from elitelanes_jax._util.faces import attach
+import lazy_loader
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import TILE_PX, check_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import announce
@@ -23,6 +24,7 @@ from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 
+@name_wrong_arguments
 def collect(
     what: UserValue,
     *,

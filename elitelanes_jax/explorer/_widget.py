@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.explorer._collect import collect
@@ -11,6 +12,7 @@ from elitelanes_jax.explorer.page import static_text
 from elitelanes_jax.formats.objects import MapObject, object_values
 
 
+@name_wrong_arguments
 def show(what: UserValue, *, tile_px: int = 64) -> Untyped:
     """Shows a result, maps, or folders of runs in a notebook.
 

@@ -8,6 +8,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, file_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import check_new, never_replacing, write_atomic
@@ -18,6 +19,7 @@ from elitelanes_jax.explorer._payload import Payload
 _MARK = "<!doctype html>\n<!-- A page of elitelanes explore. -->\n"
 
 
+@name_wrong_arguments
 def explore(
     what: UserValue,
     out: str | Path,
@@ -51,6 +53,7 @@ def explore(
     return len(content)
 
 
+@name_wrong_arguments
 def page_of(payload: Payload) -> str:
     """Returns the text of the page. Its policy forbids the browser all requests."""
     script, style = static_text("explorer.js"), static_text("explorer.css")

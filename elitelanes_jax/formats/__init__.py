@@ -3,6 +3,6 @@
 If a format cannot represent a code, the error names the cells.
 """
 
-from elitelanes_jax._util.faces import attach
+import lazy_loader
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

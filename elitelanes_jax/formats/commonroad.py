@@ -7,6 +7,7 @@ from itertools import count, groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
@@ -28,6 +29,7 @@ _CYCLE = (("green", 200), ("yellow", 30), ("red", 200), ("redYellow", 30))  # of
 _SUCCESSORS = ("successorsRight", "successorsStraight", "successorsLeft")
 
 
+@name_wrong_arguments
 def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a CommonRoad scenario, ``.xml``.
 

@@ -9,6 +9,7 @@ from math import pi, remainder
 import numpy as np
 import yaml
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY
 from elitelanes_jax.formats.dt_layers import LAYERS, ROADS, SIGNS, TURNED_AS_LIBRARY
@@ -22,6 +23,7 @@ _MAP = "map_0"
 _TILE = {rotate_codes(code, turns): (kind, turns) for kind, code in ROADS.items() for turns in (3, 2, 1, 0)}
 
 
+@name_wrong_arguments
 def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
     """Returns the texts of a map's layers, by their names in `LAYERS`.
 

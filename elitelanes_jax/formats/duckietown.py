@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, real
 from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.types import Plain, UserValue
@@ -49,6 +50,7 @@ def check_tile_size(tile_size: UserValue, least: float = 0.01, most: float = 100
         raise InputError(f"tile_size: expected metres, a number from {least:g} to {most:g}, got {got}")
 
 
+@name_wrong_arguments
 def to_duckietown(
     codes: ArrayLike,
     *,
@@ -93,6 +95,7 @@ def check_roads(codes: ArrayLike) -> NDArray[np.int8]:
     return grid
 
 
+@name_wrong_arguments
 def from_duckietown(text: str) -> NDArray[np.int8]:
     """Reads the grid of a Duckietown map.
 
@@ -142,6 +145,7 @@ def _code(tile: Plain, row: int, column: int) -> int:
     return _CODE[kind]
 
 
+@name_wrong_arguments
 def without_dead_ends(codes: ArrayLike) -> NDArray[np.int8]:
     """Removes roads that lead nowhere, each up to the last crossing, which loses that side.
 

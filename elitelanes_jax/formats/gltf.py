@@ -10,6 +10,7 @@ from math import cos, sin
 
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
@@ -24,6 +25,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)  # of pictures: to the right and down
 
 
+@name_wrong_arguments
 def to_gltf(
     shape: tuple[int, int], picture: bytes, tile_size: float = TILE_SIZE, standing: Sequence[Standing] = ()
 ) -> bytes:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax.lanes.links import linked_tiles
 from elitelanes_jax.network.checks import check_grid
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     import networkx
 
 
+@name_wrong_arguments
 def tile_graph(codes: ArrayLike) -> "networkx.Graph":
     """Returns the graph of a grid's tiles and their links.
 

@@ -11,6 +11,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
@@ -29,6 +30,7 @@ _DELTA = (2 * _N - 2 * _N**2 / 3 - 2 * _N**3, 7 * _N**2 / 3 - 8 * _N**3 / 5, 56 
 _Member = tuple[str, int, str]  # kind of element, number and role
 
 
+@name_wrong_arguments
 def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a Lanelet2 map, ``.osm``.
 

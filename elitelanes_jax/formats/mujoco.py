@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
@@ -70,6 +71,7 @@ friction="1 0.005 0.0001"/>
 """
 
 
+@name_wrong_arguments
 def to_mjcf(
     codes: ArrayLike,
     picture: str,

@@ -11,6 +11,7 @@ import math
 from itertools import accumulate
 from typing import NamedTuple
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._pieces import across, middle
 from elitelanes_jax.formats.road_map import as_map
@@ -41,6 +42,7 @@ class _End(NamedTuple):
         return 1 if self.starts else -1
 
 
+@name_wrong_arguments
 def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
@@ -86,6 +87,7 @@ class Plan(NamedTuple):
     objects: tuple[MapObject, ...]
 
 
+@name_wrong_arguments
 def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
     """Lists what it takes to build a map.
 

@@ -9,6 +9,7 @@ from math import cos, degrees, sin
 from pathlib import Path
 from textwrap import wrap
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
@@ -30,6 +31,7 @@ _BOX = "\N{BALLOT BOX}"
 _OBJECTS, _ARROWS, _NUMBERS = 4, 5, 6
 
 
+@name_wrong_arguments
 def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE_SIZE) -> Plan:
     """Writes the plan of a map with its bill of materials; a PDF also has a check-list.
 

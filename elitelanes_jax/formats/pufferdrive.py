@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import as_map
@@ -60,6 +61,7 @@ class _Road(NamedTuple):
     points: NDArray[np.complex128]
 
 
+@name_wrong_arguments
 def to_pufferdrive(source: UserValue, name: str, streets: Streets = Streets(), *, seed: int = 0) -> PufferDrive:
     """Writes a map for PufferDrive; the same map gives the same files.
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, file_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_input, write_atomic
@@ -114,6 +115,7 @@ class RoadMap:
         return draw_svg(self.codes)
 
 
+@name_wrong_arguments
 def map_to_json(road_map: UserValue) -> str:
     """Returns the text of a map file: a line for each key, and for each row of a table.
 
@@ -138,6 +140,7 @@ def _lines(value: Plain, indent: str) -> str:
     return json.dumps(value)
 
 
+@name_wrong_arguments
 def read_map(file: str | Path) -> RoadMap:
     """Reads a map file; ``{"codes": [[...], ...]}`` is enough.
 
@@ -151,6 +154,7 @@ def read_map(file: str | Path) -> RoadMap:
     return road_map
 
 
+@name_wrong_arguments
 def read_maps(file: str | Path) -> list[RoadMap]:
     """Reads a file of one map, or a JSON list of maps, ``[{"codes": [[...], ...]}, ...]``.
 
@@ -160,6 +164,7 @@ def read_maps(file: str | Path) -> list[RoadMap]:
     return _read(file, _MOST_LISTED, _maps_of)
 
 
+@name_wrong_arguments
 def as_maps(sources: UserValue) -> list[RoadMap]:
     """Returns one map or several as a list.
 

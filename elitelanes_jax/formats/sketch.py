@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, SIDES
 
@@ -12,6 +13,7 @@ LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
 _ASCII = " -|+--++|+|+++++"
 
 
+@name_wrong_arguments
 def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
     """Returns a grid in characters, two per tile, a line for each row. A connection is a line to that side.
 
@@ -27,6 +29,7 @@ def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
     return "\n".join("".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip() for row in rows)
 
 
+@name_wrong_arguments
 def draw_svg(grid: ArrayLike) -> str:
     """Returns a drawing of a map, codes ``[H, W]``, as the text of an SVG file.
 

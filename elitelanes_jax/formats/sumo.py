@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from jaxtyping import Float, Int8
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
@@ -61,6 +62,7 @@ class Sumo(NamedTuple):
     settings: str
 
 
+@name_wrong_arguments
 def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     """Writes a map for SUMO; the same map gives the same texts.
 
@@ -97,6 +99,7 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     )
 
 
+@name_wrong_arguments
 def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]]) -> str:
     """Writes trips for SUMO, the text of a file ``.rou.xml``. One trip starts each second, in the order of the list.
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, text_name
 from elitelanes_jax._util.types import AnyArray, Numeric, Plain
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -33,6 +34,7 @@ def shorten_coverage(metrics: Mapping[str, Numeric]) -> Row:
     return {name: float(str(np.float32(value))) if name == "coverage" else value for name, value in metrics.items()}
 
 
+@name_wrong_arguments
 def table_to_csv(rows: Sequence[Row]) -> str:
     """Returns rows, such as those of `measure_maps`, as CSV with a header of all columns that any row has.
 

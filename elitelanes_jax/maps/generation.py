@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, path
 from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import pluralize
@@ -39,6 +40,7 @@ class Evolved(NamedTuple):
     device: str
 
 
+@name_wrong_arguments
 def generate(
     spec: GenerateSpec,
     out: str | Path,

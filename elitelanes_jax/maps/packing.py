@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, path
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic, write_json
@@ -46,6 +47,7 @@ class _Packed(NamedTuple):
     road_map: RoadMap
 
 
+@name_wrong_arguments
 def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = False) -> dict[str, Plain]:
     """Writes a pack of maps.
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json
@@ -24,6 +25,7 @@ from elitelanes_jax.search.result import Result
 _EXPECTED = "expected a part of a run, made by elitelanes generate --part"
 
 
+@name_wrong_arguments
 def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False) -> list[RoadMap]:
     """Joins the parts of a run, and writes the folder that `generate` writes without parts, byte for byte.
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, check_unique, instance, path, paths
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_json
@@ -46,6 +47,7 @@ class _Source(NamedTuple):
     seed: int | None
 
 
+@name_wrong_arguments
 def pick(
     spec: PickSpec,
     archives: str | Path | Sequence[str | Path],
@@ -97,6 +99,7 @@ def pick(
     return maps
 
 
+@name_wrong_arguments
 def write_result(
     result: Result, out: str | Path, maps: int = 16, *, force: bool = False, **options: UserValue
 ) -> list[RoadMap]:

@@ -1,5 +1,5 @@
 """Road networks as grids of tile codes: kernels that measure, repair, transform and create them."""
 
-from elitelanes_jax._util.faces import attach
+import lazy_loader
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,6 +7,7 @@ from typing import TypeVar
 import jax
 from jax import lax
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, function, whole
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree
@@ -14,6 +15,7 @@ from elitelanes_jax._util.types import Pytree
 R = TypeVar("R")
 
 
+@name_wrong_arguments
 def vmap_in_blocks(kernel: Callable[..., R], *, block: int = 512) -> Callable[..., R]:
     """Returns the batched form of a kernel, as `jax.vmap` does, for batches of any size.
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float32, Int, Int8, Int32, Key, Real, UInt32
 from numpy.polynomial import Chebyshev, Polynomial
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
@@ -53,6 +54,7 @@ def seed_key(seed: int) -> Key[Array, ""]:
     return jax.random.wrap_key_data(jax.device_put(np.array([0, seed], np.uint32)), impl=THREEFRY)
 
 
+@name_wrong_arguments
 @runs_jax
 def random_bits(key: Key[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:
     """Draws uint32 ``[*shape]``, the same bits as `jax.random.bits` by default; the key is consumed."""
@@ -134,6 +136,7 @@ def symmetric_uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Arra
     return random_bits16(key, shape) // 8 - UNIT
 
 
+@name_wrong_arguments
 @runs_jax
 def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[Array, "..."]:
     """Returns a whole number in [0, count) from 32 random bits, each with probability 1 / count within 2**-32.
@@ -162,6 +165,7 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
     return (high * count_high + (middle >> 16) + (carry >> 16)).astype(jnp.int32)
 
 
+@name_wrong_arguments
 @runs_jax
 def random_grids(
     key: Key[Array, ""], count: int, shape: tuple[int, int] = (12, 12), *, alphabet: Iterable[int] = ROAD_ALPHABET
@@ -193,6 +197,7 @@ def _random_grids(
     return codes[randint(random_bits(key, shape), codes.size)]
 
 
+@name_wrong_arguments
 @runs_jax
 def bernoulli(bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]) -> Bool[Array, "..."]:
     """Returns True with a probability, from the upper 24 of 32 random bits: never for 0, always for 1.

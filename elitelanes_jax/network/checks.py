@@ -5,6 +5,7 @@ from pathlib import PurePath
 
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, UserValue
 
@@ -12,6 +13,7 @@ LONGEST_SIDE = 1024
 """The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
 
 
+@name_wrong_arguments
 def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
     """Checks a grid's shape; returns (height, width) as two ints.
 

@@ -5,12 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.records import Metrics, Weights
 
 
+@name_wrong_arguments
 @runs_jax
 def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "..."]:
     """Returns the weighted sum of a network's metrics; lower is better.

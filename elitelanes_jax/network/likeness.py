@@ -6,6 +6,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.plain_metrics import cut_to_roads
@@ -20,6 +21,7 @@ _Grid: TypeAlias = NDArray[np.int8]
 _Grids: TypeAlias = Sequence[_Grid] | NDArray[np.int8]
 
 
+@name_wrong_arguments
 def road_form(grid: AnyArray) -> bytes:
     """Returns bytes that are equal for two grids if and only if their roads are the same.
 
@@ -38,6 +40,7 @@ def road_forms(grids: _Grids) -> list[bytes]:
     return forms
 
 
+@name_wrong_arguments
 def difference(grid: AnyArray, other: AnyArray) -> float:
     """Returns the share of tiles in which two grids differ, at the position where they are most alike.
 

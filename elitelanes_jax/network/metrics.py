@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float32, Int, Int8, Int32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import find_faces, find_links
@@ -18,6 +19,7 @@ from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import PaddedLayout, take
 
 
+@name_wrong_arguments
 @runs_jax
 def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
     """Measures one grid; `jax.vmap` it for many.

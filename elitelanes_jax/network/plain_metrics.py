@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, check_alphabet
@@ -12,6 +13,7 @@ from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH,
 _Cells = NDArray[np.bool_]
 
 
+@name_wrong_arguments
 def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict[str, Numeric]:
     """Measures one grid as `measure` does, without JAX; see `measure` for the arguments and errors.
 

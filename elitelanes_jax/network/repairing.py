@@ -9,6 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric
@@ -20,6 +21,7 @@ from elitelanes_jax.network.xla import PackedCells, batch_all, in_all_cells, mat
 _NORTH, _EAST, _SOUTH, _WEST = (in_all_cells(side) for side in (NORTH, EAST, SOUTH, WEST))
 
 
+@name_wrong_arguments
 @runs_jax
 def repair(
     grid: AnyArray, dirty: AnyArray = None, *, raster: Numeric = False, fill: bool = False, fixed: AnyArray = None

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Int8
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, whole
 from elitelanes_jax._util.running import transfers
 from elitelanes_jax._util.types import AnyArray
@@ -17,6 +18,7 @@ from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_code
 _TOGETHER = 4096  # the grids whose images are in memory at once
 
 
+@name_wrong_arguments
 def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
     """Rotates a grid of codes ``[H, W]`` counter-clockwise by quarter turns, as `numpy.rot90` does.
 
@@ -31,6 +33,7 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
     return grid
 
 
+@name_wrong_arguments
 def mirror(grid: AnyArray) -> AnyArray:
     """Mirrors a grid of codes ``[H, W]`` east to west, as `numpy.fliplr` does; returns int8 ``[H, W]``.
 
@@ -40,6 +43,7 @@ def mirror(grid: AnyArray) -> AnyArray:
         return _mirrored(check_grid(grid))
 
 
+@name_wrong_arguments
 def canonical_form(grid: AnyArray) -> bytes:
     """Returns bytes that are equal for a grid and its rotations and mirror images, and differ for other grids.
 

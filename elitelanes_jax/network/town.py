@@ -8,6 +8,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Int, Int8, Int32, UInt
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray
@@ -19,6 +20,7 @@ from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import PaddedLayout
 
 
+@name_wrong_arguments
 @runs_jax
 def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
     """Measures the features of one town; `jax.vmap` it for many.

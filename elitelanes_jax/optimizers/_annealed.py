@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Real
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, traced
@@ -84,6 +85,7 @@ class AnnealedState(NamedTuple):
 _Mates = Callable[[StepBits, AnnealedState], Int8[Array, "C H W"]]
 
 
+@name_wrong_arguments
 @runs_jax
 def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -> Optimizer:
     """Makes the tuned EA for a problem; its elites are the chains' best grids. The default is preset `tuned`."""
@@ -95,6 +97,7 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
     return _make_optimizer(problem, config, mates)
 
 
+@name_wrong_arguments
 @runs_jax
 def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig()) -> Optimizer:
     """Makes the tuned PSO for a problem; its elites are the particles' best grids. The default is preset `tuned`."""
@@ -112,6 +115,7 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
     return _make_optimizer(problem, config.annealing, mates)
 
 
+@name_wrong_arguments
 @runs_jax
 def annealed_gwo(problem: Problem, config: AnnealedGwoConfig = AnnealedGwoConfig()) -> Optimizer:
     """Makes the tuned GWO for a problem; its elites are the wolves' best grids. The default is preset `tuned`."""

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import flag, none_or, real, whole
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record, nested
@@ -99,6 +100,7 @@ class AnnealedMapElitesState(NamedTuple):
     cooling: Cooling  # arrays [C], the step of each chain within its cycle; -1 while no grid is evaluated
 
 
+@name_wrong_arguments
 @runs_jax
 def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = AnnealedMapElitesConfig()) -> Optimizer:
     """Makes MAP-Elites whose chains pursue niches; its elites are the archive of all chains.

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Real
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
@@ -55,6 +56,7 @@ class GwoState(NamedTuple):
     steps: Int32[Array, ""]  # the number of steps so far
 
 
+@name_wrong_arguments
 @runs_jax
 def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
     """Makes grey wolf optimisation of a problem; its elites are alpha and beta, then the pack.

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import one_of
 from elitelanes_jax._util.pytrees import pytree, static
 from elitelanes_jax._util.records import Record, nested
@@ -48,6 +49,7 @@ class MapElitesState(NamedTuple):
     archive: Population  # the best grid of each niche so far
 
 
+@name_wrong_arguments
 @runs_jax
 def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:
     """Makes MAP-Elites on the problem's descriptor space. The first population is also inserted into the archive.

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, function_of, none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.pytrees import pytree, traced
@@ -127,6 +128,7 @@ KNOWN_MOVES = tuple(name for name in MoveWeights.options() if name not in ("fill
 """The names of the moves that `MoveWeights` has a weight for."""
 
 
+@name_wrong_arguments
 def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> Move:
     """Makes one move, drawn in proportion to the weights.
 
@@ -152,46 +154,55 @@ def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> 
     return move if fill else with_fill(weights.fill_probability, move, fixed=fixed)
 
 
+@name_wrong_arguments
 def toggle_link() -> Move:
     """Makes or cuts the link between two neighbouring tiles."""
     return _move({_plan_link: 1})
 
 
+@name_wrong_arguments
 def toggle_corner() -> Move:
     """Toggles the four links around a point where four tiles meet: the smallest loop."""
     return _move({_plan_corner: 1})
 
 
+@name_wrong_arguments
 def toggle_outline() -> Move:
     """Toggles the links along the outline of a rectangle of at least 2 x 2 tiles; all sizes are equally likely."""
     return _move({_plan_outline: 1})
 
 
+@name_wrong_arguments
 def toggle_street() -> Move:
     """Toggles the links along a stretch of a row or a column."""
     return _move({_plan_street: 1})
 
 
+@name_wrong_arguments
 def lay_straight() -> Move:
     """Lays straight tiles along a stretch of a row or a column, over any tiles."""
     return _move({_plan_straight: 1})
 
 
+@name_wrong_arguments
 def clear_block() -> Move:
     """Empties a block of tiles."""
     return _move({_plan_clearing: 1})
 
 
+@name_wrong_arguments
 def mirror_block() -> Move:
     """Mirrors a block of tiles in its position, east to west or north to south."""
     return _move({_plan_mirroring: 1})
 
 
+@name_wrong_arguments
 def slide_lines() -> Move:
     """Rotates the rows between two rows, or the columns between two columns, by one, in either direction."""
     return _move({_plan_slide: 1})
 
 
+@name_wrong_arguments
 def transplant(*, displaced: bool = False) -> Move:
     """Copies a block of the mate after rotating or mirroring the mate: one of the eight symmetries of a square.
 
@@ -201,6 +212,7 @@ def transplant(*, displaced: bool = False) -> Move:
     return _move({_plan_displaced_transplant if displaced else _plan_transplant: 1})
 
 
+@name_wrong_arguments
 def refit_window(*, empty: bool = True) -> Move:
     """Replaces a window of 3 x 3 tiles by another valid window that has the same links to the tiles around it.
 
@@ -210,6 +222,7 @@ def refit_window(*, empty: bool = True) -> Move:
     return _move({_plan_refit: 1}, empty=empty)
 
 
+@name_wrong_arguments
 def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray = None) -> Move:
     """Makes a move, then with the given probability a repair that fills.
 
@@ -229,6 +242,7 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
     return Move(move.bits + 1, apply)
 
 
+@name_wrong_arguments
 def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     """Makes a move, then with the given probability the same change again, rotated by half a turn around the centre.
 

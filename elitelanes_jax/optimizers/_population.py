@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int8, Key, Real, UInt32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, one_of, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.pytrees import pytree, static, traced
@@ -55,6 +56,7 @@ class EvolutionConfig(Record):
             raise InputError(f"offspring: expected {expected}, got {self.offspring}")
 
 
+@name_wrong_arguments
 @runs_jax
 def random_population(problem: Problem, key: Key[Array, ""], count: int) -> Population:
     """Returns a first population, sorted, best first; the key is consumed. Raises `InputError` for a count below 1."""
@@ -83,6 +85,7 @@ def survivors(config: EvolutionConfig, parents: Population, offspring: Populatio
     return truncate(*both, count=config.population)
 
 
+@name_wrong_arguments
 @runs_jax
 def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimizer:
     """Makes an evolutionary algorithm for a problem; its state is the `Population`, sorted, best first.
@@ -105,6 +108,7 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
     return Optimizer.of(init, step, lambda state: state, evaluations_per_step=config.offspring)
 
 
+@name_wrong_arguments
 @runs_jax
 def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     """Evaluates grids, in their order. A fitness that is not finite becomes that of a vacant slot.
@@ -149,6 +153,7 @@ def concatenate(*records: _Tree) -> _Tree:
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), *records)
 
 
+@name_wrong_arguments
 @runs_jax
 def truncate(*populations: Population, count: int) -> Population:
     """Returns the `count` best grids of several populations, sorted, best first; equal grids keep their order."""

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int32, Real
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
@@ -59,6 +60,7 @@ class PsoState(NamedTuple):
     best: Population  # the best grid of each particle
 
 
+@name_wrong_arguments
 @runs_jax
 def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
     """Makes particle swarm optimisation of a problem; its elites are the particles' best grids.

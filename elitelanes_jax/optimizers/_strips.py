@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Real, UInt32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import bernoulli, mix, randint
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, transpose_codes
@@ -112,6 +113,7 @@ def _packed(states: Bool[np.ndarray, "N 64"]) -> UInt32[np.ndarray, "N 2"]:
     return np.packbits(states, axis=1, bitorder="little").view("<u4").astype(np.uint32)
 
 
+@name_wrong_arguments
 def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straight: Real[ArrayLike, ""] = 0.0) -> Move:
     """Replaces a stretch of three rows or columns by a valid filling that fits the tiles around it.
 

@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Array, Int32, Key
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.faces import name_wrong_arguments
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 from elitelanes_jax.network.bits import normal, random_bits

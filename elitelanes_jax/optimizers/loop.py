@@ -9,6 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Int, Key, UInt32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
@@ -21,6 +22,7 @@ from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.problem.archive import Population
 
 
+@name_wrong_arguments
 @runs_jax
 def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on the number and its index alone.
@@ -46,6 +48,7 @@ def seed_key_data(seed: int, indices: Int[np.ndarray, " K"]) -> UInt32[np.ndarra
     return np.stack(threefry(np.array([[0], [seed]], np.uint32), indices.astype(np.uint32)), axis=-1)
 
 
+@name_wrong_arguments
 @runs_jax
 def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple[Pytree, Info]:
     """Runs an optimiser from the start; for `jax.jit`.

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import TypeAlias, TypeVar
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Plain, UserValue
@@ -86,6 +87,7 @@ _FACTORIES: dict[type, Callable[..., Optimizer]] = {
 R = TypeVar("R", bound=Record)
 
 
+@name_wrong_arguments
 def make_optimizer(problem: Problem, config: Config) -> Optimizer:
     """Returns the optimiser that a configuration belongs to, such as `annealed_ea` for an `AnnealingConfig`.
 

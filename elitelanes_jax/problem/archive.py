@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Real
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray
@@ -40,6 +41,7 @@ class Population(NamedTuple):
         return self.fitness < vacant_fitness(self.fitness.dtype)
 
 
+@name_wrong_arguments
 def vacant_fitness(dtype: np.dtype) -> float:
     """Returns the fitness of vacant slots and refused grids: infinity for floats, otherwise the largest int32."""
     return np.inf if jnp.issubdtype(dtype, jnp.floating) else VACANT
@@ -54,6 +56,7 @@ def finite_or_vacant(fitness: Real[Array, " P"]) -> Real[Array, " P"]:
     )
 
 
+@name_wrong_arguments
 @runs_jax
 @divide_batches
 def insert(
@@ -108,6 +111,7 @@ def insert(
     return Population(write(archive.grids, found.grids), lowest, write(archive.features, found.features))
 
 
+@name_wrong_arguments
 def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.float64]:
     """Returns the sum over all elites of worst - fitness, if positive; float ``[...]``.
 
@@ -117,6 +121,7 @@ def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.flo
     return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
 
 
+@name_wrong_arguments
 def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
     """Returns the filled share of the feasible niches, float ``[...]``.
 

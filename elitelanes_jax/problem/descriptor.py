@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, is_whole, listed, split_settings
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import transfers
@@ -36,6 +37,7 @@ class Axis(NamedTuple):
     target: int | None = None
 
 
+@name_wrong_arguments
 def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     """Returns the paper's space of 400 niches: 25 bins of the cyclomatic number and four flags.
 
@@ -53,6 +55,7 @@ def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     )
 
 
+@name_wrong_arguments
 def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     """Returns the paper's space with narrower bins, and with each flag's favourable value as its target.
 
@@ -105,6 +108,7 @@ def compute_descriptor(features: AnyArray, feature_names: Sequence[str], axes: t
     return select_features(features, feature_names, [axis.metric for axis in axes])
 
 
+@name_wrong_arguments
 def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]`` of NumPy or JAX."""
     check_named("axes", listed(Axis), axes)
@@ -122,6 +126,7 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
         return ((descriptor - start) // width).clip(0, bins - 1)
 
 
+@name_wrong_arguments
 def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     """Returns the index of the niche, int32 ``[...]``, of descriptors ``[..., D]``; the last axis varies fastest."""
     bins = niche_bins(descriptor, axes)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import descriptions
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -18,6 +19,7 @@ EXTREMES = Path(__file__).with_name("extremes.txt")
 """The file of maps that ``docs/metrics.py`` found. Each line is a map, in rows with one hexadecimal digit per tile."""
 
 
+@name_wrong_arguments
 def features_of(grid: NDArray[np.int8]) -> dict[str, float]:
     """Returns the metrics and shares of one grid ``[H, W]``, in the order of `FEATURES`; shares are parts of 1."""
     features: dict[str, float] = dict(plain_measure(grid))
@@ -37,6 +39,7 @@ def _measured() -> list[tuple[NDArray[np.int8], dict[str, float]]]:
     return measured
 
 
+@name_wrong_arguments
 def feature_range(name: str) -> tuple[float, float]:
     """Returns the smallest and the largest value of a feature that searches found at 12 x 12.
 
@@ -50,6 +53,7 @@ def feature_range(name: str) -> tuple[float, float]:
     return min(values), max(values)
 
 
+@name_wrong_arguments
 def extreme_maps(name: str) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     """Returns a map int8 ``[12, 12]`` with the smallest value of a feature, and one with the largest."""
     feature_range(name)  # checks the name
@@ -58,6 +62,7 @@ def extreme_maps(name: str) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     return smallest, largest
 
 
+@name_wrong_arguments
 def describe_features() -> dict[str, tuple[str, str]]:
     """Returns the meaning and the range of each metric, share and town feature, by name.
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int8, Int32, Integer, Real
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, function_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
@@ -137,6 +138,7 @@ def measure_features(
     return jax.vmap(measure_one)(jnp.asarray(grids))
 
 
+@name_wrong_arguments
 @runs_jax
 def with_town_features(
     features: Mapping[str, AnyArray], names: Iterable[str], grids: AnyArray, source: str = "names"

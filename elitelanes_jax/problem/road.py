@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, flag, instance, listed
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
@@ -86,6 +87,7 @@ class RoadProblem:
     initial: Int8[_Numbers, "N H W"] | None = None
 
 
+@name_wrong_arguments
 def road_problem(
     shape: tuple[int, int] = (12, 12),
     axes: UserValue = None,

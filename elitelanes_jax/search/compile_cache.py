@@ -5,7 +5,10 @@ from pathlib import Path
 
 import jax
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 
+
+@name_wrong_arguments
 def use_compile_cache() -> Path | None:
     """Keeps compiled programs on disk, so that later processes load them within a second.
 

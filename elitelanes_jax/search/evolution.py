@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key, UInt32
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, flag, instance, none_or, real
 from elitelanes_jax._util.engine import Engine, check_pool
 from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten, warn_user
@@ -58,6 +59,7 @@ _COMPILER = 200_000_000
 _OF_SEEDS = ("best_fitness", "elite_count", "refused")  # the arrays of a history with an axis of seeds
 
 
+@name_wrong_arguments
 @runs_jax
 def evolve(
     key: int | Key[Array, "*S"] = 0,

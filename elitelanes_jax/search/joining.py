@@ -7,12 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.search.result import History, Result, RunState
 
 
+@name_wrong_arguments
 def join_results(results: Sequence[Result]) -> Result:
     """Joins results of one search along the seeds, in their order.
 

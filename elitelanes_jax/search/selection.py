@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.likeness import ALIKE, RoadSet, road_forms
@@ -141,6 +142,7 @@ def choose_maps(
     return Choice(maps, int(valid.sum()), reasons, int(useful.sum()) - len(kept))
 
 
+@name_wrong_arguments
 def without_flaws(
     valid: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]], search: Search
 ) -> tuple[NDArray[np.bool_], Counter[str]]:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Untyped
@@ -107,6 +108,7 @@ def _length(text: str, scale: float) -> int:
     return cv2.getTextSize((0, 0), text, (0, 0), _font(), round(_EM * scale))[2]
 
 
+@name_wrong_arguments
 def write_text(
     sheet: NDArray[np.uint8], text: str, position: tuple[int, int], scale: float, ink: tuple[int, int, int]
 ) -> None:

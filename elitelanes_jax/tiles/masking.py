@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.network.codes import SIDES
@@ -77,6 +78,7 @@ def parse_colour(text: str) -> Colour:
     return Colour(*pairs)
 
 
+@name_wrong_arguments
 def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLOURS) -> dict[str, NDArray[np.bool_]]:
     """Proposes masks for a photograph of a tile.
 
@@ -127,6 +129,7 @@ class Proposal(NamedTuple):
     proposed: tuple[str, ...]
 
 
+@name_wrong_arguments
 def mask_folder(
     folder: str | Path, colours: Mapping[str, Colour] = COLOURS, overwrite: Collection[str] = ()
 ) -> list[Proposal]:

@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, path, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
@@ -134,6 +135,7 @@ def _with_tag(one: ObjectPictures, number: int) -> ObjectPictures:
     return replace(one, views=views)
 
 
+@name_wrong_arguments
 def draw_tag(number: UserValue) -> NDArray[np.uint8]:
     """Draws an AprilTag of the family 36h11, uint8 ``[8, 8]``, 0 or 255: its black square, a pixel for each bit.
 
@@ -176,6 +178,7 @@ def lay_all_flat(
     return [lay_flat(objects[index], pictures[index], tile_px) for index in order], order
 
 
+@name_wrong_arguments
 def default_objects() -> Path:
     """Returns the folder of the object set that comes with the package."""
     installed = Path(__file__).parent / "objects"
@@ -187,6 +190,7 @@ def _own_objects() -> ObjectSet:
     return _load(default_objects())
 
 
+@name_wrong_arguments
 def load_objects(folder: ObjectSet | str | Path | None = None) -> ObjectSet:
     """Loads an object set.
 

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, file_named, instance, is_whole, listed, path, real, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
@@ -55,6 +56,7 @@ class Picture(NamedTuple):
     instances: NDArray[np.uint16] | None = None
 
 
+@name_wrong_arguments
 def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> NDArray[np.int_]:
     """Chooses a picture for each cell at random among all that show its code.
 
@@ -114,6 +116,7 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
     return TileChoice(np.array(pictures), first[grid], count[grid])
 
 
+@name_wrong_arguments
 def render(
     source: UserValue,
     tiles: TileSet | str | Path | None = None,
@@ -219,6 +222,7 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
     return np.argwhere(~known | (shown[safe[..., 0], safe[..., 1]] != grid))
 
 
+@name_wrong_arguments
 def write_picture(folder: str | Path, picture: Picture) -> None:
     """Writes a picture's files: image.png, a PNG file for each mask, and labels.png.
 
@@ -241,6 +245,7 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
         write_png(folder / "instances.png", picture.instances)
 
 
+@name_wrong_arguments
 def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
     """Writes a PNG file of a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``.
 
@@ -251,6 +256,7 @@ def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
     target.write_bytes(content)
 
 
+@name_wrong_arguments
 def png_of(pixels: NDArray[np.integer]) -> bytes:
     """Encodes a PNG file with a picture ``[H, W]``, in RGB ``[H, W, 3]``, or with opacity ``[H, W, 4]``.
 
@@ -267,6 +273,7 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
     return cv2.imencode(".png", pixels)[1].tobytes()
 
 
+@name_wrong_arguments
 def stand(objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path | None = None) -> list[Standing]:
     """Returns how objects look from their front, for the floors of 3-D simulators; tags on the floor are left out.
 
@@ -287,6 +294,7 @@ def stand(objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path 
     return standing
 
 
+@name_wrong_arguments
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
     """Lays the labels over the picture of `render` in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
     check_named("opacity", real(0, 1), opacity)
@@ -294,6 +302,7 @@ def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
     return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
 
 
+@name_wrong_arguments
 @lru_cache(maxsize=4)
 def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     """Scales all layers of all T tiles of a set in all four rotations to P = `size` pixels a side.

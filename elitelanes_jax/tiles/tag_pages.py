@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
@@ -25,6 +26,7 @@ _BAR = 100.0  # to measure whether the printer kept the size
 _FAINT = "#6d737d"
 
 
+@name_wrong_arguments
 def write_tags(road_map: UserValue, file: str | Path) -> int:
     """Writes the AprilTags of a map's signs and floor tags, to print without scaling; returns their number.
 

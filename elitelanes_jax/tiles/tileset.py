@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
@@ -114,12 +115,14 @@ class TileSet:
         return tuple(code for code in self.rotations if CONNECTIONS[code] >= 2)
 
 
+@name_wrong_arguments
 def default_tiles() -> Path:
     """Returns the folder of the package's own tile set."""
     installed = Path(__file__).parent / "drawn"
     return installed if installed.is_dir() else Path(__file__).parents[2] / "tiles"
 
 
+@name_wrong_arguments
 def load_tiles(folder: str | Path | None = None) -> TileSet:
     """Loads a tile set.
 
@@ -139,6 +142,7 @@ def load_tiles(folder: str | Path | None = None) -> TileSet:
     return tiles
 
 
+@name_wrong_arguments
 def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet | None, list[str]]:
     """Returns a tile set and no problems, or None and all problems of the folder, a line each.
 

@@ -2,6 +2,7 @@
 
 from functools import cache
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
@@ -13,6 +14,7 @@ _SMALLEST = 2  # rows and columns of a map that a search makes
 _ROUNDING = 1e-9  # tiles: a floor of exactly three tiles has room for three
 
 
+@name_wrong_arguments
 def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
     """Returns the rows and columns of the largest map of tiles of 0.585 m for a floor, with `floor_margin` around it.
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
@@ -17,6 +18,7 @@ from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.furnishing.street_names import Tags, place_street_names
 
 
+@name_wrong_arguments
 def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> RoadMap:
     """Returns a map with objects by a specification, instead of the objects that it has.
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
@@ -57,6 +58,7 @@ def turn_to_plan(codes: ArrayLike, plan: ArrayLike) -> int:
     return max(agree, key=lambda turns: agree[turns])
 
 
+@name_wrong_arguments
 def turn_floor(codes: ArrayLike, turns: int) -> NDArray[np.int8]:
     """Turns a floor's codes ``[H, W]`` counter-clockwise by quarters."""
     turns = check_named("turns", whole(0), turns)

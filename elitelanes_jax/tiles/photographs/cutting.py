@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
 from elitelanes_jax.tiles._light import ground_of
@@ -46,6 +47,7 @@ class Cut(NamedTuple):
     copy_of: str = ""
 
 
+@name_wrong_arguments
 def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut] = ()) -> list[Cut]:
     """Cuts the tiles of a proposal whose kind is sure.
 
@@ -110,6 +112,7 @@ def mask_cut(cut: Cut) -> dict[str, NDArray[np.bool_]]:
     return masks
 
 
+@name_wrong_arguments
 def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[Masked]:
     """Writes a tile set: the picture of each tile, and proposed masks. Files of the same names are replaced.
 

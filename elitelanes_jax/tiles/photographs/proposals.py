@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.tiles.photographs.kinds import MARGIN_PX, READ_PX, Kinds, read_kinds
 from elitelanes_jax.tiles.photographs.outline import find_corners
@@ -95,6 +96,7 @@ class _Start(NamedTuple):
     codes: NDArray[np.int8]
 
 
+@name_wrong_arguments
 def propose_tiles(
     photograph: Photograph,
     *,

@@ -8,6 +8,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import MIB, read_bytes, read_text
@@ -80,6 +81,7 @@ class Lens(NamedTuple):
         return np.asarray(cv2.undistort(image, self.matrix, self.distortion), np.uint8)
 
 
+@name_wrong_arguments
 def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
     """Reads a JPEG or PNG file of a photograph, turned upright as its EXIF data say.
 

@@ -1,14 +1,13 @@
-"""The public face of a package: its names, imported at their first use, whose functions name a wrong argument.
+"""Names the wrong argument of a public function.
 
-A function that fails for an argument of another type would raise an error from deep within. Its public face compares
-the arguments with the annotations after such an error, so that calls that succeed cost nothing and may be given
-whatever works.
+A function that fails for an argument of another type would raise an error from deep within. Its decorator compares the
+arguments with the annotations after such an error, so that calls that succeed cost nothing and may be given whatever
+works.
 """
 
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
-from inspect import Parameter, isfunction, signature, unwrap
+from inspect import Parameter, signature
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
@@ -31,29 +30,9 @@ _ARRAYS = (Annotated, np.ndarray, get_origin(NDArray[np.int8]))  # from NumPy 2.
 # The errors that arguments of another type cause.
 _CAUSED = (ArithmeticError, AttributeError, LookupError, SystemError, TypeError, ValueError)
 
-_PUBLIC: dict[Callable[..., UserValue], Callable[..., UserValue]] = {}  # by the function of a module
-
-
-def attach(package: str, file: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Returns `__getattr__`, `__dir__` and `__all__` of a package whose public names are in its ``__init__.pyi``."""
-    import lazy_loader
-
-    find, names, public = lazy_loader.attach_stub(package, file)
-
-    def find_public(name: str) -> object:
-        found = find(name)
-        if isfunction(unwrap(found)):
-            if found not in _PUBLIC:
-                _PUBLIC[found] = name_wrong_arguments(found)
-                _PUBLIC[found].__module__ = package  # where `pickle` finds it again
-            found = vars(sys.modules[package])[name] = _PUBLIC[found]
-        return found
-
-    return find_public, names, public
-
 
 def name_wrong_arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """Returns the function with an `InputError` instead of an error that an argument of another type causes."""
+    """Decorates a public function: an argument of another type causes an `InputError` that names it."""
 
     @wraps(function)
     def named(*args: P.args, **kwargs: P.kwargs) -> R:
