@@ -80,7 +80,8 @@ def run_tasks(
     Raises:
       InputError: for anything else than tasks of equal budgets, for an index of no task, and for grids as in `run`.
     """
-    if len({task.evaluations for task in check_named("tasks", listed(Task), tasks)}) != 1:
+    budgets = {task.evaluations for task in check_named("tasks", listed(Task), tasks)}
+    if len(budgets) != 1:
         raise InputError(f"tasks: expected equal budgets, got {', '.join(task.name for task in tasks) or 'no task'}")
     return _run(tasks, search, tasks, partial(_check_index, len(tasks)), seeds)
 
@@ -99,19 +100,29 @@ def _run(
     seeds: int | Iterable[int],
 ) -> list[Submission]:
     """Runs a search for each seed. `split` returns the index of a task and grids from what the search yields."""
-    seeds = seeds.tolist() if hasattr(seeds, "tolist") else seeds  # an array of no axes is a number
-    listed = list(seeds if isinstance(seeds, Iterable) else range(check_named("seeds", whole(1), seeds)))
-    if not listed or any(not is_whole(seed) or seed < 0 for seed in listed):
+    numbers = _check_seeds(seeds)
+    if not callable(search):
+        raise InputError(f"search: expected a generator function, which yields grids, got {shorten(repr(search))}")
+    check_named("search", function_of("task", "generator"), search)
+    runs = []
+    for seed in numbers:
+        generator = search(argument, np.random.default_rng(seed))
+        runs.append(_run_seed(tasks, generator, split))
+    submissions = []
+    for index, task in enumerate(tasks):
+        submissions.append(Submission(task, np.stack([archives[index] for archives in runs])))
+    return submissions
+
+
+def _check_seeds(seeds: int | Iterable[int]) -> list[int]:
+    """Returns the seeds: those given, or as many as a number says."""
+    if hasattr(seeds, "tolist"):
+        seeds = seeds.tolist()  # of an array without axes: a number
+    numbers = list(seeds) if isinstance(seeds, Iterable) else list(range(check_named("seeds", whole(1), seeds)))
+    if not numbers or any(not is_whole(seed) or seed < 0 for seed in numbers):
         raise InputError(f"seeds: expected a number or several, 0 or more, got {shorten(repr(seeds))}")
-    check_unique("seeds", "seed", map(str, listed))
-    if callable(search):
-        check_named("search", function_of("task", "generator"), search)
-    generators = (
-        search(argument, np.random.default_rng(seed)) if callable(search) else search  # refused by `_run_seed`
-        for seed in listed
-    )
-    runs = [_run_seed(tasks, generator, split) for generator in generators]
-    return [Submission(task, np.stack(of_task)) for task, of_task in zip(tasks, zip(*runs, strict=True), strict=True)]
+    check_unique("seeds", "seed", map(str, numbers))
+    return numbers
 
 
 def _run_seed(
@@ -121,30 +132,42 @@ def _run_seed(
     if not isinstance(search, Generator):
         raise InputError(f"search: expected a generator function, which yields grids, got {shorten(repr(search))}")
     ends = [budget * len(tasks) for budget in BUDGETS if budget <= tasks[0].evaluations]
-    sizes = [task.shape[0] * task.shape[1] for task in tasks]
-    elites = [np.zeros((size, *task.shape), np.int8) for size, task in zip(sizes, tasks, strict=True)]
-    least = [[(np.inf, np.inf)] * size for size in sizes]  # flaws and fitness of the elites
-    kept: list[list[np.ndarray]] = []
+    archives = [_Archive(task) for task in tasks]
+    at_ends: list[list[Int8[np.ndarray, "N H W"]]] = []  # the grids of each archive, after each budget
     spent, batch = 0, next(search, _ENDED)
-    while batch is not _ENDED and len(kept) < len(ends):
+    while batch is not _ENDED and len(at_ends) < len(ends):
         index, grids = split(batch)
-        task = tasks[index]
-        codes = _check(task, grids)
-        measured = Measured(**measure_grids(codes, fill=task.fill))
-        ranks = zip(measured.flaws.tolist(), measured.fitness.tolist(), strict=True)
-        for number, (code, niche, rank) in enumerate(zip(codes, measured.cyclomatic, ranks, strict=True), start=1):
-            if rank < least[index][niche]:
-                elites[index][niche], least[index][niche] = code, rank
-            if len(kept) < len(ends) and spent + number == ends[len(kept)]:
-                kept.append([grids_of.copy() for grids_of in elites])
-        spent += len(codes)
+        codes = _check(tasks[index], grids)
+        measured = Measured(**measure_grids(codes, fill=tasks[index].fill))
+        for number in range(len(codes)):
+            archives[index].insert(codes[number], measured, number)
+            spent += 1
+            if len(at_ends) < len(ends) and spent == ends[len(at_ends)]:
+                at_ends.append([archive.grids.copy() for archive in archives])
         try:
             batch = search.send(measured)
         except StopIteration:
             batch = _ENDED
     search.close()
-    kept += [elites] * (len(ends) - len(kept))
-    return [np.stack(of_task) for of_task in zip(*kept, strict=True)]
+    while len(at_ends) < len(ends):  # the search ended early
+        at_ends.append([archive.grids for archive in archives])
+    return [np.stack(grids) for grids in zip(*at_ends, strict=True)]
+
+
+class _Archive:
+    """The best grid of each cyclomatic number: with the fewest flaws, and among these of the lowest fitness."""
+
+    def __init__(self, task: Task) -> None:
+        niches = task.shape[0] * task.shape[1]
+        self.grids = np.zeros((niches, *task.shape), np.int8)
+        self._ranks = [(np.inf, np.inf)] * niches  # flaws and fitness
+
+    def insert(self, codes: Int8[np.ndarray, "H W"], measured: Measured, number: int) -> None:
+        """Keeps a grid if it is better than its niche's; `measured` has the figures of its batch."""
+        niche = measured.cyclomatic[number]
+        rank = (measured.flaws[number], measured.fitness[number])
+        if rank < self._ranks[niche]:
+            self.grids[niche], self._ranks[niche] = codes, rank
 
 
 def _check(task: Task, batch: AnyArray) -> Int8[np.ndarray, "B H W"]:

@@ -1,7 +1,6 @@
 """The tasks of the benchmark, and the certified optima of their niches."""
 
 import json
-import re
 from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
@@ -19,10 +18,12 @@ VERSION = 1
 BUDGETS = (10_000, 100_000, 1_000_000)
 """The budgets of a run, in evaluations. A run is also scored at all lower budgets."""
 
+# fmt: off
 SIZES = (
-    *("5x5A", "5x5B", "6x6A", "6x6B", "7x7A", "7x7B", "8x8A", "8x8B", "7x9A", "7x9B", "9x9A"),
-    *("9x9B", "10x10A", "12x12A"),
+    "5x5A", "5x5B", "6x6A", "6x6B", "7x7A", "7x7B", "8x8A", "8x8B", "7x9A", "7x9B",
+    "9x9A", "9x9B", "10x10A", "12x12A",
 )
+# fmt: on
 """Height, width and variant: in A every cell is filled, in B cells may be empty."""
 
 
@@ -60,22 +61,35 @@ def find_task(name: str) -> Task:
     Raises:
       InputError: for any other name.
     """
-    parts = re.fullmatch(r"((\d+)x(\d+)([AB]))-(\d+)", name) if isinstance(name, str) else None
-    if not parts or parts[1] not in SIZES or parts[5] not in map(str, BUDGETS):
+    size, _, budget = name.partition("-") if isinstance(name, str) else ("", "", "")
+    if size not in SIZES or budget not in map(str, BUDGETS):
         expected = f"SIZE-BUDGET of {', '.join(SIZES)} and {', '.join(map(str, BUDGETS))}"
         raise InputError(f"task: expected {expected}, got {shorten(repr(name), 40)}")
-    shape, fill = (int(parts[2]), int(parts[3])), parts[4] == "A"
-    niches = _certificates()[*shape, fill]
-    grids = [[[int(code, 16) for code in row] for row in niche["witness"]] for niche in niches]
-    cyclomatic, optimum, networks = (
-        np.array([-1 if niche[key] is None else niche[key] for niche in niches])
-        for key in ("cyclomatic", "optimum", "networks")
+    certificate = _certificates()[size]
+    niches = certificate["niches"]
+    return Task(
+        name=name,
+        shape=(certificate["height"], certificate["width"]),
+        fill=certificate["fill"],
+        evaluations=int(budget),
+        cyclomatic=np.array([niche["cyclomatic"] for niche in niches]),
+        optimum=np.array([niche["optimum"] for niche in niches]),
+        networks=np.array([-1 if niche["networks"] is None else niche["networks"] for niche in niches]),
+        witnesses=np.array([_read_grid(niche["witness"]) for niche in niches]),
     )
-    return Task(name, shape, fill, int(parts[5]), cyclomatic, optimum, networks, np.array(grids, np.int8))
+
+
+def _read_grid(rows: list[str]) -> NDArray[np.int8]:
+    """Reads a grid whose rows have a hexadecimal digit for each cell."""
+    return np.array([[int(code, 16) for code in row] for row in rows], np.int8)
 
 
 @cache
-def _certificates() -> dict[tuple[int, int, bool], list[dict[str, Plain]]]:
+def _certificates() -> dict[str, dict[str, Plain]]:
+    """Reads the certificates, by the size of their task."""
     text = files(__package__).joinpath("certificates.json").read_text(encoding="utf-8")
-    records = json.loads(text)["certificates"]
-    return {(record["height"], record["width"], record["fill"]): record["niches"] for record in records}
+    certificates = {}
+    for certificate in json.loads(text)["certificates"]:
+        variant = "A" if certificate["fill"] else "B"
+        certificates[f"{certificate['height']}x{certificate['width']}{variant}"] = certificate
+    return certificates

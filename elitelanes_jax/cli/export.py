@@ -5,6 +5,9 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Int8
+
 from elitelanes_jax._util.checks import ends_as_file, name, path
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.files import never_replacing, write_atomic
@@ -25,6 +28,8 @@ from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, Format, FormatOptions, as_bytes, without_ends
 from elitelanes_jax.maps.faults import warn_of_faults
 
+_TABLE = "csv"  # the format of a table of metrics, which has one file for all maps
+
 
 def add_export(commands: Commands) -> None:
     command = add_command(
@@ -42,7 +47,7 @@ def add_export(commands: Commands) -> None:
         help="a map.json, or a map of Duckietown: .yaml, or a folder of layers",
     )
     command.add_argument(
-        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*FORMATS, "csv"))
+        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*FORMATS, _TABLE))
     )
     command.add_argument(
         "--out",
@@ -55,33 +60,47 @@ def add_export(commands: Commands) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    if options.to not in (*FORMATS, "csv"):
-        raise InputError(f"--to: expected one of {', '.join((*FORMATS, 'csv'))}, got {shorten(repr(options.to))}")
+    if options.to not in (*FORMATS, _TABLE):
+        raise InputError(f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got {shorten(repr(options.to))}")
     settings = read_options(options, FormatOptions())
     with naming_options(FormatOptions()):
         settings.check_taken_by(options.to)
-    target = FORMATS.get(options.to)
-    if target:
-        with naming_options(FormatOptions(), tile="--tile-size"):
-            target.files(LOOP, "map", **settings.given())
-    maps = {file: read_map(file) for file in options.maps}
-    grids = [road_map.codes for road_map in maps.values()]
-    if target:
-        _write_maps(maps, target, settings.given(), options.out)
-        for file, road_map in maps.items():
-            warn_of_faults(str(file), without_ends(road_map, settings.dead_ends))
+    if options.to == _TABLE:
+        _export_table(options)
     else:
-        from elitelanes_jax.formats.table import measure_maps, table_to_csv
-
-        _write_new(options.out, table_to_csv(measure_maps([*map(str, maps)], grids)))
-    left_out = ""
-    if settings.dead_ends == "grass":
-        from elitelanes_jax.formats.duckietown import without_dead_ends
-
-        tiles, left = (sum(int((codes != 0).sum()) for codes in of) for of in (grids, map(without_dead_ends, grids)))
-        left_out = f"\n{tiles - left} of {tiles} tiles left out: roads that lead nowhere"
-    say(f"{pluralize(len(grids), 'map')} in {options.out}{left_out}")
+        _export_files(options, FORMATS[options.to], settings)
     return 0
+
+
+def _export_table(options: argparse.Namespace) -> None:
+    """Writes a table with the metrics of all maps."""
+    from elitelanes_jax.formats.table import measure_maps, table_to_csv
+
+    grids = [read_map(file).codes for file in options.maps]
+    names = [str(file) for file in options.maps]
+    _write_new(options.out, table_to_csv(measure_maps(names, grids)))
+    say(f"{pluralize(len(grids), 'map')} in {options.out}")
+
+
+def _export_files(options: argparse.Namespace, target: Format, settings: FormatOptions) -> None:
+    """Writes the files of a format for each map."""
+    with naming_options(FormatOptions(), tile="--tile-size"):
+        target.files(LOOP, "map", **settings.given())  # refuses bad options before any map is read
+    maps = {file: read_map(file) for file in options.maps}
+    _write_maps(maps, target, settings.given(), options.out)
+    for file, road_map in maps.items():
+        warn_of_faults(str(file), without_ends(road_map, settings.dead_ends))
+    say(f"{pluralize(len(maps), 'map')} in {options.out}")
+    if settings.dead_ends == "grass":
+        _say_left_out([road_map.codes for road_map in maps.values()])
+
+
+def _say_left_out(grids: Sequence[Int8[np.ndarray, "H W"]]) -> None:
+    from elitelanes_jax.formats.duckietown import without_dead_ends
+
+    tiles = sum(np.count_nonzero(codes) for codes in grids)
+    written = sum(np.count_nonzero(without_dead_ends(codes)) for codes in grids)
+    say(f"{tiles - written} of {tiles} tiles left out: roads that lead nowhere")
 
 
 def _write_maps(maps: Mapping[Path, RoadMap], target: Format, settings: Mapping[str, UserValue], out: Path) -> None:
@@ -97,29 +116,36 @@ def _write_maps(maps: Mapping[Path, RoadMap], target: Format, settings: Mapping[
             raise InputError(f"--out: expected a folder for {len(maps)} maps, got a file, {out}")
         for file in maps:
             _write_new(out, *contents(file, out.name[: -len(only)]))
-    elif ends_as_file(out):
+        return
+    if ends_as_file(out):
         expected = f"a folder, or a file that ends in {only}" if only else "a folder"
         raise InputError(f"--out: expected {expected}, got {out}")
-    else:
-        names = _names([*maps])
-        with output_folder(out, {"command": "export"}) as work:
-            for file, stem in names.items():
-                for suffix, content in zip(target.suffixes, contents(file, stem), strict=True):
-                    write_atomic(work.files / (stem + suffix), as_bytes(content))
+    names = _names(list(maps))
+    with output_folder(out, {"command": "export"}) as work:
+        for file, stem in names.items():
+            for suffix, content in zip(target.suffixes, contents(file, stem), strict=True):
+                write_atomic(work.files / (stem + suffix), as_bytes(content))
 
 
 def _names(files: Sequence[Path]) -> dict[Path, str]:
     """Returns a file name for each map, without suffix: the part of its path that differs, 0003 for 0003/map.json."""
-    stems = [Path(os.path.normpath(file.absolute())) for file in files]
-    stems = [stem if stem.is_dir() else stem.with_suffix("") for stem in stems]
-    stems = [stem.parent if stem.name == "map" else stem for stem in stems]
+    stems = [_stem(file) for file in files]
     root = os.path.commonpath([stem.parent for stem in stems])
-    names = {file: "-".join(stem.relative_to(root).parts) for file, stem in zip(files, stems, strict=True)}
-    first: dict[str, Path] = {}
-    for file, stem in names.items():
-        if first.setdefault(stem, file) is not file:
-            raise InputError(f"{file}: expected maps of different names, got two for {stem}")
+    names: dict[Path, str] = {}
+    for file, stem in zip(files, stems, strict=True):
+        name = "-".join(stem.relative_to(root).parts)
+        if name in names.values():
+            raise InputError(f"{file}: expected maps of different names, got two for {name}")
+        names[file] = name
     return names
+
+
+def _stem(file: Path) -> Path:
+    """Returns what names a map: its file without suffix, or the folder of a map.json."""
+    path = Path(os.path.normpath(file.absolute()))
+    if not path.is_dir():
+        path = path.with_suffix("")
+    return path.parent if path.name == "map" else path
 
 
 def _write_new(file: Path, content: str | bytes) -> None:
@@ -158,9 +184,8 @@ def _pack(options: argparse.Namespace) -> int:
 
     with naming_options(PackSpec(), tile="--tile-size"):
         about = pack(spec, options.sources, options.out, force=options.force)
-    splits = (
-        f"{name} {pluralize(part['maps'], 'map')} of {pluralize(part['niches'], 'niche')}"
-        for name, part in about["splits"].items()
-    )
+    splits = []
+    for split, part in about["splits"].items():
+        splits.append(f"{split} {pluralize(part['maps'], 'map')} of {pluralize(part['niches'], 'niche')}")
     say(f"{pluralize(about['maps']['number'], 'map')} in {options.out}: {', '.join(splits)}")
     return 0

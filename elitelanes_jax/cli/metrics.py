@@ -9,6 +9,8 @@ from elitelanes_jax.cli.arguments import Commands, add_command, checked_by
 from elitelanes_jax.cli.program import say
 
 _WIDTH = 110
+_VALUES_WIDE = 19
+_SKETCH_WIDE = 28
 
 
 def add_metrics(commands: Commands) -> None:
@@ -31,15 +33,22 @@ def _metrics(options: argparse.Namespace) -> int:
     if options.name is not None:
         say(_show(check_feature("metrics", options.name), *listed[options.name]), asked=True)
         return 0
+    say(_list(listed), asked=True)
+    return 0
+
+
+def _list(listed: dict[str, tuple[str, str]]) -> str:
+    """Returns a table: name, values and meaning of each feature."""
     wide = max(map(len, listed))
+    indent = wide + 2 + _VALUES_WIDE + 2
     lines = [f"{'':{wide}}  at 12 x 12"]
     for feature, (meaning, values) in listed.items():
-        first, *more = wrap(meaning, _WIDTH - wide - 23)
-        lines.append(f"{feature:{wide}}  {values:19}  {first}")
-        lines += [f"{'':{wide + 23}}{line}" for line in more]
+        head = f"{feature:{wide}}  {values:{_VALUES_WIDE}}  "
+        for part in wrap(meaning, _WIDTH - indent):
+            lines.append(head + part)
+            head = " " * indent
     lines += ["", f"--where NAME=LOW..HIGH sets a range; elitelanes metrics NAME shows one metric. {_NOTE}"]
-    say("\n".join(lines), asked=True)
-    return 0
+    return "\n".join(lines)
 
 
 _NOTE = (
@@ -54,12 +63,18 @@ def _show(feature: str, meaning: str, values: str) -> str:
     from elitelanes_jax.problem.extremes import extreme_maps, feature_range, value_text
     from elitelanes_jax.problem.features import TOWN_FEATURES
 
+    lines = wrap(f"{feature}: {meaning}", _WIDTH)
+    lines.append("")
     if feature in TOWN_FEATURES:
-        return "\n".join([*wrap(f"{feature}: {meaning}", _WIDTH), "", f"{values}; {_MEASURED}"])
+        lines.append(f"{values}; {_MEASURED}")
+        return "\n".join(lines)
+    lines.append(f"{values} on maps of 12 x 12 tiles")
     low, high = feature_range(feature)
-    lines = [*wrap(f"{feature}: {meaning}", _WIDTH), "", f"{values} on maps of 12 x 12 tiles"]
     if low == high:
-        return "\n".join([*lines, "all maps of generate have this value"])
-    least, most = (draw_text(grid).splitlines() for grid in extreme_maps(feature))
-    lines += ["", f"{value_text(low):28}{value_text(high)}"]
-    return "\n".join([*lines, *(f"{one:28}{other}" for one, other in zip_longest(least, most))])
+        lines.append("all maps of generate have this value")
+        return "\n".join(lines)
+    lines += ["", f"{value_text(low):{_SKETCH_WIDE}}{value_text(high)}"]
+    least, most = extreme_maps(feature)
+    rows = zip_longest(draw_text(least).splitlines(), draw_text(most).splitlines(), fillvalue="")
+    lines += [f"{left:{_SKETCH_WIDE}}{right}" for left, right in rows]
+    return "\n".join(lines)

@@ -48,10 +48,12 @@ class Choice(NamedTuple):
         reasons = [f"{count} {reason}" for reason, count in self.rejected.items()]
         if self.alike:
             reasons.append(f"{self.alike} like another when moved, rotated or mirrored")
-        found = f"found {len(self.maps)} of {pluralize(wanted, 'map')} among {pluralize(self.found, 'elite')}"
-        against = f" ({', '.join(reasons)})" if reasons else ""
-        at_most = "; at_most=True writes those found" if writable and self.maps else ""
-        return f"{found}{against}{at_most}; {hint} find more"
+        text = f"found {len(self.maps)} of {pluralize(wanted, 'map')} among {pluralize(self.found, 'elite')}"
+        if reasons:
+            text += f" ({', '.join(reasons)})"
+        if writable and self.maps:
+            text += "; at_most=True writes those found"
+        return f"{text}; {hint} find more"
 
     def hint(self, method: str, shape: tuple[int, int]) -> str:
         """Returns what finds more maps ``(height, width)`` with a method."""
@@ -59,9 +61,12 @@ class Choice(NamedTuple):
             return "wider ranges, more seeds or evaluations"
         if method == "ea":  # its population becomes more alike with time
             return "more seeds"
-        if max(self.rejected, key=lambda reason: self.rejected[reason], default="").endswith("the tile set lacks"):
+        most_frequent = max(self.rejected, key=lambda reason: self.rejected[reason], default="")
+        if most_frequent.endswith("the tile set lacks"):
             return "a tile set with more kinds of tiles, more seeds or evaluations"
-        return f"{'larger maps, ' if min(shape) < 4 else ''}more seeds or evaluations"
+        if min(shape) < 4:
+            return "larger maps, more seeds or evaluations"
+        return "more seeds or evaluations"
 
 
 def choose_maps(
@@ -93,53 +98,92 @@ def choose_maps(
       exclude: grids, of any size, whose roads no chosen map may have; the chosen maps should differ from them too.
       min_difference: the least `difference` of each map from all others. If there are too few such maps, the next share
         applies.
-
     """
-    settings, axes = search.settings, search.axes
-    if elites.valid.ndim == 1:
+    if elites.valid.ndim == 1:  # of one seed
         elites = jax.tree.map(lambda array: array[None], elites)
     valid = np.asarray(elites.valid)
-    shape = (elites.grids.shape[-2], elites.grids.shape[-1])
-    grids, fitness = np.asarray(elites.grids).reshape(-1, *shape), np.asarray(elites.fitness).ravel()
     metrics = {name: values.ravel() for name, values in elites.by_name().items()}
     useful, rejected = without_flaws(valid.ravel(), metrics, search)
-    satisfied = satisfies(metrics, search.ranges)
-    rejected[_OUTSIDE] = int((useful & ~satisfied).sum())
-    useful &= satisfied
+    in_ranges = satisfies(metrics, search.ranges)
+    rejected[_OUTSIDE] = int((useful & ~in_ranges).sum())
+    useful &= in_ranges
 
-    exclude = [*exclude, *(np.array(grid, np.int8) for grid in settings.like)]
-    kept = _distinct(grids, fitness, useful, exclude)
-    descriptor = np.asarray(elites.descriptor).reshape(-1, len(axes))[kept]
-    seeds, bins = kept // valid.shape[1], np.asarray(niche_bins(descriptor, axes))
-    points = bins / [max(1, axis.bins - 1) for axis in axes]
-    # Niches outside the target bins were stepping stones. They give maps only if the others have too few.
-    target = np.array([-1 if axis.target is None else axis.target for axis in axes])
-    on_target = ((bins == target) | (target < 0)).all(axis=1)
-    pursuit = (
-        SupportPoints(_target_features(metrics, kept, settings.targets), settings.targets) if settings.targets else None
-    )
+    examples = [np.array(grid, np.int8) for grid in search.settings.like]
+    exclude = [*exclude, *examples]
+    grids = np.asarray(elites.grids).reshape(-1, *elites.grids.shape[-2:])
+    fitness = np.asarray(elites.fitness).ravel()
+    distinct = _distinct(grids, fitness, useful, exclude)
+    candidates = _Candidates.take(elites, distinct, metrics, search)
+
+    pursuit = None
+    targets = search.settings.targets
+    if targets:
+        pursuit = SupportPoints(_target_features(candidates.metrics, targets), targets)
     chosen: list[int] = []
-    for group in (np.flatnonzero(on_target), np.flatnonzero(~on_target)):
-        order = _follow(pursuit, group) if pursuit else _spread(points[group], seeds[group])
-        before = [*exclude, *grids[kept[chosen]]]
-        chosen += group[_choose(order, grids[kept[group]], count - len(chosen), before, min_difference)].tolist()
-    maps = [
-        RoadMap(
-            codes=grids[kept[index]],
-            metrics={name: _value(name, values[kept[index]].item()) for name, values in metrics.items()}
-            | {
-                f"{COUNTED[kind]}_left": count - metrics[COUNTED[kind]][kept[index]].item()
-                for kind, count in settings.inventory or ()
-            },
-            fitness=fitness[kept[index]].item(),
-            descriptor={axis.metric: int(value) for axis, value in zip(axes, descriptor[index], strict=True)},
-            niche=bins[index].tolist(),
-            seed=(seed, int(seeds[index])),
-        )
-        for index in sorted(chosen, key=lambda index: (*bins[index], index))
-    ]
+    # Niches outside the target bins were stepping stones. They give maps only if the others have too few.
+    for group in (np.flatnonzero(candidates.on_target), np.flatnonzero(~candidates.on_target)):
+        order = _follow(pursuit, group) if pursuit else _spread(candidates.points[group], candidates.seeds[group])
+        before = [*exclude, *candidates.grids[chosen]]
+        indices = _choose(order, candidates.grids[group], count - len(chosen), before, min_difference)
+        chosen += group[indices].tolist()
+    chosen.sort(key=lambda index: (*candidates.bins[index], index))
+
     reasons = {words: number for words, number in rejected.items() if number}
-    return Choice(maps, int(valid.sum()), reasons, int(useful.sum()) - len(kept))
+    return Choice(
+        maps=[candidates.road_map(index, search, seed) for index in chosen],
+        found=int(valid.sum()),
+        rejected=reasons,
+        alike=int(useful.sum()) - len(distinct),
+    )
+
+
+class _Candidates(NamedTuple):
+    """M elites among which maps are chosen, the fittest first."""
+
+    grids: _Grids  # [M, H, W]
+    fitness: NDArray[np.int32]  # [M]
+    metrics: dict[str, NDArray[np.generic]]  # of [M] each, by name
+    descriptor: NDArray[np.int32]  # [M, D]
+    bins: NDArray[np.int_]  # [M, D], the niche
+    points: NDArray[np.float64]  # [M, D], the niche in units of each axis, 0 to 1
+    on_target: NDArray[np.bool_]  # [M], whether the niche is in all target bins
+    seeds: NDArray[np.int_]  # [M], by their number in the run
+
+    @staticmethod
+    def take(
+        elites: MeasuredElites, indices: NDArray[np.int_], metrics: dict[str, NDArray[np.generic]], search: Search
+    ) -> "_Candidates":
+        """Takes some of the elites ``[S, slots]``, by their flat indices; `metrics` are those of all, flat."""
+        axes = search.axes
+        descriptor = np.asarray(elites.descriptor).reshape(-1, len(axes))[indices]
+        bins = np.asarray(niche_bins(descriptor, axes))
+        targets = np.array([-1 if axis.target is None else axis.target for axis in axes])
+        return _Candidates(
+            grids=np.asarray(elites.grids).reshape(-1, *elites.grids.shape[-2:])[indices],
+            fitness=np.asarray(elites.fitness).ravel()[indices],
+            metrics={name: values[indices] for name, values in metrics.items()},
+            descriptor=descriptor,
+            bins=bins,
+            points=bins / [max(1, axis.bins - 1) for axis in axes],
+            on_target=((bins == targets) | (targets < 0)).all(axis=1),
+            seeds=indices // elites.valid.shape[1],
+        )
+
+    def road_map(self, index: int, search: Search, seed: int) -> RoadMap:
+        """Returns a candidate as a map, with its metrics, and how many tiles of each kind it leaves of an inventory."""
+        metrics = {name: _value(name, values[index].item()) for name, values in self.metrics.items()}
+        for kind, count in search.settings.inventory or ():
+            used = self.metrics[COUNTED[kind]][index].item()
+            metrics[f"{COUNTED[kind]}_left"] = count - used
+        descriptor = zip(search.axes, self.descriptor[index], strict=True)
+        return RoadMap(
+            codes=self.grids[index],
+            metrics=metrics,
+            fitness=self.fitness[index].item(),
+            descriptor={axis.metric: int(value) for axis, value in descriptor},
+            niche=self.bins[index].tolist(),
+            seed=(seed, int(self.seeds[index])),
+        )
 
 
 @name_wrong_arguments
@@ -179,16 +223,15 @@ def _distinct(
 
 def _value(name: str, number: float) -> float:
     """Returns the number of a metric, which is not scaled, and of other features in units of 1."""
-    return number / feature_unit(name) if name not in FEATURES and feature_unit(name) != 1 else number
+    is_scaled = name not in FEATURES and feature_unit(name) != 1
+    return number / feature_unit(name) if is_scaled else number
 
 
-def _target_features(
-    metrics: dict[str, NDArray[np.generic]], kept: NDArray[np.int_], targets: Sequence[ExampleValues]
-) -> NDArray[np.float64]:
-    """Returns the features that have targets, of the kept elites, in the order and units of the targets."""
+def _target_features(metrics: dict[str, NDArray[np.generic]], targets: Sequence[ExampleValues]) -> NDArray[np.float64]:
+    """Returns the features that have targets, in the order and units of the targets."""
     names = [target.name for target in targets]
     columns = columns_for(names)
-    features = np.stack([metrics[name][kept] for name in columns], axis=-1).astype(np.int32)
+    features = np.stack([metrics[name] for name in columns], axis=-1).astype(np.int32)
     return select_features(features, columns, names) / np.array([feature_unit(name) for name in names])
 
 
@@ -199,9 +242,11 @@ def _choose(order: _Round, grids: _Grids, count: int, before: Sequence[_Grids], 
     """
     roads, largest = RoadSet(grids), max(shares)
     difference = np.full(len(grids), np.inf)  # from the most similar chosen map; under 0 for the chosen maps
-    for grid in before if count > 0 else ():
-        np.minimum(difference, roads.differences(grid, largest), out=difference)
     chosen: list[int] = []
+    if count <= 0:
+        return chosen
+    for grid in before:
+        np.minimum(difference, roads.differences(grid, largest), out=difference)
     for share in shares:
         while len(chosen) < count and (difference >= share).any():
             for index in order(difference, share, count - len(chosen)):
@@ -217,17 +262,19 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
     If a round has fewer maps than points, the next point is always the farthest from those before. A point yields a map
     of the seed that has given the fewest so far, because maps of one seed are related.
     """
-    given: Counter[int] = Counter()
+    maps_of: Counter[int] = Counter()  # the maps that each seed has given
 
     def order(difference: NDArray[np.float64], share: float, count: int) -> Iterator[int]:
         waiting: dict[bytes, list[int]] = {}
         for index in np.flatnonzero(difference >= share).tolist():
             waiting.setdefault(points[index].tobytes(), []).append(index)
         lists = list(waiting.values())
-        for point in _farthest(points[[indices[0] for indices in lists]], count):
-            if different := [index for index in lists[point] if difference[index] >= share]:
-                index = min(different, key=lambda index: (given[int(seeds[index])], index))
-                given[int(seeds[index])] += 1
+        first = [indices[0] for indices in lists]
+        for point in _farthest(points[first], count):
+            different = [index for index in lists[point] if difference[index] >= share]
+            if different:
+                index = min(different, key=lambda index: (maps_of[int(seeds[index])], index))
+                maps_of[int(seeds[index])] += 1
                 yield index
 
     return order
