@@ -1,6 +1,6 @@
 """The specification of a dataset, and the numbers of maps of each size and split; without JAX and OpenCV."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, fields
 from itertools import product
@@ -47,17 +47,27 @@ def parse_sides(size: UserValue) -> Sides:
 
     Two are in a sequence or one text, ``8..10 12``. A range may also be a pair.
     """
-    given = size.split() if isinstance(size, str) else [size] if is_whole(size) else size
-    if not isinstance(given, Sequence) or len(given) not in (1, 2):
+    ranges = size
+    if isinstance(size, str):
+        ranges = size.split()
+    elif is_whole(size):
+        ranges = [size]
+    if not isinstance(ranges, Sequence) or len(ranges) not in (1, 2):
         raise InputError(f"expected a range of sides such as 8..14, or two, of rows and columns, got {size!r}")
-    ranges = []
-    for one in given:
-        pair = one.split("..") if isinstance(one, str) else one if isinstance(one, Sequence) else [one]
-        sides = [whole(2, LONGEST_SIDE)(side) for side in pair]
-        if len(sides) not in (1, 2) or sides[0] > sides[-1]:
-            raise InputError(f"expected the smallest and the largest side, such as 8..14, got {one!r}")
-        ranges.append((sides[0], sides[-1]))
-    return tuple(ranges)
+    return tuple(_parse_range(each) for each in ranges)
+
+
+def _parse_range(text: UserValue) -> tuple[int, int]:
+    """Reads a side, or the smallest and the largest one: ``8``, ``8..14`` or a pair."""
+    ends = [text]
+    if isinstance(text, str):
+        ends = text.split("..")
+    elif isinstance(text, Sequence):
+        ends = list(text)
+    sides = [whole(2, LONGEST_SIDE)(end) for end in ends]
+    if len(sides) not in (1, 2) or sides[0] > sides[-1]:
+        raise InputError(f"expected the smallest and the largest side, such as 8..14, got {text!r}")
+    return sides[0], sides[-1]
 
 
 @dataclass(frozen=True)
@@ -136,35 +146,41 @@ class DatasetSpec(Record):
         If maps were given, `maps` and `size` are determined anew: by the given maps, or by the defaults without them.
         """
         if self.maps_from is not None:
-            values = {one.name: one.default for one in fields(self) if one.name in ("maps", "size")} | values
+            defaults = {field.name: field.default for field in fields(self)}
+            values = {"maps": defaults["maps"], "size": defaults["size"]} | values
         return super().replace(**values)
 
     def _take_given(self, given: GivenMaps) -> None:
         """Sets the number and the sizes of given maps."""
-        defaults = {one.name: one.default for one in fields(self)}
         usual = _USUAL_SEARCH.options
         names = [name for name, value in self.search.options.items() if usual.get(name) != value]
         if names:
             got = ", ".join(names)
             raise InputError(f"maps_from: expected no options of a search, which given maps do not need, got {got}")
-        rows, columns = ((min(sides), max(sides)) for sides in zip(*given.sizes, strict=True))
-        square = all(height == width for height, width in given.sizes)
-        values: dict[str, UserValue] = {"maps": len(given.maps), "size": (rows,) if square else (rows, columns)}
-        for name, value in values.items():
-            tell = describe_sides if name == "size" else str
-            if (asked := getattr(self, name)) not in (defaults[name], value):
-                raise InputError(f"{name}: expected that of the given maps, {tell(value)}, got {tell(asked)}")
-            object.__setattr__(self, name, value)
+        heights, widths = zip(*given.sizes, strict=True)
+        size: Sides = ((min(heights), max(heights)),)
+        if heights != widths:
+            size = (*size, (min(widths), max(widths)))
+        self._take("maps", len(given.maps), str)
+        self._take("size", size, describe_sides)
+
+    def _take(self, name: str, value: UserValue, tell: Callable[[UserValue], str]) -> None:
+        """Sets an option to that of the given maps; the user may have given the same value, or none."""
+        asked = getattr(self, name)
+        default = next(field.default for field in fields(self) if field.name == name)
+        if asked not in (default, value):
+            raise InputError(f"{name}: expected that of the given maps, {tell(value)}, got {tell(asked)}")
+        object.__setattr__(self, name, value)
 
     def _check_camera(self) -> None:
         """Checks that transforms do not change the camera's geometry."""
-        still, usual = ({name: getattr(one, name) for name in GEOMETRY} for one in (Transforms(), STANDARD))
-        asked = {name: getattr(self.transforms, name) for name in GEOMETRY}
-        if changed := [name for name in GEOMETRY if asked[name] not in (still[name], usual[name])]:
-            raise InputError(
-                "transforms: expected changes of light and pixels with a camera, which has its own positions, got "
-                f"{changed[0].replace('_', '-')}"
-            )
+        still = {name: getattr(Transforms(), name) for name in GEOMETRY}
+        for name in GEOMETRY:
+            if getattr(self.transforms, name) not in (still[name], getattr(STANDARD, name)):
+                raise InputError(
+                    "transforms: expected changes of light and pixels with a camera, which has its own positions, got "
+                    f"{name.replace('_', '-')}"
+                )
         object.__setattr__(self, "transforms", self.transforms.replace(**still))
 
     def _check_pixels(self) -> None:
@@ -188,8 +204,11 @@ class DatasetSpec(Record):
         """(height, width) of the maps, in order."""
         if self.maps_from is not None:
             return self.maps_from.sizes
-        rows, columns = (range(low, high + 1) for low, high in (self.size[0], self.size[-1]))
-        return [(side, side) for side in rows] if len(self.size) == 1 else list(product(rows, columns))
+        rows = range(self.size[0][0], self.size[0][1] + 1)
+        if len(self.size) == 1:
+            return [(side, side) for side in rows]
+        columns = range(self.size[1][0], self.size[1][1] + 1)
+        return list(product(rows, columns))
 
     @property
     def map_indices(self) -> range:

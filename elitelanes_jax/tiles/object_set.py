@@ -19,6 +19,7 @@ from functools import cache, cached_property, lru_cache
 from hashlib import sha256
 from math import cos, degrees, radians
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -28,7 +29,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, path, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, base_kind, check_kind, nearest_view
 from elitelanes_jax.formats.tags import LARGEST_TAG
@@ -81,8 +82,8 @@ class ObjectSet:
     def kinds(self) -> dict[str, tuple[ObjectPictures, ...]]:
         """The pictures of each kind in the set."""
         kinds: dict[str, tuple[ObjectPictures, ...]] = {}
-        for one in self.pictures:
-            kinds[one.kind] = (*kinds.get(one.kind, ()), one)
+        for pictures in self.pictures:
+            kinds[pictures.kind] = (*kinds.get(pictures.kind, ()), pictures)
         return kinds
 
     @property
@@ -93,12 +94,13 @@ class ObjectSet:
     @cached_property
     def digest(self) -> str:
         """A digest of all pictures and sizes."""
-        found = sha256()
-        for one in self.pictures:
-            found.update(repr((one.name, one.kind, one.height, one.footprint, one.tag)).encode())
-            for angle, pixels in (*one.views.items(), ("top", one.top)):
-                found.update(repr((angle, pixels.shape)).encode() + pixels.tobytes())
-        return found.hexdigest()[:16]
+        digest = sha256()
+        for pictures in self.pictures:
+            about = pictures.name, pictures.kind, pictures.height, pictures.footprint, pictures.tag
+            digest.update(repr(about).encode())
+            for angle, pixels in (*pictures.views.items(), ("top", pictures.top)):
+                digest.update(repr((angle, pixels.shape)).encode() + pixels.tobytes())
+        return digest.hexdigest()[:16]
 
     def choose(self, objects: Sequence[MapObject], seed: int | list[int] = 0) -> list[ObjectPictures]:
         """Chooses pictures for each object at random among those of its kind, with the object's own AprilTag.
@@ -106,33 +108,38 @@ class ObjectSet:
         Raises:
           InputError: for a kind without pictures in the set.
         """
-        choices = [self.kinds.get(thing.kind) or self.kinds.get(base_kind(thing.kind), ()) for thing in objects]
-        for thing, choice in zip(objects, choices, strict=True):
-            if not choice:
+        lots = np.random.default_rng(seed).random(len(objects))
+        chosen = []
+        for thing, lot in zip(objects, lots, strict=True):
+            choices = self.kinds.get(thing.kind) or self.kinds.get(base_kind(thing.kind))
+            if not choices:
                 known = ", ".join(self.kinds)
                 raise InputError(f"objects: expected kinds that the set {self.name!r} has ({known}), got {thing.kind}")
-        lots = np.random.default_rng(seed).random(len(objects))
-        chosen = [choice[int(lot * len(choice))] for choice, lot in zip(choices, lots, strict=True)]
-        return [
-            one if thing.tag is None else _with_tag(one, thing.tag) for thing, one in zip(objects, chosen, strict=True)
-        ]
+            pictures = choices[int(lot * len(choices))]
+            if thing.tag is not None:
+                pictures = _with_tag(pictures, thing.tag)
+            chosen.append(pictures)
+        return chosen
 
 
 @lru_cache(maxsize=1024)
-def _with_tag(one: ObjectPictures, number: int) -> ObjectPictures:
+def _with_tag(pictures: ObjectPictures, number: int) -> ObjectPictures:
     """Returns the pictures of an object with an AprilTag of that number, where it has one."""
-    if one.tag is None:
-        return one
-    middle, side = one.tag
-    if not one.height:
-        metre = one.top.shape[1] / one.footprint[0]
-        return replace(one, top=_paint_tag(one.top, number, one.top.shape[0] / 2, side * metre, side * metre))
+    if pictures.tag is None:
+        return pictures
+    middle, side = pictures.tag
+    if not pictures.height:  # a tag on the floor
+        top = pictures.top
+        metre = top.shape[1] / pictures.footprint[0]  # in pixels
+        return replace(pictures, top=_paint_tag(top, number, top.shape[0] / 2, side * metre, side * metre))
     views = {}
-    for angle, pixels in one.views.items():
-        metre = pixels.shape[0] / one.height
-        row, wide = pixels.shape[0] - middle * metre, side * metre * cos(radians(angle))
-        views[angle] = _paint_tag(pixels, number, row, side * metre, wide) if wide > 1 else pixels
-    return replace(one, views=views)
+    for angle, pixels in pictures.views.items():
+        metre = pixels.shape[0] / pictures.height
+        row = pixels.shape[0] - middle * metre
+        wide = side * metre * cos(radians(angle))
+        is_seen = wide > 1
+        views[angle] = _paint_tag(pixels, number, row, side * metre, wide) if is_seen else pixels
+    return replace(pictures, views=views)
 
 
 @name_wrong_arguments
@@ -154,20 +161,25 @@ def _paint_tag(pixels: NDArray[np.uint8], number: int, row: float, high: float, 
     old = pixels[round(top) : round(top + high), round(left) : round(left + wide), :3]
     white = np.percentile(old, 95, axis=(0, 1)) if old.size else np.full(3, 255)
     tag = np.repeat(draw_tag(number), 8, axis=0).repeat(8, axis=1)
-    face = np.dstack([*(tag / 255 * part for part in white), np.full(tag.shape, 255)]).astype(np.uint8)
+    colours = tag[..., None] / 255 * white
+    picture = np.dstack([colours, np.full(tag.shape, 255)]).astype(np.uint8)
+    place = np.array([[wide / len(tag), 0, left], [0, high / len(tag), top], [0, 0, 1]])
     painted = np.ascontiguousarray(pixels[..., :3])
-    paste(painted, [Placed(face, np.array([[wide / len(tag), 0, left], [0, high / len(tag), top], [0, 0, 1]]))])
+    paste(painted, [Placed(picture, place)])
     return np.dstack([painted, pixels[..., 3]])
 
 
 def lay_flat(thing: MapObject, pictures: ObjectPictures, tile_px: int) -> Placed:
     """Places an object on a map as seen from above, in pixels of the rendered map; `tile_px` is a tile's side."""
     rows, columns = pictures.top.shape[:2]
-    scale = tile_px / TILE_SIZE * (thing.height / pictures.height if pictures.height else 1)
+    scale = tile_px / TILE_SIZE  # pixels of a metre
+    if pictures.height:
+        scale *= thing.height / pictures.height
+    centre = np.array([[1, 0, -columns / 2], [0, 1, -rows / 2], [0, 0, 1]])
+    size = np.diag([pictures.footprint[0] * scale / columns, pictures.footprint[1] * scale / rows, 1])
     cosine, sine = np.cos(thing.angle), np.sin(thing.angle)
     turn = np.array([[cosine, sine, thing.x * tile_px], [-sine, cosine, thing.y * tile_px], [0, 0, 1]])
-    size = np.diag([pictures.footprint[0] * scale / columns, pictures.footprint[1] * scale / rows, 1])
-    return Placed(pictures.top, turn @ size @ np.array([[1, 0, -columns / 2], [0, 1, -rows / 2], [0, 0, 1]]))
+    return Placed(pictures.top, turn @ size @ centre)
 
 
 def lay_all_flat(
@@ -215,45 +227,74 @@ def _load(folder: Path) -> ObjectSet:
 
 
 def _load_pictures(folder: Path) -> ObjectPictures:
-    kind, height, footprint, tag = _about(folder / "object.toml")
-    files = {file.stem: file for file in sorted(folder.glob("*.png"))}
-    views = {
-        int(match[1] or 0): file
-        for name, file in files.items()
-        if (match := re.fullmatch(r"image(?:_(\d{1,3}))?", name))
-    }
-    if height and 0 not in views:
+    about = _read_about(folder / "object.toml")
+    files = _view_files(folder)
+    if about.height and 0 not in files:
         raise InputError(f"{folder}: expected image.png, the view from the front, got none")
-    if "top" not in files and not height:
+    views = {angle: _read(files[angle]) for angle in sorted(files)}
+    footprint, above = about.footprint, folder / "top.png"
+    if above.exists():
+        top = _read(above)
+    elif about.height:  # lying on the floor
+        front = views[0]
+        footprint = about.height, about.height * front.shape[1] / front.shape[0]
+        top = np.rot90(front, -1)
+    else:
         raise InputError(f"{folder}: expected top.png, as the height is 0, got none")
+    return ObjectPictures(folder.name, about.kind, about.height, footprint, about.tag, views, top)
+
+
+def _view_files(folder: Path) -> dict[int, Path]:
+    """Returns the files of views, by degrees."""
+    views = {}
+    for file in sorted(folder.glob("image*.png")):
+        match = re.fullmatch(r"image(?:_(\d{1,3}))?", file.stem)
+        if match:
+            views[int(match[1] or 0)] = file
     if views and max(views) > 359:
         raise InputError(f"{folder}: expected views image_1.png to image_359.png, got image_{max(views)}.png")
-    drawn = {angle: _read(views[angle]) for angle in sorted(views)}
-    if "top" in files:
-        return ObjectPictures(folder.name, kind, height, footprint, tag, drawn, _read(files["top"]))
-    front = drawn[0]
-    lying = height, height * front.shape[1] / front.shape[0]
-    return ObjectPictures(folder.name, kind, height, lying, tag, drawn, np.rot90(front, -1))
+    return views
 
 
-def _about(file: Path) -> tuple[str, float, tuple[float, float], tuple[float, float] | None]:
+class _About(NamedTuple):
+    """What object.toml says, see `ObjectPictures`."""
+
+    kind: str
+    height: float
+    footprint: tuple[float, float]
+    tag: tuple[float, float] | None
+
+
+def _read_about(file: Path) -> _About:
     about = read_toml(file, str(file))
-    for wrong in sorted({*about} - {_TAG} ^ {*_KEYS}):
-        got = shorten(repr(wrong)) if wrong in about else f"no {wrong}"
-        raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {got}")
-    kind, height, footprint = (about[key] for key in _KEYS)
-    kind = check_named(str(file), check_kind, kind)
-    flat = OBJECT_KINDS[base_kind(kind)].height == 0
-    if not is_real(height) or not (height == 0 if flat else 0 < height <= 10):
-        expected = "0 for tags on the floor" if flat else "metres over 0, to 10"
-        raise InputError(f"{file}: height: expected {expected}, got {shorten(repr(height), 40)}")
-    if not isinstance(footprint, list) or [is_real(side) and 0 < side <= 10 for side in footprint] != [True, True]:
-        raise InputError(f"{file}: footprint: expected [length, width] in metres, got {shorten(repr(footprint), 40)}")
-    tag = about.get(_TAG)
-    if tag is not None and (not isinstance(tag, list) or [is_real(part) for part in tag] != [True, True]):
-        raise InputError(f"{file}: tag: expected [middle, side] in metres, got {shorten(repr(tag), 40)}")
-    sides = float(footprint[0]), float(footprint[1])
-    return kind, float(height), sides, None if tag is None else (float(tag[0]), float(tag[1]))
+    for key in sorted(set(about) | set(_KEYS)):
+        if key in about and key not in (*_KEYS, _TAG):
+            raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {shorten(repr(key))}")
+        if key not in about:
+            raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got no {key}")
+    kind = check_named(str(file), check_kind, about["kind"])
+    height, is_flat = about["height"], OBJECT_KINDS[base_kind(kind)].height == 0
+    if is_flat and not (is_real(height) and height == 0):
+        raise InputError(f"{file}: height: expected 0 for tags on the floor, got {shorten(repr(height), 40)}")
+    if not is_flat and not (is_real(height) and 0 < height <= 10):
+        raise InputError(f"{file}: height: expected metres over 0, to 10, got {shorten(repr(height), 40)}")
+    footprint = _read_pair(about["footprint"])
+    if footprint is None or not all(0 < side <= 10 for side in footprint):
+        got = shorten(repr(about["footprint"]), 40)
+        raise InputError(f"{file}: footprint: expected [length, width] in metres, got {got}")
+    tag = None
+    if _TAG in about:
+        tag = _read_pair(about[_TAG])
+        if tag is None:
+            raise InputError(f"{file}: tag: expected [middle, side] in metres, got {shorten(repr(about[_TAG]), 40)}")
+    return _About(kind, float(height), footprint, tag)
+
+
+def _read_pair(value: Plain) -> tuple[float, float] | None:
+    """Returns a list of two numbers; None for anything else."""
+    if not isinstance(value, list) or len(value) != 2 or not all(map(is_real, value)):
+        return None
+    return float(value[0]), float(value[1])
 
 
 def _read(file: Path) -> NDArray[np.uint8]:
