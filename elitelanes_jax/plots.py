@@ -119,58 +119,88 @@ def archive_map(
     """
     from elitelanes_jax.problem.descriptor import parse_axes
 
-    given: UserValue = fitness
-    if hasattr(given, "elites"):
-        fitness, axes = given.elites.fitness, given.search.axes if axes is None else axes
-    fitness = getattr(fitness, "fitness", fitness)  # elites
+    source: UserValue = fitness
+    if hasattr(source, "elites"):  # a result
+        fitness = source.elites.fitness
+        axes = source.search.axes if axes is None else axes
+    elif hasattr(source, "fitness"):  # elites
+        fitness = source.fitness
     if axes is None:
         raise InputError("axes: expected the axes of the niches, or a Result instead of its fitness, got none")
     axes = parse_axes(axes, features=None)
     if not all(axis.width for axis in axes):
         raise InputError("axes: expected ones with a width, such as result.search.axes, got one without")
-    names = [axis.metric for axis in axes]
-    bins = [axis.bins for axis in axes]
-    across = names[int(np.argmax(bins))] if across is None else across
-    if down is None:
-        down = [name for name in names if name != across]
-    down = [down] if isinstance(down, str) else list(down)
-    shown = [*down, across]
-    for name in shown:
-        if name not in names or shown.count(name) > 1:
-            argument = "across" if name == across else "down"
-            raise InputError(f"{argument}: expected each of {', '.join(names)} at most once, got {', '.join(shown)}")
-    values = np.asarray(fitness, float)
-    if not values.size or values.shape[-1] != prod(bins):
-        raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {values.shape}")
-    values = np.where(np.isfinite(values) & (values < np.iinfo(np.int32).max), values, np.inf)
-    values = values.reshape(-1, *bins).min(axis=0)
-    hidden = tuple(index for index, name in enumerate(names) if name not in shown)
-    left = [name for name in names if name in shown]
-    table = values.min(axis=hidden).transpose([left.index(name) for name in shown])
-    rows, columns = [axes[names.index(name)] for name in down], axes[names.index(across)]
-    table = table.reshape(-1, columns.bins)
+    *down, across = _names_of(axes, across, down)
+    by_name = {axis.metric: axis for axis in axes}
+    rows, columns = [by_name[name] for name in down], by_name[across]
+    table = _niche_table(np.asarray(fitness, float), axes, [*down, across])
 
     ax = _axes(ax)
     style: dict[str, Untyped] = {"cmap": "viridis_r", "aspect": "auto", "interpolation": "nearest"} | image
     cells = ax.imshow(np.ma.masked_invalid(table), **style)
     ax.patch.set(facecolor=_VACANT, hatch="////", edgecolor="#cfcfca", linewidth=0)
     ax.figure.colorbar(cells, ax=ax, label=label)
-    every = -(-columns.bins // 9)
-    ax.set_xticks(range(0, columns.bins, every), [_bin_name(columns, index) for index in range(0, columns.bins, every)])
-    ax.set_xlabel(_in_words(across))
-    ax.set_ylabel(fill(f"{_HARD_SPACE}· ".join(name.replace("_", _HARD_SPACE) for name in down), 44))
-    heads = [
-        " · ".join(_bin_name(axis, index) for axis, index in zip(rows, indices, strict=True))
-        for indices in np.ndindex(*(axis.bins for axis in rows))
-    ]
+    _label_columns(ax, columns)
+    _label_rows(ax, rows)
+    return ax
+
+
+def _names_of(axes: "Sequence[Axis]", across: str | None, down: Sequence[str] | str | None) -> list[str]:
+    """Returns the names of the axes that are shown: those down, then the one across."""
+    names = [axis.metric for axis in axes]
+    if across is None:
+        across = names[int(np.argmax([axis.bins for axis in axes]))]
+    if down is None:
+        down = [name for name in names if name != across]
+    shown = [*([down] if isinstance(down, str) else down), across]
+    for name in shown:
+        if name not in names or shown.count(name) > 1:
+            argument = "across" if name == across else "down"
+            raise InputError(f"{argument}: expected each of {', '.join(names)} at most once, got {', '.join(shown)}")
+    return shown
+
+
+def _niche_table(fitness: NDArray[np.float64], axes: "Sequence[Axis]", shown: Sequence[str]) -> NDArray[np.float64]:
+    """Returns the lowest fitness ``[rows, columns]`` over seeds and hidden axes; infinite where no niche is filled."""
+    names = [axis.metric for axis in axes]
+    bins = [axis.bins for axis in axes]
+    if not fitness.size or fitness.shape[-1] != prod(bins):
+        raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {fitness.shape}")
+    is_filled = np.isfinite(fitness) & (fitness < np.iinfo(np.int32).max)
+    lowest = np.where(is_filled, fitness, np.inf).reshape(-1, *bins).min(axis=0)
+    hidden = tuple(index for index, name in enumerate(names) if name not in shown)
+    remaining = [name for name in names if name in shown]
+    order = [remaining.index(name) for name in shown]
+    return lowest.min(axis=hidden).transpose(order).reshape(-1, bins[names.index(shown[-1])])
+
+
+def _label_columns(ax: "Axes", axis: "Axis") -> None:
+    """Labels the bins of the axis across, ten at most."""
+    every = -(-axis.bins // 9)
+    places = range(0, axis.bins, every)
+    ax.set_xticks(places, [_bin_name(axis, index) for index in places])
+    ax.set_xlabel(_in_words(axis.metric))
+
+
+def _label_rows(ax: "Axes", axes: "Sequence[Axis]") -> None:
+    """Labels the rows by their bins on the axes down, and draws lines between the groups of the last one."""
+    if not axes:  # the descriptor has one axis
+        ax.set_yticks([])
+        return
+    names = [axis.metric.replace("_", _HARD_SPACE) for axis in axes]
+    ax.set_ylabel(fill(f"{_HARD_SPACE}· ".join(names), 44))
+    heads = []
+    for indices in np.ndindex(*(axis.bins for axis in axes)):
+        heads.append(" · ".join(_bin_name(axis, index) for axis, index in zip(axes, indices, strict=True)))
     # As many labels as are legible, the same ones in each group.
-    group = rows[-1].bins
-    every = next(n for n in range(-(-len(heads) // 32), len(heads) + 1) if group % n == 0 or n % group == 0)
+    group = axes[-1].bins
+    every = -(-len(heads) // 32)
+    while group % every and every % group:
+        every += 1
     ax.set_yticks(range(0, len(heads), every), heads[::every])
-    if len(rows) > 1:
+    if len(axes) > 1:
         for row in range(group, len(heads), group):
             ax.axhline(row - 0.5, color="white", linewidth=1.5)
-    return ax
 
 
 @name_wrong_arguments
@@ -196,8 +226,8 @@ def history(
     """
     if name not in ("best_fitness", "elite_count"):
         raise InputError(f"name: expected best_fitness or elite_count, got {name!r}")
-    given: UserValue = record
-    run: History | None = getattr(given, "history", given)
+    result: UserValue = record
+    run: History | None = getattr(result, "history", result)
     if run is None or not hasattr(run, name):
         raise InputError(f"record: expected a result with a history, got {shorten(repr(record))}")
     ax = seed_band(run.evaluations, getattr(run, name), label=label, quantiles=quantiles, ax=ax)
@@ -232,10 +262,10 @@ def seed_band(
     steps, samples = np.asarray(x), np.atleast_2d(np.asarray(values, float))
     if steps.ndim != 1 or samples.ndim != 2 or samples.shape[1] != steps.size or not len(samples):
         raise InputError(f"values: expected [S, {steps.size}] like x, got shape {np.shape(values)}")
-    given = np.asarray(quantiles)
-    if given.shape != (2,) or given.dtype.kind not in "fiu" or not 0 <= given[0] <= given[1] <= 1:
+    shares = np.asarray(quantiles)
+    if shares.shape != (2,) or shares.dtype.kind not in "fiu" or not 0 <= shares[0] <= shares[1] <= 1:
         raise InputError(f"quantiles: expected two from 0 to 1, the lower first, got {quantiles!r}")
-    low, high = given
+    low, high = shares
     ax = _axes(ax)
     bottom, middle, top = np.quantile(samples, [low, 0.5, high], axis=0)
     (drawn,) = ax.plot(steps, middle, label=label, **line)
@@ -262,14 +292,17 @@ def _bin_name(axis: "Axis", index: int) -> str:
     from elitelanes_jax.problem.features import SHARE_UNIT, feature_unit, is_share
 
     first, last = axis.start + index * axis.width, axis.start + (index + 1) * axis.width - 1
+    is_open = index == axis.bins - 1  # the last bin has all larger values
     if is_share(axis.metric):
-        more = "+" if index == axis.bins - 1 and last < SHARE_UNIT - 1 else ""
-        return f"{100 * first / SHARE_UNIT:g}%{more}"
-    if feature_unit(axis.metric) != 1:
-        return f"{first / SHARE_UNIT:g}" + ("+" if index == axis.bins - 1 else "")
-    if index == axis.bins - 1:
-        return f"{first}+"
-    return f"{first}" if first == last else f"{first}–{last}"
+        text = f"{100 * first / SHARE_UNIT:g}%"
+        is_open &= last < SHARE_UNIT - 1
+    elif feature_unit(axis.metric) != 1:
+        text = f"{first / SHARE_UNIT:g}"
+    elif is_open or first == last:
+        text = f"{first}"
+    else:
+        text = f"{first}–{last}"
+    return text + "+" if is_open else text
 
 
 # The positions of a tile's sides relative to its middle, x to the east and y to the south.

@@ -154,6 +154,8 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
     many = archive_map(np.zeros(320), fine, across="crossings")
     heads = [label.get_text() for label in many.get_yticklabels()]
     assert heads[:3] == ["0% · 0%", "0% · 50%", "10% · 0%"] and heads[-1] == "70%+ · 50%"
+    row = archive_map(np.arange(4), (Axis("crossings", 4, 1),))
+    assert row.images[0].get_array().tolist() == [[0, 1, 2, 3]] and not row.get_yticks().size
 
 
 @pytest.mark.parametrize(
