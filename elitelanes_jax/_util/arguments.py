@@ -5,9 +5,9 @@ arguments with the annotations after such an error, so that calls that succeed c
 works.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import wraps
-from inspect import Parameter, signature
+from inspect import BoundArguments, Parameter, signature
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
@@ -31,118 +31,182 @@ _ARRAYS = (Annotated, np.ndarray, get_origin(NDArray[np.int8]))  # from NumPy 2.
 _CAUSED = (ArithmeticError, AttributeError, LookupError, SystemError, TypeError, ValueError)
 
 
+class WrongArgumentError(InputError):
+    """An argument of a public function that has another type than its annotation."""
+
+
 def name_wrong_arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorates a public function: an argument of another type causes an `InputError` that names it."""
+    """Decorates a public function: an argument of another type causes a `WrongArgumentError` that names it.
+
+    Public functions call each other. The outermost one with a wrong argument names it, because this is the one that
+    the user has called.
+    """
 
     @wraps(function)
     def named(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
             return function(*args, **kwargs)
+        except WrongArgumentError as inner:
+            message = _find_wrong(function, args, kwargs, inner)
+            if message is None:
+                raise
+            raise WrongArgumentError(message) from inner.__cause__
         except InputError:
             raise
         except Exception as error:
-            caused = isinstance(error, _CAUSED) or type(error).__module__ == "cv2"
-            if not caused or (message := _find_wrong(function, args, kwargs, error)) is None:
+            message = None
+            if isinstance(error, _CAUSED) or type(error).__module__ == "cv2":
+                message = _find_wrong(function, args, kwargs, error)
+            if message is None:
                 raise
-            raise InputError(message) from error
+            raise WrongArgumentError(message) from error
 
     return named
 
 
 def _find_wrong(function: Callable[..., UserValue], args: UserValue, kwargs: UserValue, error: Exception) -> str | None:
     """Returns a message about the arguments that caused an error; None if it may have another cause."""
-    parameters = signature(function)
     try:
-        given = parameters.bind(*args, **kwargs).arguments
+        bound = signature(function).bind(*args, **kwargs)
     except TypeError:  # other parameters; Python's message says so
         return None
-    for name, value in given.items():
-        kind = parameters.parameters[name]
-        several = kind.kind in (kind.VAR_POSITIONAL, kind.VAR_KEYWORD)
-        for one in (value.values() if isinstance(value, dict) else value) if several else [value]:
-            if one is not kind.default and not _fits(one, kind.annotation):
-                return f"{name}: expected {_describe(kind.annotation)}, got {shorten(repr(one))}"
-    if "broadcast" not in str(error) or any(map(callable, given.values())):
+    for parameter, value in _arguments(bound):
+        if value is not parameter.default and not _fits(value, parameter.annotation):
+            return f"{parameter.name}: expected {_describe(parameter.annotation)}, got {shorten(repr(value))}"
+    values = bound.arguments
+    if "broadcast" not in str(error) or any(map(callable, values.values())):
         return None
-    arrays = [name for name, value in given.items() if hasattr(value, "shape") or isinstance(value, list)]
-    shapes = ", ".join(str(list(np.shape(given[name]))) for name in arrays)
-    return f"{', '.join(arrays)}: expected shapes that fit, got {shapes}" if len(arrays) > 1 else None
+    arrays = {name: value for name, value in values.items() if hasattr(value, "shape") or isinstance(value, list)}
+    if len(arrays) < 2:
+        return None
+    shapes = ", ".join(str(list(np.shape(array))) for array in arrays.values())
+    return f"{', '.join(arrays)}: expected shapes that fit, got {shapes}"
 
 
-def _fits(value: UserValue, kind: UserValue, batch: bool = False) -> bool:
+def _arguments(bound: BoundArguments) -> Iterator[tuple[Parameter, UserValue]]:
+    """Yields each argument with its parameter; a parameter such as ``*maps`` has several."""
+    for name, value in bound.arguments.items():
+        parameter = bound.signature.parameters[name]
+        if parameter.kind == Parameter.VAR_POSITIONAL:
+            yield from ((parameter, item) for item in value)
+        elif parameter.kind == Parameter.VAR_KEYWORD:
+            yield from ((parameter, item) for item in value.values())
+        else:
+            yield parameter, value
+
+
+def _fits(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
     """Returns whether an annotation can mean a value; an unknown annotation means any value.
 
     In a batch, arrays may have more axes than their annotation says.
     """
-    origin, parts = get_origin(kind), get_args(kind)
-    if kind == ArrayLike or hasattr(kind, "dims") or origin in _ARRAYS:
-        return _is_array(value, kind, batch)
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if annotation == ArrayLike or hasattr(annotation, "dims") or origin in _ARRAYS:
+        return _is_array(value, annotation, batch)
     if origin in (Union, UnionType):
         return any(_fits(value, part, batch) for part in parts)
     if origin is Literal:
         return any(type(value) is type(part) and value == part for part in parts)
-    if isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping):
-        if not isinstance(value, Iterable) or isinstance(value, str | bytes | Mapping) or not getattr(value, "ndim", 1):
-            return False
-        if not hasattr(value, "__len__"):
-            return True
-        fixed = origin is tuple and ... not in parts
-        return (not fixed or len(value) == len(parts)) and all(_fits(one, parts[0]) for one in value)
-    kind = origin or kind
+    if _is_iterable(origin):
+        return _is_list_of(value, origin, parts)
+    kind = origin or annotation
     if kind in (int, float, bool) and hasattr(value, "dtype"):
         return value.ndim == 0 and _is_array(value, kind)
-    if kind in (int, float, np.number):
-        return is_real(value) and (kind is not int or is_whole(value)) and abs(value) < 2**63
+    if kind is int:
+        return is_whole(value) and abs(value) < 2**63
+    if kind in (float, np.number):
+        return is_real(value) and abs(value) < 2**63
     if kind is Any:
         return not _is_key(value)
     if kind is Parameter.empty or not isinstance(kind, type):
         return True
+    if not isinstance(value, kind):
+        return False
+    # The fields of a named tuple are those of a batch if functions that `jax.vmap` maps take it.
     fields = getattr(kind, "__annotations__", {}) if issubclass(kind, tuple) else {}
-    return isinstance(value, kind) and all(_fits(getattr(value, name), of, True) for name, of in fields.items())
+    return all(_fits(getattr(value, name), of, batch=True) for name, of in fields.items())
+
+
+def _is_iterable(origin: UserValue) -> bool:
+    return isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping)
+
+
+def _is_list_of(value: UserValue, origin: type, parts: tuple[UserValue, ...]) -> bool:
+    """Returns whether a value has several items of the type that an annotation such as ``list[int]`` names."""
+    is_several = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
+    if not is_several or getattr(value, "ndim", 1) == 0:
+        return False
+    if not hasattr(value, "__len__"):  # a generator, whose items are gone once they are seen
+        return True
+    has_fixed_length = origin is tuple and ... not in parts
+    if has_fixed_length and len(value) != len(parts):
+        return False
+    return all(_fits(item, parts[0]) for item in value)
 
 
 def _is_key(value: UserValue) -> bool:
     return str(getattr(value, "dtype", "")).startswith("key<")
 
 
-def _is_array(value: UserValue, kind: UserValue, batch: bool = False) -> bool:
+def _is_array(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
     """Returns whether a value is an array of numbers or can be one; the annotation may say how many axes."""
-    value, kinds = getattr(value, "codes", value), getattr(kind, "dtypes", ())
-    if "prng_key" in kinds:
-        old = getattr(value, "dtype", None) == np.uint32  # a key of the old style is a vector
-        return (_is_key(value) or old) and _has_axes(kind, value.ndim - old, batch)
+    value = getattr(value, "codes", value)  # of a map
+    dtypes = getattr(annotation, "dtypes", ())
+    if "prng_key" in dtypes:
+        return _is_key_array(value, annotation, batch)
     try:
         array = value if hasattr(value, "dtype") else np.asarray(value)
     except ValueError:  # lists of several lengths
         return False
-    kinds = "biuV" if all("int" in one for one in kinds or ("any",)) else "biufV"
-    if _is_key(array) or array.dtype.kind not in kinds or (not array.size and array is not value):
+    takes_whole = bool(dtypes) and all("int" in dtype for dtype in dtypes)
+    kinds = "biuV" if takes_whole else "biufV"  # V: the float types of JAX that NumPy does not know
+    if _is_key(array) or array.dtype.kind not in kinds:
         return False
-    return not isinstance(getattr(kind, "dims", None), tuple) or _has_axes(kind, array.ndim, batch)
+    if not array.size and array is not value:  # an empty list
+        return False
+    return _has_axes(annotation, array.ndim, batch)
 
 
-def _has_axes(kind: UserValue, axes: int, batch: bool) -> bool:
-    """Returns whether the annotation of an array means a number of axes."""
-    if kind.index_variadic is not None:
-        return len(kind.dims) - 1 <= axes
-    return len(kind.dims) == axes or (batch and len(kind.dims) <= axes)
+def _is_key_array(value: UserValue, annotation: UserValue, batch: bool) -> bool:
+    """Returns whether a value is a key of JAX, or a vector of the old style."""
+    if _is_key(value):
+        return _has_axes(annotation, value.ndim, batch)
+    is_old_style = getattr(value, "dtype", None) == np.uint32
+    return is_old_style and _has_axes(annotation, value.ndim - 1, batch)
 
 
-def _describe(kind: UserValue) -> str:
+def _has_axes(annotation: UserValue, axes: int, batch: bool) -> bool:
+    """Returns whether the annotation of an array means a number of axes; one without axes means any number."""
+    dims = getattr(annotation, "dims", None)
+    if not isinstance(dims, tuple):
+        return True
+    if annotation.index_variadic is not None:
+        return len(dims) - 1 <= axes
+    return len(dims) == axes or (batch and len(dims) <= axes)
+
+
+def _describe(annotation: UserValue) -> str:
     """Returns the words for an annotation in a message."""
-    origin, parts = get_origin(kind), get_args(kind)
-    if kind == ArrayLike or origin in _ARRAYS:
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if annotation == ArrayLike or origin in _ARRAYS:
         return "an array of numbers"
     if origin in (Union, UnionType):
-        return " or ".join(dict.fromkeys(map(_describe, parts)))
-    if "prng_key" in getattr(kind, "dtypes", ()):
+        return " or ".join(_distinct_words(parts))
+    if "prng_key" in getattr(annotation, "dtypes", ()):
         return "a jax.random.key"
-    if hasattr(kind, "dims"):
-        return f"{kind.__name__.partition('[')[0].lower()} [{', '.join(kind.dim_str.split())}]"
+    if hasattr(annotation, "dims"):
+        dtype = annotation.__name__.partition("[")[0].lower()
+        return f"{dtype} [{', '.join(annotation.dim_str.split())}]"
     if origin is Literal:
         return f"one of {', '.join(map(str, parts))}"
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return "values by name"
-    if isinstance(origin, type) and issubclass(origin, Iterable):
-        return f"a list of {' and '.join(dict.fromkeys(_describe(part) for part in parts if part is not ...))}"
-    return _WORDS.get(origin or kind) or str(getattr(kind, "__name__", kind))
+    if _is_iterable(origin):
+        return f"a list of {' and '.join(_distinct_words(part for part in parts if part is not ...))}"
+    kind = origin or annotation
+    return _WORDS.get(kind) or str(getattr(kind, "__name__", kind))
+
+
+def _distinct_words(annotations: Iterable[UserValue]) -> list[str]:
+    """Returns the words for annotations, each once, in order."""
+    return list(dict.fromkeys(map(_describe, annotations)))
