@@ -1,4 +1,4 @@
-"""Running JAX whatever the user has set: transfers of arrays are allowed, and a forked process is refused.
+"""Runs JAX under any settings of the user: transfers of arrays are allowed, and a forked process is refused.
 
 This module does not import JAX, so that functions for arrays of NumPy and JAX can use it.
 """
@@ -15,7 +15,8 @@ from elitelanes_jax._util.errors import InputError
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_started, _forked = False, False  # whether JAX had started before a fork, and whether this process is its child
+_started = False  # whether JAX had started when this process forked
+_forked = False  # whether this process was forked from one in which JAX had started
 
 
 def runs_jax(function: Callable[P, R]) -> Callable[P, R]:
@@ -52,7 +53,8 @@ def _before_fork() -> None:
     global _started
     if (jax := sys.modules.get("jax")) is None:
         return
-    # JAX refuses to change this setting once it has started its threads.
+    # JAX refuses to change this setting once it has started its threads, which tells whether it has. If it takes the
+    # change, the setting is set back.
     devices = jax.config.jax_num_cpu_devices
     try:
         jax.config.update("jax_num_cpu_devices", 2 if devices == 1 else 1)

@@ -17,7 +17,7 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, draw_level
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
-from elitelanes_jax.drive.lanes import TAKEN
+from elitelanes_jax.drive.lanes import TURN_TAKEN
 from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.sharding import divide_batches
@@ -162,7 +162,7 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
     grid, goal = state.grid, state.goal
     code = grid[state.node.row, state.node.column].astype(jnp.int32)
     choice = code * 12 + state.node.heading * 3 + jnp.clip(action, 0, 2)
-    turn = jnp.asarray(TAKEN.reshape(-1))[choice].astype(jnp.int32)
+    turn = jnp.asarray(TURN_TAKEN.reshape(-1))[choice].astype(jnp.int32)
     onward = Movement(*state.node, turn).next_node
     moves = jnp.asarray(CONNECTIONS)[code] > 1
     node = jax.tree.map(lambda new, old: jnp.where(moves, new, old), onward, state.node)

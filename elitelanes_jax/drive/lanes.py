@@ -37,14 +37,22 @@ _ACROSS = np.array([side.right for side in SIDES], np.int32)
 _ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
 _BEND = lane_bends(np.float32)
 
+# Added to the offset in tiles of a movement that points away from a pose, and of one that does not exist: more than any
+# offset on a tile, and more than both together.
+_RANK_OF_AWAY, _RANK_OF_NONE = 100.0, 10_000.0
 
-TAKEN = np.array(
-    [
-        [[next((t % 3 for t in range(a, a + 3) if open_turns[t % 3]), a) for a in range(3)] for open_turns in headings]
-        for headings in MOVEMENTS
-    ],
-    np.int8,
-)
+
+def _turns_taken() -> NDArray[np.int8]:
+    """Returns `TURN_TAKEN`."""
+    taken = np.empty(MOVEMENTS.shape, np.int8)
+    for code, heading, wanted in np.ndindex(*MOVEMENTS.shape):
+        in_order = [(wanted + step) % 3 for step in range(3)]
+        is_open = MOVEMENTS[code, heading]
+        taken[code, heading, wanted] = next((turn for turn in in_order if is_open[turn]), wanted)
+    return taken
+
+
+TURN_TAKEN = _turns_taken()
 """int8 ``[16, 4, 3]``: the turn that is taken for a wanted one, by the tile's code and the heading.
 
 It is the wanted turn or the next open one, in the order right, straight, left, right; the wanted one if none is open.
@@ -194,19 +202,25 @@ def random_pose(
 @divide_batches
 def _random_pose(key: Array, grid: AnyArray, offset: ArrayLike, heading: ArrayLike, *, lane_offset: float) -> Pose:
     exists = movements(grid)
+    choice, along, across, angle = uniform(key, (4,))
+    movement = _nth_movement(exists, choice)
+    return pose_beside(movement, along, across, angle, offset=offset, heading=heading, lane_offset=lane_offset)
+
+
+def _nth_movement(exists: Bool[Array, "H W 4 3"], choice: Float[Array, ""]) -> Movement:
+    """Returns the movement at a share, 0 to 1, of all that exist."""
     count = jnp.cumsum(exists.reshape(-1))
-    which, along, beside, turned = uniform(key, (4,))
-    index = jnp.searchsorted(count, jnp.floor(which * count[-1].astype(jnp.float32)).astype(jnp.int32) + 1)
-    row, column, entered, turn = jnp.unravel_index(jnp.minimum(index, count.size - 1).astype(jnp.int32), exists.shape)
-    movement = Movement(row, column, entered, turn)
-    return pose_beside(movement, along, beside, turned, offset=offset, heading=heading, lane_offset=lane_offset)
+    number = jnp.floor(choice * count[-1].astype(jnp.float32)).astype(jnp.int32)
+    index = jnp.searchsorted(count, number + 1)
+    index = jnp.minimum(index, count.size - 1).astype(jnp.int32)
+    return Movement(*jnp.unravel_index(index, exists.shape))
 
 
 def pose_beside(
     movement: Movement,
     along: Array,
-    beside: Array,
-    turned: Array,
+    across: Array,
+    angle: Array,
     *,
     offset: ArrayLike,
     heading: ArrayLike,
@@ -214,8 +228,8 @@ def pose_beside(
 ) -> Pose:
     """Returns the pose of `random_pose` for uniform numbers, 0 to 1: along the movement, across it, and its angle."""
     s = along * lane_length(movement.turn, lane_offset)
-    pose = lane_point(movement, s, (2 * beside - 1) * offset, lane_offset)
-    return pose._replace(theta=wrap_angle(pose.theta + (2 * turned - 1) * heading))
+    pose = lane_point(movement, s, (2 * across - 1) * offset, lane_offset)
+    return pose._replace(theta=wrap_angle(pose.theta + (2 * angle - 1) * heading))
 
 
 def tile_at(
@@ -279,10 +293,10 @@ def _lane_pose(grid: Array, pose: Pose, movement: Movement | None, *, lane_offse
 def nearest_movement(code: Array, pose: Pose, row: Array, column: Array, lane_offset: float = LANE_OFFSET) -> Movement:
     """Returns the movement that `lane_pose` uses by default, on a tile whose code has only links."""
     heading, turn = (jnp.asarray(index, jnp.int32) for index in np.indices((4, 3)).reshape(2, 12))
-    every = Movement(row, column, heading, turn)
-    d, phi, _ = lane_errors(pose, every, lane_offset)
+    d, phi, _ = lane_errors(pose, Movement(row, column, heading, turn), lane_offset)
     exists = jnp.asarray(MOVEMENTS)[code].reshape(12)
-    rank = jnp.abs(d) + jnp.where(jnp.cos(phi) <= 0, 100.0, 0.0) + jnp.where(exists, 0.0, 10_000.0)
+    points_away = jnp.cos(phi) <= 0
+    rank = jnp.abs(d) + jnp.where(points_away, _RANK_OF_AWAY, 0.0) + jnp.where(exists, 0.0, _RANK_OF_NONE)
     best = jnp.argmin(rank)
     return Movement(row, column, heading[best], turn[best])
 

@@ -228,8 +228,8 @@ def _far_walls(arrangement: _Arrangement, walls: _Walls) -> _Walls:
 def _sweep(arrangement: _Arrangement, labels: Array, walls: _Walls, into: Array, steps: int) -> Array:
     """Gives each corner the least label among its own and those of corners some steps away without a wall between.
 
-    Writes to `into`, another array than `labels`, so that XLA computes it in place and in one pass. Both ends of the
-    array belong to the outer face and do not change.
+    Writes to `into`, whose both ends are those of `labels`: they belong to the outer face and do not change. With
+    another array than `labels`, XLA computes the sweep in place and in one pass.
     """
     stride = arrangement.layout.stride
     first = arrangement.margin + stride
@@ -274,7 +274,7 @@ def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple
         _, _, changing, sweeps = carry
         return changing & (sweeps < _PATIENCE) if arrangement.labels_name_corners else changing
 
-    true = labels[:1].any() | True
+    true = labels[:1].any() | True  # inside `jax.shard_map` on the same devices as the labels
     labels, _, changing, _ = lax.while_loop(unsettled, sweep_on, (labels, labels, true, jnp.int32(0)))
     return labels, changing
 

@@ -58,7 +58,12 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
 
 def _check_niches(problem: UserValue) -> None:
     check_named("problem", instance(Problem), problem)
-    check_named("problem", lambda one: one.niches, problem)
+    check_named("problem", _count_niches, problem)
+
+
+def _count_niches(problem: Problem) -> int:
+    """Returns the number of niches; raises for a problem without axes."""
+    return problem.niches
 
 
 def _check_genotypes(problem: Problem, genotypes: Array) -> None:
@@ -90,12 +95,13 @@ def qdax_moves(
     """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): a random move, then repair.
 
     Args:
-      problem: repairs.
+      problem: whose repair follows each move.
       weights: the weights of the moves.
 
     Returns:
-      (genotypes, key) -> genotypes, and (genotypes, mates, key) -> genotypes, all int8 ``[B, H, W]``. The second
-      function transplants blocks of the mates, the first blocks of the same grid. Keys are consumed.
+      Two functions of genotypes, int8 ``[B, H, W]``: the mutation, (genotypes, key) -> genotypes, whose moves copy
+      blocks within a grid; and the variation, (genotypes, mates, key) -> genotypes, whose moves copy blocks of the
+      mates. Keys are consumed.
 
     Raises:
       InputError: from the functions, for genotypes of another shape or type.
@@ -104,13 +110,13 @@ def qdax_moves(
     move = random_move(weights, fill=problem.fill, fixed=problem.fixed)
 
     @divide_batches
-    def varied(bits: Array, grid: Array, mate: Array) -> Array:
+    def move_and_repair(bits: Array, grid: Array, mate: Array) -> Array:
         return problem.repair(*move.apply(bits, grid, mate))
 
     def vary(genotypes: Array, mates: Array, key: Key[Array, ""]) -> Array:
         _check_genotypes(problem, genotypes)
         _check_genotypes(problem, mates)
-        return jax.vmap(varied)(random_bits(key, (len(genotypes), move.bits)), genotypes, mates)
+        return jax.vmap(move_and_repair)(random_bits(key, (len(genotypes), move.bits)), genotypes, mates)
 
     def mutate(genotypes: Array, key: Key[Array, ""]) -> Array:
         return vary(genotypes, genotypes, key)

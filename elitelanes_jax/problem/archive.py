@@ -77,38 +77,46 @@ def insert(
       InputError: for another number of indices than of grids, another dtype of fitness or other shapes of grids and
         features than the archive's, or an index of no niche; the last not under `jax.jit`.
     """
-    archive, found = (Population(*map(jnp.asarray, each)) for each in (archive, found))
-    given = np.arange(0) if isinstance(niche, jax.core.Tracer) else np.asarray(niche)
+    archive, found = Population(*map(jnp.asarray, archive)), Population(*map(jnp.asarray, found))
+    _check_offer(archive, niche, found)
     niche = jnp.asarray(niche)
-    if niche.shape[-1:] != found.fitness.shape:
-        raise InputError(f"niche: expected {len(found.fitness)} indices, one for each grid, got {list(niche.shape)}")
-    rounds, niches = niche.reshape(prod(niche.shape[:-1]), niche.shape[-1]), archive.fitness.size
-    if given.size and not 0 <= given.min() <= given.max() < niches:
-        raise InputError(f"niche: expected indices 0 to {niches - 1}, got {given.min()} to {given.max()}")
-    if (expected := archive.fitness.dtype) != (got := found.fitness.dtype):
-        raise InputError(f"found: expected a fitness of {expected}, as in the archive, got {got}")
-    for part in ("grids", "features"):
-        sizes, own = ([*getattr(each, part).shape[1:]] for each in (archive, found))
-        if own != sizes:
-            raise InputError(f"found: expected {part} of shape {sizes} each, as in the archive, got {own}")
-    niche, fitness = rounds.reshape(-1), jnp.tile(found.fitness, len(rounds))
-    fitness = finite_or_vacant(fitness)
-    batch = jnp.arange(niche.size, dtype=jnp.int32)
+    rounds = niche.reshape(prod(niche.shape[:-1]), niche.shape[-1])
+    niche, fitness = rounds.reshape(-1), finite_or_vacant(jnp.tile(found.fitness, len(rounds)))
     lowest = archive.fitness.at[niche].min(fitness)
     contends = fitness == lowest[niche]
     if not accept_equal:
         contends &= fitness < archive.fitness[niche]
+    niches, batch = archive.fitness.size, jnp.arange(niche.size, dtype=jnp.int32)
     first = jnp.full(niches, batch.size, jnp.int32).at[niche].min(jnp.where(contends, batch, batch.size))
     # Each winner writes to its own niche, and no other grid does. Losers write beyond the end, where nothing is stored.
     slots = jnp.where(first[niche] == batch, niche, niches + batch)
 
     def write(into: Array, values: Array) -> Array:
         # XLA would compute grids twice if they were concatenated with themselves.
-        for one_round in slots.reshape(rounds.shape):
-            into = into.at[one_round].set(jnp.asarray(values, into.dtype), mode="drop", unique_indices=True)
+        for slots_of_round in slots.reshape(rounds.shape):
+            into = into.at[slots_of_round].set(jnp.asarray(values, into.dtype), mode="drop", unique_indices=True)
         return into
 
     return Population(write(archive.grids, found.grids), lowest, write(archive.features, found.features))
+
+
+def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Population) -> None:
+    """Raises what `insert` raises for what is offered to an archive."""
+    if np.shape(niche)[-1:] != found.fitness.shape:
+        raise InputError(
+            f"niche: expected {len(found.fitness)} indices, one for each grid, got {list(np.shape(niche))}"
+        )
+    if not isinstance(niche, jax.core.Tracer) and np.size(niche):
+        lowest, highest, niches = np.min(niche), np.max(niche), archive.fitness.size
+        if not 0 <= lowest <= highest < niches:
+            raise InputError(f"niche: expected indices 0 to {niches - 1}, got {lowest} to {highest}")
+    if found.fitness.dtype != archive.fitness.dtype:
+        expected, got = archive.fitness.dtype, found.fitness.dtype
+        raise InputError(f"found: expected a fitness of {expected}, as in the archive, got {got}")
+    for part in ("grids", "features"):
+        expected, got = list(getattr(archive, part).shape[1:]), list(getattr(found, part).shape[1:])
+        if got != expected:
+            raise InputError(f"found: expected {part} of shape {expected} each, as in the archive, got {got}")
 
 
 @name_wrong_arguments

@@ -375,7 +375,7 @@ def _find(
     devices: tuple[jax.Device, ...],
     floats: bool,
     folder: Path | None,
-    _: Pytree,
+    settings: Pytree,  # JAX's, of this thread: other settings make other programs
 ) -> Programs:
     *numbers, keys = (jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in shapes)
     return Programs(jax.tree.unflatten(structure, numbers), keys, single, devices, floats, folder)

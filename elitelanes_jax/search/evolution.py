@@ -251,10 +251,10 @@ class Run:
             calls.append(partial(program, device, self.numbers, *part))
         return side_by_side(calls, workers=self.workers)
 
-    def result(self, states: Sequence[States], parts: Sequence[History], first: int) -> Result:
-        """Returns the result of the generations after `first`; states by device, the history in parts."""
+    def result(self, states: Sequence[States], histories: Sequence[History], first: int) -> Result:
+        """Returns the result of the generations after `first`; states by device, a history for each stretch."""
         elites, inner = self.programs.collect(self.numbers, join(states, self.seeds))
-        history = History.joined([History.empty(self.seeds), *parts])
+        history = History.joined([History.empty(self.seeds), *histories])
         history = history._replace(best_fitness=history.best_fitness.astype(elites.fitness.dtype))
         generation = np.array(first + history.generation.size, np.int32)
         if self.keys.single:
@@ -305,49 +305,66 @@ def _describe(setup: Setup) -> str:
 
 def _evolve(run: Run, first: int, inner: States | None, checkpoint: Checkpoint | None, progress: bool | None) -> Result:
     """Runs a search from generation `first`, or from its checkpoint; `inner` is None at generation 0."""
-    programs, shape = run.programs, run.search.shape
-    last = first + run.search.steps(programs.facts.evaluations_per_step)
+    last = first + run.search.steps(run.programs.facts.evaluations_per_step)
     done = first
-    parts: list[History] = []
+    histories: list[History] = []
     if checkpoint is not None:
         earlier = checkpoint.load()
         if earlier is not None:
             done, inner = _restore(earlier.state, run)
             _check_budget(run, checkpoint, done, last)
             seeded = {name: np.atleast_2d(getattr(earlier.history, name)) for name in _OF_SEEDS}
-            parts.append(earlier.history._replace(**seeded))
-    is_complete = bool(parts) and done == last
-    count = len(parts)
-    name = f"{run.search.optimizer} {shape[0]}x{shape[1]}"
-    with Progress(name, last, "generations", done=done, shown=progress) as bar:
+            histories.append(earlier.history._replace(**seeded))
+    was_complete = bool(histories) and done == last
+    count = len(histories)  # those that belong to `states`
+    height, width = run.search.shape
+    with Progress(f"{run.search.optimizer} {height}x{width}", last, "generations", done=done, shown=progress) as bar:
         if inner is None:
-            _check_memory(programs.memory, run.seeds, shape)
-            done = programs.facts.first_generation - 1  # -1 if the first step is generation 0
+            _check_memory(run.programs.memory, run.seeds, run.search.shape)
+            done = run.programs.facts.first_generation - 1  # -1 if the first step is generation 0
         states = None if inner is None else cut(inner, run.devices)
         try:
             with bar.doing("compiling"):
-                programs.prepare(starts=states is None, generations=last - done)
+                run.programs.prepare(starts=states is None, generations=last - done)
                 if states is None:
-                    keys = cut(run.keys.data, run.devices)
-                    states = run.on_parts(programs.start, [(part,) for part in keys])
+                    states = _start(run)
             for after, history in _advance(run, states, done, last, bar):
-                parts.append(history)
+                histories.append(history)
                 states, count = after, count + 1  # one statement, so that an interruption cannot split it
                 if checkpoint is not None and checkpoint.due:
-                    checkpoint.save(run.result(states, parts, first))
+                    checkpoint.save(run.result(states, histories, first))
         except KeyboardInterrupt:
-            if states is None or (done < 0 and not count):
+            has_no_grids = done < 0 and not count
+            if states is None or has_no_grids:
                 raise
-            generation = first + sum(part.generation.size for part in parts[:count])
-            make_result = partial(run.result, states, parts[:count], first)
-            if checkpoint is not None and checkpoint.keeps_interrupted:
-                checkpoint.save(make_result())
-            raise SearchInterrupted(f"at generation {generation} of {last}", make_result) from None
-        result = run.result(states, parts, first)
-    if checkpoint is not None and not is_complete:
+            raise _interrupted(run, states, histories[:count], first, last, checkpoint) from None
+        result = run.result(states, histories, first)
+    if checkpoint is not None and not was_complete:
         checkpoint.save(result)
     _warn_of_refused(result)
     return result
+
+
+def _start(run: Run) -> list[States]:
+    """Returns the first states of all seeds, by device."""
+    keys = cut(run.keys.data, run.devices)
+    return run.on_parts(run.programs.start, [(part,) for part in keys])
+
+
+def _interrupted(
+    run: Run,
+    states: Sequence[States],
+    histories: Sequence[History],
+    first: int,
+    last: int,
+    checkpoint: Checkpoint | None,
+) -> SearchInterrupted:
+    """Returns what an interrupted search raises; a long one has written its checkpoint before."""
+    make_result = partial(run.result, states, histories, first)
+    if checkpoint is not None and checkpoint.keeps_interrupted:
+        checkpoint.save(make_result())
+    generation = first + sum(history.generation.size for history in histories)
+    return SearchInterrupted(f"at generation {generation} of {last}", make_result)
 
 
 def _warn_of_refused(result: Result) -> None:
