@@ -131,7 +131,7 @@ def _is_iterable(origin: UserValue) -> bool:
     return isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping)
 
 
-def _is_list_of(value: UserValue, origin: type, parts: tuple[UserValue, ...]) -> bool:
+def _is_list_of(value: UserValue, origin: UserValue, parts: tuple[UserValue, ...]) -> bool:
     """Returns whether a value has several items of the type that an annotation such as ``list[int]`` names."""
     is_several = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
     if not is_several or getattr(value, "ndim", 1) == 0:

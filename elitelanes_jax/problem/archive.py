@@ -111,8 +111,9 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
         if not 0 <= lowest <= highest < niches:
             raise InputError(f"niche: expected indices 0 to {niches - 1}, got {lowest} to {highest}")
     if found.fitness.dtype != archive.fitness.dtype:
-        expected, got = archive.fitness.dtype, found.fitness.dtype
-        raise InputError(f"found: expected a fitness of {expected}, as in the archive, got {got}")
+        raise InputError(
+            f"found: expected a fitness of {archive.fitness.dtype}, as in the archive, got {found.fitness.dtype}"
+        )
     for part in ("grids", "features"):
         expected, got = list(getattr(archive, part).shape[1:]), list(getattr(found, part).shape[1:])
         if got != expected:
