@@ -1,12 +1,15 @@
 """The command ``elitelanes tiles edit``."""
 
 import argparse
-from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import FLOOR_SIDE, folder, path, whole
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by
-from elitelanes_jax.cli.program import say
+from elitelanes_jax.cli.program import INTERRUPTED, fail, say
+
+if TYPE_CHECKING:
+    from elitelanes_jax.explorer.serving import HandServer
 
 
 def add_edit(commands: Commands) -> None:
@@ -55,17 +58,26 @@ def _edit(options: argparse.Namespace) -> int:
         server = HandServer(work, options.port or 0)
     except OSError as error:
         raise InputError(f"--port: expected a free port, got {options.port}: {reason(error)}") from None
-    with server:
-        say(f"correct {options.folder} at {server.url}\nCtrl-C ends this", asked=True)
-        if options.open:
-            import webbrowser
-
-            if not webbrowser.open(server.url):
-                say("no browser was found; open the page in one")
-        with suppress(KeyboardInterrupt):  # the usual way to end it: what was saved is complete
-            server.serve_forever()
+    try:
+        with server:
+            _serve(server, options)
+    except KeyboardInterrupt:
+        work.stop_saving()
+        result = f"{options.folder} is as it was saved last" if work.saved else "nothing was saved"
+        return fail("elitelanes", f"interrupted; {result}", INTERRUPTED)
     if work.saved:
         say(f"saved in {options.folder}; now: elitelanes tiles check {options.folder}")
     else:
         say("nothing was saved")
     return 0
+
+
+def _serve(server: "HandServer", options: argparse.Namespace) -> None:
+    """Serves the page until it is finished with."""
+    say(f"correct {options.folder} at {server.url}\nCtrl-C ends this", asked=True)
+    if options.open:
+        import webbrowser
+
+        if not webbrowser.open(server.url):
+            say("no browser was found; open the page in one")
+    server.serve_forever()

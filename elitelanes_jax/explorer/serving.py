@@ -58,11 +58,12 @@ class HandServer(ThreadingHTTPServer):
         self.url = f"http://{self.hosts[0]}/{self.token}/"
         self.work = work
         self.lock = Lock()  # one request at a time computes or saves
-        self.actions: dict[str, Callable[[Untyped], Plain]] = {
+        self.actions: dict[str, Callable[[Untyped], Plain | bytes]] = {
             "fit": work.fit,
             "cut": work.cut,
             "mask": work.mask,
             "save": work.save,
+            "zip": work.zip,
             "finish": lambda _: None,
         }
 
@@ -110,7 +111,10 @@ class _Handler(BaseHTTPRequestHandler):
             values = json.loads(self.rfile.read(int(length)))
             with self.server.lock:
                 answer = action(values)
-            self._send_json(200, answer)
+            if isinstance(answer, bytes):
+                self._send(200, "application/zip", answer)
+            else:
+                self._send_json(200, answer)
             if path == "finish":
                 self.server.shutdown()  # after the answer, because the process then ends
         except InputError as error:

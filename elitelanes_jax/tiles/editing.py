@@ -6,12 +6,16 @@ A page asks for fits, cuts and masks, and keeps the corrections. `HandWork` comp
 
 import os
 import shutil
+import zipfile
 from base64 import b64decode, b64encode
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
+from io import BytesIO
 from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Lock
 from typing import NamedTuple
 
 import cv2
@@ -68,6 +72,7 @@ class HandWork:
         self.folder, self.photographs = folder, list(photographs)
         self._pictures: dict[str, _Picture] = {}
         self.saved = False
+        self._saving = Lock()
         if folder.exists() and folder.resolve() == Path.cwd():
             raise InputError(f"{folder}: expected a folder that can be renamed, got the current one")
         is_new = not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
@@ -138,20 +143,40 @@ class HandWork:
         Raises:
           InputError: without tiles, or if another program changed the folder.
         """
-        if not values:
-            raise InputError("expected at least one tile, got none")
+        names = _names(values)
         if _stamp_of(self.folder) != self._stamp:
             raise InputError(f"{self.folder}: another program changed it; nothing was saved. Start the command again")
-        names = _names(values)
         kept = None
-        if self.folder.exists() and any(self.folder.iterdir()) and not self.saved:
-            kept = _copy_aside(self.folder)
-        with output_folder(self.folder, {"command": "tiles edit"}, foreign=lambda _: None, force=True) as work:
-            self._write(work.files, dict(zip(names, values, strict=True)))
-        self.saved = True
-        self._stamp = _stamp_of(self.folder)
+        with self._saving:
+            if self.folder.exists() and any(self.folder.iterdir()) and not self.saved:
+                kept = _copy_aside(self.folder)
+            with output_folder(self.folder, {"command": "tiles edit"}, foreign=lambda _: None, force=True) as work:
+                self._write(work.files, dict(zip(names, values, strict=True)))
+            self.saved = True
+            self._stamp = _stamp_of(self.folder)
+            # A page that is loaded again begins with what was saved.
+            self._tiles = [
+                self._add(name, self._pictures[tile["id"]], self._masks_of(tile))
+                for name, tile in zip(names, values, strict=True)
+            ]
         problems = inspect_tiles(self.folder, lines=True)[1]
         return {"names": names, "kept": kept and str(kept), "problems": problems}
+
+    def zip(self, values: Untyped) -> bytes:
+        """Returns the set as a zip file with one folder, and leaves the folder of the set as it is.
+
+        Raises:
+          InputError: without tiles.
+        """
+        names = _names(values)
+        with TemporaryDirectory() as work:
+            folder = Path(work, self.folder.resolve().name)
+            self._write(folder, dict(zip(names, values, strict=True)))
+            return _zip_of(folder)
+
+    def stop_saving(self) -> None:
+        """Waits for a save that has begun, and lets no other one begin, so that the process can end."""
+        self._saving.acquire()
 
     def _start(self, photograph: Photograph, shape: tuple[int, int]) -> dict[str, Plain]:
         height, width = photograph.image.shape[:2]
@@ -162,12 +187,30 @@ class HandWork:
             return start | {"proposal": None, "advice": str(error)}
 
     def _add(self, name: str, picture: _Picture, masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, Plain]:
-        """Keeps a tile's picture; returns its values for the page."""
+        """Keeps a tile's picture; returns its values for the page.
+
+        `by_colours` says of each mask whether it is the one that the default colours propose. The page's sliders begin
+        at these colours, so that they would replace any other mask.
+        """
         identifier = sha256(name.encode() + picture.file).hexdigest()[:16]
         self._pictures[identifier] = picture
+        proposed = propose_layer_masks(picture.layer)
         packed: dict[str, Plain] = {mask: _pack(pixels) for mask, pixels in masks.items()}
+        by_colours: dict[str, Plain] = {mask: np.array_equal(masks[mask], proposed[mask]) for mask in masks}
         kind, side = name.rpartition("_")[0], len(picture.layer.pixels)
-        return {"id": identifier, "name": name, "kind": kind, "side": side, "masks": packed}
+        return {
+            "id": identifier,
+            "name": name,
+            "kind": kind,
+            "side": side,
+            "masks": packed,
+            "by_colours": by_colours,
+        }
+
+    def _masks_of(self, tile: Untyped) -> dict[str, NDArray[np.bool_]]:
+        """Returns the masks in the values of a tile that the page sends."""
+        side = len(self._pictures[tile["id"]].layer.pixels)
+        return {mask: _unpack(tile["masks"][mask], side) for mask in MASKS}
 
     def _write(self, target: Path, tiles: Mapping[str, Untyped]) -> None:
         """Writes the tiles by name, and copies all other files of the set."""
@@ -185,7 +228,7 @@ class HandWork:
         for name, tile in tiles.items():
             picture = self._pictures[tile["id"]]
             write_atomic(target / name / "image.png", picture.file)
-            masks = {mask: _unpack(tile["masks"][mask], len(picture.layer.pixels)) for mask in MASKS}
+            masks = self._masks_of(tile)
             for mask, pixels in masks.items():
                 write_png(target / name / f"{mask}.png", pixels.astype(np.uint8) * 255)
             written.append(Masked(target / name, picture.layer.pixels, masks, ()))
@@ -205,7 +248,13 @@ def _picture_of(image: NDArray[np.uint8]) -> _Picture:
 
 
 def _names(tiles: Sequence[Untyped]) -> list[str]:
-    """Returns the folder name of each tile: its earlier one if the kind is the same, otherwise the next of its kind."""
+    """Returns the folder name of each tile: its earlier one if the kind is the same, otherwise the next of its kind.
+
+    Raises:
+      InputError: without tiles, or for another kind.
+    """
+    if not tiles:
+        raise InputError("expected at least one tile, got none")
     for tile in tiles:
         if tile["kind"] not in KINDS or tile["kind"] == "empty":
             raise InputError(f"{tile['name']}: expected a kind of tile, got {tile['kind']!r}")
@@ -219,6 +268,16 @@ def _names(tiles: Sequence[Untyped]) -> list[str]:
             name = next(name for name in free if name not in counts and name not in names)
         names.append(name)
     return names
+
+
+def _zip_of(folder: Path) -> bytes:
+    """Returns a zip file of a folder, whose names begin with the folder's."""
+    stream = BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as archive:
+        for file in sorted(folder.rglob("*")):
+            if file.is_file():
+                archive.write(file, file.relative_to(folder.parent))
+    return stream.getvalue()
 
 
 def _copy_aside(folder: Path) -> Path:

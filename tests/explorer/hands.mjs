@@ -119,6 +119,22 @@ await page.waitForFunction(() => document.querySelector(".message").textContent.
 seen.saved = await page.textContent(".message");
 seen.problems = await page.locator(".problems").textContent();
 await look("saved");
+const [download] = await Promise.all([page.waitForEvent("download"), button("Zip").click()]);
+seen.zip = download.suggestedFilename();
+await download.saveAs(process.argv[4]);
+
+// A page that is loaded again begins with the saved masks, and says that the one with the stroke is not of the sliders.
+const note = page.getByText("This mask was not made from these colours", { exact: false });
+seen.notes = [await note.count()];
+await page.reload();
+await button("Masks (9)").click();
+await page.waitForSelector(".masked");
+seen.notes.push(await note.count());
+await page.getByLabel("Value to").fill("125");
+await note.waitFor({ state: "detached" });
+await button("Undo").click();
+await settle();
+seen.notes.push(await note.count());
 await button("Finish").click();
 await page.waitForSelector(".empty");
 await browser.close();

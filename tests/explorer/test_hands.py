@@ -2,10 +2,14 @@
 
 import base64
 import http.client
+import io
 import json
 import re
+import signal
 import subprocess
 import sys
+import zipfile
+from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 
@@ -150,6 +154,41 @@ def test_a_set_that_another_program_changed_and_bad_masks_are_not_written(tiles)
     assert files(tiles) == before
 
 
+def test_masks_that_the_sliders_would_replace_are_named(tiles):
+    yellow = cv2.imread(str(tiles / "straight_1" / "yellow.png"), cv2.IMREAD_GRAYSCALE)
+    for tile in load_tiles(tiles).tiles:
+        for name, mask in propose_masks(tile.image).items():
+            cv2.imwrite(str(tiles / tile.name / f"{name}.png"), mask.astype(np.uint8) * 255)
+    yellow[:4, :4] = 255
+    cv2.imwrite(str(tiles / "straight_1" / "yellow.png"), yellow)
+    work = HandWork(tiles, [], (1, 1))
+    values = work.state()["tiles"]
+    others = [(tile["name"], mask) for tile in values for mask, same in tile["by_colours"].items() if not same]
+    assert others == [("straight_1", "yellow")]
+    # A page that is loaded again begins with what was saved.
+    road = unpacked(values[0]["masks"]["road"], 96)
+    road[40:50, 40:50] = False
+    values[0]["masks"]["road"] = packed(road)
+    work.save(values)
+    again = work.state()["tiles"]
+    assert [tile["masks"] for tile in again] == [tile["masks"] for tile in values]
+    assert not again[0]["by_colours"]["road"] and again[0]["by_colours"]["yellow"]
+
+
+def test_a_zip_has_the_set_and_leaves_the_folder_as_it_is(tiles, tmp_path):
+    before = files(tiles)
+    work = HandWork(tiles, [], (1, 1))
+    values = work.state()["tiles"]
+    values[0]["kind"] = "straight"
+    content = work.zip(values)
+    assert files(tiles) == before and not work.saved and list(tmp_path.iterdir()) == [tiles]
+    zipfile.ZipFile(io.BytesIO(content)).extractall(tmp_path / "unpacked")
+    work.save(values)
+    assert files(tmp_path / "unpacked" / "tiles") == files(tiles)
+    with pytest.raises(InputError, match="expected at least one tile, got none"):
+        work.zip([])
+
+
 @pytest.fixture
 def server(tiles):
     with HandServer(HandWork(tiles, [], (1, 1))) as server:
@@ -208,24 +247,63 @@ def test_the_server_answers_its_own_page_alone(server, tiles):
     assert files(tiles) == before
     assert asked(server, root + "save", body=save, Origin=ours)[0] == 200
     assert files(tiles) != before
+    status, content = asked(server, root + "zip", body=save, Origin=ours)
+    assert status == 200 and zipfile.ZipFile(io.BytesIO(content)).testzip() is None
 
 
 def started(folder, *arguments):
     """Starts the command; returns its process and the address of its page."""
     command = [sys.executable, "-m", "elitelanes_jax", "tiles", "edit", *arguments]
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(command, cwd=folder, **pipes)
     return process, re.search(r"http://\S+", process.stdout.readline())[0]
+
+
+def post(url, action, values):
+    """Sends a request of the page; returns the answer."""
+    port, token = re.search(r":(\d+)/(.+)/", url).groups()
+    connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=20)
+    connection.request("POST", f"/{token}/{action}", json.dumps(values), {"Content-Type": "application/json"})
+    answer = connection.getresponse()
+    assert answer.status == 200
+    content = answer.read()
+    connection.close()
+    return content
 
 
 def test_finish_ends_the_command(tiles):
     process, url = started(tiles.parent, "tiles")
-    port, token = re.search(r":(\d+)/(.+)/", url).groups()
-    connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=20)
-    connection.request("POST", f"/{token}/finish", "null", {"Content-Type": "application/json"})
-    assert connection.getresponse().status == 200
-    connection.close()
-    out = process.communicate(timeout=20)[0]
-    assert process.returncode == 0 and out.endswith("nothing was saved\n")
+    post(url, "finish", None)
+    out, words = process.communicate(timeout=20)
+    assert process.returncode == 0 and out.endswith("nothing was saved\n") and words == ""
+
+
+def ask_to_save(url, values):
+    with suppress(OSError, http.client.HTTPException):
+        post(url, "save", values)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signal")
+@pytest.mark.parametrize("saves", [False, True])
+def test_an_interruption_ends_the_command_in_one_line(tiles, saves):
+    before = files(tiles)
+    values = HandWork(tiles, [], (1, 1)).state()["tiles"]
+    process, url = started(tiles.parent, "tiles")
+    try:
+        if saves:
+            # The signal comes while the set is written. The process may end before it has answered.
+            Thread(target=ask_to_save, args=(url, values)).start()
+            while not (tiles.parent / "tiles.before").exists():
+                assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        words = process.communicate(timeout=20)[1]
+    finally:
+        process.kill()
+    result = "tiles is as it was saved last" if saves else "nothing was saved"
+    assert (process.returncode, words) == (130, f"elitelanes: interrupted; {result}\n")
+    assert {folder.name for folder in tiles.parent.iterdir()} == {"tiles"} | ({"tiles.before"} if saves else set())
+    assert files(tiles.parent / "tiles.before" if saves else tiles) == before
+    assert not inspect_tiles(tiles)[1]
 
 
 @IN_BROWSER
@@ -234,12 +312,18 @@ def test_corners_masks_and_undo_in_a_browser(tmp_path):
     process, url = started(tmp_path, "mine", "--photos", "floor.jpg", "--size", "3", "3")
     try:
         ran = subprocess.run(
-            ["node", HERE / "hands.mjs", url, "390"], capture_output=True, text=True, check=False, timeout=240
+            ["node", HERE / "hands.mjs", url, "390", tmp_path / "set.zip"],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=240,
         )
         assert ran.returncode == 0, ran.stderr
         out = process.communicate(timeout=20)[0]
     finally:
         process.kill()
+    with zipfile.ZipFile(tmp_path / "set.zip") as archive:
+        archive.extractall(tmp_path / "unpacked")
     seen = json.loads(ran.stdout)
     assert (seen["console"], seen["axe"], seen["overflow"]) == ([], [], [])
     assert [url.startswith(origin) for origin in seen["requests"]] == [True]
@@ -261,6 +345,8 @@ def test_corners_masks_and_undo_in_a_browser(tmp_path):
     assert seen["reaches"] == ["The road reaches no side, which is no tile, not a turn."]
     assert seen["warned"].startswith("There are changes that are not saved")
     assert seen["saved"] == "Saved 9 tiles in mine" and seen["problems"].endswith("No problems.")
+    assert (seen["zip"], seen["notes"]) == ("mine.zip", [0, 1, 1])
+    assert files(tmp_path / "unpacked" / "mine") == files(tmp_path / "mine")
     assert process.returncode == 0 and out.endswith("saved in mine; now: elitelanes tiles check mine\n")
     assert main(["tiles", "check", str(tmp_path / "mine")]) == 0
     turn = next(tile for tile in load_tiles(tmp_path / "mine").tiles if tile.name == "turn_1")

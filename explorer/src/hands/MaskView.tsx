@@ -3,8 +3,7 @@ import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { SIDES } from "../network/codes";
 import { Choice, Segments, Switch } from "../parts/Controls";
 import { moved, openSides, stroked, type Colour, type MaskName } from "./masks";
-import { ask, kindOfCode, KINDS, kindWord, masksOf, type Tile } from "./work";
-import { unpack } from "./masks";
+import { ask, coloured, kindOfCode, KINDS, kindWord, masksOf, type Tile } from "./work";
 
 const MASK_WORDS = [
   ["road", "Road"],
@@ -101,9 +100,7 @@ export function MaskView({ tile, onChange, onColours, say }: Props) {
       const colours = { ...tile.colours, [mask]: next };
       const bits = await ask<string>("mask", { id: tile.id, mask, colours });
       if (request !== wanted.current) return;
-      const latest = current.current;
-      const base = { ...latest.base, [mask]: unpack(bits, side) };
-      onChange({ ...latest, base, colours: { ...latest.colours, [mask]: next } }, `colours ${tile.id} ${mask}`);
+      onChange(coloured(current.current, mask, next, bits), `colours ${tile.id} ${mask}`);
     } catch (error) {
       say((error as Error).message);
     }
@@ -245,6 +242,11 @@ export function MaskView({ tile, onChange, onColours, say }: Props) {
                 <b>{colour[part][end]}</b>
               </label>
             )),
+          )}
+          {!tile.byColours[mask] && (
+            <p class="note">
+              This mask was not made from these colours. Moving a slider replaces it; Undo brings it back.
+            </p>
           )}
         </fieldset>
         <div class="buttons">

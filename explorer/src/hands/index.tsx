@@ -1,14 +1,27 @@
 /** The page of `elitelanes tiles edit`. */
 import { render } from "preact";
 import { useCallback, useEffect, useRef, useState } from "preact/hooks";
+import { save as saveFile } from "../files";
 import { useDark } from "../hooks/useDark";
 import { useMessage } from "../hooks/useMessage";
 import { Segments } from "../parts/Controls";
 import { advanced, begun, redone, undone } from "./history";
-import { unpack, type Colour, type MaskName } from "./masks";
+import type { Colour, MaskName } from "./masks";
 import { MaskView } from "./MaskView";
 import { PhotographView } from "./PhotographView";
-import { ask, joined, tileOf, toSave, type Proposal, type Saved, type Served, type Tile, type Work } from "./work";
+import {
+  ask,
+  askFile,
+  coloured,
+  joined,
+  tileOf,
+  toSave,
+  type Proposal,
+  type Saved,
+  type Served,
+  type Tile,
+  type Work,
+} from "./work";
 
 function Page({ served }: { readonly served: Served }) {
   const [history, setHistory] = useState(() =>
@@ -82,9 +95,11 @@ function Page({ served }: { readonly served: Served }) {
       for (const tile of work.tiles) {
         const colours = { ...tile.colours, [mask]: colour };
         const bits = await ask<string>("mask", { id: tile.id, mask, colours });
-        masked.set(tile.id, { ...tile, colours, base: { ...tile.base, [mask]: unpack(bits, tile.side) } });
+        masked.set(tile.id, coloured(tile, mask, colour, bits));
       }
       change((now) => ({ ...now, tiles: now.tiles.map((tile) => masked.get(tile.id) ?? tile) }));
+      const others = work.tiles.filter(({ byColours }) => !byColours[mask]).length;
+      if (others) say(`Masks that were not made from colours were replaced in ${others} tiles. Undo brings them back`);
     });
   const save = () =>
     during(async () => {
@@ -93,6 +108,12 @@ function Page({ served }: { readonly served: Served }) {
       setProblems(answer.problems);
       const earlier = answer.kept ? `. The earlier set is ${answer.kept}` : "";
       say(`Saved ${answer.names.length} tiles in ${served.folder}${earlier}`);
+    });
+  const saveZip = () =>
+    during(async () => {
+      const name = `${served.folder.split(/[\\/]/).pop()!}.zip`;
+      saveFile(name, await askFile("zip", toSave(work.tiles)));
+      say(`The set is in ${name}. ${served.folder} is as it was`);
     });
   const finish = () => {
     if (isUnsaved && !asked.current) {
@@ -141,6 +162,14 @@ function Page({ served }: { readonly served: Served }) {
           </button>
           <button type="button" class="main" disabled={busy || !work.tiles.length} onClick={() => void save()}>
             {isUnsaved ? "Save" : "Saved"}
+          </button>
+          <button
+            type="button"
+            disabled={busy || !work.tiles.length}
+            title="the browser saves the set in one file"
+            onClick={() => void saveZip()}
+          >
+            Zip
           </button>
           <button type="button" onClick={finish}>
             Finish

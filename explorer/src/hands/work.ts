@@ -1,6 +1,16 @@
 /** What the page corrects, and the requests to the command that serves it. */
 import { KIND_OF } from "../network/codes";
-import { MASKS, pack, painted, unpack, type Colours, type Mask, type MaskName, type Strokes } from "./masks";
+import {
+  MASKS,
+  pack,
+  painted,
+  unpack,
+  type Colour,
+  type Colours,
+  type Mask,
+  type MaskName,
+  type Strokes,
+} from "./masks";
 import type { Point, View } from "./view";
 
 /** The values of `Proposal` in tiles/photographs/proposals.py that the page reads. */
@@ -33,6 +43,8 @@ export interface Tile {
   readonly base: Readonly<Record<MaskName, Mask>>;
   readonly strokes: Readonly<Record<MaskName, Strokes | null>>;
   readonly colours: Colours;
+  /** Whether `base` is what `colours` propose. A mask that was read from a file is usually another one. */
+  readonly byColours: Readonly<Record<MaskName, boolean>>;
   /** The photograph that the tile was cut from, or null. */
   readonly photograph: number | null;
   readonly leftOut: boolean;
@@ -52,6 +64,7 @@ export interface Saved {
 /** A tile as the server gives it. */
 interface ServedTile extends Pick<Tile, "id" | "name" | "kind" | "side"> {
   readonly masks: Readonly<Record<MaskName, string>>;
+  readonly by_colours: Readonly<Record<MaskName, boolean>>;
 }
 
 export interface Served {
@@ -83,9 +96,20 @@ const byMask = <T>(make: (mask: MaskName) => T): Record<MaskName, T> => ({
   yellow: make("yellow"),
 });
 
-export function tileOf({ masks, ...tile }: ServedTile, colours: Colours, photograph: number | null): Tile {
+export function tileOf(served: ServedTile, colours: Colours, photograph: number | null): Tile {
+  const { masks, by_colours: byColours, ...tile } = served;
   const base = byMask((mask) => unpack(masks[mask], tile.side));
-  return { ...tile, base, strokes: byMask(() => null), colours, photograph, leftOut: false };
+  return { ...tile, base, strokes: byMask(() => null), colours, byColours, photograph, leftOut: false };
+}
+
+/** Returns the tile with the mask that other colours propose. */
+export function coloured(tile: Tile, mask: MaskName, colour: Colour, bits: string): Tile {
+  return {
+    ...tile,
+    base: { ...tile.base, [mask]: unpack(bits, tile.side) },
+    colours: { ...tile.colours, [mask]: colour },
+    byColours: { ...tile.byColours, [mask]: true },
+  };
 }
 
 /** Returns the tiles and new ones. New tiles whose names are taken get the next name of their kind. */
@@ -124,7 +148,7 @@ export const sureCells = ({ codes, sure }: Proposal): number =>
   codes.flat().filter((code, cell) => code && sure.flat()[cell] >= SURE).length;
 
 /** Asks the command. Its refusal is an error with the words for the user. */
-export async function ask<T>(action: string, values?: unknown): Promise<T> {
+async function answered(action: string, values?: unknown): Promise<Response> {
   let answer: Response;
   try {
     answer = await fetch(
@@ -136,9 +160,14 @@ export async function ask<T>(action: string, values?: unknown): Promise<T> {
   } catch {
     throw new Error("The command that serves this page has ended. Nothing more can be saved.");
   }
-  const content = (await answer.json()) as T & { readonly error?: string };
-  if (!answer.ok) throw new Error(content.error);
-  return content;
+  if (!answer.ok) throw new Error(((await answer.json()) as { readonly error: string }).error);
+  return answer;
 }
+
+export const ask = async <T>(action: string, values?: unknown): Promise<T> =>
+  (await (await answered(action, values)).json()) as T;
+
+export const askFile = async (action: string, values: unknown): Promise<Blob> =>
+  await (await answered(action, values)).blob();
 
 export { MASKS };
