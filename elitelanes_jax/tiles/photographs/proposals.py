@@ -1,7 +1,6 @@
 """Proposes where the tiles in a photograph are, which kind each is, and how sure that is."""
 
 from collections.abc import Collection
-from itertools import product
 from math import exp
 from typing import NamedTuple
 
@@ -14,7 +13,8 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.tiles.photographs.kinds import MARGIN_PX, READ_PX, Kinds, read_kinds
 from elitelanes_jax.tiles.photographs.outline import find_corners
 from elitelanes_jax.tiles.photographs.reading import Photograph
-from elitelanes_jax.tiles.photographs.registration import Fit, contrast_around, fit_view, largest_spread
+from elitelanes_jax.tiles.photographs.registration import Fit, fit_view, largest_spread
+from elitelanes_jax.tiles.photographs.single import fit_tile
 from elitelanes_jax.tiles.photographs.views import Points, View, flatten, places_of, view_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -81,8 +81,7 @@ _LIMITS: dict[str, dict[str, tuple[float, float, str]]] = {
     "tile": {
         "alike": (0.5, 0.03, _UNLIKE),
         "out_of_square": (0.02, -0.003, _CROPPED),
-        "border": (0.4, 0.03, _HIDDEN),
-        "contrast": (3.0, 0.15, _HIDDEN),
+        "border": (0.2, 0.03, _HIDDEN),
         "spread": (0.006, -0.0006, _HIDDEN),
     },
 }
@@ -136,15 +135,16 @@ def propose_tiles(
         raise InputError(f"{photograph.name}: expected {floor}, found none; check the size, and give the corners")
     starts.sort(key=lambda start: -start.support)
     proposals = []
-    # A single tile is often outlined well, and a wide search for its border finds lines on it.
-    searches = (False, True) if fit and shape == (1, 1) else (False,)
-    for start, near in product(starts[: _STARTS if fit else 1], searches):
-        fitted = Fit(start.view, np.eye(9) * 1e-7, 1.0, np.ones(4))
-        if fit:
-            fitted = fit_view(photograph.image, start.view, start.codes, near=near)
+    for start in starts[: _STARTS if fit else 1]:
+        if not fit:
+            fitted = Fit(start.view, np.eye(9) * 1e-7, 1.0, np.ones(4))
+        elif shape == (1, 1):
+            fitted = fit_tile(photograph.image, start.view)
+        else:
+            fitted = fit_view(photograph.image, start.view, start.codes)
         kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
         told = {"out_of_square"} if corners is not None else set[str]()
-        proposals.append(_proposal(photograph, fitted, kinds, codes, told if fit else told | {"contrast"}))
+        proposals.append(_proposal(photograph, fitted, kinds, codes, told))
         if proposals[-1].score > _ENOUGH:
             break
     return max(proposals, key=lambda proposal: proposal.score)
@@ -247,8 +247,6 @@ def _proposal(
         "out_of_square": out_of_square(fit.view),
         "margin": float(kinds.margins.min()),
     }
-    if laid.size == 1:
-        evidence["contrast"] = contrast_around(photograph.image, fit.view)
     sure = np.where(laid == kinds.codes, np.vectorize(_sigmoid)((kinds.margins - 0.06) / 0.02), 0.0)
     score, advice = _judge(evidence, "tile" if laid.size == 1 else "floor", told)
     return Proposal(
@@ -270,7 +268,7 @@ def _judge(evidence: dict[str, float], kind: str, told: Collection[str]) -> tupl
     """Returns the score of a proposal, and what to do about its weakest evidence.
 
     Evidence that the user's corners replace, `told`, does not count: a cropped photograph looks as if its tiles were no
-    squares, and exact corners need no contrast.
+    squares.
     """
     limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in told}
     sures = {name: _sigmoid((evidence[name] - limit) / width) for name, (limit, width, _) in limits.items()}

@@ -32,10 +32,8 @@ _WEAK = 25.0  # holds what nothing measures within a fifth of the floor
 _STILL = 3e-4  # a change, in tiles, after which no further one is made at the same size
 _BEND = 0.06  # the usual radial distortion of a lens
 _STEP = 1 / 160  # tiles between two places across the border
-_CONTRAST_PX = 48  # pixels of a tile at which its contrast with the floor is measured
 _ON_BORDER = 0.008  # tiles within which a point is on the border
 _LEAST_PX = 16  # pixels of a tile in a photograph, below which nothing is seen
-_PARTS = 6  # of a side in which the contrast is measured, because light differs along it
 _RIGHT, _DOWN = np.eye(2)
 _ALONG = 24  # points along a side of a tile at which the border is measured
 
@@ -57,21 +55,18 @@ class Fit(NamedTuple):
     border: NDArray[np.float64]
 
 
-def fit_view(
-    image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], *, near: bool = False, bends: bool = True
-) -> Fit:
-    """Fits a view to a photograph.
+def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], *, bends: bool = True) -> Fit:
+    """Fits the view of a floor of several tiles to a photograph.
 
     Args:
       image: uint8 ``[H, W, 3]``, RGB.
       view: a first guess, off by up to a tenth of a tile.
       codes: of the tiles ``[rows, columns]``; 0 is a cell without a tile.
-      near: whether the first guess is off by a few hundredths of a tile at most. Less is mistaken for a border then.
       bends: whether the lens may have radial distortion.
     """
-    groups = [] if codes.size == 1 else _groups(codes)
+    groups = _groups(codes)
     fit = Fit(view, np.eye(9), 0.0, np.zeros(4))
-    for tile_px, reach, rounds in _STEPS[1:] if near else _STEPS:
+    for tile_px, reach, rounds in _STEPS:
         fit = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.ones(4, bool), bends)
     alone = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.zeros(4, bool), bends)
     if largest_spread(alone, *codes.shape) > _VAGUE:
@@ -97,8 +92,7 @@ def _refine(
     rows, columns = codes.shape
     places = places_of(rows, columns, tile_px, 0)
     for _ in range(rounds):
-        matrix, vector = np.diag([_WEAK] * 8 + [_BEND**-2 if bends else 1e9]), np.zeros(9)
-        vector[8] = -fit.view.radial * matrix[8, 8]
+        matrix, vector = begin_equations(fit.view, bends=bends)
         alike = 0.0
         if groups:
             tape = tape_of(flatten(image, fit.view, places, tile_px), tile_px)
@@ -106,8 +100,8 @@ def _refine(
         border = _add_border(matrix, vector, image, fit.view, codes, reach, trusted)
         spread = np.linalg.inv(matrix)
         change = spread @ vector
-        moved = _moved(fit.view, change, rows, columns)
-        if not _is_seen(moved, rows, columns):
+        moved = moved_view(fit.view, change, rows, columns)
+        if not is_seen(moved, rows, columns):
             return fit._replace(spread=np.eye(9), border=np.zeros(4))
         fit = Fit(moved, spread, alike, border)
         if np.abs(change[:8]).max() * max(rows, columns) < _STILL:
@@ -115,7 +109,14 @@ def _refine(
     return fit
 
 
-def _is_seen(view: View, rows: int, columns: int) -> bool:
+def begin_equations(view: View, *, bends: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the normal equations of what is known before: a guess of the view, and the usual bend of a lens."""
+    matrix, vector = np.diag([_WEAK] * 8 + [_BEND**-2 if bends else 1e9]), np.zeros(9)
+    vector[8] = -view.radial * matrix[8, 8]
+    return matrix, vector
+
+
+def is_seen(view: View, rows: int, columns: int) -> bool:
     """Returns whether a view is one of a convex floor near the photograph: a fit to nothing may leave it."""
     corners = view.pixels_of(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float))
     if not np.isfinite(corners).all() or np.abs(corners).max() > 4 * max(view.width, view.height):
@@ -129,33 +130,6 @@ def largest_spread(fit: Fit, rows: int, columns: int) -> float:
     basis = _basis(fit.view, corners, rows, columns)
     variances = np.einsum("icd,ij,jcd->c", basis, fit.spread, basis)
     return float(np.sqrt(variances.max()))
-
-
-def contrast_around(image: NDArray[np.uint8], view: View) -> float:
-    """Returns how far the asphalt of a single tile is from the floor around it, at the side with the least.
-
-    The unit is the standard deviation of the floor's colour. If it is small, the edges that are seen may be of tape.
-    """
-    margin = round(_RING * _CONTRAST_PX)
-    flat = flatten(image, view, places_of(1, 1, _CONTRAST_PX, margin), _CONTRAST_PX)
-    lab = cv2.cvtColor(flat, cv2.COLOR_RGB2LAB).astype(np.float32)
-    bare = cv2.dilate((tape_of(flat, _CONTRAST_PX) > 0.2).astype(np.uint8), np.ones((3, 3), np.uint8)) == 0
-    contrasts = []
-    for turns in range(4):
-        strips = []
-        for part in range(_PARTS):
-            start = margin + part * _CONTRAST_PX // _PARTS
-            along = slice(start, start + _CONTRAST_PX // _PARTS)
-            colours, ground = np.rot90(lab, turns)[:, along], np.rot90(bare, turns)[:, along]
-            outside = colours[: margin - 1].reshape(-1, 3)
-            asphalt = colours[margin + 1 : 2 * margin][ground[margin + 1 : 2 * margin]]
-            floor = np.median(outside, axis=0)
-            noise = np.maximum(1.48 * np.median(np.abs(outside - floor), axis=0), 2.0)
-            if len(asphalt):
-                strips.append(float(np.linalg.norm((np.median(asphalt, axis=0) - floor) / noise)))
-        if strips:
-            contrasts.append(float(np.median(strips)))
-    return min(contrasts, default=0.0)
 
 
 def tape_of(flat: NDArray[np.uint8], tile_px: int) -> Field:
@@ -201,7 +175,7 @@ def _basis(view: View, places: Points, rows: int, columns: int) -> NDArray[np.fl
     return np.concatenate([basis, bent[None]])
 
 
-def _moved(view: View, change: NDArray[np.float64], rows: int, columns: int) -> View:
+def moved_view(view: View, change: NDArray[np.float64], rows: int, columns: int) -> View:
     """Applies a change of the parameters of `_basis`."""
     a, b, c, d, e, f, g, h = change[:8]
     small = np.array([[1 + b, c, a], [e, 1 + f, d], [-g, -h, 1]])
@@ -249,7 +223,7 @@ def _add_cells(
     return float(np.clip(1 - rest[0].var() / max(mean.var() + rest[0].var() / 2, 1e-6), 0, 1))
 
 
-class _Border(NamedTuple):
+class Border(NamedTuple):
     """Points ``[S, A, 2]`` in tiles on the outer sides, the directions ``[S, 1, 2]`` out, and the border's offsets."""
 
     points: Points
@@ -257,7 +231,7 @@ class _Border(NamedTuple):
     offsets: NDArray[np.float64]  # [S, A], in tiles outwards; NaN where no border is seen
 
 
-def _border_offsets(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], reach: float) -> _Border:
+def _border_offsets(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], reach: float) -> Border:
     """Returns where the border is seen on both sides of where a view has it."""
     sides = _outer_sides(codes)
     outwards = np.array([normal for _, normal in sides], float)[:, None]
@@ -267,7 +241,7 @@ def _border_offsets(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8
     profile = points[:, :, None] + steps[:, None] * outwards[:, :, None]  # from outside to inside
     colours = flatten(image, view, profile.reshape(-1, len(steps), 2), 1 / _STEP).reshape(-1, len(steps), 3)
     lab = cv2.cvtColor(colours, cv2.COLOR_RGB2LAB).reshape(*profile.shape[:3], 3).astype(np.float32)
-    return _Border(points, outwards, _first_edges(lab, steps, reach))
+    return Border(points, outwards, _first_edges(lab, steps, reach))
 
 
 def _directions(codes: NDArray[np.int8]) -> NDArray[np.int_]:
@@ -293,16 +267,30 @@ def _add_border(
 ) -> NDArray[np.float64]:
     """Adds the border's place to the normal equations; returns the share of each side's points where one is seen."""
     border = _border_offsets(image, view, codes, reach)
+    weight = _tukey(np.nan_to_num(border.offsets / reach, nan=1.0)) * trusted[_directions(codes)][:, None]
+    add_offsets(matrix, vector, view, border, *codes.shape, weight)
+    offsets = np.nan_to_num(border.offsets, nan=1.0)
+    return np.array([(np.abs(part) < _ON_BORDER).mean() for part in _by_direction(codes, offsets)])
+
+
+def add_offsets(
+    matrix: NDArray[np.float64],
+    vector: NDArray[np.float64],
+    view: View,
+    border: Border,
+    rows: int,
+    columns: int,
+    trust: NDArray[np.float64] | float = 1.0,
+) -> None:
+    """Adds the offsets of a border, and how far each is trusted, to the normal equations."""
     seen = np.isfinite(border.offsets)
     offsets = np.where(seen, border.offsets, 1.0)
     scale = max(1.48 * float(np.median(np.abs(offsets[seen]))) if seen.any() else 1.0, _EDGE_NOISE)
-    weight = _tukey(offsets / reach) * _tukey(offsets / (4 * scale)) / (scale**2 * _ALONG / 6)
-    weight *= trusted[_directions(codes)][:, None]
-    basis = (_basis(view, border.points, *codes.shape) * border.outwards).sum(axis=-1).reshape(9, -1)
+    weight = trust * seen * _tukey(offsets / (4 * scale)) / (scale**2 * _ALONG / 6)
+    basis = (_basis(view, border.points, rows, columns) * border.outwards).sum(axis=-1).reshape(9, -1)
     weighted = basis * weight.ravel()
     matrix += weighted @ basis.T
     vector += weighted @ offsets.ravel()
-    return np.array([(np.abs(part) < _ON_BORDER).mean() for part in _by_direction(codes, offsets)])
 
 
 def _outer_sides(codes: NDArray[np.int8]) -> list[tuple[tuple[float, float], tuple[int, int]]]:
