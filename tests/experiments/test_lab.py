@@ -32,7 +32,7 @@ def test_the_table_has_the_median_and_the_range_of_the_seeds():
     results = {
         "photographs-stream": {
             "0": run | {"rides": 32, "stay": 31, "own_lane": 29},
-            "1": run | {"offset": 0.2},
+            "1": run | {"offset": 0.2, "usual-60 rides": 32, "usual-60 stay": 30, "usual-60 own_lane": 28},
             "2": run | {"offset": 0.3},
         },
         "committed-labels": {
@@ -41,7 +41,8 @@ def test_the_table_has_the_median_and_the_range_of_the_seeds():
     }
     rows = lab.report(results).splitlines()
     assert "| five photographs, stream | 3 | 0.300 (0.200 to 0.400) |" in rows[2]
-    assert rows[2].endswith("| 31 and 29 of 32 |")
+    assert "rides of 20 s in random light" in rows[0] and "rides of 60 s in random light" not in rows[0]
+    assert rows[2].endswith("| 31 and 29 of 32 | 30 and 28 of 32 |")
     assert rows[-1].endswith("| 1 | 0.900 | 0.800 | 0.700 | 0.600 | 0.500 |")
 
 

@@ -1,6 +1,7 @@
 """Do photographs of a lab's tiles teach a network for this lab? The lab is gym-duckietown.
 
-    python -m experiments.perception.gym_duckietown.lab [--rows NAME...] [--seeds N] [--rides NAME...] [--out DIR]
+    python -m experiments.perception.gym_duckietown.lab [--rows NAME...] [--seeds N] [--rides NAME...]
+        [--drives NAME...] [--out DIR]
 
 A tile set is built from gym-duckietown's textures, and its masks are not corrected by hand. Networks are trained on
 views of it, and tested in gym-duckietown's pictures. No training uses a picture of gym-duckietown's camera, except that
@@ -37,7 +38,7 @@ from experiments.perception.gym_duckietown.world import HERE, data_folder
 from experiments.perception.story import FLOOR
 from experiments.perception.synthetic_photographs import photograph
 
-__all__ = ["ROWS", "Row", "build_set", "cut_floor", "main", "report"]
+__all__ = ["DRIVES", "ROWS", "Drive", "Row", "build_set", "cut_floor", "main", "report"]
 
 
 class Row(NamedTuple):
@@ -80,6 +81,28 @@ ROWS = {
     "photographs-labels": Row("five photographs, stream", "photographs", "stream", 1800, task="labels"),
 }
 """The rows by name, in the order of their runs."""
+
+
+class Drive(NamedTuple):
+    """A kind of rides.
+
+    Attributes:
+      words: in the table.
+      options: of `rides`.
+      prefix: of its figures in `results.json`.
+    """
+
+    words: str
+    options: tuple[str, ...]
+    prefix: str
+
+
+DRIVES = {
+    "random-20": Drive("20 s in random light", ("--domain-rand", "--seconds", "20"), ""),
+    "random-60": Drive("60 s in random light", ("--domain-rand", "--seconds", "60"), "random-60 "),
+    "usual-60": Drive("60 s in usual light", ("--seconds", "60"), "usual-60 "),
+}
+"""The kinds of rides by name."""
 
 _VIEWS = 500  # of each town
 _MAPS = 60  # towns of the stream
@@ -257,16 +280,16 @@ def _measure(row: Row, weights: Path, test: Pictures) -> dict[str, float]:
     return {name: float(figure) for name, figure in figures.items()}
 
 
-def _ride(weights: Path, file: Path) -> dict[str, float]:
-    """Drives 20 seconds on each test map in random light, and counts the rides."""
-    options = ["--domain-rand", "--seconds", "20", "--only", "people", "--out", str(file)]
-    if rides.main([str(weights), *options]):
+def _ride(weights: Path, drive: Drive, file: Path) -> dict[str, float]:
+    """Drives on each test map, and counts the rides."""
+    if rides.main([str(weights), *drive.options, "--only", "people", "--out", str(file)]):
         raise InputError(f"{file}: expected rides, got an error")
     maps = json.loads(file.read_text(encoding="utf-8"))
     driven = [maps[name]["rides"][0] for name in maps if name != "settings"]
     stay = [bool(ride["on_road"]) for ride in driven]
     own_lane = [bool(ride["on_road"]) and ride["oncoming"] == 0 for ride in driven]
-    return {"rides": len(driven), "stay": sum(stay), "own_lane": sum(own_lane)}
+    counts = {"rides": len(driven), "stay": sum(stay), "own_lane": sum(own_lane)}
+    return {drive.prefix + name: float(count) for name, count in counts.items()}
 
 
 def _median(runs: dict[str, dict[str, float]], name: str, digits: int) -> str:
@@ -278,9 +301,21 @@ def _median(runs: dict[str, dict[str, float]], name: str, digits: int) -> str:
     return text
 
 
+def _counts(runs: dict[str, dict[str, float]], drive: Drive) -> str:
+    """Returns the rides that stay, and those never in the oncoming lane, of each seed that drove."""
+    counts = []
+    for figures in runs.values():
+        if f"{drive.prefix}rides" in figures:
+            stay, own_lane, count = (figures[drive.prefix + name] for name in ("stay", "own_lane", "rides"))
+            counts.append(f"{stay:.0f} and {own_lane:.0f} of {count:.0f}")
+    return ", ".join(counts)
+
+
 def report(results: Results) -> str:
     """Returns the tables of poses and of labels: the medians of all seeds, and their range."""
     poses, labels = [], []
+    driven = {figure for runs in results.values() for figures in runs.values() for figure in figures}
+    drives = [drive for drive in DRIVES.values() if f"{drive.prefix}rides" in driven]
     for name, row in ROWS.items():
         runs = results.get(name, {})
         if not runs:
@@ -289,11 +324,9 @@ def report(results: Results) -> str:
             labels.append([row.words, str(len(runs)), *(_median(runs, label, 3) for label in (*LABELS, "paved"))])
             continue
         figures = [_median(runs, figure, 3) for figure in ("offset", "offset_90", "angle", *KINDS)]
-        ridden = [run for run in runs.values() if "rides" in run]
-        counts = [f"{run['stay']:.0f} and {run['own_lane']:.0f} of {run['rides']:.0f}" for run in ridden]
-        poses.append([row.words, str(len(runs)), *figures, ", ".join(counts)])
+        poses.append([row.words, str(len(runs)), *figures, *(_counts(runs, drive) for drive in drives)])
     head = ["trained on", "seeds", "offset, cm: median", "90 %", "angle, rad: median", *KINDS]
-    text = table([*head, "rides in random light: stay, and never oncoming"], poses)
+    text = table([*head, *(f"rides of {drive.words}: stay, and never oncoming" for drive in drives)], poses)
     if labels:
         text += "\n" + table(["trained on", "seeds", *LABELS, "paved"], labels)
     return text
@@ -305,6 +338,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_rows = partial(parser.add_argument, choices=ROWS, metavar="ROW", nargs="*")
     add_rows("--rows", default=list(ROWS), help=f"default all: {', '.join(ROWS)}")
     add_rows("--rides", default=[], help="rows whose first seed also drives; default none")
+    parser.add_argument(
+        "--drives",
+        choices=DRIVES,
+        metavar="DRIVE",
+        nargs="+",
+        default=["random-20"],
+        help=f"kinds of these rides: {', '.join(DRIVES)}; default random-20",
+    )
     parser.add_argument("--seeds", type=whole(1, 100), default=1, metavar="N", help="of each row; default 1")
     out = Path("results/photographs-lab")
     parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"default {out}")
@@ -323,14 +364,18 @@ def _run(options: argparse.Namespace) -> None:
         for seed in range(seeds):
             runs = results.setdefault(name, {})
             figures = runs.setdefault(str(seed), {})
-            rides_due = seed == 0 and name in options.rides and "rides" not in figures
-            if figures and not rides_due:
+            drives_due = [
+                drive
+                for drive in options.drives
+                if seed == 0 and name in options.rides and f"{DRIVES[drive].prefix}rides" not in figures
+            ]
+            if figures and not drives_due:
                 continue
             weights = _train(name, seed, out)
             if not figures:
                 figures |= _measure(row, weights, test)
-            if rides_due:
-                figures |= _ride(weights, out / f"{name}-rides.json")
+            for drive in drives_due:
+                figures |= _ride(weights, DRIVES[drive], out / f"{name}-rides-{drive}.json")
             print(name, seed, figures, flush=True)
             write(file, json.dumps(results, indent=1) + "\n")
     text = report(results)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import load_tiles
 from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
-from elitelanes_jax.tiles import MASKS, choose_tiles, propose_masks, scale_tiles
+from elitelanes_jax.tiles import MASKS, TileSet, choose_tiles, propose_masks, scale_tiles
 from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
 from experiments.perception.gym_duckietown.world import DuckietownMap, World, data_folder, random_poses, read_maps
@@ -172,9 +172,11 @@ def _look(
     return np.concatenate(images), np.concatenate(lanes), len(about["objects"]) > 0
 
 
-def our_views(codes: NDArray[np.int8], poses: Float[NDArray, "N 3"]) -> UInt8[NDArray, "N 480 640 3"]:
-    """Draws our camera's pictures at poses."""
-    tiles = load_tiles()
+def our_views(
+    codes: NDArray[np.int8], poses: Float[NDArray, "N 3"], tiles: TileSet | None = None
+) -> UInt8[NDArray, "N 480 640 3"]:
+    """Draws our camera's pictures at poses, by default with the package's own tiles."""
+    tiles = load_tiles() if tiles is None else tiles
     scaled, chosen = scale_tiles(tiles, 384), choose_tiles(codes, tiles)
     atlas, cells = make_atlas(scaled["image"], scaled["labels"]), chosen[..., 0] * 4 + chosen[..., 1]
     view = partial(look, jax.random.key(0), tiles=cells, atlas=atlas, camera=Camera(rows=480, columns=640))
