@@ -281,11 +281,16 @@ def add_offsets(
     rows: int,
     columns: int,
     trust: NDArray[np.float64] | float = 1.0,
+    noise: float = _EDGE_NOISE,
 ) -> None:
-    """Adds the offsets of a border, and how far each is trusted, to the normal equations."""
+    """Adds the offsets of a border to the normal equations.
+
+    `trust` says how far each is trusted, 0 to 1. Offsets of more than four times the usual one, or of `noise` in tiles
+    if that is more, do not count.
+    """
     seen = np.isfinite(border.offsets)
     offsets = np.where(seen, border.offsets, 1.0)
-    scale = max(1.48 * float(np.median(np.abs(offsets[seen]))) if seen.any() else 1.0, _EDGE_NOISE)
+    scale = max(1.48 * float(np.median(np.abs(offsets[seen]))) if seen.any() else 1.0, noise)
     weight = trust * seen * _tukey(offsets / (4 * scale)) / (scale**2 * _ALONG / 6)
     basis = (_basis(view, border.points, rows, columns) * border.outwards).sum(axis=-1).reshape(9, -1)
     weighted = basis * weight.ravel()

@@ -42,9 +42,13 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
     fit = Fit(view, np.eye(9), 0.0, np.zeros(4))
     for reach in (*_REACHES, None):
         for _ in range(_ROUNDS):
-            border = _sharpest_border(image, fit.view) if reach is None else _colour_border(image, fit.view, reach)
             matrix, vector = begin_equations(fit.view, bends=True)
-            add_offsets(matrix, vector, fit.view, border, 1, 1)
+            if reach is None:
+                add_offsets(matrix, vector, fit.view, _sharpest_border(image, fit.view), 1, 1)
+            else:
+                # One side may be off by the whole reach, and the others by nothing.
+                border = _colour_border(image, fit.view, reach)
+                add_offsets(matrix, vector, fit.view, border, 1, 1, noise=reach / 4)
             spread = np.linalg.inv(matrix)
             change = spread @ vector
             moved = moved_view(fit.view, change, 1, 1)
