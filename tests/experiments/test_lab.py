@@ -1,8 +1,10 @@
 """The study of photographs in gym-duckietown: its tile sets and its table."""
 
 import shutil
+from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, load_tiles
@@ -44,6 +46,19 @@ def test_the_table_has_the_median_and_the_range_of_the_seeds():
     assert "rides of 20 s in random light" in rows[0] and "rides of 60 s in random light" not in rows[0]
     assert rows[2].endswith("| 31 and 29 of 32 | 30 and 28 of 32 |")
     assert rows[-1].endswith("| 1 | 0.900 | 0.800 | 0.700 | 0.600 | 0.500 |")
+
+
+def test_the_gap_has_the_errors_in_each_drawing(monkeypatch):
+    """The network finds what the first two values of each picture say, in hundredths of a tile and of a radian."""
+    from experiments.perception.gym_duckietown import gap
+
+    monkeypatch.setattr(gap, "read_weights", lambda file, task: None)
+    monkeypatch.setattr(gap, "find_poses", lambda weights, images: images[:, 0, 0] / 100)
+    images = [[np.full((2, 120, 160, 3), 1 + index, np.uint8)] for index in range(len(gap.DRAWINGS))]
+    lanes = np.array([[0.01, -0.01], [np.nan, np.nan]])
+    rows = gap.report({"net": Path("net.npz")}, images, lanes).splitlines()[2:]
+    assert rows[0] == "| net | drawn tiles, our camera | 1 | 0.000 | 0.020 |"
+    assert rows[3] == "| net | the same, random light | 1 | 1.755 | 0.050 |"
 
 
 @pytest.mark.slow

@@ -127,11 +127,15 @@ def test_ious_beside_white_lines_are_left_out():
     nothing = np.zeros((1, 3)), np.zeros((1, 2)), np.zeros(1), np.zeros(1, bool)
     # The labels that fit have no white line, and are what the network found.
     pictures = Pictures(none, labels, *nothing, white, found, np.zeros_like(white))
-    fitting, own = label_table({"photos": pictures}, {"net": lambda images: found}).splitlines()[2:]
+    fitting, own, both = label_table({"photos": pictures}, {"net": lambda images: found}).splitlines()[2:]
     assert fitting.split(" | ")[:3] == ["| photos", "fitting", "net"]
     assert fitting.split(" | ")[3:] == ["1.000", "1.000", "nan", "1.000", "1.000", "1.000 |"]
     share = 77 / 84
     assert own.split(" | ")[3:] == ["0.971", f"{share:.3f}", "nan", "1.000", f"{80 / 87:.3f}", "1.000 |"]
+    assert (
+        both.split(" | ")[1:3] == ["gym-duckietown's", "fitting labels"]
+        and both.split(" | ")[3:] == own.split(" | ")[3:]
+    )
 
 
 @pytest.mark.slow

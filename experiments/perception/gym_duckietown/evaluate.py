@@ -107,18 +107,20 @@ def label_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> st
     """Returns a table of each class's IoU on maps without objects.
 
     It measures against labels that fit the pictures, and against gym-duckietown's labels, which do not fit its
-    photographs.
+    photographs. The last row of each style compares both labels.
     """
     rows = []
     for style, shown in pictures.items():
         without = ~shown.objects
         kinds = {"fitting": (shown.fitting, shown.fitting_white), "gym-duckietown's": (shown.labels, shown.white)}
-        for name, find in finders.items():
-            found = np.asarray(find(shown.images[without]), np.uint8)
-            for words, (true, white) in kinds.items():
-                scores = score_labels(true[without], white[without], found)
-                figures = [*scores.classes, scores.paved, scores.paved_elsewhere]
-                rows.append([style, words, name, *(f"{figure:.3f}" for figure in figures)])
+        found = {name: np.asarray(find(shown.images[without]), np.uint8) for name, find in finders.items()}
+        compared = [(words, name) for name in finders for words in kinds] + [("gym-duckietown's", "fitting labels")]
+        found["fitting labels"] = shown.fitting[without]
+        for words, name in compared:
+            true, white = kinds[words]
+            scores = score_labels(true[without], white[without], found[name])
+            figures = [*scores.classes, scores.paved, scores.paved_elsewhere]
+            rows.append([style, words, name, *(f"{figure:.3f}" for figure in figures)])
     head = ["style", "labels", "method", *LABELS, "paved", "paved, not beside white lines"]
     return table(head, rows, left=3)
 

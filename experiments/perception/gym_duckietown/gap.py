@@ -47,17 +47,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     sets = [load_tiles(), load_tiles(options.tiles)]
+    maps = read_maps("test", "people")
+    sides = np.max([place.codes.shape for place in maps], axis=0)
     images: list[list[Images]] = [[] for _ in DRAWINGS]
     lanes = []
     with World() as world:
-        for index, place in enumerate(read_maps("test", "people")):
+        for index, place in enumerate(maps):
             if len(world.load(place)["objects"]):
                 continue
             poses = random_poses(place.codes, options.poses, index)
             plain = world.ask("look", poses=poses)
             world.load(place, domain_rand=True)
             random = world.ask("look", poses=poses)
-            drawn = [our_views(place.codes, poses, tiles) for tiles in sets]
+            # One size for all maps, so that one program draws them.
+            codes = np.pad(place.codes, [(0, most - side) for most, side in zip(sides, place.codes.shape, strict=True)])
+            drawn = [our_views(codes, poses, tiles) for tiles in sets]
             for parts, seen in zip(images, (*drawn, plain["image"], random["image"]), strict=True):
                 parts.append(shrink(seen))
             lanes.append(plain["lane"] / (TILE, 1))

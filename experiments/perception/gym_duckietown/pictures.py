@@ -15,7 +15,7 @@ from typing import NamedTuple
 import cv2
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax import load_tiles
@@ -179,8 +179,16 @@ def our_views(
     tiles = load_tiles() if tiles is None else tiles
     scaled, chosen = scale_tiles(tiles, 384), choose_tiles(codes, tiles)
     atlas, cells = make_atlas(scaled["image"], scaled["labels"]), chosen[..., 0] * 4 + chosen[..., 1]
-    view = partial(look, jax.random.key(0), tiles=cells, atlas=atlas, camera=Camera(rows=480, columns=640))
-    return np.asarray(jax.jit(jax.vmap(view))(Pose(*poses.T.astype(np.float32))).image)
+    return np.asarray(_look_from(Pose(*poses.T.astype(np.float32)), cells, atlas))
+
+
+@jax.jit
+def _look_from(
+    poses: Pose, cells: Int[ArrayLike, "H W"], atlas: UInt8[Array, "T P P 4"]
+) -> UInt8[Array, "N 480 640 3"]:
+    """Draws our camera's pictures at poses. A program serves all maps of a size."""
+    camera = Camera(rows=480, columns=640)
+    return jax.vmap(lambda pose: look(jax.random.key(0), pose, cells, atlas, camera).image)(poses)
 
 
 def read_pictures(file: Path) -> Pictures:
