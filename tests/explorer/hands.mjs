@@ -1,4 +1,4 @@
-// Corrects tiles by hand in Chromium and prints what it saw as JSON: `node hands.mjs URL WIDTH`. SHOTS is a folder for pictures.
+// Corrects tiles by hand in Chromium and prints what it saw as JSON: `node hands.mjs URL WIDTH ZIP`. SHOTS is a folder for pictures, ZIP the file of the set.
 import { join } from "node:path";
 import { browser, require } from "./chromium.mjs";
 
