@@ -113,6 +113,19 @@ def test_a_border_is_found_next_to_white_tape(code, ground):
     assert off(proposal, photographed.corners_of(1, 1)) < 0.01
 
 
+def test_one_side_of_a_single_tile_may_be_off_by_a_twelfth():
+    """The floor is coarse and nearly as dark as asphalt, so that its edge is seen at few points of a side."""
+    rng, corners = np.random.default_rng(3), photographed.corners_of(1, 1).astype(float)
+    picture = photographed.photograph(np.array([[6]], np.int8), ground=(82, 88, 96)).astype(float)
+    coarse = cv2.resize(rng.normal(0, 6, (64, 80)), (photographed.WIDTH, photographed.HEIGHT))
+    photo = Photograph("turn", np.clip(picture + coarse[..., None], 0, 255).astype(np.uint8))
+    guess = corners.copy()
+    guess[:2] += (corners[[3, 2]] - corners[:2]) / 12
+    for proposal in (propose_tiles(photo), propose_tiles(photo, corners=guess)):
+        assert proposal.codes == [[6]] and proposal.score > SURE
+        assert off(proposal, corners) < 0.01
+
+
 def test_cells_without_a_tile_are_no_tiles():
     codes = np.array([[6, 5, 3], [10, 0, 10], [10, 0, 10], [12, 5, 9]], np.int8)
     proposal = propose_tiles(Photograph("ring", photographed.photograph(codes, ground=(215, 212, 208))), shape=(4, 3))

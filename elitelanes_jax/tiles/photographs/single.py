@@ -132,8 +132,10 @@ def _separate(likely: NDArray[np.float64], steps: NDArray[np.float64], reach: fl
     window = np.clip(lines[best_line][:, None] + np.arange(-width, width + 1), 0, len(inner) - 1)
     near = np.take_along_axis(smooth, window, 1)
     best = near.argmax(axis=1)
-    offsets = steps[inner[window[points, best]]] + _STEP
-    return np.where((best > 0) & (best < 2 * width), offsets, np.nan)
+    place = window[points, best]
+    # A side that is off by more than the reach moves by the reach, and is looked for again.
+    is_seen = ((best > 0) & (best < 2 * width)) | (place == 0) | (place == len(inner) - 1)
+    return np.where(is_seen, steps[inner[place]] + _STEP, np.nan)
 
 
 def _sharpest_border(image: NDArray[np.uint8], view: View) -> Border:
