@@ -14,7 +14,7 @@ from elitelanes_jax.tiles.photographs.kinds import MARGIN_PX, READ_PX, Kinds, re
 from elitelanes_jax.tiles.photographs.outline import find_corners
 from elitelanes_jax.tiles.photographs.reading import Photograph
 from elitelanes_jax.tiles.photographs.registration import Fit, fit_view, largest_spread
-from elitelanes_jax.tiles.photographs.single import fit_tile
+from elitelanes_jax.tiles.photographs.single import contrasts, fit_tile
 from elitelanes_jax.tiles.photographs.views import Points, View, flatten, places_of, view_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -81,7 +81,7 @@ _LIMITS: dict[str, dict[str, tuple[float, float, str]]] = {
     "tile": {
         "alike": (0.5, 0.03, _UNLIKE),
         "out_of_square": (0.02, -0.003, _CROPPED),
-        "border": (0.2, 0.03, _HIDDEN),
+        "contrast": (4.0, 0.2, _HIDDEN),
         "spread": (0.006, -0.0006, _HIDDEN),
     },
 }
@@ -144,7 +144,7 @@ def propose_tiles(
             fitted = fit_view(photograph.image, start.view, start.codes)
         kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
         told = {"out_of_square"} if corners is not None else set[str]()
-        proposals.append(_proposal(photograph, fitted, kinds, codes, told))
+        proposals.append(_proposal(photograph, fitted, kinds, codes, told if fit else told | {"contrast"}))
         if proposals[-1].score > _ENOUGH:
             break
     return max(proposals, key=lambda proposal: proposal.score)
@@ -242,11 +242,14 @@ def _proposal(
     evidence = {
         "alike": float(alike[laid > 0].mean()) if laid.any() else 0.0,
         "repeats": fit.alike,
-        "border": float(fit.border.min()) if len(fit.border) else 0.0,
         "spread": largest_spread(fit, rows, columns),
         "out_of_square": out_of_square(fit.view),
         "margin": float(kinds.margins.min()),
     }
+    if laid.size == 1:
+        evidence["contrast"] = float(contrasts(photograph.image, fit.view).min())
+    else:
+        evidence["border"] = float(fit.border.min()) if len(fit.border) else 0.0
     sure = np.where(laid == kinds.codes, np.vectorize(_sigmoid)((kinds.margins - 0.06) / 0.02), 0.0)
     score, advice = _judge(evidence, "tile" if laid.size == 1 else "floor", told)
     return Proposal(
@@ -268,7 +271,7 @@ def _judge(evidence: dict[str, float], kind: str, told: Collection[str]) -> tupl
     """Returns the score of a proposal, and what to do about its weakest evidence.
 
     Evidence that the user's corners replace, `told`, does not count: a cropped photograph looks as if its tiles were no
-    squares.
+    squares, and exact corners need no contrast.
     """
     limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in told}
     sures = {name: _sigmoid((evidence[name] - limit) / width) for name, (limit, width, _) in limits.items()}

@@ -24,7 +24,7 @@ _FINE = 4  # places along a side for each point
 _PART = 8  # points of a side over which the sharpest edge is averaged
 _TAPE_DENSITY = -3.0  # the logarithm of the density of tape, and of all else on a tile that is not asphalt
 _MOST_LIKELY = 3.0  # the largest logarithm of a ratio of likelihoods that one pixel counts for
-_AT_BORDER = 0.012  # tiles from a side within which the colours separate
+_BESIDE = 0.04  # tiles on both sides of a border whose colours are compared
 _GRAIN = 0.01  # the least standard deviation of a floor's colours, in logarithms
 _DARK = 8  # added to colours before their logarithm is taken: noise is as large in dark pixels
 
@@ -35,9 +35,6 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
     Args:
       image: uint8 ``[H, W, 3]``, RGB.
       view: a first guess, off by up to a tenth of a tile.
-
-    Returns:
-      The fit. `border` is the share of points of each side at which colours separate within 1.2 % of a tile.
     """
     fit = Fit(view, np.eye(9), 0.0, np.zeros(4))
     for reach in (*_REACHES, None):
@@ -48,7 +45,7 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
             else:
                 # One side may be off by the whole reach, and the others by nothing.
                 border = _colour_border(image, fit.view, reach)
-                add_offsets(matrix, vector, fit.view, border, 1, 1, noise=reach / 4)
+                add_offsets(matrix, vector, fit.view, border, 1, 1, noise=reach / 3)
             spread = np.linalg.inv(matrix)
             change = spread @ vector
             moved = moved_view(fit.view, change, 1, 1)
@@ -57,13 +54,23 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
             fit = fit._replace(view=moved, spread=spread)
             if np.abs(change[:8]).max() < _STILL:
                 break
-    return fit._replace(border=separated(image, fit.view))
+    return fit
 
 
-def separated(image: NDArray[np.uint8], view: View) -> NDArray[np.float64]:
-    """Returns the share of each side of a single tile ``[4]`` at which colours separate within 1.2 % of a tile."""
-    offsets = _colour_border(image, view, _REACHES[0]).offsets
-    return np.asarray((np.abs(offsets) < _AT_BORDER).mean(axis=1))
+def contrasts(image: NDArray[np.uint8], view: View) -> NDArray[np.float64]:
+    """Returns how far the colours beside each side of a single tile ``[4]`` are the tile's inside and not outside.
+
+    It is the difference of the logarithms of likelihoods within 4 % of a tile, the median along the side: 6 if all
+    colours tell the tile from the floor, 0 if none does, or if the same colours are on both sides.
+    """
+    reach = _REACHES[1]
+    steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
+    inside, outside = (steps < 0) & (steps > -_BESIDE), (steps > 0) & (steps < _BESIDE)
+    medians = []
+    for side in _point_colours(image, view, steps)[2]:
+        likely = _likelihoods(side, steps, reach)
+        medians.append(np.median(likely[:, inside].mean(axis=1) - likely[:, outside].mean(axis=1)))
+    return np.array(medians)
 
 
 def _profiles(
@@ -83,11 +90,18 @@ def _profiles(
     return points, outwards, np.log(pixels.astype(float) + _DARK)
 
 
+def _point_colours(
+    image: NDArray[np.uint8], view: View, steps: NDArray[np.float64]
+) -> tuple[Points, Points, NDArray[np.float64]]:
+    """Returns points, directions, and the mean colours ``[4, A, T, 3]`` at each point, as `_profiles` does."""
+    points, outwards, colours = _profiles(image, view, steps)
+    return points, outwards, colours.reshape(4, _ALONG, _FINE, len(steps), 3).mean(axis=2)
+
+
 def _colour_border(image: NDArray[np.uint8], view: View, reach: float) -> Border:
     """Returns where the colours of the sides of a view separate, within a reach."""
     steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
-    points, outwards, colours = _profiles(image, view, steps)
-    colours = colours.reshape(4, _ALONG, _FINE, len(steps), 3).mean(axis=2)
+    points, outwards, colours = _point_colours(image, view, steps)
     return Border(
         points, outwards, np.stack([_separate(_likelihoods(side, steps, reach), steps, reach) for side in colours])
     )
