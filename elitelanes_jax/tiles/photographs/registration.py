@@ -98,7 +98,7 @@ def _refine(
             tape = tape_of(flatten(image, fit.view, places, tile_px), tile_px)
             alike = _add_cells(matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px)
         border = _add_border(matrix, vector, image, fit.view, codes, reach, trusted)
-        spread = np.linalg.inv(matrix)
+        spread = np.asarray(np.linalg.inv(matrix), np.float64)
         change = spread @ vector
         moved = moved_view(fit.view, change, rows, columns)
         if not is_seen(moved, rows, columns):
@@ -268,7 +268,8 @@ def _add_border(
     """Adds the border's place to the normal equations; returns the share of each side's points where one is seen."""
     border = _border_offsets(image, view, codes, reach)
     weight = _tukey(np.nan_to_num(border.offsets / reach, nan=1.0)) * trusted[_directions(codes)][:, None]
-    add_offsets(matrix, vector, view, border, *codes.shape, weight)
+    rows, columns = codes.shape
+    add_offsets(matrix, vector, view, border, rows, columns, weight)
     offsets = np.nan_to_num(border.offsets, nan=1.0)
     return np.array([(np.abs(part) < _ON_BORDER).mean() for part in _by_direction(codes, offsets)])
 

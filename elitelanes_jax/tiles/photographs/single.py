@@ -46,7 +46,7 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
                 # One side may be off by the whole reach, and the others by nothing.
                 border = _colour_border(image, fit.view, reach)
                 add_offsets(matrix, vector, fit.view, border, 1, 1, noise=reach / 3)
-            spread = np.linalg.inv(matrix)
+            spread = np.asarray(np.linalg.inv(matrix), np.float64)
             change = spread @ vector
             moved = moved_view(fit.view, change, 1, 1)
             if not is_seen(moved, 1, 1):
