@@ -81,7 +81,7 @@ _LIMITS: dict[str, dict[str, tuple[float, float, str]]] = {
     "tile": {
         "alike": (0.5, 0.03, _UNLIKE),
         "out_of_square": (0.02, -0.003, _CROPPED),
-        "contrast": (4.0, 0.2, _HIDDEN),
+        "contrast": (4.5, 0.1, _HIDDEN),
         "spread": (0.006, -0.0006, _HIDDEN),
     },
 }
