@@ -21,7 +21,7 @@ from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
 from elitelanes_jax.formats.sketch import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
-from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
 
 _FORMAT = "elitelanes map, version 1"
 _MOST_BYTES = 32 * MIB  # a drawn map of 1024 x 1024 tiles has 22 MB
@@ -214,14 +214,16 @@ def refresh(road_map: RoadMap, name: str) -> RoadMap:
     """Returns a map whose metrics are those of its codes. After a change by hand, stored metrics no longer are.
 
     Such a map is measured again, and loses what a search said of its former codes: its fitness, descriptor, niche, seed
-    and drawn tiles. A command says so in a line that begins with `name`. A map without metrics stays as it is.
+    and drawn tiles. A command says so in a line that begins with `name`. A map without metrics stays as it is. Town
+    features of blocks and streets are not compared, because measuring them needs JAX.
     """
     if road_map.metrics is None:
         return road_map
     measured = plain_measure(road_map.codes)
+    compared = measured | {name: value / 1000 for name, value in plain_town(road_map.codes).items()}
     for metric, value in road_map.metrics.items():
-        if metric in measured and metric != "off_alphabet" and abs(value - measured[metric]) > _ROUNDED:
-            change = f"{metric} {measured[metric]:g} instead of {value:g}"
+        if metric in compared and metric != "off_alphabet" and abs(value - compared[metric]) > _ROUNDED:
+            change = f"{metric} {compared[metric]:g} instead of {value:g}"
             announce_at_end(name, f"measured again, because its codes were changed: {change}")
             return RoadMap(road_map.codes, metrics=measured, objects=road_map.objects)
     return road_map

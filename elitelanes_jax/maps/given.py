@@ -118,9 +118,10 @@ def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
 
 
 def _measured(road_map: RoadMap, name: str) -> RoadMap:
-    """Returns a map with the metrics of its codes. A command says in a line what does not fit in it."""
+    """Returns a map with all metrics of its codes. A command says in a line what does not fit in it."""
     refreshed = refresh(road_map, name)
     warn_of_faults(name, refreshed)
-    if refreshed.metrics is None:
-        return replace(refreshed, metrics=plain_measure(refreshed.codes))
-    return refreshed
+    stored, measured = refreshed.metrics or {}, plain_measure(refreshed.codes)
+    if measured.keys() <= stored.keys():
+        return refreshed
+    return replace(refreshed, metrics=measured | dict(stored))

@@ -9,10 +9,12 @@ import pytest
 from elitelanes_jax import RoadMap, mirror, read_map, rotate
 from elitelanes_jax._util import progress
 from elitelanes_jax.formats import MapObject, read_maps
+from elitelanes_jax.formats.road_map import refresh
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.faults import warn_of_faults
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure, wfc
+from elitelanes_jax.network.plain_metrics import plain_town
 
 TOWN = np.array(
     [
@@ -114,3 +116,21 @@ def test_stored_metrics_of_other_codes_are_measured_again(tmp_path, capsys):
         assert ("map.json: measured again, because its codes were changed: " in err) == stale
         assert "list.json: map 1: measured again" in err or not stale
         assert err.count("\n") == (4 if stale else 0)
+
+
+def test_stored_town_features_of_other_codes_are_measured_again(capsys):
+    """A change may leave all metrics as they were."""
+    ring = np.zeros((3, 6), np.int8)
+    ring[:, :3] = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
+    stored = plain_measure(ring) | {name: value / 1000 for name, value in plain_town(ring).items()}
+    assert refresh(RoadMap(ring, metrics=stored), "ring").metrics == pytest.approx(stored)
+    wrong = stored | {"symmetry": stored["symmetry"] / 2}
+    assert "symmetry" not in refresh(RoadMap(ring, metrics=wrong), "ring").metrics
+    with progress.reporting(quiet=False):
+        assert parse_given([RoadMap(ring, metrics=wrong)]).maps[0].metrics == pytest.approx(plain_measure(ring))
+    assert "symmetry 1 instead of 0.5" in capsys.readouterr().err
+
+
+def test_a_map_with_some_metrics_gets_the_others():
+    (given,) = parse_given([RoadMap(TOWN, metrics={"turns": plain_measure(TOWN)["turns"], "rain": 3})]).maps
+    assert given.metrics == pytest.approx(plain_measure(TOWN) | {"rain": 3})
