@@ -10,11 +10,11 @@ import pytest
 from batches import GROUPS, batches, plain
 from certified import same
 
-from elitelanes_jax import InputError, RoadMap, evolve, measure, repair, rotate
+from elitelanes_jax import InputError, Optimizer, RoadMap, ea, evolve, measure, repair, rotate
 from elitelanes_jax.drive import RoadNav, RoadNavParams, make_levels
 from elitelanes_jax.drive._batch import SAME_STEP, Batch
 from elitelanes_jax.network import measure_town
-from elitelanes_jax.optimizers import seed_keys
+from elitelanes_jax.optimizers import EvolutionConfig, seed_keys
 
 pytestmark = pytest.mark.usefixtures("any_types")
 
@@ -129,6 +129,28 @@ def test_a_search_is_the_same_whatever_is_set(name, tmp_path):
     if options:
         with pytest.raises(InputError, match="expected results with drawn"):
             search(checkpoint=tmp_path / "own")
+
+
+def test_an_optimiser_is_traced_anew_under_other_settings():
+    """It may compute other numbers with 64 bits. Then its search is another one."""
+
+    def weighing(problem):
+        inner = ea(problem, EvolutionConfig(population=4, offspring=4))
+
+        def step(key, state):
+            population, info = inner.step(key, state[0])
+            return (population, state[1]), info
+
+        def init(key):
+            return inner.init(key), jnp.ones(2)
+
+        return Optimizer(init, step, lambda state: inner.elites(state[0]), inner.evaluations_per_step)
+
+    digests = []
+    for wide in (False, True, False):
+        with settings(jax_enable_x64=wide):
+            digests.append(evolve(3, (3, 4), optimizer=weighing, seeds=1, generations=1).functions)
+    assert digests[0] == digests[2] != digests[1]
 
 
 @pytest.mark.slow

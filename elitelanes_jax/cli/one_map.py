@@ -4,6 +4,7 @@ import argparse
 import sys
 import textwrap
 from dataclasses import replace
+from pathlib import Path
 
 from elitelanes_jax._util.checks import SEED, check_named, file_named, name, one_of, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
@@ -181,6 +182,8 @@ def add_furnish(commands: Commands) -> None:
     named = checked_by(file_named(".json"))
     command.add_argument("--out", type=named, required=True, metavar="FILE", help="a new map file, .json")
     command.add_argument("--seed", type=_SEED, default=0, metavar="N", help="seed of the places; by default 0")
+    tiles = "tile pictures in whose lanes lane_robots and lane_duckies are; by default the package's own"
+    command.add_argument("--tiles", type=checked_by(path), metavar="DIR", help=tiles)
 
 
 def _furnish(options: argparse.Namespace) -> int:
@@ -190,11 +193,22 @@ def _furnish(options: argparse.Namespace) -> int:
 
     spec = check_named("furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags)
     check_new(options.out)
-    road_map = read_map(options.map)
+    road_map, lane_offset = read_map(options.map), _lane_offset(options.tiles)
     check_named(f"furnish {' '.join(options.furnish)}", check_objects, spec.objects, *road_map.codes.shape)
     with naming(options.map):
-        furnished = furnish(road_map, spec, seed=options.seed)
+        furnished = furnish(road_map, spec, seed=options.seed, lane_offset=lane_offset)
     with never_replacing(options.out):
         furnished.save(options.out)
     say(f"{pluralize(len(furnished.objects or ()), 'object')} in {options.out}")
     return 0
+
+
+def _lane_offset(tiles: Path | None) -> float:
+    """Returns where the lanes of a tile set run, without loading OpenCV for the package's own."""
+    from elitelanes_jax.lanes.curves import LANE_OFFSET
+
+    if tiles is None:
+        return LANE_OFFSET
+    from elitelanes_jax.tiles.tileset import load_tiles
+
+    return load_tiles(tiles).lane_offset

@@ -165,7 +165,7 @@ class Drawing(NamedTuple):
         spec, road_map = self.spec, self.maps[index // self.spec.views]
         if spec.furnish is not None:
             seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
-            place = partial(furnish, spec=spec.furnish, seed=seed)
+            place = partial(furnish, spec=spec.furnish, seed=seed, lane_offset=self.tiles.lane_offset)
             road_map = check_named(f"furnish: map {index // spec.views}", place, road_map)
         return draw_sample(
             road_map,

@@ -60,7 +60,7 @@ def write_maps(folder: Path, maps: Sequence[RoadMap], title: str, drawing: Drawi
     The maps have one size, and metrics. Raises `InputError` if the objects do not fit on a map.
     """
     if drawing.furnish is not None:
-        place = partial(furnish_map, spec=drawing.furnish, seed=drawing.seed)
+        place = partial(furnish_map, spec=drawing.furnish, seed=drawing.seed, lane_offset=drawing.tiles.lane_offset)
         maps = [check_named(f"furnish: map {index}", place, plain) for index, plain in enumerate(maps)]
     longest = max(maps[0].codes.shape)
     sheet_px = int(np.clip(_SHEET_PX // longest, *_SHEET_TILE_PX))

@@ -11,11 +11,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key
 
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import Pytree, UserValue
+from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax.optimizers.loop import check_state
 from elitelanes_jax.optimizers.presets import PRESETS, Config, find_preset, user_moves, with_moves
 from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, digest
 from elitelanes_jax.search._setup import Factory, Setup
+from elitelanes_jax.search._stored_programs import settings_of_thread
 from elitelanes_jax.search.resolve import Search, describe_method
 from elitelanes_jax.search.settings import CUSTOM
 from elitelanes_jax.search.spec import SearchSpec
@@ -148,7 +149,7 @@ def digest_functions(setup: Setup) -> dict[str, Digest]:
     if setup.factory is not None:
         leaves, structure = jax.tree.flatten(setup)
         numbers = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-        return {"optimizer": _digest_optimizer(structure, numbers)}
+        return {"optimizer": _digest_optimizer(structure, numbers, settings_of_thread())}
     problem = setup.problem
     grid = jax.ShapeDtypeStruct(problem.shape, jnp.int8)
     digests = {name: Digest(*digest(kernel, grid)) for name, kernel in problem.kernels}
@@ -166,10 +167,13 @@ def digest_functions(setup: Setup) -> dict[str, Digest]:
 
 
 @lru_cache(maxsize=32)
-def _digest_optimizer(structure: Pytree, numbers: tuple[jax.ShapeDtypeStruct, ...]) -> Digest:
+def _digest_optimizer(
+    structure: Pytree, numbers: tuple[jax.ShapeDtypeStruct, ...], settings: tuple[tuple[str, Plain], ...]
+) -> Digest:
     """Returns the digest of the user's optimiser, which takes up to a second to trace.
 
-    `structure` is that of the setup; `numbers` are the shapes and dtypes of its leaves.
+    `structure` is that of the setup; `numbers` are the shapes and dtypes of its leaves. `settings` are those of JAX,
+    which may change what is traced.
     """
     setup: Setup = jax.tree.unflatten(structure, numbers)
     key = jax.eval_shape(partial(jax.random.key, impl=setup.key_kind), 0)

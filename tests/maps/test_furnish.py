@@ -192,15 +192,16 @@ def test_each_amount_has_places_of_its_own():
     assert not set(places[0]) & set(places[1])
 
 
+@pytest.mark.parametrize("lane_offset", [0.2, 0.23])
 @pytest.mark.parametrize(("code", "across"), [(5, math.sin), (10, math.cos)])
-def test_only_asked_for_objects_are_in_lanes(code, across):
+def test_only_asked_for_objects_are_in_lanes(code, across, lane_offset):
     """Objects in lanes are on straight tiles, in the middle of the right-hand lane, along the road."""
-    town = furnish(TOWN, "lane_robots=6 lane_duckies=4", seed=2)
+    town = furnish(TOWN, "lane_robots=6 lane_duckies=4", seed=2, lane_offset=lane_offset)
     things = [thing for thing in town.objects if TOWN[math.floor(thing.y)][math.floor(thing.x)] == code]
     for thing in things:
         assert abs(across(thing.angle)) < 1e-5
         offset = (thing.x % 1 - 0.5) * math.sin(thing.angle) + (thing.y % 1 - 0.5) * math.cos(thing.angle)
-        assert abs(offset - 0.2) < 1e-5  # to the right
+        assert abs(offset - lane_offset) < 1e-5  # to the right
     assert len({round(thing.angle, 3) for thing in things}) == 2
     assert all(TOWN[math.floor(thing.y)][math.floor(thing.x)] in (5, 10) for thing in town.objects)
 

@@ -1,4 +1,4 @@
-"""From a map to a furnished map: the same for the same codes, seed and specification."""
+"""From a map to a furnished map: the same for the same codes and arguments."""
 
 from dataclasses import replace
 
@@ -11,6 +11,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import MapObject, check_objects
 from elitelanes_jax.formats.road_map import RoadMap, as_map
+from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset
 from elitelanes_jax.maps.furnishing.scenery import place_scenery
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners, place_light, place_signs
 from elitelanes_jax.maps.furnishing.space import Space
@@ -19,10 +20,10 @@ from elitelanes_jax.maps.furnishing.street_names import Tags, place_street_names
 
 
 @name_wrong_arguments
-def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> RoadMap:
+def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0, lane_offset: float = LANE_OFFSET) -> RoadMap:
     """Returns a map with objects by a specification, instead of the objects that it has.
 
-    The objects depend on the codes, the specification and the seed only.
+    The objects depend on the arguments and the map's codes only.
 
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
@@ -30,18 +31,21 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> Roa
         ``street_names``, ``all`` for some of everything, ``unique_tags``, settings such as ``duckies=6`` that override
         these words, and a file .toml, .json or .yaml with objects of your own.
       seed: of the places of objects, 0 to 2**32 - 1.
+      lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5. A tile set may have its
+        own, `TileSet.lane_offset`.
 
     Raises:
       InputError: for a bad map or specification, a crossing that has no room for its signs, tag numbers that would be
-        used twice with `unique_tags`, objects of your own outside the map or where a sign has to be, or numbers of
-        objects that do not fit.
+        used twice with `unique_tags`, objects of your own outside the map or where a sign has to be, numbers of
+        objects that do not fit, or a `lane_offset` out of its range.
     """
     road_map = as_map(source)
     asked: FurnishSpec = check_named("furnish", parse_furnish, spec)
-    return replace(road_map, objects=_objects(road_map.codes, asked, check_named("seed", SEED, seed)))
+    lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
+    return replace(road_map, objects=_objects(road_map.codes, asked, check_named("seed", SEED, seed), lane_offset))
 
 
-def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int) -> tuple[MapObject, ...]:
+def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int, lane_offset: float) -> tuple[MapObject, ...]:
     space, tags = Space(codes), Tags(unique=spec.unique_tags)
     for thing in check_objects(spec.objects, *codes.shape):
         space.add(thing)
@@ -61,5 +65,5 @@ def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int) -> tuple[Map
         space.add(thing)
     if spec.street_names != "none":
         place_street_names(space, spec.street_names, tags)
-    place_scenery(space, spec, seed)
+    place_scenery(space, spec, seed, lane_offset)
     return tuple(space.objects)

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.maps.furnishing.space import Space, make_object
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.network.codes import SIDES
@@ -21,10 +20,11 @@ _BESIDE = (0.12, 0.3)  # from the road's tile to the middle of what is beside it
 _QUARTERS = (0.0, pi / 2, pi, -pi / 2)
 
 
-def place_scenery(space: Space, spec: FurnishSpec, seed: int) -> None:
+def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float) -> None:
     """Adds the objects of a specification to those that are on the map, large ones first.
 
-    Each amount has random numbers of its own. Without a side of a road, objects beside roads are in blocks.
+    Each amount has random numbers of its own. Without a side of a road, objects beside roads are in blocks. The middle
+    of a lane is `lane_offset` tiles from the road's middle.
 
     Raises:
       InputError: if a number of objects do not fit; the message names the amount and how many fit.
@@ -40,7 +40,7 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int) -> None:
         while placed < wanted and tries:
             tries -= 1
             spot = spots[random.integers(len(spots))]
-            x, y, angle = draw(spot, random)
+            x, y, angle = draw(spot, random, lane_offset)
             thing = make_object(kind, x, y, round(angle, 6), static=name != "crossing_duckies")
             placed += space.place(thing, in_lane=name.startswith("lane_"))
         if placed < wanted and amount >= 1:
@@ -65,13 +65,13 @@ def _straights(codes: NDArray[np.int8]) -> NDArray[np.int64]:
     return np.stack([*np.nonzero(np.isin(codes, (5, 10))), codes[np.isin(codes, (5, 10))] == 5], axis=-1)
 
 
-def _in_a_block(spot: list[int], random: np.random.Generator) -> Place:
+def _in_a_block(spot: list[int], random: np.random.Generator, _: float) -> Place:
     """Draws a place anywhere on a cell, parallel to its sides."""
     row, column = spot
     return column + random.random(), row + random.random(), _QUARTERS[random.integers(4)]
 
 
-def _beside_a_road(spot: list[int], random: np.random.Generator) -> Place:
+def _beside_a_road(spot: list[int], random: np.random.Generator, _: float) -> Place:
     """Draws a place at a side of a cell, looking at the road there."""
     row, column, side = spot
     depth, along = random.uniform(*_BESIDE), random.uniform(-0.5, 0.5)
@@ -80,13 +80,13 @@ def _beside_a_road(spot: list[int], random: np.random.Generator) -> Place:
     return x, y, pi / 2 * (1 - side)
 
 
-def _in_a_lane(spot: list[int], random: np.random.Generator) -> Place:
+def _in_a_lane(spot: list[int], random: np.random.Generator, lane_offset: float) -> Place:
     """Draws a place in the middle of a lane of a straight tile, in the direction of its traffic."""
     row, column, across = spot
     heading = 2 * int(random.integers(2)) + across
     ahead, right, along = SIDES[heading], SIDES[(heading + 1) % 4], random.uniform(-0.5, 0.5)
-    x = column + 0.5 + along * ahead.right + LANE_OFFSET * right.right
-    y = row + 0.5 + along * ahead.down + LANE_OFFSET * right.down
+    x = column + 0.5 + along * ahead.right + lane_offset * right.right
+    y = row + 0.5 + along * ahead.down + lane_offset * right.down
     return x, y, pi / 2 * (1 - heading)
 
 
@@ -94,7 +94,9 @@ _BLOCK, _BESIDE_ROAD, _LANE = (_blocks, _in_a_block), (_kerbs, _beside_a_road), 
 
 _AMOUNTS: dict[
     str,
-    tuple[str, Callable[[NDArray[np.int8]], NDArray[np.int64]], Callable[[list[int], np.random.Generator], Place]],
+    tuple[
+        str, Callable[[NDArray[np.int8]], NDArray[np.int64]], Callable[[list[int], np.random.Generator, float], Place]
+    ],
 ] = {
     "buildings": ("building", *_BLOCK),
     "houses": ("house", *_BLOCK),
