@@ -111,7 +111,7 @@ def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] |
     corner, readings = check_named(str(folder / "tiles.yaml"), _place_tiles, tiles)
     codes = readings[0] if _is_ours(folder) else min(readings, key=_count_unreturned)
     frames.place_tiles({name: tile.cell for name, tile in tiles.items()})
-    objects: dict[str, MapObject] = {}
+    objects: dict[str, list[MapObject]] = {}  # by frame, because objects of several layers may share one
     for layer in OBJECT_LAYERS:
         for name, values in layers[layer].items():
             label = f"{folder / layer}.yaml: {name}"
@@ -121,9 +121,9 @@ def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] |
             # From the north-west corner, with y to the south.
             x, y = pose.x / size - corner[0], len(codes) + corner[1] - pose.y / size
             thing = check_named(label, _read_object, layer, values, x, y, pose.yaw)
-            objects[name] = check_named(label, check_object, thing, *codes.shape)
+            objects.setdefault(name, []).append(check_named(label, check_object, thing, *codes.shape))
     order = [name for name in layers["frames"] if name in objects]
-    return codes, tuple(objects[name] for name in order) or None
+    return codes, tuple(thing for name in order for thing in objects[name]) or None
 
 
 def _read_layer(folder: Path, name: str) -> dict[str, _Table]:

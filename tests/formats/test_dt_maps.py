@@ -50,6 +50,15 @@ def test_frames_are_relative_to_others(tmp_path):
     assert read_map(tmp_path).objects[1][1:4] == pytest.approx((0.5, 1.25, math.pi / 2 + 0.5), abs=1e-5)
 
 
+def test_objects_of_several_layers_may_share_a_frame(tmp_path):
+    write(tmp_path, RoadMap([[6, 3], [12, 9]], objects=[MapObject("duckie", 0.5, 1.5, 0, 0.08)]))
+    (tmp_path / "ground_tags.yaml").write_text("ground_tags: {map_0/duckie_0: {id: 3}}\n", encoding="utf-8")
+    assert {(thing.kind, thing.x, thing.y) for thing in read_map(tmp_path).objects} == {
+        ("duckie", 0.5, 1.5),
+        ("floor_tag", 0.5, 1.5),
+    }
+
+
 def test_no_object_has_the_name_of_a_tile(tmp_path):
     objects = [MapObject("tree", 1, 1, 0, 0.25), MapObject("other:tile_0", 1.1, 0.9, 1, 0.1)]
     write(tmp_path, RoadMap([[6, 3], [12, 9]], objects=objects))
