@@ -217,7 +217,10 @@ def _cell(score: Score | None) -> str:
 
 
 def _draw(board: Board, file: Path) -> None:
-    """Plots graded score, reliability and the share of niches at the optimum against evaluations, by size."""
+    """Plots graded score, reliability and the share of niches at the optimum against evaluations, by size.
+
+    A size without a score has no panel of it.
+    """
     sizes, rows = _sizes(board), list(dict.fromkeys(place.row for place in board))
     labels = {"graded": "graded score", "reliability": "reliability", "optimal": "share of niches at the optimum"}
     figure, axes = plt.subplots(
@@ -243,9 +246,11 @@ def _draw(board: Board, file: Path) -> None:
     for axis in axes.flat:
         axis.set(xscale="log", ylim=(-0.02, 1.02))
         axis.grid(alpha=0.3)
+        axis.set_visible(axis.has_data())
     for size, column in zip(sizes, axes.T, strict=True):
-        column[0].set_title(size)
-        column[-1].set_xlabel("evaluations of a run")
+        panels = [axis for axis in column if axis.has_data()]
+        panels[0].set_title(size)
+        panels[-1].set_xlabel("evaluations of a run")
     for axis, label in zip(axes[:, 0], labels.values(), strict=True):
         axis.set_ylabel(label)
     names = [_title(row).replace("`", "") for row in rows]
