@@ -20,7 +20,7 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, to_metres
-from elitelanes_jax.lanes.curves import lane_curves
+from elitelanes_jax.lanes.curves import CHORDS, lane_curves
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import BACK, LaneGraph, Movement, lane_graph, no_lane
 from elitelanes_jax.network.codes import CONNECTIONS
@@ -30,8 +30,6 @@ AGENTS = 32
 
 # A car's position every 0.1 s, for 9 s: the length of all its maps.
 _STEPS, _STEP = 91, 0.1
-# PufferDrive files a segment under the middle of it, in cells of 5 m: segments are 1.9 m long on tiles of 30 m.
-_CHORDS = 16
 # Length of the first and the last segment of a lane, in tiles. They leave an arc by a ten-thousandth of this.
 _STRAIGHT = 2.0**-9
 # Sides of a car, in widths of a lane: 4.5 m and 1.9 m on lanes of 3.2 m.
@@ -122,7 +120,8 @@ def _line_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarray, "
     movement = Movement(0, 0, heading, turn)
     parts: list[Float[np.ndarray, "S 2"]] = []
     for curve in lane_curves(movement, offset):
-        parts.append(curve.points(np.linspace(0, 1, _CHORDS + 1))[1 if parts else 0 :])
+        # Lines are cut too: PufferDrive files a segment under the middle of it, in cells of 5 m.
+        parts.append(curve.points(np.linspace(0, 1, CHORDS + 1))[1 if parts else 0 :])
     points = np.concatenate(parts)
     first, last = points[0], points[-1]
     # The coordinate across the heading is copied, because sines of right angles are not exactly 0.

@@ -21,6 +21,7 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.lanes.curves import CHORDS
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
 from elitelanes_jax.lanes.movements import LaneNode, no_road
 from elitelanes_jax.network.codes import CONNECTIONS
@@ -40,7 +41,7 @@ _REFUSED = (",", ":", "\\", "${")
 # SUMO expands these characters in names of files. Their codes are read as the characters.
 _QUOTED = {"%": "%25", "~": "%7e"}
 
-_ARC = np.linspace(0, math.pi / 2, 9)[:, None]
+_ARC = np.linspace(0, math.pi / 2, CHORDS + 1)[:, None]
 _HALF = _ARC.size // 2
 
 

@@ -26,8 +26,8 @@ LANE_OFFSET = 0.2
 HALF_ROAD = 0.222 / 0.585
 """From the road's middle to the inner edge of the white tape, in tiles: half of the yellow tape and the lane."""
 
-CHORDS = 8
-"""The chords of a quarter circle in formats that have no arcs: 0.5 % of its radius from it."""
+CHORDS = 16
+"""The chords of a quarter circle in formats that have no arcs: 0.12 % of its radius from it."""
 
 
 def is_lane_offset(value: UserValue) -> bool:

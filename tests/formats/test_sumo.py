@@ -71,7 +71,7 @@ def test_roads_are_the_links_in_both_directions(grid):
         length += sum(abs(b - a) for a, b in pairwise(shape))
     opposite = opposites(edges)
     assert all(edges[opposite[name]]["from"] == edge["to"] for name, edge in edges.items())
-    turn = 10 * 8 * math.sin(math.pi / 32)  # a quarter circle of eight chords
+    turn = 10 * 16 * math.sin(math.pi / 64)  # a quarter circle of 16 chords
     bends = sum(graph.degree(tile) == 2 and not any(map(eq, *graph[tile])) for tile in graph)
     assert length == pytest.approx(2 * (5 * sum(dict(graph.degree).values()) - bends * (10 - turn)), abs=0.05)
 
@@ -96,7 +96,7 @@ def test_a_ring_is_two_roads_around_a_circle():
     assert ("0_0_east", "1_1_west") in connections and len(connections) == 4
     for edge in edges.values():
         np.testing.assert_allclose(np.abs(np.array(edge["shape"]) - (20 + 20j)), 10, atol=1e-3)
-        assert len(edge["shape"]) == 17
+        assert len(edge["shape"]) == 33
 
 
 def test_north_is_up_and_crossings_are_junctions():

@@ -77,5 +77,5 @@ def test_curves_are_the_oracles_polylines(heading, turn):
     expected = polyline(heading, turn) + np.array([5, 3])
     np.testing.assert_allclose(curve.points(np.linspace(0, 1, POINTS)), expected, atol=1e-9)
     chords = lane_polyline(Movement(3, 5, heading, turn))
-    assert len(chords) == (2 if turn == 1 else 9)
+    assert len(chords) == (2 if turn == 1 else 17)
     np.testing.assert_allclose(chords, curve.points(np.linspace(0, 1, len(chords))), atol=1e-12)
