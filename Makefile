@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -205,6 +205,10 @@ duckietown: $(READY) .venv-duckietown/.ready
 gym-duckietown: $(READY) .venv-gym-duckietown/.ready
 	$(BIN)/python -m pytest -m slow tests/maps/test_gym_duckietown.py tests/experiments/test_transfer.py
 
+# The reader of the Duckiematrix' maps in Duckietown's SDK, called from ours as a program.
+duckietown-sdk: $(READY) .venv-duckietown-sdk/.ready
+	$(BIN)/python -m pytest -m slow tests/formats/test_duckiematrix.py
+
 # A thousand towns, loaded by duckietown-world and driven through in SUMO; it goes on where it ended.
 towns: $(READY) .venv-duckietown/.ready .venv-sumo/.ready
 	test -d results/towns || $(BIN)/elitelanes generate --style town --size 9 9 --maps 1000 --seeds 32 \
@@ -213,9 +217,11 @@ towns: $(READY) .venv-duckietown/.ready .venv-sumo/.ready
 	$(BIN)/python tests/formats/check_folder.py duckietown results/towns
 
 .venv-duckietown/.ready: tests/formats/duckietown_world/requirements.txt
-	rm -rf .venv-duckietown
-	$(PYTHON) -m venv .venv-duckietown
-	.venv-duckietown/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
+.venv-duckietown-sdk/.ready: tests/formats/duckietown_sdk/requirements.txt
+.venv-duckietown/.ready .venv-duckietown-sdk/.ready: .venv-%/.ready:
+	rm -rf .venv-$*
+	$(PYTHON) -m venv .venv-$*
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
 	touch $@
 
 .venv-gym-duckietown/.ready: tests/maps/gym_duckietown/requirements.txt

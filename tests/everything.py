@@ -36,6 +36,7 @@ ENVIRONMENTS = {
     "sumo": Environment(".venv-sumo", ("eclipse-sumo",)),
     "simulators": Environment(".venv-simulators", ("carla", "lanelet2", "eclipse-sumo")),
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
+    "duckietown-sdk": Environment(".venv-duckietown-sdk", ("duckietown-sdk",)),
     "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh")),
     "pogema": Environment(".venv-pogema", ("pogema",)),
     "metadrive": Environment(".venv-metadrive", ("metadrive-simulator", "eclipse-sumo")),

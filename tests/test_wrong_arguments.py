@@ -158,7 +158,7 @@ WRONG = {
     "user_moves: mine: expected a weight and a Move, got 3": lambda: MoveWeights(user_moves={"mine": 3}),
     "cells: expected at most 33,554,432 in all, got": lambda: to_movingai(np.full((99, 99), 15), "map", cells=64),
     "map: expected one map, got 2": lambda: to_dt_maps([GRID, GRID]),
-    "to: expected one of duckietown, dt-maps, sumo": lambda: PackSpec(to=3),
+    "to: expected one of duckietown, dt-maps, duckiematrix, sumo": lambda: PackSpec(to=3),
     "furnish: 3: expected one of objects, signs, lights": lambda: furnish(GRID, {3: 3}),
     "town.json: expected a readable JSON file": lambda: furnish("town.json"),
     "grid: expected rows of one length": lambda: canonical_form([[6, 3], [12]]),

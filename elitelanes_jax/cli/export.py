@@ -12,6 +12,7 @@ from elitelanes_jax._util.checks import ends_as_file, name, path
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.files import never_replacing, write_atomic
 from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import (
     Commands,
@@ -89,7 +90,10 @@ def _export_files(options: argparse.Namespace, target: Format, settings: FormatO
     maps = {file: read_map(file) for file in options.maps}
     _write_maps(maps, target, settings.given(), options.out)
     for file, road_map in maps.items():
-        warn_of_faults(str(file), without_ends(road_map, settings.dead_ends))
+        written = without_ends(road_map, settings.dead_ends)
+        warn_of_faults(str(file), written)
+        for limit in target.limits(written):
+            announce_at_end(str(file), limit)
     say(f"{pluralize(len(maps), 'map')} in {options.out}")
     if settings.dead_ends == "grass":
         _say_left_out([road_map.codes for road_map in maps.values()])

@@ -1,5 +1,6 @@
 from .commonroad import to_commonroad as to_commonroad
 from .dt_maps import to_dt_maps as to_dt_maps
+from .dt_maps import to_duckiematrix as to_duckiematrix
 from .duckietown import from_duckietown as from_duckietown
 from .duckietown import to_duckietown as to_duckietown
 from .duckietown import without_dead_ends as without_dead_ends

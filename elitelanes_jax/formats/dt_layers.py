@@ -43,10 +43,11 @@ SIGNS = {
 """The library's name of each kind of sign."""
 
 TURNED_AS_LIBRARY = "# Curves and 3-way tiles are turned as in the library dt-maps 0.1.0.\n"
-"""The first line of our own tiles, which says how they are turned."""
+TURNED_AS_MATRIX = "# Curves and 3-way tiles are turned as in the Duckiematrix.\n"
+"""The first lines of tiles that we write, which say how they are turned."""
 
-# The same codes as in the maps of the Duckiematrix and of map editors.
-_ROADS_OF_MATRIX = ROADS | {"curve": NORTH | WEST, "3way": NORTH | EAST | WEST}
+ROADS_OF_MATRIX = ROADS | {"curve": NORTH | WEST, "3way": NORTH | EAST | WEST}
+"""The same codes in the maps of the Duckiematrix and of map editors."""
 
 _KIND_OF_SIGN = {name: kind for kind, name in SIGNS.items()} | {
     kind.removeprefix("sign_").lower(): kind for kind in OBJECT_KINDS if kind.startswith("sign_")
@@ -91,7 +92,7 @@ def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] |
     """Reads a folder of layers: its tiles and objects, None without objects.
 
     Watchtowers and layers of other names are not read. An object has its usual height, unless the file says "height".
-    Curves and 3-way tiles are turned as the library has them in the maps that we write. In other maps, all are turned
+    The first line of the tiles that we write says how curves and 3-way tiles are turned. In other maps, all are turned
     so or all as the Duckiematrix has them: the way that leaves fewer connections without a neighbour that returns them.
     If one way leaves none, the other leaves some, because the first road tile is a curve that it opens to the north.
 
@@ -109,7 +110,7 @@ def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] |
         label = f"{folder / 'tiles.yaml'}: {name}"
         tiles[name] = check_named(label, _read_tile, name, values, pose, clockwise, size)
     corner, readings = check_named(str(folder / "tiles.yaml"), _place_tiles, tiles)
-    codes = readings[0] if _is_ours(folder) else min(readings, key=_count_unreturned)
+    codes = _as_turned(folder, *readings)
     frames.place_tiles({name: tile.cell for name, tile in tiles.items()})
     objects: dict[str, list[MapObject]] = {}  # by frame, because objects of several layers may share one
     for layer in OBJECT_LAYERS:
@@ -267,7 +268,7 @@ def _read_tile(name: str, values: _Table, pose: _Pose | None, clockwise: bool, s
         raise InputError(f"expected a yaw at a right angle, got {kind!r} with yaw {pose.yaw:g}")
     if clockwise:
         turns = -turns
-    return _Tile(cell, *(int(rotate_codes(roads[kind], turns % 4)) for roads in (ROADS, _ROADS_OF_MATRIX)))
+    return _Tile(cell, *(int(rotate_codes(roads[kind], turns % 4)) for roads in (ROADS, ROADS_OF_MATRIX)))
 
 
 def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
@@ -308,8 +309,14 @@ def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, list[NDArray[np.int8
     return (west, south), [library, matrix]
 
 
-def _is_ours(folder: Path) -> bool:
-    return read_input(folder / "tiles.yaml", _MOST_BYTES, "YAML").startswith(TURNED_AS_LIBRARY)
+def _as_turned(folder: Path, library: NDArray[np.int8], matrix: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Returns one of both readings: what our first line says, or else that with fewer loose ends."""
+    text = read_input(folder / "tiles.yaml", _MOST_BYTES, "YAML")
+    if text.startswith(TURNED_AS_LIBRARY):
+        return library
+    if text.startswith(TURNED_AS_MATRIX):
+        return matrix
+    return min(library, matrix, key=_count_unreturned)
 
 
 def _count_unreturned(codes: NDArray[np.int8]) -> int:

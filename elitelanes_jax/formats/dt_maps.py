@@ -1,9 +1,16 @@
-"""Duckietown's newer maps: a folder with a YAML file for each layer, which the library dt-maps 0.1.0 reads.
+"""Duckietown's newer maps: a folder with a YAML file for each layer, as its library and its simulator read them.
 
-Poses are in the layer ``frames``: metres from the south-west corner, and yaw counter-clockwise. At yaw 0 a straight
-tile leads from north to south, a curve from south to east, and a 3-way tile has no west side, as in ``get_tile_graph``.
+Both have poses in the layer ``frames``, and yaw counter-clockwise. At yaw 0 a straight tile leads from north to south.
+
+The library dt-maps 0.1.0 has the middle of a tile, in metres from the south-west corner of the map. At yaw 0 a curve
+leads from south to east, and a 3-way tile has no west side, as in its ``get_tile_graph``.
+
+The Duckiematrix has the south-west corner of a tile, in tiles. At yaw 0 a curve leads from north to west, and a 3-way
+tile has no south side, as in its map loop_0 (github.com/duckietown/duckiematrix-examples, August 2025).
 """
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from math import pi, remainder
 
 import numpy as np
@@ -12,20 +19,30 @@ import yaml
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY
-from elitelanes_jax.formats.dt_layers import LAYERS, ROADS, SIGNS, TURNED_AS_LIBRARY
+from elitelanes_jax.formats.dt_layers import (
+    LAYERS,
+    ROADS,
+    ROADS_OF_MATRIX,
+    SIGNS,
+    TURNED_AS_LIBRARY,
+    TURNED_AS_MATRIX,
+)
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_roads, check_tile_size
-from elitelanes_jax.formats.objects import OTHER, MapObject
-from elitelanes_jax.formats.road_map import as_map
+from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject
+from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.formats.tags import TAG_SIZE
+from elitelanes_jax.lanes.curves import lane_curves
+from elitelanes_jax.lanes.movements import lane_graph
 from elitelanes_jax.network.codes import rotate_codes
 
 _MAP = "map_0"
-_TILE = {rotate_codes(code, turns): (kind, turns) for kind, code in ROADS.items() for turns in (3, 2, 1, 0)}
+
+_Table = dict[str, Plain]
 
 
 @name_wrong_arguments
 def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
-    """Returns the texts of a map's layers, by their names in `LAYERS`.
+    """Returns the texts of a map's layers for the library dt-maps 0.1.0, by their names in `LAYERS`.
 
     Args:
       road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
@@ -35,44 +52,114 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str
       InputError: for a bad map or size, or tiles with one connection, which Duckietown lacks; the message names them.
     """
     check_tile_size(tile_size)
-    given = as_map(road_map)
-    grid = check_roads(given.codes)
-    size, rows = float(tile_size), len(grid)
-    layers: dict[str, dict[str, Plain]] = {name: {} for name in LAYERS}
+    source = as_map(road_map)
+    check_roads(source.codes)
+    size = float(tile_size)
+
+    def frame_of_tile(i: int, j: int, yaw: float) -> _Table:
+        return {"relative_to": _MAP, "pose": _pose((i + 0.5) * size, (j + 0.5) * size, yaw)}
+
+    layers = _write_layers(source, size, ROADS, frame_of_tile, robot="duckiebot")
+    return _texts(layers, "1.0", TURNED_AS_LIBRARY)
+
+
+def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
+    """Returns the texts of a map's layers for the Duckiematrix, by their names in `LAYERS`.
+
+    Robots are ``map_0/vehicle_0``, ``map_0/vehicle_1`` and so on. Duckietown's Gym environment drives the first one. A
+    map without robots gets one, in the middle of its first lane. `MapInterpreter` of the package duckietown-sdk 0.2.0
+    reads the layers of tiles.
+
+    Args:
+      road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
+      tile_size: in metres, 0.01 to 100.
+
+    Raises:
+      InputError: for a bad map or size, one without a lane, or tiles with one connection, which Duckietown lacks; the
+        message names them.
+    """
+    check_tile_size(tile_size)
+    source = as_map(road_map)
+    check_roads(source.codes)
+    robots = [thing for thing in source.objects or () if thing.kind == "duckiebot"]
+    others = [thing for thing in source.objects or () if thing.kind != "duckiebot"]
+    # Robots come first, because an object's index is the number in its name.
+    source = replace(source, objects=(*(robots or [_robot_on_first_lane(source)]), *others))
+
+    def frame_of_tile(i: int, j: int, yaw: float) -> _Table:
+        return {"relative_to": None, "unit": "tiles", "pose": _pose(float(i), float(j), yaw)}
+
+    layers = _write_layers(source, float(tile_size), ROADS_OF_MATRIX, frame_of_tile, robot="vehicle")
+    return _texts(layers, 1.0, TURNED_AS_MATRIX)
+
+
+def _robot_on_first_lane(road_map: RoadMap) -> MapObject:
+    """Returns a robot in the middle of the map's first lane."""
+    lane = lane_curves(lane_graph(road_map.codes).list_movements()[0])[0]
+    x, y = lane.points(np.array([0.5]))[0].tolist()
+    angle = pi / 2 - lane.heading * pi / 2 + lane.curvature * lane.length / 2
+    return MapObject("duckiebot", x, y, angle, OBJECT_KINDS["duckiebot"].height)
+
+
+def _write_layers(
+    road_map: RoadMap,
+    size: float,
+    roads: Mapping[str, int],
+    frame_of_tile: Callable[[int, int, float], _Table],
+    robot: str,
+) -> dict[str, _Table]:
+    """Returns the tables of a map's layers.
+
+    Args:
+      road_map: the map.
+      size: of a tile, in metres.
+      roads: the code of each kind of tile with a road at yaw 0.
+      frame_of_tile: the frame of a tile from its column i, its row j from the south, and its yaw.
+      robot: what the frames of robots are named after.
+    """
+    kinds = {rotate_codes(code, turns): (kind, turns) for kind, code in roads.items() for turns in (3, 2, 1, 0)}
+    rows = len(road_map.codes)
+    layers: dict[str, _Table] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}
-    layers["frames"][_MAP] = _frame(None, 0.0, 0.0, 0.0)
-    for (row, i), code in np.ndenumerate(grid):
-        j, (kind, turns) = rows - 1 - row, _TILE.get(int(code), ("grass", 0))
+    layers["frames"][_MAP] = {"relative_to": None, "pose": _pose(0.0, 0.0, 0.0)}
+    for (row, i), code in np.ndenumerate(road_map.codes):
+        j, (kind, turns) = rows - 1 - row, kinds.get(int(code), ("grass", 0))
         name = f"{_MAP}/tile_{i}_{j}"
         layers["tiles"][name] = {"i": i, "j": j, "type": kind}
-        layers["frames"][name] = _frame(_MAP, (i + 0.5) * size, (j + 0.5) * size, turns * pi / 2)
-    for index, thing in enumerate(given.objects or ()):
-        name = f"{_MAP}/{thing.kind.removeprefix(OTHER)}_{index}"
+        layers["frames"][name] = frame_of_tile(i, j, turns * pi / 2)
+    for index, thing in enumerate(road_map.objects or ()):
+        stem = robot if thing.kind == "duckiebot" else thing.kind.removeprefix(OTHER)
+        name = f"{_MAP}/{stem}_{index}"
         if name in layers["tiles"]:  # of the kind other:tile_0
             name = f"{_MAP}/other_{name.removeprefix(f'{_MAP}/')}"
         layer, values = _entry(thing)
         layers[layer][name] = values | {"height": thing.height} | ({} if thing.static else {"static": False})
-        layers["frames"][name] = _frame(_MAP, thing.x * size, (rows - thing.y) * size, thing.angle)
+        pose = _pose(thing.x * size, (rows - thing.y) * size, thing.angle)
+        layers["frames"][name] = {"relative_to": _MAP, "pose": pose}
+    return layers
+
+
+def _texts(layers: Mapping[str, _Table], version: str | float, turned: str) -> dict[str, str]:
+    """Returns layers as YAML. `turned` is the comment which says how tiles are turned."""
     texts: dict[str, str] = {}
     for name, values in layers.items():
-        content = {"version": "1.0", name: values}
+        content = {"version": version, name: values}
         texts[name] = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=200)
-    return texts | {"tiles": TURNED_AS_LIBRARY + texts["tiles"]}
+    return texts | {"tiles": turned + texts["tiles"]}
 
 
-def _frame(relative_to: str | None, x: float, y: float, yaw: float) -> dict[str, Plain]:
+def _pose(x: float, y: float, yaw: float) -> _Table:
     yaw = remainder(yaw, 2 * pi)
-    pose = {"x": round(x, 6), "y": round(y, 6), "z": 0.0, "roll": 0.0, "pitch": 0.0, "yaw": round(yaw, 6)}
-    return {"relative_to": relative_to, "pose": pose}
+    return {"x": round(x, 6), "y": round(y, 6), "z": 0.0, "roll": 0.0, "pitch": 0.0, "yaw": round(yaw, 6)}
 
 
-def _entry(thing: MapObject) -> tuple[str, dict[str, Plain]]:
+def _entry(thing: MapObject) -> tuple[str, _Table]:
     """Returns the layer of an object, and what that says of its kind."""
     if thing.kind == "duckie":
         return "citizens", {"color": "yellow"}
     if thing.kind == "duckiebot":
         return "vehicles", {"configuration": "DB21M", "id": None, "color": "blue"}
-    tag: dict[str, Plain] = {} if thing.tag is None else {"id": thing.tag, "family": TAG_FAMILY}
+    tag: _Table = {} if thing.tag is None else {"id": thing.tag, "family": TAG_FAMILY}
     if thing.kind == "floor_tag":
         return "ground_tags", {"size": TAG_SIZE} | tag
     kind = SIGNS.get(thing.kind)

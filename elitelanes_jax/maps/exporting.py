@@ -33,11 +33,13 @@ class Format(NamedTuple):
       suffixes: of the files.
       convert: (map, name of its files without suffix, settings) -> the content of each file.
       takes: the settings of `FormatOptions` that it has.
+      limits: map -> what of the map the programs that read the format cannot use.
     """
 
     suffixes: tuple[str, ...]
     convert: Callable[..., str | bytes | Iterable[str | bytes]]
     takes: tuple[str, ...] = ()
+    limits: Callable[[RoadMap], list[str]] = lambda road_map: []
 
     def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str | bytes, ...]:
         """Returns the content of each file of a map; `name` is theirs without suffix."""
@@ -70,6 +72,21 @@ def _duckietown(road_map: RoadMap, name: str, dead_ends: str | None = None, **si
 
 def _dt_maps(road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float) -> Iterable[str]:
     return formats.to_dt_maps(without_ends(road_map, dead_ends), **size).values()
+
+
+def _duckiematrix(road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float) -> Iterable[str]:
+    return formats.to_duckiematrix(without_ends(road_map, dead_ends), **size).values()
+
+
+def _without_lanes_of_sdk(road_map: RoadMap) -> list[str]:
+    crossings = np.argwhere(road_map.codes == 15).tolist()
+    if not crossings:
+        return []
+    row, column = crossings[0]
+    return [
+        f"duckietown-sdk 0.2.0 has no lanes on 4-way tiles, here {len(crossings)}, the first at row {row}, column "
+        f"{column}; generate --where crossings4=0..0 makes maps without them"
+    ]
 
 
 def _streets(measures: Mapping[str, UserValue]) -> formats.Streets:
@@ -109,6 +126,9 @@ _STREETS, _FLOOR = ("tile_size", "lane", "speed", "right_of_way"), ("tile_size",
 FORMATS = {
     "duckietown": Format((".yaml",), _duckietown, ("tile_size", "dead_ends")),
     "dt-maps": Format(tuple(f"/{layer}.yaml" for layer in LAYERS), _dt_maps, ("tile_size", "dead_ends")),
+    "duckiematrix": Format(
+        tuple(f"/{layer}.yaml" for layer in LAYERS), _duckiematrix, ("tile_size", "dead_ends"), _without_lanes_of_sdk
+    ),
     "sumo": Format(
         (".nod.xml", ".edg.xml", ".con.xml", ".netccfg"),
         lambda one, name, **how: formats.to_sumo(one, name, _streets(how)),

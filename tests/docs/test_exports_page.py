@@ -76,7 +76,7 @@ def test_the_table_has_all_formats(capsys):
     assert sorted(name.strip(",") for name in formats) == sorted(re.findall(r"`([\w-]+)`", " ".join(listed)))
 
 
-@pytest.mark.parametrize("name", sorted({*FORMATS} - {"dt-maps"}))
+@pytest.mark.parametrize("name", sorted({*FORMATS} - {"dt-maps", "duckiematrix"}))
 def test_files_end_as_the_table_says(name, repository, capsys):
     assert main(["export", "docs/examples/town.json", "--to", name, "--out", "out"]) == 0
     said = re.findall(r"`(\S+)`", TABLES[name].partition(" |")[0])
@@ -88,6 +88,7 @@ def test_values_of_options_are_those_of_the_formats():
     assert ways[0] == Streets().right_of_way
     with pytest.raises(InputError, match=re.escape(f"right_of_way: expected one of {', '.join(ways)}, got")):
         Streets(right_of_way="none")
-    assert f"{TILE_SIZE} in `duckietown` and `dt-maps`, {Streets().tile:g} in `sumo`" in TABLES["--tile-size"]
+    duckietowns = f"{TILE_SIZE} in `duckietown`, `dt-maps` and `duckiematrix`"
+    assert f"{duckietowns}, {Streets().tile:g} in `sumo`" in TABLES["--tile-size"]
     for name in ("lane", "speed"):
         assert TABLES[f"--{name}"].endswith(f"; {getattr(Streets(), name)}")
