@@ -105,9 +105,9 @@ results/packs/%: $(PROGRAM)
 	  --out results/pack-maps/$*
 	test -d $@ || $(BIN)/elitelanes pack results/pack-maps/$* --to $(PACKED) --tile-px 32 --out $@
 
-# MuJoCo and trimesh; MuJoCo draws by EGL, without a display (Debian's libegl1).
+# MuJoCo, trimesh and OpenUSD; MuJoCo draws by EGL, without a display (Debian's libegl1).
 mujoco: .venv-mujoco/.ready
-	.venv-mujoco/bin/python -m pytest -m slow tests/formats/test_floor.py
+	.venv-mujoco/bin/python -m pytest -m slow tests/formats/test_floor.py tests/formats/test_usd.py
 
 # POGEMA, called from ours as a program.
 pogema: $(READY) .venv-pogema/.ready
@@ -161,6 +161,7 @@ EXTRAS-ued := dev,experiments,ued
 # CleanRL's PPO imports these two.
 MORE-sb3 := tensorboard==2.21.0 tyro==1.0.17
 BARE-sb3 := pufferlib-core==3.0.23
+MORE-mujoco := usd-core==26.11
 MORE-simulators := carla==0.9.16 lanelet2==1.2.3
 
 $(patsubst %,.venv-%/.ready,mujoco shards sumo simulators marimo interop cluster rl sb3 ued): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)

@@ -37,7 +37,7 @@ ENVIRONMENTS = {
     "simulators": Environment(".venv-simulators", ("carla", "lanelet2", "eclipse-sumo")),
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
     "duckietown-sdk": Environment(".venv-duckietown-sdk", ("duckietown-sdk",)),
-    "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh")),
+    "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh", "usd-core")),
     "pogema": Environment(".venv-pogema", ("pogema",)),
     "metadrive": Environment(".venv-metadrive", ("metadrive-simulator", "eclipse-sumo")),
     "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),

@@ -33,3 +33,4 @@ from .sumo import Sumo as Sumo
 from .sumo import to_sumo as to_sumo
 from .sumo import to_sumo_trips as to_sumo_trips
 from .table import table_to_csv as table_to_csv
+from .usd import to_usd as to_usd

@@ -121,6 +121,11 @@ def _mujoco(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, b
     return formats.to_mjcf(road_map.codes, f"{name}.png", size, standing, lane_offset), picture
 
 
+def _usd(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, bytes]:
+    picture, size, standing = _floor(road_map, **settings)
+    return formats.to_usd(road_map.codes.shape, f"{name}.png", size, standing), picture
+
+
 _STREETS, _FLOOR = ("tile_size", "lane", "speed", "right_of_way"), ("tile_size", "tiles", "tile_px")
 
 FORMATS = {
@@ -142,6 +147,7 @@ FORMATS = {
     ),
     "gltf": Format((".glb",), lambda one, _, **how: formats.to_gltf(one.codes.shape, *_floor(one, **how)), _FLOOR),
     "mujoco": Format((".xml", ".png"), _mujoco, _FLOOR),
+    "usd": Format((".usda", ".png"), _usd, _FLOOR),
     "movingai": Format(
         (".map", ".scen"), lambda one, name, **how: formats.to_movingai(one.codes, f"{name}.map", **how), ("cells",)
     ),

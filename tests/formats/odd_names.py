@@ -40,6 +40,7 @@ REFUSED = {
         *("no UTF-8", "control character"),
     },
     "mujoco": {"backslash", "no UTF-8", "control character"},
+    "usd": {"backslash", "line break", "carriage return", "tab", "XML", "no UTF-8", "control character"},
     "movingai": {
         *("spaces", "a space first", "a space last", "another space", "quotes", "line break", "carriage return", "tab"),
         "no UTF-8",

@@ -43,7 +43,19 @@ def read_pufferdrive(files):
     return json.loads(files[1])["name"]
 
 
-READERS = {"pufferdrive": read_pufferdrive, "sumo": read_sumo, "mujoco": read_mujoco, "movingai": read_movingai}
+def read_usd(files):
+    """A path is what stands between two @ on a line."""
+    (path,) = re.findall("@([^@\n]*)@", files[0])
+    return path.removeprefix("./").removesuffix(".png")
+
+
+READERS = {
+    "pufferdrive": read_pufferdrive,
+    "sumo": read_sumo,
+    "mujoco": read_mujoco,
+    "usd": read_usd,
+    "movingai": read_movingai,
+}
 
 
 @pytest.mark.parametrize("kind", ODD_NAMES)

@@ -1,0 +1,131 @@
+"""The floor of a 3-D simulator as a stage of OpenUSD, in its text format (.usda), with collision.
+
+z is up, x is east and y north of the map's south-west corner, in metres. Objects are boxes. Floor and objects have the
+schema ``PhysicsCollisionAPI``, and no mass, so they do not move.
+"""
+
+import re
+from collections.abc import Sequence
+from math import degrees
+
+from elitelanes_jax._util.checks import check_named, listed, xml_name
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
+from elitelanes_jax.formats.objects import Standing
+from elitelanes_jax.network.checks import check_shape
+
+_MEANING = re.compile(r"[@<>\[\]\\\t\n\r]")  # what USD gives a meaning in the paths of files
+
+_STAGE = """#usda 1.0
+(
+    defaultPrim = "map"
+    metersPerUnit = 1
+    upAxis = "Z"
+)
+
+def Xform "map"
+{{
+    def Mesh "floor" (
+        prepend apiSchemas = ["MaterialBindingAPI", "PhysicsCollisionAPI", "PhysicsMeshCollisionAPI"]
+    )
+    {{
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        rel material:binding = </map/paint>
+        point3f[] points = [(0, 0, 0), ({east:.6g}, 0, 0), ({east:.6g}, {north:.6g}, 0), (0, {north:.6g}, 0)]
+        texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (
+            interpolation = "vertex"
+        )
+        uniform token subdivisionScheme = "none"
+    }}
+
+    def Material "paint"
+    {{
+        token outputs:surface.connect = </map/paint/surface.outputs:surface>
+
+        def Shader "surface"
+        {{
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor.connect = </map/paint/picture.outputs:rgb>
+            float inputs:roughness = 1
+            token outputs:surface
+        }}
+
+        def Shader "picture"
+        {{
+            uniform token info:id = "UsdUVTexture"
+            asset inputs:file = @./{picture}@
+            float2 inputs:st.connect = </map/paint/corners.outputs:result>
+            token inputs:wrapS = "clamp"
+            token inputs:wrapT = "clamp"
+            float3 outputs:rgb
+        }}
+
+        def Shader "corners"
+        {{
+            uniform token info:id = "UsdPrimvarReader_float2"
+            string inputs:varname = "st"
+            float2 outputs:result
+        }}
+    }}
+{things}}}
+"""
+_SOLID = """
+    def Cube "{name}" (
+        prepend apiSchemas = ["PhysicsCollisionAPI"]
+    )
+    {{
+        color3f[] primvars:displayColor = [({colour[0]:.3f}, {colour[1]:.3f}, {colour[2]:.3f})]
+        double3 xformOp:translate = ({x:.6g}, {y:.6g}, {height:.6g})
+        float xformOp:rotateZ = {degrees:.6g}
+        float3 xformOp:scale = ({length:.6g}, {width:.6g}, {height:.6g})
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateZ", "xformOp:scale"]
+    }}
+"""
+
+
+def to_usd(
+    shape: tuple[int, int], picture: str, tile_size: float = TILE_SIZE, standing: Sequence[Standing] = ()
+) -> str:
+    """Writes the floor of a map as the text of an OpenUSD stage, ``.usda``.
+
+    Args:
+      shape: rows and columns of the map.
+      picture: the name of the file with the map's picture, next to the stage's file.
+      tile_size: side of a tile in metres, 0.01 to 1000.
+      standing: objects, such as `tiles.stand` returns. They are boxes of the objects' sizes and mean colours, and grow
+        with the tiles.
+
+    Raises:
+      InputError: for a bad shape, name, size or object.
+    """
+    check_tile_size(tile_size, most=1000)
+    rows, columns = check_shape(shape)
+    solids = check_named("standing", listed(Standing), standing)
+    return _STAGE.format(
+        east=columns * tile_size,
+        north=rows * tile_size,
+        picture=check_named("picture", _file_name, picture),
+        things="".join(_solid(one, rows, number, tile_size) for number, one in enumerate(solids)),
+    )
+
+
+def _file_name(value: UserValue) -> str:
+    name = xml_name(value)
+    if _MEANING.search(name):
+        raise InputError(
+            f"expected a name without @ < > [ ] \\, tab or new line, as in USD's paths, got {shorten(repr(name))}"
+        )
+    return name
+
+
+def _solid(one: Standing, rows: int, number: int, size: float) -> str:
+    thing, grown = one.thing, size / TILE_SIZE
+    # A cube of USD has sides of length 2.
+    length, width, height = (side * grown / 2 for side in (*thing.footprint, thing.height))
+    name = f"{re.sub('[^A-Za-z0-9]', '_', thing.kind)}_{number}"
+    x, y = thing.x * size, (rows - thing.y) * size
+    pose = {"x": x, "y": y, "degrees": degrees(thing.angle)}
+    sides = {"length": length, "width": width, "height": height}
+    return _SOLID.format(name=name, colour=one.colour, **pose, **sides)
