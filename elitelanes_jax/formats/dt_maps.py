@@ -63,6 +63,7 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str
     return _texts(layers, "1.0", TURNED_AS_LIBRARY)
 
 
+@name_wrong_arguments
 def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
     """Returns the texts of a map's layers for the Duckiematrix, by their names in `LAYERS`.
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from math import degrees
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
@@ -85,6 +86,7 @@ _SOLID = """
 """
 
 
+@name_wrong_arguments
 def to_usd(
     shape: tuple[int, int], picture: str, tile_size: float = TILE_SIZE, standing: Sequence[Standing] = ()
 ) -> str:
@@ -114,9 +116,7 @@ def to_usd(
 def _file_name(value: UserValue) -> str:
     name = xml_name(value)
     if _MEANING.search(name):
-        raise InputError(
-            f"expected a name without @ < > [ ] \\, tab or new line, as in USD's paths, got {shorten(repr(name))}"
-        )
+        raise InputError(f"expected a name without @ < > [ ] \\ and line breaks, as in USD, got {shorten(repr(name))}")
     return name
 
 
@@ -125,7 +125,5 @@ def _solid(one: Standing, rows: int, number: int, size: float) -> str:
     # A cube of USD has sides of length 2.
     length, width, height = (side * grown / 2 for side in (*thing.footprint, thing.height))
     name = f"{re.sub('[^A-Za-z0-9]', '_', thing.kind)}_{number}"
-    x, y = thing.x * size, (rows - thing.y) * size
-    pose = {"x": x, "y": y, "degrees": degrees(thing.angle)}
-    sides = {"length": length, "width": width, "height": height}
-    return _SOLID.format(name=name, colour=one.colour, **pose, **sides)
+    pose = {"x": thing.x * size, "y": (rows - thing.y) * size, "degrees": degrees(thing.angle)}
+    return _SOLID.format(name=name, colour=one.colour, length=length, width=width, height=height, **pose)

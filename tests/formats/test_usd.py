@@ -59,7 +59,10 @@ def validate(file):
 def test_the_validators_find_nothing(pxr, tmp_path):
     for number in range(100):
         town = RoadMap(city(number))
-        assert validate(write(tmp_path, furnish(town, "signs=possible lights=0.3") if number % 2 else town)) == []
+        if number % 2:
+            town = furnish(town, "signs=possible lights=0.3")
+        # OpenUSD keeps what it has read of a file, so each stage has a file of its own.
+        assert validate(write(tmp_path, town, f"town-{number}")) == []
 
 
 @pytest.mark.slow
