@@ -1,5 +1,7 @@
 """Trains drivers by other libraries' PPO, and drives them for 20 s on 100 towns that they have not seen.
 
+A town counts if the robot never leaves its lane and drives 3 m or more: a robot that stands still stays in its lane.
+
     python -m experiments.navigation.trainers TOWNS [--cleanrl FILE] [--seeds N] [--steps N]
 
 `make sb3` has the packages. TOWNS is a folder of `elitelanes generate --style town`. The first 100 towns are for the
@@ -36,6 +38,7 @@ __all__ = ["main"]
 
 TESTS = 100
 RIDE = 600  # steps, 20 s
+LEAST_METRES = 3
 ENVS = 256
 ENVIRONMENTS = """    envs = gym.vector.SyncVectorEnv(
         [make_env(args.env_id, i, args.capture_video, run_name, args.gamma) for i in range(args.num_envs)]
@@ -64,7 +67,7 @@ def _run(options: argparse.Namespace) -> None:
         raise InputError(f"TOWNS: expected {TESTS + 1} or more maps, got {len(files)} in {options.towns}")
     towns = np.stack([read_map(file).codes for file in files])
     params = _params(towns[TESTS:], 0)
-    print("| seed | minutes | processor minutes | towns without leaving the lane |\n|---:|---:|---:|---:|")
+    print("| seed | minutes | processor minutes | towns | metres driven, median |\n|---:|---:|---:|---:|---:|")
     for seed in range(options.seeds):
         began, worked = time.perf_counter(), time.process_time()
         if options.cleanrl is None:
@@ -72,8 +75,9 @@ def _run(options: argparse.Namespace) -> None:
         else:
             policy = _train_cleanrl(params, seed, options.steps, options.cleanrl)
         minutes, processor = (time.perf_counter() - began) / 60, (time.process_time() - worked) / 60
-        stayed = _drive(policy, towns[:TESTS])
-        print(f"| {seed} | {minutes:.1f} | {processor:.1f} | {stayed.mean():.0%} |", flush=True)
+        stayed, metres = _drive(policy, towns[:TESTS])
+        share = np.mean(stayed & (metres >= LEAST_METRES))
+        print(f"| {seed} | {minutes:.1f} | {processor:.1f} | {share:.0%} | {np.median(metres):.1f} |", flush=True)
 
 
 def _params(towns: NDArray[np.int8], seed: int) -> LaneDriveParams:
@@ -126,22 +130,23 @@ def _train_cleanrl(params: LaneDriveParams, seed: int, steps: int, file: Path) -
     return policy
 
 
-def _drive(policy: Policy, towns: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Drives for 20 s on each town, and returns where the robot stayed in its lane."""
+def _drive(policy: Policy, towns: NDArray[np.int8]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Drives for 20 s on each town; returns whether the robot stayed in its lane, and the metres that it drove."""
     params = _params(towns, 1)
     levels = make_levels(jax.random.key(1), towns)
     keys = jax.random.split(jax.random.key(2), len(towns))
     reset = jax.jit(jax.vmap(LaneDrive.reset_to_level, (0, 0, None)))
     step = jax.jit(jax.vmap(LaneDrive.step, (0, 0, 0, None)))
     seen, state = reset(keys, levels, params)
-    stayed = np.ones(len(towns), bool)
+    stayed, metres = np.ones(len(towns), bool), np.zeros(len(towns))
     for number in range(RIDE):
         keys = jax.vmap(jax.random.fold_in, (0, None))(keys, number)
         vectors = jnp.column_stack([seen.d, seen.phi, seen.speed, seen.turn, seen.curvature])
         done = step(keys, state, policy(np.asarray(vectors)), params)
         seen, state = done.observation, done.state
         stayed &= np.asarray(done.info.own_lane)
-    return stayed
+        metres += np.asarray(seen.speed) * float(params.robot.dt)
+    return stayed, metres
 
 
 if __name__ == "__main__":
