@@ -5,7 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import UInt8
 
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.types import Plain
@@ -19,8 +19,19 @@ _SHEET_PX, _GROUND = 240, 236
 _BOXES_PX, _BOX_COLOUR = 960, (255, 0, 200)
 
 # Licences by Hugging Face's names.
-_LICENCES = {"apache-2.0", "mit", "cc0-1.0", "cc-by-4.0", "cc-by-sa-4.0", "cc-by-nc-4.0", "bsd-3-clause", "gpl-3.0"}
+_LICENCES = {
+    "apache-2.0",
+    "mit",
+    "cc0-1.0",
+    "cc-by-4.0",
+    "cc-by-sa-4.0",
+    "cc-by-nc-4.0",
+    "bsd-3-clause",
+    "gpl-3.0",
+}
 
+# Hugging Face's size categories, by the number of pictures that they are under.
+_SIZES = ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K"))
 
 _POSES = """
 `d` is the robot's distance to the left of its lane's centre in tiles. `phi` is the angle in radians by which it is
@@ -50,113 +61,136 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str, guide: str, d
       guide: text about the files of its layout.
       data_files: a pattern of each split's shards, by the split's name; empty without shards.
     """
-    licence = about["tile_set"]["licence"]
-    counts = about["pictures"]
-    total = sum(counts.values())
-    size = next((text for limit, text in ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K")) if total < limit), "")
-    objects = "object_set" in about
-    front = [
-        "---",
-        f"task_categories: [image-segmentation{', object-detection' * objects}]",
-        f"license: {licence.lower() if licence.lower() in _LICENCES else 'other'}",
-        *([f"size_categories: [{size}]"] if size else []),
-        "tags: [road-networks, duckietown, synthetic]",
-        *(["configs:", "- config_name: default", "  data_files:"] if data_files else []),
-        *(f"  - {{split: {split}, path: {pattern!r}}}" for split, pattern in data_files.items()),
-        "---",
+    lines = _front_matter(about, data_files)
+    lines += ["", "# Road maps of a miniature city, with labels", ""]
+    lines += _introduction(about)
+    lines += ["", "![Some of them](contact-sheet.png)", ""]
+    lines += _table_of_classes(about)
+    lines += [
+        "",
+        "Lines cover the road. Pixels beyond a map, and above the horizon, are background.",
     ]
-    asked = about["settings"]
-    search = asked["search"]
-    if asked["camera"] is not None:
-        seen = f"views from a robot on the lanes, {asked['camera']['rows']} x {asked['camera']['columns']} pixels"
-        seen += f", of maps drawn with {asked['tile_px']} pixels a tile"
-    else:
-        seen = f"views from above, {asked['tile_px']} pixels a tile"
-    changing = {name: value for name, value in asked["transforms"].items() if value not in (0, False, [1.0, 1.0])}
-    whose = "They were given, not evolved." if about["given_maps"] else "Each is connected."
-    whose += " No two have the same roads, even if these are moved, rotated or mirrored."
-    if sum(count > 0 for count in counts.values()) > 1:
-        whose += f" Maps of different splits differ in at least {100 * ALIKE:g} % of their tiles in the same sense."
-        if about["given_maps"]:
-            whose += " Empty rows and columns around the roads do not count as tiles."
-    rows = [
-        f"| {label} | {name} | rgb{tuple(LABEL_COLOURS[label])} | "
-        + " | ".join(_share(about["class_pixels"][split], label) for split in SPLITS)
-        + " |"
-        for label, name in enumerate(LABELS)
-    ]
-    wanted = [
-        f"- {words}: {search[name]}"
-        for name, words in (
-            ("where", "ranges that every map meets"),
-            ("rules", "rules that every map keeps"),
-            ("weights", "weights of the fitness"),
-            ("axes", "axes of the niches"),
-        )
-        if search[name]
-    ]
-    return "\n".join(
-        [
-            *front,
-            "",
-            "# Road maps of a miniature city, with labels",
-            "",
-            f"{pluralize(total, 'picture')} of {pluralize(asked['maps'], 'road network')}, "
-            f"{describe_sides(asked['size'])} tiles: {seen}.",
-            f"{whose} Each pixel has a label. Made by Elite Lanes JAX {about['versions']['elitelanes_jax']}.",
-            "",
-            "![Some of them](contact-sheet.png)",
-            "",
-            "| label | class | colour in the sheet | " + " | ".join(f"{split}, pixels" for split in SPLITS) + " |",
-            "|---|---|---|---|---|---|",
-            *rows,
-            "| | pictures | | " + " | ".join(f"{counts[split]:,}" for split in SPLITS) + " |",
-            "",
-            "Lines cover the road. Pixels beyond a map, and above the horizon, are background.",
-            "",
-            "## Loading it",
-            "",
-            "```python",
-            loading,
-            "```",
-            "",
-            "As NumPy arrays:",
-            "",
-            "```python",
-            arrays,
-            "```",
-            "",
-            "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, the tile picture of "
-            "each cell, and `transform.matrix`, which maps points (x, y) of the plain map, in pixels from its top left "
-            "corner, to points of the picture.",
-            *([_POSES] if asked["camera"] is not None else []),
-            *([_OBJECTS] if objects else []),
-            *([guide] if guide else []),
-            "",
-            "## How it was made",
-            "",
-            f"- tile set: {about['tile_set']['name']}, licence: {licence or 'not stated'}",
-            *([f"- object set: {about['object_set']['name']}"] if objects else []),
-            f"- seed {asked['seed']}"
-            + ("" if about["given_maps"] else f", {search['method']}, preset {search['preset']}"),
-            "- views: " + (", ".join(f"{name} {_plain(value)}" for name, value in changing.items()) or "plain"),
-            *wanted,
-            "- all settings and versions: `dataset.json`",
-            "",
-        ]
+    lines += ["", "## Loading it", "", "```python", loading, "```"]
+    lines += ["", "As NumPy arrays:", "", "```python", arrays, "```", ""]
+    lines.append(
+        "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, the tile picture of "
+        "each cell, and `transform.matrix`, which maps points (x, y) of the plain map, in pixels from its top left "
+        "corner, to points of the picture."
     )
+    if about["settings"]["camera"] is not None:
+        lines.append(_POSES)
+    if "object_set" in about:
+        lines.append(_OBJECTS)
+    if guide:
+        lines.append(guide)
+    lines += ["", "## How it was made", ""]
+    lines += _origin(about)
+    lines.append("")
+    return "\n".join(lines)
+
+
+def _front_matter(about: dict[str, Plain], data_files: Mapping[str, str]) -> list[str]:
+    """Returns the lines that Hugging Face reads."""
+    licence = about["tile_set"]["licence"].lower()
+    tasks = "image-segmentation"
+    if "object_set" in about:
+        tasks += ", object-detection"
+    lines = [
+        "---",
+        f"task_categories: [{tasks}]",
+        f"license: {licence if licence in _LICENCES else 'other'}",
+    ]
+    total = sum(about["pictures"].values())
+    for limit, category in _SIZES:
+        if total < limit:
+            lines.append(f"size_categories: [{category}]")
+            break
+    lines.append("tags: [road-networks, duckietown, synthetic]")
+    if data_files:
+        lines += ["configs:", "- config_name: default", "  data_files:"]
+    for split, pattern in data_files.items():
+        lines.append(f"  - {{split: {split}, path: {pattern!r}}}")
+    lines.append("---")
+    return lines
+
+
+def _introduction(about: dict[str, Plain]) -> list[str]:
+    """Returns what the pictures show, and how the maps differ."""
+    counts = about["pictures"]
+    settings = about["settings"]
+    camera = settings["camera"]
+    if camera is not None:
+        views = f"views from a robot on the lanes, {camera['rows']} x {camera['columns']} pixels"
+        views += f", of maps drawn with {settings['tile_px']} pixels a tile"
+    else:
+        views = f"views from above, {settings['tile_px']} pixels a tile"
+    pictures = pluralize(sum(counts.values()), "picture")
+    networks = pluralize(settings["maps"], "road network")
+    maps = "They were given, not evolved." if about["given_maps"] else "Each is connected."
+    maps += " No two have the same roads, even if these are moved, rotated or mirrored."
+    splits = [split for split, count in counts.items() if count > 0]
+    if len(splits) > 1:
+        maps += f" Maps of different splits differ in at least {100 * ALIKE:g} % of their tiles in the same sense."
+        if about["given_maps"]:
+            maps += " Empty rows and columns around the roads do not count as tiles."
+    version = about["versions"]["elitelanes_jax"]
+    return [
+        f"{pictures} of {networks}, {describe_sides(settings['size'])} tiles: {views}.",
+        f"{maps} Each pixel has a label. Made by Elite Lanes JAX {version}.",
+    ]
+
+
+def _table_of_classes(about: dict[str, Plain]) -> list[str]:
+    """Returns a table of the classes: the colour of each, and the share of its pixels in each split."""
+    heads = " | ".join(f"{split}, pixels" for split in SPLITS)
+    lines = [f"| label | class | colour in the sheet | {heads} |", "|---|---|---|---|---|---|"]
+    for label, name in enumerate(LABELS):
+        shares = " | ".join(_share(about["class_pixels"][split], label) for split in SPLITS)
+        lines.append(f"| {label} | {name} | rgb{tuple(LABEL_COLOURS[label])} | {shares} |")
+    counts = " | ".join(f"{about['pictures'][split]:,}" for split in SPLITS)
+    lines.append(f"| | pictures | | {counts} |")
+    return lines
+
+
+def _origin(about: dict[str, Plain]) -> list[str]:
+    """Returns the list of settings that a reader asks for first."""
+    tile_set, settings = about["tile_set"], about["settings"]
+    search = settings["search"]
+    lines = [f"- tile set: {tile_set['name']}, licence: {tile_set['licence'] or 'not stated'}"]
+    if "object_set" in about:
+        lines.append(f"- object set: {about['object_set']['name']}")
+    method = "" if about["given_maps"] else f", {search['method']}, preset {search['preset']}"
+    lines.append(f"- seed {settings['seed']}{method}")
+    changes = []
+    for name, value in settings["transforms"].items():
+        if value not in (0, False, [1.0, 1.0]):
+            changes.append(f"{name} {_plain(value)}")
+    lines.append(f"- views: {', '.join(changes) or 'plain'}")
+    constraints = {
+        "where": "ranges that every map meets",
+        "rules": "rules that every map keeps",
+        "weights": "weights of the fitness",
+        "axes": "axes of the niches",
+    }
+    for name, words in constraints.items():
+        if search[name]:
+            lines.append(f"- {words}: {search[name]}")
+    lines.append("- all settings and versions: `dataset.json`")
+    return lines
 
 
 def sample_sheet(
     out: Path, samples: Sequence[tuple[str, str, Sequence[str]]], title: str, shape: float = 1
-) -> NDArray[np.uint8]:
+) -> UInt8[np.ndarray, "_ _ 3"]:
     """Draws pictures of samples next to their labels in colour, uint8 ``[., ., 3]``, RGB.
 
-    Each of `samples` has the files of its image and its labels in the folder of the dataset, and lines of text. `shape`
-    is the height of a cell of the sheet divided by its width. Pictures keep their proportions.
+    Each of `samples` has the files of its image and its labels in the folder of the dataset, and
+    lines of text. `shape` is the height of a cell of the sheet divided by its width. Pictures keep
+    their proportions.
     """
-    pictures, height = [], max(1, round(_SHEET_PX * shape))
-    for image, labels, _ in samples:
+    height = max(1, round(_SHEET_PX * shape))
+    pictures, texts = [], []
+    for image, labels, lines in samples:
         colours = np.array(LABEL_COLOURS, np.uint8)[_fit(out / labels, shape, cv2.INTER_NEAREST)]
         shown = _fit(out / image, shape, cv2.INTER_AREA)
         high, wide = shown.shape[:2]
@@ -165,42 +199,52 @@ def sample_sheet(
         pair[top : top + high, left : left + wide] = shown
         pair[top : top + high, -_SHEET_PX:][:, left : left + wide] = colours
         pictures.append(pair)
-    return contact_sheet(title, pictures, [lines for *_, lines in samples])
+        texts.append(lines)
+    return contact_sheet(title, pictures, texts)
 
 
-def draw_boxes(file: Path, objects: Sequence[dict[str, Plain]]) -> NDArray[np.uint8]:
+def draw_boxes(file: Path, objects: Sequence[dict[str, Plain]]) -> UInt8[np.ndarray, "_ _ 3"]:
     """Draws the boxes and the kinds of the objects in a picture of the dataset, uint8 ``[., ., 3]``, RGB."""
     picture = _read(file)
     larger = max(1, round(_BOXES_PX / max(picture.shape[:2])))
     drawn = np.ascontiguousarray(picture.repeat(larger, axis=0).repeat(larger, axis=1))
     for thing in objects:
-        x, y, wide, high = (larger * part for part in thing["box"])
+        x, y, wide, high = [larger * part for part in thing["box"]]
         cv2.rectangle(drawn, (x, y), (x + wide - 1, y + high - 1), _BOX_COLOUR, 1)
         write_text(drawn, thing["kind"], (x, max(y - 4, 12)), 0.5, _BOX_COLOUR)
     return drawn
 
 
-def _fit(file: Path, shape: float, interpolation: int) -> NDArray[np.uint8]:
+def _fit(file: Path, shape: float, interpolation: int) -> UInt8[np.ndarray, "..."]:
     """Reads a picture of the dataset, RGB or grey, and scales it to the largest size that a cell of the sheet holds."""
     picture = _read(file)
     height, width = picture.shape[:2]
     # No side is rounded up to more than the cell's.
-    wide, high = _SHEET_PX * min(1, shape * width / height), _SHEET_PX * shape * min(1, height / (shape * width))
+    wide = _SHEET_PX * min(1, shape * width / height)
+    high = _SHEET_PX * shape * min(1, height / (shape * width))
     size = max(1, round(wide)), max(1, round(high))
     return np.asarray(cv2.resize(picture, size, interpolation=interpolation), np.uint8)
 
 
-def _read(file: Path) -> NDArray[np.uint8]:
+def _read(file: Path) -> UInt8[np.ndarray, "..."]:
     picture = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None:
         raise OSError(0, "cannot be read as a picture", str(file))
-    return np.asarray(picture[..., ::-1] if picture.ndim == 3 else picture, np.uint8)
+    if picture.ndim == 3:
+        picture = picture[..., ::-1]  # OpenCV has blue first
+    return np.asarray(picture, np.uint8)
 
 
 def _share(pixels: Sequence[int], label: int) -> str:
     total = sum(pixels)
-    return f"{100 * pixels[label] / total:.2f} %" if total else "-"
+    if total == 0:
+        return "-"
+    return f"{100 * pixels[label] / total:.2f} %"
 
 
 def _plain(value: Plain) -> str:
-    return f"{value[0]:g}..{value[1]:g}" if isinstance(value, list) else "yes" if value is True else f"{value:g}"
+    if isinstance(value, list):
+        return f"{value[0]:g}..{value[1]:g}"
+    if value is True:
+        return "yes"
+    return f"{value:g}"

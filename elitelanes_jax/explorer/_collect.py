@@ -1,5 +1,6 @@
 """Collects the contents of the explorer: folders of runs, archives, maps, results in memory."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -9,8 +10,9 @@ from elitelanes_jax._util.checks import TILE_PX, check_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.explorer._finds import (
-    Finds,
+from elitelanes_jax.explorer._payload import Payload, pack
+from elitelanes_jax.explorer._shown import (
+    ShownRun,
     by_size,
     from_result,
     of_maps,
@@ -18,7 +20,6 @@ from elitelanes_jax.explorer._finds import (
     read_run,
     setting,
 )
-from elitelanes_jax.explorer._payload import Payload, pack
 from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, read_maps
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -34,40 +35,57 @@ def collect(
     """Collects a result, maps, or files of runs and maps, to be shown.
 
     Args:
-      what: a `Result`; a map or several, as `as_maps` takes them; a mapping from names to these, to show several side
-        by side; or a path or several. A path is the folder of a run of `generate` or `pick`, a folder of such folders,
-        an archive, or a file of maps.
-      tiles: a tile set or its folder; by default the first run's. If it is not found, the package's own
-        is used, with a line on standard error. A relative path in a run's record is searched from here, then from each
-        folder above the run.
+      what: a `Result`; a map or several, as `as_maps` takes them; a mapping from names to these, to
+        show several side by side; or a path or several. A path is the folder of a run of `generate`
+        or `pick`, a folder of such folders, an archive, or a file of maps.
+      tiles: a tile set or its folder; by default the first run's. If it is not found, the package's
+        own is used, with a line on standard error. A relative path in a run's record is searched
+        from here, then from each folder above the run.
       tile_px: side of a tile's picture in pixels, 16 to 512.
 
     Raises:
-      InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of another kind, and
-        for a bad tile set. The message names the file.
+      InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of
+        another kind, and for a bad tile set. The message names the file.
     """
-    given: UserValue = what
     check_named("tile_px", TILE_PX, tile_px)
-    if _is_result(given):
-        given = {"result": given}
-    if isinstance(given, RoadMap | str | Path):
-        given = [given]
-    if not isinstance(given, Iterable):
-        raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
-    listed = given if isinstance(given, Mapping) else list(given)
-    if not listed:
-        raise InputError("what: expected a Result, maps, or paths of runs and maps, got nothing")
-    if not isinstance(listed, Mapping):
-        if all(isinstance(one, str | Path) for one in listed):
-            return _collect_files([Path(one) for one in listed], tiles, tile_px)
-        if any(map(_is_result, listed)):
-            raise InputError("what: expected one Result, or several by name, got a list of them")
-        return pack(of_maps(check_named("what", as_maps, listed), ""), _load_tiles(tiles), tile_px, "")
-    runs: list[Finds] = []
-    for name, one in listed.items():
-        found = check_named(f"what: {name}", as_maps, one) if not _is_result(one) else None
-        runs += [from_result(one, name)] if found is None else of_maps(found, name)
-    return pack(runs, _load_tiles(tiles), tile_px, runs[0].name if len(runs) == 1 else "")
+    sources = _list_sources(what)
+    if isinstance(sources, Mapping):
+        runs = _collect_named(sources)
+        heading = runs[0].name if len(runs) == 1 else ""
+        return pack(runs, _load_tiles(tiles), tile_px, heading)
+    if all(isinstance(source, str | Path) for source in sources):
+        return _collect_files([Path(source) for source in sources], tiles, tile_px)
+    if any(map(_is_result, sources)):
+        raise InputError("what: expected one Result, or several by name, got a list of them")
+    return pack(of_maps(check_named("what", as_maps, sources), ""), _load_tiles(tiles), tile_px, "")
+
+
+def _list_sources(what: UserValue) -> Mapping[str, UserValue] | list[UserValue]:
+    """Returns what to collect: by name, or a list of maps or paths; at least one."""
+    sources = what
+    if _is_result(what):
+        sources = {"result": what}
+    elif isinstance(what, RoadMap | str | Path):
+        sources = [what]
+    expected = "what: expected a Result, maps, or paths of runs and maps"
+    if not isinstance(sources, Iterable):
+        raise InputError(f"{expected}, got {type(what).__name__}")
+    if not isinstance(sources, Mapping):
+        sources = list(sources)
+    if not sources:
+        raise InputError(f"{expected}, got nothing")
+    return sources
+
+
+def _collect_named(sources: Mapping[str, UserValue]) -> list[ShownRun]:
+    """Collects results and maps that have names."""
+    runs: list[ShownRun] = []
+    for name, source in sources.items():
+        if _is_result(source):
+            runs.append(from_result(source, name))
+        else:
+            runs += of_maps(check_named(f"what: {name}", as_maps, source), name)
+    return runs
 
 
 def _is_result(value: UserValue) -> bool:
@@ -75,45 +93,63 @@ def _is_result(value: UserValue) -> bool:
 
 
 def _collect_files(sources: Sequence[Path], tiles: str | Path | TileSet | None, tile_px: int) -> Payload:
-    runs: list[Finds] = []
+    runs: list[ShownRun] = []
     maps: list[tuple[str, RoadMap]] = []
-    own: Path | None = None
+    recorded_tiles: Path | None = None
     for source in sources:
         if source.is_dir() and not is_layers(source):
             for folder in _run_folders(source):
                 runs.append(read_run(folder))
-                own = own or _find_tiles(folder, runs[-1])
+                recorded_tiles = recorded_tiles or _find_tiles(folder, runs[-1])
         elif source.suffix == ".npz":
             runs.append(read_archive(source, source.stem))
         else:
-            found = read_maps(source)
-            names = [str(source)] if len(found) == 1 else [f"{source} {index}" for index in range(len(found))]
-            maps += zip(names, found, strict=True)
+            maps += _named_maps(source)
     names = _distinct_names([run.name for run in runs])
     runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
-    if tiles is None and own is None and (lost := next(filter(None, (setting(run, "tiles") for run in runs)), None)):
-        announce(f"{lost}: expected the tile pictures of the run, got none; the package's own are shown; see --tiles")
-    tile_set = _load_tiles(own if tiles is None else tiles)
+    if tiles is None and recorded_tiles is None:
+        _announce_lost_tiles(runs)
+    tile_set = _load_tiles(recorded_tiles if tiles is None else tiles)
     heading = runs[0].name if len(runs) == 1 and not maps else ""
-    return pack([*runs, *by_size(maps)], tile_set, tile_px, heading)
+    return pack(runs + by_size(maps), tile_set, tile_px, heading)
+
+
+def _named_maps(file: Path) -> list[tuple[str, RoadMap]]:
+    """Reads the maps of a file, each with a name."""
+    road_maps = read_maps(file)
+    if len(road_maps) == 1:
+        return [(str(file), road_maps[0])]
+    return [(f"{file} {index}", road_map) for index, road_map in enumerate(road_maps)]
+
+
+def _announce_lost_tiles(runs: Sequence[ShownRun]) -> None:
+    """Says that the tile set of the first run with a tile set of its own is not where its record says."""
+    for run in runs:
+        tiles = setting(run, "tiles")
+        if tiles:
+            expected = f"{tiles}: expected the tile pictures of the run"
+            announce(f"{expected}, got none; the package's own are shown; see --tiles")
+            return
 
 
 def _load_tiles(tiles: str | Path | TileSet | None) -> TileSet:
-    return tiles if isinstance(tiles, TileSet) else load_tiles(tiles)
+    if isinstance(tiles, TileSet):
+        return tiles
+    return load_tiles(tiles)
 
 
 def _run_folders(folder: Path) -> list[Path]:
     """Returns the folder of a run, or the folders of runs in a folder."""
     if (folder / "run.json").is_file() or (folder / "archive.npz").is_file():
         return [folder]
-    found = sorted(file.parent for file in folder.glob("*/run.json"))
-    if found:
-        return found
+    folders = sorted(file.parent for file in folder.glob("*/run.json"))
+    if folders:
+        return folders
     expected = f"{folder}: expected a folder that generate or pick wrote, or one of such folders"
     raise InputError(f"{expected}, got one without run.json")
 
 
-def _find_tiles(folder: Path, run: Finds) -> Path | None:
+def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
     """Returns the folder of a run's tile set, or None if no folder has a set of the recorded name; see `collect`."""
     tiles, recorded = setting(run, "tiles"), run.record.get("tile_set")
     if not isinstance(tiles, str):
@@ -127,5 +163,10 @@ def _find_tiles(folder: Path, run: Finds) -> Path | None:
 
 
 def _distinct_names(names: Sequence[str]) -> list[str]:
-    counts = [names[: index + 1].count(name) for index, name in enumerate(names)]
-    return [name if count == 1 else f"{name} ({count})" for name, count in zip(names, counts, strict=True)]
+    """Numbers the names that occur again, from the second on."""
+    counts: Counter[str] = Counter()
+    distinct = []
+    for name in names:
+        counts[name] += 1
+        distinct.append(f"{name} ({counts[name]})" if counts[name] > 1 else name)
+    return distinct

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.types import AnyArray, Plain
-from elitelanes_jax.explorer._finds import Finds
+from elitelanes_jax.explorer._shown import ShownRun
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, object_values
 from elitelanes_jax.formats.plan import LONGEST_PLAN, REFERENCE, TAPE_WIDTHS, tapes_of
@@ -30,15 +30,16 @@ _FORMAT = "elitelanes explorer, version 1"
 # Steps of a history that are kept: the width of a chart in pixels.
 _MOST_STEPS = 400
 
-# The least number of random numbers that choose tile pictures, so that maps up to 64 x 64 look as `render` draws them.
+# The least number of random numbers that choose tile pictures, so that maps up to 64 x 64 look as
+# `render` draws them.
 _LEAST_LOTS = 4096
 
 
 class Payload(NamedTuple):
     """The contents of the explorer."""
 
-    # For JSON. A table {"array": [dtype, start, count]} represents an array: its little-endian numbers start at
-    # that byte of the blob.
+    # For JSON. A table {"array": [dtype, start, count]} represents an array: its little-endian
+    # numbers start at that byte of the blob.
     values: dict[str, Plain]
     blob: bytes  # the arrays, one after another, compressed by zlib
 
@@ -73,7 +74,7 @@ class _Blob:
         return zlib.compress(b"".join(self._parts), 9)
 
 
-def pack(runs: Sequence[Finds], tiles: TileSet, tile_px: int, title: str) -> Payload:
+def pack(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: str) -> Payload:
     blob = _Blob()
     cells = max(run.grids[0].size for run in runs)
     values = {
@@ -90,7 +91,7 @@ def pack(runs: Sequence[Finds], tiles: TileSet, tile_px: int, title: str) -> Pay
     return Payload(values, blob.packed())
 
 
-def _run_values(run: Finds, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
+def _run_values(run: ShownRun, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
     return {
         "name": run.name,
         "shape": list(run.grids.shape[1:]),
@@ -115,9 +116,13 @@ def _run_values(run: Finds, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
 def _map_values(elite: int, name: str, road_map: RoadMap, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
     """Returns a chosen map: its elite, its objects, and its tile pictures as indices times 4 plus quarter turns."""
     chosen = recall_choice(road_map, tiles)
-    pictures = None if chosen is None else (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
-    objects = road_map.objects and blob.add_json([object_values(thing) for thing in road_map.objects])
-    return {"elite": elite, "name": name, "pictures": pictures, "objects": objects or None}
+    pictures = None
+    if chosen is not None:
+        pictures = (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
+    objects = None
+    if road_map.objects:
+        objects = blob.add_json([object_values(item) for item in road_map.objects])
+    return {"elite": elite, "name": name, "pictures": pictures, "objects": objects}
 
 
 def _history_values(history: "History", blob: _Blob) -> dict[str, Plain] | None:
@@ -125,7 +130,8 @@ def _history_values(history: "History", blob: _Blob) -> dict[str, Plain] | None:
     if count == 0:
         return None
     steps = np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int))
-    best, elites = (np.atleast_2d(values)[:, steps] for values in (history.best_fitness, history.elite_count))
+    best = np.atleast_2d(history.best_fitness)[:, steps]
+    elites = np.atleast_2d(history.elite_count)[:, steps]
     best = np.where(best == vacant_fitness(best.dtype), np.inf, best)
     return {
         "steps": len(steps),
@@ -137,46 +143,64 @@ def _history_values(history: "History", blob: _Blob) -> dict[str, Plain] | None:
 
 def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
     """Returns each tile picture once, and whether the page blends them."""
-    drawn, compared = _layers(tiles, tile_px), tiles.blend and tile_px != COMPARED_PX and _layers(tiles, COMPARED_PX)
-    pictures: list[dict[str, Plain]] = [
-        {"name": tile.name, "code": int(tile.code)} | drawn[index] | ({"compared": compared[index]} if compared else {})
-        for index, tile in enumerate(tiles.pictures)
-    ]
-    rotations = {str(code): [4 * tile + turns for tile, turns in draws] for code, draws in tiles.rotations.items()}
-    return {"name": tiles.name, "px": tile_px, "blend": tiles.blend, "pictures": pictures, "rotations": rotations}
+    pictures: list[dict[str, Plain]] = []
+    for tile, layers in zip(tiles.pictures, _layers(tiles, tile_px), strict=True):
+        pictures.append({"name": tile.name, "code": int(tile.code)} | layers)
+    if tiles.blend and tile_px != COMPARED_PX:
+        for picture, layers in zip(pictures, _layers(tiles, COMPARED_PX), strict=True):
+            picture["compared"] = layers
+    rotations = {}
+    for code, draws in tiles.rotations.items():
+        rotations[str(code)] = [4 * tile + turns for tile, turns in draws]
+    return {
+        "name": tiles.name,
+        "px": tile_px,
+        "blend": tiles.blend,
+        "pictures": pictures,
+        "rotations": rotations,
+    }
 
 
 def _layers(tiles: TileSet, tile_px: int) -> list[dict[str, Plain]]:
     """Returns each tile's picture as PNG, and its masks as bits of grey values, 1 road, 2 red, 4 yellow."""
     layers = scale_tiles(tiles, tile_px)
-    found: list[dict[str, Plain]] = []
+    pictures: list[dict[str, Plain]] = []
     for upright in range(0, 4 * len(tiles.pictures), 4):
-        road, red, yellow = (layers[name][upright] > 0 for name in ("road", "red", "yellow"))
-        masks = (road * 1 + red * 2 + yellow * 4).astype(np.uint8)
-        found.append({"image": _data_url(layers["image"][upright]), "masks": _data_url(masks)})
-    return found
+        masks = (layers["road"][upright] > 0).astype(np.uint8)
+        masks |= (layers["red"][upright] > 0) * np.uint8(2)
+        masks |= (layers["yellow"][upright] > 0) * np.uint8(4)
+        pictures.append({"image": _data_url(layers["image"][upright]), "masks": _data_url(masks)})
+    return pictures
 
 
 def _object_values() -> dict[str, Plain]:
     """Returns the size of each kind of object, the tag numbers of signs, and the pictures of objects from above."""
+    by_kind: dict[str, Plain] = {}
+    for kind, pictures in load_objects().kinds.items():
+        by_kind[kind] = []
+        for picture in pictures:
+            image = _data_url(picture.top)
+            by_kind[kind].append({"image": image, "height": picture.height, "footprint": picture.footprint})
     return {
         "kinds": dict(OBJECT_KINDS),
         "tags": dict(SIGN_TAGS),
         "streets": STREETS,
-        "pictures": {
-            kind: [{"image": _data_url(one.top), "height": one.height, "footprint": one.footprint} for one in pictures]
-            for kind, pictures in load_objects().kinds.items()
-        },
+        "pictures": by_kind,
     }
 
 
 def plan_values() -> dict[str, Plain]:
     """Returns the tapes of each kind of tile, so that the page can write a plan."""
-    kinds = {
-        kind: {"code": code, "tapes": [[tape.colour, np.round(tape.points, 6).tolist()] for tape in tapes_of(kind, 0)]}
-        for kind, code in REFERENCE.items()
+    kinds = {}
+    for kind, code in REFERENCE.items():
+        tapes = [[tape.colour, np.round(tape.points, 6).tolist()] for tape in tapes_of(kind, 0)]
+        kinds[kind] = {"code": code, "tapes": tapes}
+    return {
+        "tile_size": TILE_SIZE,
+        "longest": LONGEST_PLAN,
+        "widths": dict(TAPE_WIDTHS),
+        "kinds": kinds,
     }
-    return {"tile_size": TILE_SIZE, "longest": LONGEST_PLAN, "widths": dict(TAPE_WIDTHS), "kinds": kinds}
 
 
 def _data_url(pixels: NDArray[np.uint8]) -> str:

@@ -16,11 +16,13 @@ from elitelanes_jax.formats.objects import MapObject, object_values
 def show(what: UserValue, *, tile_px: int = 64) -> Untyped:
     """Shows a result, maps, or folders of runs in a notebook.
 
-    The widget has the page's views. Its ``grid`` is the drawn map, int8 ``[H, W]``, or None before a map is drawn; its
-    ``objects`` is a tuple of that map's `MapObject`. ``observe`` reports changes of both.
+    The widget has the page's views. Its ``grid`` is the drawn map, int8 ``[H, W]``, or None before
+    a map is drawn; its ``objects`` is a tuple of that map's `MapObject`. ``observe`` reports
+    changes of both.
 
     Args:
-      what: a `Result`, a map or several, a mapping from names to these, or a path or several; see `collect`.
+      what: a `Result`, a map or several, a mapping from names to these, or a path or several; see
+        `collect`.
       tile_px: side of a tile's picture in pixels, 16 to 512.
 
     Returns:

@@ -31,7 +31,8 @@ def explore(
     """Writes the page of a result, of maps, or of files of runs and maps, whole or not at all.
 
     Args:
-      what: a `Result`, a map or several, a mapping from names to these, or a path or several; see `collect`.
+      what: a `Result`, a map or several, a mapping from names to these, or a path or several; see
+        `collect`.
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
       tile_px: side of a tile's picture in pixels, 16 to 512.
@@ -41,8 +42,8 @@ def explore(
       The number of bytes written.
 
     Raises:
-      InputError: as `collect`; for a file that exists, unless it is such a page and `force` is given; or for the
-        suffix of another format.
+      InputError: as `collect`; for a file that exists, unless it is such a page and `force` is
+        given; or for the suffix of another format.
       OSError: if it cannot be written.
     """
     out = Path(check_named("out", file_named(".html"), out))

@@ -1,7 +1,8 @@
 """Serves the page on which a tile set is corrected by hand, on this computer alone.
 
-Other programs of the computer and other web sites cannot use it: each path begins with a random token, and the headers
-`Host` and `Origin` must name this server. A site whose name is bound to 127.0.0.1 has another `Host`.
+Other programs of the computer and other web sites cannot use it: each path begins with a random
+token, and the headers `Host` and `Origin` must name this server. A site whose name is bound to
+127.0.0.1 has another `Host`.
 """
 
 import json
@@ -120,7 +121,10 @@ class _Handler(BaseHTTPRequestHandler):
         except InputError as error:
             self._send_json(422, {"error": str(error)})
         except OSError as error:
-            self._send_json(422, {"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)})
+            self._send_json(
+                422,
+                {"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)},
+            )
         except (LookupError, TypeError, ValueError, RecursionError) as error:
             self._send_json(400, {"error": f"expected a request of this page, got {shorten(repr(error))}"})
 

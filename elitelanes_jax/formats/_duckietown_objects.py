@@ -1,12 +1,14 @@
 """The objects of Duckietown's map files.
 
-There are four ways to say where an object is. A ``pose`` is in metres from the south-west corner of the map. A
-``place`` is in metres from the middle of a tile, with tiles counted from that corner. An ``attach`` is one of eight
-slots around a tile's south-west corner. A ``pos`` is in tiles from the north-west corner, with y to the south, as the
-comments in the maps say, and ``rotate`` is counter-clockwise.
+There are four ways to say where an object is. A ``pose`` is in metres from the south-west corner of
+the map. A ``place`` is in metres from the middle of a tile, with tiles counted from that corner. An
+``attach`` is one of eight slots around a tile's south-west corner. A ``pos`` is in tiles from the
+north-west corner, with y to the south, as the comments in the maps say, and ``rotate`` is
+counter-clockwise.
 
-Objects are written with a ``pose``: duckietown-world 6.4.3 and gym-duckietown 6.1.34 agree on it. A ``pos`` they move
-by one tile to the south and turn the other way round, and on maps that are not square they differ.
+Objects are written with a ``pose``: duckietown-world 6.4.3 and gym-duckietown 6.1.34 agree on it. A
+``pos`` they move by one tile to the south and turn the other way round, and on maps that are not
+square they differ.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +24,7 @@ from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
 TAG_FAMILY = "36h11"
 """The family of all tags."""
 
-FALSE = [spell(word) for word in ("false", "no", "off") for spell in (str.lower, str.title, str.upper)]
+FALSE = ["false", "False", "FALSE", "no", "No", "NO", "off", "Off", "OFF"]
 """What YAML 1.1 reads as false."""
 
 # What readers of YAML take for a truth value or for nothing.
@@ -37,37 +39,58 @@ _STREET_NAME, _BLANK = "sign_street_name", "sign_blank"
 # Metres from the corner east and north, by slot.
 _LONG, _SHORT = 0.09, 0.035
 _SLOTS = (
-    *((_LONG, _SHORT), (_SHORT, _LONG), (-_SHORT, _LONG), (-_LONG, _SHORT)),
-    *((-_LONG, -_SHORT), (-_SHORT, -_LONG), (_SHORT, -_LONG), (_LONG, -_SHORT)),
+    (_LONG, _SHORT),
+    (_SHORT, _LONG),
+    (-_SHORT, _LONG),
+    (-_LONG, _SHORT),
+    (-_LONG, -_SHORT),
+    (-_SHORT, -_LONG),
+    (_SHORT, -_LONG),
+    (_LONG, -_SHORT),
 )
 
-# In Duckietown a traffic light is at the middle of its mesh and faces a quarter turn to the left of its arm. So far
-# is its stand from there, by the height.
+# In Duckietown a traffic light is at the middle of its mesh and faces a quarter turn to the left of
+# its arm. So far is its stand from there, by the height.
 _STAND = 0.27 / 0.4
 
 
 def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> str:
     """Returns the text of the objects of a map file; "" without objects. `rows` is the height of the map in tiles."""
-    lines = []
-    for index, thing in enumerate(objects):
-        x, y, angle = thing.x * tile_size, (rows - thing.y) * tile_size, thing.angle
-        if thing.kind == "trafficlight":
-            offset = _STAND * thing.height
-            x, y, angle = x + offset * cos(angle), y + offset * sin(angle), angle + pi / 2
+    if not objects:
+        return ""
+    lines = ["objects:"]
+    for index, item in enumerate(objects):
+        kind = _BLANK if item.kind == _STREET_NAME else item.kind.removeprefix(OTHER)
+        x, y, angle = _written_pose(item, rows, tile_size)
         turned = _number(degrees(remainder(angle, 2 * pi)))
-        kind = _BLANK if thing.kind == _STREET_NAME else thing.kind.removeprefix(OTHER)
-        lines += [f"  {_yaml_text(f'{kind}_{index}')}:", f"    kind: {_yaml_text(kind)}"]
-        lines += [f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}"]
-        lines += [f"    height: {_number(thing.height)}"] * (thing.height > 0)
-        if thing.tag is not None and (thing.kind == "floor_tag" or thing.kind.startswith("sign_")):
-            lines.append(f"    tag: {{~TagInstance: {{family: {TAG_FAMILY}, size: {TAG_SIZE}, tag_id: {thing.tag}}}}}")
-        lines += ["    static: false"] * (not thing.static)
-    return "".join(f"{line}\n" for line in ("objects:", *lines)) if objects else ""
+        has_tag = item.kind == "floor_tag" or item.kind.startswith("sign_")
+        lines.append(f"  {_yaml_text(f'{kind}_{index}')}:")
+        lines.append(f"    kind: {_yaml_text(kind)}")
+        lines.append(f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}")
+        if item.height > 0:
+            lines.append(f"    height: {_number(item.height)}")
+        if item.tag is not None and has_tag:
+            tag = f"family: {TAG_FAMILY}, size: {TAG_SIZE}, tag_id: {item.tag}"
+            lines.append(f"    tag: {{~TagInstance: {{{tag}}}}}")
+        if not item.static:
+            lines.append("    static: false")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _written_pose(item: MapObject, rows: int, tile_size: float) -> tuple[float, float, float]:
+    """Returns x and y in metres from the south-west corner, and the angle, as a file has them."""
+    x, y, angle = item.x * tile_size, (rows - item.y) * tile_size, item.angle
+    if item.kind == "trafficlight":
+        offset = _STAND * item.height
+        return x + offset * cos(angle), y + offset * sin(angle), angle + pi / 2
+    return x, y, angle
 
 
 def _yaml_text(text: str) -> str:
     """Returns a text of letters, digits, dots and dashes as YAML has it, in quotes if it could be something else."""
-    return f"'{text}'" if text[0].isdigit() or text.lower() in _YAML_WORDS else text
+    if text[0].isdigit() or text.lower() in _YAML_WORDS:
+        return f"'{text}'"
+    return text
 
 
 def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
@@ -79,17 +102,20 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
     named = dict(enumerate(values)) if isinstance(values, list) else values
     if not isinstance(named, dict):
         raise InputError(f"objects: expected a list or a table of objects, got {brief(values)}")
-    return [
-        check_named(f"objects: {shorten(str(name), 40)}", _read, value, rows, tile_size)
-        for name, value in named.items()
-    ]
+    objects = []
+    for name, value in named.items():
+        objects.append(check_named(f"objects: {shorten(str(name), 40)}", _read, value, rows, tile_size))
+    return objects
 
 
 def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     if not isinstance(value, dict) or not isinstance(value.get("kind"), str):
         raise InputError(f'expected {{"kind": ...}}, got {brief(value)}')
-    given = str(value["kind"])
-    kind = _OF_MAP.get(given, given) if given in {*_OF_MAP, *OBJECT_KINDS} else check_kind(OTHER + given)
+    name = str(value["kind"])
+    if name in _OF_MAP or name in OBJECT_KINDS:
+        kind = _OF_MAP.get(name, name)
+    else:
+        kind = check_kind(OTHER + name)
     x, y, angle = _pose(value, rows, tile_size)
     usual = OBJECT_KINDS[base_kind(kind)].height
     height = real_of(value, "height", usual) if usual else 0.0
@@ -97,7 +123,9 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
         angle -= pi / 2
         offset = _STAND * height / tile_size
         x, y = x - offset * cos(angle), y + offset * sin(angle)
-    tag = whole_of(table_of(value["tag"], "~TagInstance"), "tag_id") if "tag" in value else None
+    tag = None
+    if "tag" in value:
+        tag = whole_of(table_of(value["tag"], "~TagInstance"), "tag_id")
     if kind == _BLANK and tag in STREET_NAMES:
         kind = _STREET_NAME
     return MapObject(kind, x, y, remainder(angle, 2 * pi), height, tag, value.get("static") not in FALSE)
@@ -116,13 +144,15 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
         if "pose" in value:
             rotate = radians(real_of(table_of(value["pose"], "~SE2Transform"), "theta_deg", 0.0))
     elif "pos" in value:
-        return *_pair(value, "pos"), rotate
+        x, y = _pair(value, "pos")
+        return x, y, rotate
     elif "pose" in value:
         column, row = 0.0, 0.0
         east, north, rotate = _transform(value["pose"])
     elif "place" in value:
         place = table_of(value, "place")
-        column, row = (at + 0.5 for at in _pair(place, "tile"))
+        tile_column, tile_row = _pair(place, "tile")
+        column, row = tile_column + 0.5, tile_row + 0.5
         east, north, rotate = _transform(place.get("relative"))
     else:
         raise InputError("expected a pose, pos, place or attach, got none")
@@ -131,8 +161,12 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
 
 def _transform(value: Plain) -> tuple[float, float, float]:
     inner = table_of(value, "~SE2Transform")
-    turned = real_of(inner, "theta") if "theta" in inner else radians(real_of(inner, "theta_deg", 0.0))
-    return *_pair(inner, "p", (0.0, 0.0)), turned
+    if "theta" in inner:
+        turned = real_of(inner, "theta")
+    else:
+        turned = radians(real_of(inner, "theta_deg", 0.0))
+    x, y = _pair(inner, "p", (0.0, 0.0))
+    return x, y, turned
 
 
 def table_of(value: Plain, name: str) -> dict[str, Plain]:
@@ -147,8 +181,7 @@ def _pair(values: Mapping[str, Plain], name: str, default: tuple[float, float] |
     listed = values.get(name, default)
     if not isinstance(listed, list | tuple) or len(listed) not in (2, 3):
         raise InputError(f"{name}: expected two numbers, got {brief(listed, 40)}")
-    first, second = ({name: one} for one in listed[:2])
-    return real_of(first, name), real_of(second, name)
+    return real_of({name: listed[0]}, name), real_of({name: listed[1]}, name)
 
 
 def real_of(values: Mapping[str, Plain], name: str, default: float | None = None) -> float:

@@ -8,50 +8,70 @@ from elitelanes_jax.lanes.links import Cell, side_towards
 from elitelanes_jax.lanes.movements import Movement, turn_between
 from elitelanes_jax.network.codes import SIDES
 
-# From the border of a crossing to its junction, in tiles, if the next tile is a crossing too. Where its lanes turn they
-# are 0.0002 tiles out of place, 6 mm on tiles of 30 m.
+# From the border of a crossing to its junction, in tiles, if the next tile is a crossing too. Where
+# its lanes turn they are 0.0002 tiles out of place, 6 mm on tiles of 30 m.
 _INSET = 2.0**-11
 
 
 def middle(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curve]:
     """Returns the middle of a road, across all tiles of a path but the first and the last.
 
-    It also leads to the middle of a dead end at an end of the path, and between adjacent crossings into both.
+    It also leads to the middle of a dead end at an end of the path, and between adjacent crossings
+    into both.
     """
-    headings = [SIDES.index(side_towards(*pair)) for pair in pairwise(path)]
-    leads = [0.5 if len(links[tile]) == 1 else 0.0 for tile in (path[0], path[-1])]
-    if len(path) == 2 and not any(leads):
-        leads = [_INSET, _INSET]
-    start = moved(middle_of_side(path[0], headings[0]), headings[0], -leads[0])
-    pieces = [Curve(*start, headings[0], leads[0])]
-    for (row, column), heading, exit_heading in zip(path[1:-1], headings[:-1], headings[1:], strict=True):
+    headings = [SIDES.index(side_towards(tile, next_tile)) for tile, next_tile in pairwise(path)]
+    first_lead, last_lead = _leads(path, links)
+    first_border = middle_of_side(path[0], headings[0])
+    x, y = moved(first_border, headings[0], -first_lead)
+    pieces = [Curve(x, y, headings[0], first_lead)]
+    for (row, column), (heading, exit_heading) in zip(path[1:-1], pairwise(headings), strict=True):
         pieces += across(Movement(row, column, heading, turn_between(heading, exit_heading)))
-    end = middle_of_side(path[-1], (headings[-1] + 2) % 4)
-    pieces.append(Curve(*end, headings[-1], leads[1]))
-    merged: list[Curve] = []
+    x, y = middle_of_side(path[-1], (headings[-1] + 2) % 4)
+    pieces.append(Curve(x, y, headings[-1], last_lead))
+    return _joined_lines(pieces)
+
+
+def _leads(path: list[Cell], links: dict[Cell, list[Cell]]) -> tuple[float, float]:
+    """Returns how far a road leads into its first and its last tile."""
+    first = 0.5 if len(links[path[0]]) == 1 else 0.0
+    last = 0.5 if len(links[path[-1]]) == 1 else 0.0
+    are_adjacent_crossings = len(path) == 2 and first == last == 0
+    return (_INSET, _INSET) if are_adjacent_crossings else (first, last)
+
+
+def _joined_lines(pieces: list[Curve]) -> list[Curve]:
+    """Joins the lines that follow each other, and leaves out pieces without length."""
+    joined: list[Curve] = []
     for piece in pieces:
-        if not piece.length:
+        if piece.length == 0:
             continue
-        if merged and not piece.curvature and not merged[-1].curvature:
-            merged[-1] = merged[-1]._replace(length=merged[-1].length + piece.length)
-        else:
-            merged.append(piece)
-    return merged
+        continues_line = bool(joined) and piece.curvature == 0 and joined[-1].curvature == 0
+        if continues_line:
+            line = joined.pop()
+            piece = line._replace(length=line.length + piece.length)
+        joined.append(piece)
+    return joined
 
 
 def across(movement: Movement, from_crossing: bool = False, to_crossing: bool = False) -> list[Curve]:
     """Returns the road's middle across the tile of a movement, between points as far from the borders as junctions."""
-    inset, outset = _INSET * from_crossing, _INSET * to_crossing
-    heading, exit_heading, tile = movement.heading, movement.exit, movement.node.tile
+    tile, heading, exit_heading = movement.node.tile, movement.heading, movement.exit
+    inset = _INSET if from_crossing else 0.0
+    outset = _INSET if to_crossing else 0.0
     entry = middle_of_side(tile, (heading + 2) % 4)
+    exit_point = middle_of_side(tile, exit_heading)
+    start_x, start_y = moved(entry, heading, inset)
     bend = movement.turn - 1
-    if not bend:
-        return [Curve(*moved(entry, heading, inset), heading, 1 - inset - outset)]
+    if bend == 0:
+        return [Curve(start_x, start_y, heading, 1 - inset - outset)]
+    # The arc has one distance from both borders. The end that is nearer to its border has a line.
     deepest = max(inset, outset)
     radius = 0.5 - deepest
+    arc_x, arc_y = moved(entry, heading, deepest)
+    end_x, end_y = moved(exit_point, exit_heading, -deepest)
     pieces = [
-        Curve(*moved(entry, heading, inset), heading, deepest - inset),
-        Curve(*moved(entry, heading, deepest), heading, radius * math.pi / 2, bend / radius),
-        Curve(*moved(middle_of_side(tile, exit_heading), exit_heading, -deepest), exit_heading, deepest - outset),
+        Curve(start_x, start_y, heading, deepest - inset),
+        Curve(arc_x, arc_y, heading, radius * math.pi / 2, bend / radius),
+        Curve(end_x, end_y, exit_heading, deepest - outset),
     ]
-    return [piece for piece in pieces if piece.length]
+    return [piece for piece in pieces if piece.length > 0]

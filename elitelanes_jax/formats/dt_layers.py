@@ -1,9 +1,10 @@
 """Reads Duckietown's newer maps: a folder with a YAML file for each layer, such as tiles, frames and traffic signs.
 
-The library dt-maps, the Duckiematrix and map editors write these folders in different ways. The cell of a tile is in
-its ``i`` and ``j``, in the position of its frame, or in its name. Positions are in metres or in tiles, at the middle of
-a cell or at its south-west corner. A frame is relative to the frame that it names, or else to the one that its name
-continues: ``map_0/vehicle_0`` to ``map_0``.
+The library dt-maps, the Duckiematrix and map editors write these folders in different ways. The
+cell of a tile is in its ``i`` and ``j``, in the position of its frame, or in its name. Positions
+are in metres or in tiles, at the middle of a cell or at its south-west corner. A frame is relative
+to the frame that it names, or else to the one that its name continues: ``map_0/vehicle_0`` to
+``map_0``.
 """
 
 import re
@@ -22,7 +23,14 @@ from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats._duckietown_objects import FALSE, real_of, table_of, whole_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.duckietown import GROUNDS, TILE_SIZE, check_tile_size
-from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind, check_object
+from elitelanes_jax.formats.objects import (
+    OBJECT_KINDS,
+    OTHER,
+    MapObject,
+    base_kind,
+    check_kind,
+    check_object,
+)
 from elitelanes_jax.lanes.links import Cell, linked_codes
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, NORTH, SOUTH, WEST, rotate_codes
 
@@ -54,7 +62,14 @@ _KIND_OF_SIGN = {name: kind for kind, name in SIGNS.items()} | {
 }
 _KIND_OF_LAYER = {"citizens": "duckie", "vehicles": "duckiebot", "ground_tags": "floor_tag"}
 
-_NOTHING = (None, "", "~", "null", "Null", "NULL")  # as texts, because `yaml_tree` keeps all scalars as texts
+_NOTHING = (
+    None,
+    "",
+    "~",
+    "null",
+    "Null",
+    "NULL",
+)  # as texts, because `yaml_tree` keeps all scalars as texts
 _METRES = ("m", "metres", "meters")
 _CELL_IN_NAME = re.compile(r"_(-?\d{1,4})_(-?\d{1,4})$")
 _NEAR = 0.05  # tiles, and radians: how far a position or a yaw may be from a cell or a right angle
@@ -97,8 +112,8 @@ def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] |
     If one way leaves none, the other leaves some, because the first road tile is a curve that it opens to the north.
 
     Raises:
-      InputError: if a file cannot be read, or anything in it is not as it should be; the message names the file, and
-        the tile, frame or object.
+      InputError: if a file cannot be read, or anything in it is not as it should be; the message
+        names the file, and the tile, frame or object.
     """
     layers = {name: _read_layer(folder, name) for name in LAYERS}
     root, size = _tile_map(folder, layers)
@@ -251,7 +266,8 @@ class _Tile(NamedTuple):
 def _read_tile(name: str, values: _Table, pose: _Pose | None, clockwise: bool, size: float) -> _Tile:
     """Returns a tile of the layer.
 
-    `pose` is its frame's, None without a frame. The editor that writes degrees turns tiles `clockwise`.
+    `pose` is its frame's, None without a frame. The editor that writes degrees turns tiles
+    `clockwise`.
     """
     cell = _cell(name, values, pose, size)
     kind = values.get("type")
@@ -277,10 +293,10 @@ def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
         return whole_of(values, "i"), whole_of(values, "j")
     if pose is not None:
         return _index(pose.x, size), _index(pose.y, size)
-    found = _CELL_IN_NAME.search(name)
-    if found is None:
+    indices = _CELL_IN_NAME.search(name)
+    if indices is None:
         raise InputError("expected i and j, a frame of this name in frames.yaml, or a name such as tile_0_1, got none")
-    return int(found[1]), int(found[2])
+    return int(indices[1]), int(indices[2])
 
 
 def _index(position: float, size: float) -> int:
@@ -338,10 +354,13 @@ def _kind_of(layer: str, values: _Table) -> str:
     """Returns the kind of an object of a layer, by its type if the layer has several kinds."""
     if layer in _KIND_OF_LAYER:
         return _KIND_OF_LAYER[layer]
-    given = values.get("type")
-    text = given if isinstance(given, str) else brief(given, 40)
+    text = values.get("type")
+    if not isinstance(text, str):
+        text = brief(text, 40)
     if layer == "traffic_signs":
         kind = _KIND_OF_SIGN.get(text.lower().replace("-", "_").removeprefix("sign_"), text)
     else:
         kind = text
-    return kind if kind in OBJECT_KINDS else check_kind(OTHER + kind)
+    if kind in OBJECT_KINDS:
+        return kind
+    return check_kind(OTHER + kind)

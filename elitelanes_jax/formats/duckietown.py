@@ -1,15 +1,17 @@
 """Duckietown's map files, for gym-duckietown and duckietown-world: YAML with a table of tiles, the first row north.
 
-A tile is a kind and the side that it faces, such as ``curve_left/W``. Both programs drive along the sides that a kind
-opens: gym-duckietown's ``_get_curve`` and duckietown-world's ``tile_template``. They agree on all kinds except
-``3way_right``, to which gym-duckietown gives the curves of ``3way_left``. We read it like duckietown-world, because
-only then the tiles of existing maps fit together, and never write it.
+A tile is a kind and the side that it faces, such as ``curve_left/W``. Both programs drive along the
+sides that a kind opens: gym-duckietown's ``_get_curve`` and duckietown-world's ``tile_template``.
+They agree on all kinds except ``3way_right``, to which gym-duckietown gives the curves of
+``3way_left``. We read it like duckietown-world, because only then the tiles of existing maps fit
+together, and never write it.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from jaxtyping import Int8
+from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, real
@@ -28,19 +30,41 @@ TILE_SIZE = 0.585
 GROUNDS = ("grass", "floor", "asphalt", "empty")
 """The kinds of tiles without a road. We write grass."""
 
-# The sides that each kind opens when it faces south, and the quarter turns counter-clockwise to other sides.
-_ROADS = {"straight": 10, "curve_left": 12, "curve_right": 9, "3way_left": 14, "3way_right": 11, "4way": 15}
+# The sides that each kind opens when it faces south.
+_ROADS = {
+    "straight": 10,
+    "curve_left": 12,
+    "curve_right": 9,
+    "3way_left": 14,
+    "3way_right": 11,
+    "4way": 15,
+}
+# The quarter turns counter-clockwise from the south to each side.
 _TURNS = {"S": 0, "E": 1, "N": 2, "W": 3}
-_CODE = {
-    **{f"{kind}/{side}": rotate_codes(code, turns) for kind, code in _ROADS.items() for side, turns in _TURNS.items()},
-    **{kind: rotate_codes(code, _TURNS["E"]) for kind, code in _ROADS.items()},
-    **{kind + side: 0 for kind in (*GROUNDS, "calibration_tile") for side in ("", "/S", "/E", "/N", "/W")},
-}
 
-# The tile that is written for each code.
-_TILE = {_CODE[tile]: tile for tile in ("straight/N", "straight/E", "4way")} | {
-    _CODE[f"{kind}/{side}"]: f"{kind}/{side}" for kind in ("curve_left", "3way_left") for side in _TURNS
-}
+
+def _codes_of_tiles() -> dict[str, int]:
+    """Returns the code of each tile that a file may name."""
+    codes = {}
+    for kind, code in _ROADS.items():
+        codes[kind] = rotate_codes(code, _TURNS["E"])  # without a side a kind faces east
+        for side, turns in _TURNS.items():
+            codes[f"{kind}/{side}"] = rotate_codes(code, turns)
+    for kind in (*GROUNDS, "calibration_tile"):
+        codes[kind] = 0
+        for side in _TURNS:
+            codes[f"{kind}/{side}"] = 0
+    return codes
+
+
+_CODE = _codes_of_tiles()
+
+_WRITTEN_TILES = (
+    "straight/N", "straight/E", "4way",
+    "curve_left/S", "curve_left/E", "curve_left/N", "curve_left/W",
+    "3way_left/S", "3way_left/E", "3way_left/N", "3way_left/W",
+)  # fmt: skip
+_TILE_OF_CODE = {_CODE[tile]: tile for tile in _WRITTEN_TILES}
 
 
 def check_tile_size(tile_size: UserValue, least: float = 0.01, most: float = 100) -> None:
@@ -59,14 +83,14 @@ def to_duckietown(
 ) -> str:
     """Returns a grid as the text of a Duckietown map.
 
-    A road that leaves the grid, or that the neighbour does not return, is written unchanged: gym-duckietown draws it,
-    duckietown-world loads it, but makes no graph of its lanes.
+    A road that leaves the grid, or that the neighbour does not return, is written unchanged:
+    gym-duckietown draws it, duckietown-world loads it, but makes no graph of its lanes.
 
     Args:
       codes: integer codes ``[H, W]``.
       objects: of the map. Tags are written of signs and tags on the floor only.
-      tile_size: in metres, 0.01 to 100. duckietown-world rounds positions to centimetres where lanes meet: sizes in
-        whole centimetres work at any extent, 0.585 up to 37 tiles a side.
+      tile_size: in metres, 0.01 to 100. duckietown-world rounds positions to centimetres where
+        lanes meet: sizes in whole centimetres work at any extent, 0.585 up to 37 tiles a side.
 
     Raises:
       InputError: for a bad grid, object or size, or tiles with one connection, which Duckietown
@@ -74,33 +98,44 @@ def to_duckietown(
     """
     grid = check_roads(codes)
     check_tile_size(tile_size)
-    things = check_objects(objects or (), *grid.shape)
-    kinds = [[_TILE.get(code, "grass") for code in row] for row in grid.tolist()]
-    width = max(len(kind) for row in kinds for kind in row) + 1
-    rows = ["".join(f"{kind},".ljust(width + 1) for kind in row).rstrip(", ") for row in kinds]
+    checked_objects = check_objects(objects or (), *grid.shape)
+    tiles = [[_TILE_OF_CODE.get(code, "grass") for code in row] for row in grid.tolist()]
     metres = np.format_float_positional(tile_size, trim="0")  # also short for a float32
-    table = "".join(f"- [{row}]\n" for row in rows)
-    return f"tile_size: {metres}\ntiles:\n{table}" + write_objects(things, len(grid), float(tile_size))
+    head = f"tile_size: {metres}\ntiles:\n{_table(tiles)}"
+    return head + write_objects(checked_objects, len(grid), float(tile_size))
 
 
-def check_roads(codes: ArrayLike) -> NDArray[np.int8]:
+def _table(tiles: list[list[str]]) -> str:
+    """Returns the lines of a table of tiles, in columns of one width."""
+    width = 0
+    for row in tiles:
+        width = max(width, *map(len, row))
+    lines = []
+    for row in tiles:
+        cells = "".join(f"{tile},".ljust(width + 2) for tile in row)
+        lines.append(f"- [{cells.rstrip(', ')}]\n")
+    return "".join(lines)
+
+
+def check_roads(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
     """Returns a grid that Duckietown can have, int8 ``[H, W]``; raises `InputError` for dead ends."""
     grid = np.asarray(check_grid(codes))
-    stubs = np.argwhere(CONNECTIONS[grid] == 1).tolist()
-    if stubs:
-        cells = "; ".join(f"row {row}, column {column}" for row, column in stubs[:8])
-        more = f" and {len(stubs) - 8} more" if len(stubs) > 8 else ""
-        got = f"got dead ends at {cells}{more}; dead_ends='grass' or without_dead_ends removes these roads"
-        raise InputError(f"grid: expected tiles with two or more connections, as in Duckietown, {got}")
+    dead_ends = np.argwhere(CONNECTIONS[grid] == 1).tolist()
+    if dead_ends:
+        cells = "; ".join(f"row {row}, column {column}" for row, column in dead_ends[:8])
+        if len(dead_ends) > 8:
+            cells += f" and {len(dead_ends) - 8} more"
+        expected = "grid: expected tiles with two or more connections, as in Duckietown"
+        hint = "dead_ends='grass' or without_dead_ends removes these roads"
+        raise InputError(f"{expected}, got dead ends at {cells}; {hint}")
     return grid
 
 
-@name_wrong_arguments
-def from_duckietown(text: str) -> NDArray[np.int8]:
+def from_duckietown(text: str) -> Int8[np.ndarray, "H W"]:
     """Reads the grid of a Duckietown map.
 
-    Kinds without a side face east, as in Duckietown's programs. The map's `tile_size` and kinds of ground are ignored:
-    all cells without a road are 0. `read_map` reads the objects too.
+    Kinds without a side face east, as in Duckietown's programs. The map's `tile_size` and kinds of
+    ground are ignored: all cells without a road are 0. `read_map` reads the objects too.
 
     Args:
       text: the content of the YAML file.
@@ -109,47 +144,61 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
       int8 ``[H, W]``.
 
     Raises:
-      InputError: if it is not a Duckietown map, has an unknown kind of tile, or a side over 1024 tiles.
+      InputError: if it is not a Duckietown map, has an unknown kind of tile, or a side over 1024
+        tiles.
     """
     return read_duckietown(text)[0]
 
 
-def read_duckietown(text: str) -> tuple[NDArray[np.int8], list[MapObject] | None]:
+def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject] | None]:
     """Reads the grid of a Duckietown map, as `from_duckietown` does, and its objects; None if the file has none."""
     if not isinstance(text, str):
         raise InputError(f"text: expected the content of a YAML file, got {shorten(repr(text))}")
     values = yaml_tree(text)
-    rows = values.get("tiles") if isinstance(values, dict) else None
-    if rows is None:
-        hint = "" if "\n" in text or isinstance(values, dict) else "; read_map reads the map of a file"
-        raise InputError(f'expected a Duckietown map, {{"tiles": [[...], ...]}}, got no "tiles"{hint}')
-    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-        raise InputError(f"tiles: expected rows of kinds of tiles, got {brief(rows)}")
-    check_sides(rows)  # aliases may name the same row many times
-    grid = np.array(check_grid([[_code(tile, y, x) for x, tile in enumerate(row)] for y, row in enumerate(rows)]))
+    grid = _read_tiles(values, is_one_line="\n" not in text)
     if not values.get("objects"):
         return grid, None
     size = values.get("tile_size", TILE_SIZE)
-    text = brief(size) if isinstance(size, list | dict) else size
-    tile_size = check_named("tile_size", real(0.01, 100, unit="metres"), text)
+    if isinstance(size, list | dict):
+        size = brief(size)  # the message of the check would have the whole text
+    tile_size = check_named("tile_size", real(0.01, 100, unit="metres"), size)
     return grid, read_objects(values["objects"], len(grid), tile_size)
 
 
-def _code(tile: Plain, row: int, column: int) -> int:
-    kind = "/".join(part.strip() for part in tile.split("/")) if isinstance(tile, str) else ""
+def _read_tiles(values: Plain, is_one_line: bool) -> Int8[np.ndarray, "H W"]:
+    """Reads the table of tiles of a file's values."""
+    rows = values.get("tiles") if isinstance(values, dict) else None
+    if rows is None:
+        hint = ""
+        if is_one_line and not isinstance(values, dict):
+            hint = "; read_map reads the map of a file"
+        expected = 'expected a Duckietown map, {"tiles": [[...], ...]}'
+        raise InputError(f'{expected}, got no "tiles"{hint}')
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise InputError(f"tiles: expected rows of kinds of tiles, got {brief(rows)}")
+    check_sides(rows)  # aliases may name the same row many times
+    codes = []
+    for row, tiles in enumerate(rows):
+        codes.append([_code_of(tile, row, column) for column, tile in enumerate(tiles)])
+    return np.array(check_grid(codes))
+
+
+def _code_of(tile: Plain, row: int, column: int) -> int:
+    kind = ""
+    if isinstance(tile, str):
+        kind = "/".join(part.strip() for part in tile.split("/"))
     if kind not in _CODE:
         kinds = ", ".join((*_ROADS, *GROUNDS))
-        position = f"at row {row}, column {column}"
-        got = brief(tile)
-        raise InputError(f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {got} {position}")
+        expected = f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W"
+        raise InputError(f"{expected}, got {brief(tile)} at row {row}, column {column}")
     return _CODE[kind]
 
 
-@name_wrong_arguments
-def without_dead_ends(codes: ArrayLike) -> NDArray[np.int8]:
+def without_dead_ends(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
     """Removes roads that lead nowhere, each up to the last crossing, which loses that side.
 
-    The rest has no dead end as `measure` counts them: every tile has two connections or more, all returned.
+    The rest has no dead end as `measure` counts them: every tile has two connections or more, all
+    returned.
 
     Args:
       codes: integer codes ``[H, W]``.
@@ -162,13 +211,14 @@ def without_dead_ends(codes: ArrayLike) -> NDArray[np.int8]:
     """
     grid = np.asarray(check_grid(codes))
     links = linked_tiles(grid)
-    ends = [tile for tile, others in links.items() if len(others) < 2]
-    while ends:
-        tile = ends.pop()
-        for other in links.pop(tile, []):
-            links[other].remove(tile)
-            ends += [other] * (len(links[other]) < 2)
-    left = np.zeros_like(grid)
-    for tile, others in links.items():
-        left[tile] = sum(side_towards(tile, other).bit for other in others)
-    return left
+    dead_ends = [tile for tile, neighbours in links.items() if len(neighbours) < 2]
+    while dead_ends:
+        tile = dead_ends.pop()
+        for neighbour in links.pop(tile, []):
+            links[neighbour].remove(tile)
+            if len(links[neighbour]) < 2:
+                dead_ends.append(neighbour)
+    codes_left = np.zeros_like(grid)
+    for tile, neighbours in links.items():
+        codes_left[tile] = sum(side_towards(tile, neighbour).bit for neighbour in neighbours)
+    return codes_left

@@ -1,12 +1,14 @@
 """The floor of a 3-D simulator: a flat mesh with a map's picture, as binary glTF 2.0 (ISO/IEC 12113).
 
-Objects stand on it as upright pictures. Everything is the same square, which each node of the scene places.
+Objects stand on it as upright pictures. Everything is the same square, which each node of the scene
+places.
 """
 
 import json
 import struct
 from collections.abc import Sequence
 from math import cos, sin
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,29 +19,64 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.network.checks import check_shape
 
-_FLOATS, _SHORTS = 5126, 5123  # types of components
+# Types of components.
+_FLOATS, _SHORTS = 5126, 5123
+
+# Linear, with mipmaps; nothing is repeated beyond the edges.
+_SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+# The corners of a picture, right and down; of the square that shows it, right, up and forwards; and
+# the normals there.
+_CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)
+_SQUARE = np.array([(-0.5, 1, 0), (0.5, 1, 0), (0.5, 0, 0), (-0.5, 0, 0)], np.float32)
+_NORMALS = np.array([(0, 0, 1)] * 4, np.float32)
+_TRIANGLES = np.array([0, 3, 2, 0, 2, 1], np.uint16)  # anticlockwise from the front
+
+# The accessors, and the views of the buffer, of these four arrays.
+_POSITION, _NORMAL, _PICTURE_POSITION, _INDEX = range(4)
+
 _Vector = tuple[float, float, float]
 
-_SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}  # linear, with mipmaps, to the edge
-_PNG = b"\x89PNG\r\n\x1a\n"
-_CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)  # of pictures: to the right and down
+
+class _Node(NamedTuple):
+    """A square of the scene.
+
+    Attributes:
+      name: of the node.
+      picture: the index of its picture.
+      right: its right side, in metres.
+      up: its height.
+      forwards: where it faces; of length 1.
+      place: of the middle of its lower edge.
+    """
+
+    name: str
+    picture: int
+    right: _Vector
+    up: _Vector
+    forwards: _Vector
+    place: _Vector
 
 
 @name_wrong_arguments
 def to_gltf(
-    shape: tuple[int, int], picture: bytes, tile_size: float = TILE_SIZE, standing: Sequence[Standing] = ()
+    shape: tuple[int, int],
+    picture: bytes,
+    tile_size: float = TILE_SIZE,
+    standing: Sequence[Standing] = (),
 ) -> bytes:
     """Writes the floor of a map as a glTF file (.glb) that contains the picture, and those of objects.
 
-    As glTF has it, y points up: x is east and -z is north of the map's south-west corner. Programs in which z points up
-    turn the floor on import, so that y is north there.
+    As glTF has it, y points up: x is east and -z is north of the map's south-west corner. Programs
+    in which z points up turn the floor on import, so that y is north there.
 
     Args:
       shape: rows and columns of the map.
       picture: a PNG file of the map, such as `tiles.png_of` returns.
       tile_size: side of a tile in metres, 0.01 to 1000.
-      standing: objects, such as `tiles.stand` returns. Each is a picture of its front, as high as the object; its
-        lower edge is in the middle of the footprint. They grow with the tiles.
+      standing: objects, such as `tiles.stand` returns. Each is a picture of its front, as high as
+        the object; its lower edge is in the middle of the footprint. They grow with the tiles.
 
     Raises:
       InputError: for a bad shape, picture, size or object.
@@ -47,60 +84,93 @@ def to_gltf(
     check_tile_size(tile_size, most=1000)
     if not isinstance(picture, bytes) or not picture.startswith(_PNG):
         raise InputError(f"picture: expected the content of a PNG file, got {shorten(repr(picture), 16)}")
-    depth, width = (side * tile_size for side in check_shape(shape))
-    nodes: list[tuple[str, int, *tuple[_Vector, ...]]] = [
-        ("floor", 0, (width, 0, 0), (0, 0, -depth), (0, 1, 0), (width / 2, 0, 0))  # right, up, forwards, place
-    ]
-    pictures = {picture: 0}
-    for thing, front, across, _ in check_named("standing", listed(Standing), standing):
-        scale, up = tile_size / TILE_SIZE, thing.height * tile_size / TILE_SIZE
-        east, south = cos(thing.angle), -sin(thing.angle)  # where it faces
-        right = (south * across * scale, 0, -east * across * scale)
-        place = thing.x * tile_size, 0, (thing.y - shape[0]) * tile_size
-        index = pictures.setdefault(front, len(pictures))
-        nodes.append((thing.kind, index, right, (0, up, 0), (east, 0, south), place))
-    square = np.column_stack([_CORNERS[:, 0] - 0.5, 1 - _CORNERS[:, 1], 0 * _CORNERS[:, 0]])
-    faces = np.array([0, 3, 2, 0, 2, 1], np.uint16)  # anticlockwise from the front
-    parts = [square.tobytes(), np.tile(np.array([0, 0, 1], np.float32), (4, 1)).tobytes(), _CORNERS.tobytes()]
-    parts += [faces.tobytes(), *pictures]
-    starts = np.cumsum([0, *(len(_padded(part)) for part in parts)]).tolist()
-    attributes = {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2}
-    content = {
-        "asset": {"version": "2.0", "generator": "Elite Lanes JAX"},
-        "scene": 0,
-        "scenes": [{"nodes": list(range(len(nodes)))}],
-        "nodes": [
-            {"name": name, "mesh": mesh, "matrix": np.column_stack([axes, [0, 0, 0, 1]]).ravel().tolist()}
-            for name, mesh, *axes in nodes
-        ],
-        "meshes": [
-            {"primitives": [{"attributes": attributes, "indices": 3, "material": index}]} for index in pictures.values()
-        ],
-        "materials": [_material(index) for index in pictures.values()],
-        "textures": [{"sampler": 0, "source": index} for index in pictures.values()],
-        "samplers": [_SAMPLER],
-        "images": [{"bufferView": 4 + index, "mimeType": "image/png"} for index in pictures.values()],
-        "accessors": [
-            _accessor(0, "VEC3", 4) | {"min": square.min(axis=0).tolist(), "max": square.max(axis=0).tolist()},
-            _accessor(1, "VEC3", 4),
-            _accessor(2, "VEC2", 4),
-            _accessor(3, "SCALAR", 6, _SHORTS),
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": start, "byteLength": len(part)}
-            for start, part in zip(starts, parts, strict=False)
-        ],
-        "buffers": [{"byteLength": starts[-1]}],
-    }
+    standing = check_named("standing", listed(Standing), standing)
+    rows, columns = check_shape(shape)
+    pictures = {picture: 0}  # by content, so that equal objects share a picture
+    nodes = [_floor(columns * tile_size, rows * tile_size)]
+    for item in standing:
+        index = pictures.setdefault(item.picture, len(pictures))
+        nodes.append(_upright(item, index, tile_size, rows))
+    parts = [_SQUARE.tobytes(), _NORMALS.tobytes(), _CORNERS.tobytes(), _TRIANGLES.tobytes()]
+    parts += pictures
+    content = _scene(nodes, len(pictures)) | _buffer(parts)
     chunks = _chunk(b"JSON", _padded(json.dumps(content).encode(), b" "))
     chunks += _chunk(b"BIN\0", b"".join(map(_padded, parts)))
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
+def _floor(width: float, depth: float) -> _Node:
+    """Returns the node of the floor: its lower edge is the map's south side."""
+    return _Node("floor", 0, (width, 0, 0), (0, 0, -depth), (0, 1, 0), (width / 2, 0, 0))
+
+
+def _upright(item: Standing, picture: int, tile_size: float, rows: int) -> _Node:
+    """Returns the node of an object that stands on the floor."""
+    thing, scale = item.thing, tile_size / TILE_SIZE
+    east, south = cos(thing.angle), -sin(thing.angle)
+    return _Node(
+        name=thing.kind,
+        picture=picture,
+        right=(south * item.width * scale, 0, -east * item.width * scale),
+        up=(0, thing.height * tile_size / TILE_SIZE, 0),
+        forwards=(east, 0, south),
+        place=(thing.x * tile_size, 0, (thing.y - rows) * tile_size),
+    )
+
+
+def _scene(nodes: list[_Node], pictures: int) -> dict[str, object]:
+    """Returns the parts of the JSON that say what is seen; each picture has a mesh, a material and a texture."""
+    attributes = {"POSITION": _POSITION, "NORMAL": _NORMAL, "TEXCOORD_0": _PICTURE_POSITION}
+    placed = []
+    for node in nodes:
+        axes = [node.right, node.up, node.forwards, node.place]
+        matrix = np.column_stack([axes, [0, 0, 0, 1]]).ravel().tolist()
+        placed.append({"name": node.name, "mesh": node.picture, "matrix": matrix})
+    meshes, materials, textures, images = [], [], [], []
+    for index in range(pictures):
+        primitive = {"attributes": attributes, "indices": _INDEX, "material": index}
+        meshes.append({"primitives": [primitive]})
+        materials.append(_material(index))
+        textures.append({"sampler": 0, "source": index})
+        images.append({"bufferView": _INDEX + 1 + index, "mimeType": "image/png"})
+    return {
+        "asset": {"version": "2.0", "generator": "Elite Lanes JAX"},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": placed,
+        "meshes": meshes,
+        "materials": materials,
+        "textures": textures,
+        "samplers": [_SAMPLER],
+        "images": images,
+    }
+
+
+def _buffer(parts: list[bytes]) -> dict[str, object]:
+    """Returns the parts of the JSON that say where arrays and pictures are in the binary chunk."""
+    extent = {"min": _SQUARE.min(axis=0).tolist(), "max": _SQUARE.max(axis=0).tolist()}
+    accessors = [
+        _accessor(_POSITION, "VEC3", 4) | extent,
+        _accessor(_NORMAL, "VEC3", 4),
+        _accessor(_PICTURE_POSITION, "VEC2", 4),
+        _accessor(_INDEX, "SCALAR", 6, _SHORTS),
+    ]
+    views = []
+    start = 0
+    for part in parts:
+        views.append({"buffer": 0, "byteOffset": start, "byteLength": len(part)})
+        start += len(_padded(part))
+    return {"accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": start}]}
+
+
 def _material(index: int) -> dict[str, object]:
     surface = {"baseColorTexture": {"index": index}, "metallicFactor": 0, "roughnessFactor": 1}
-    seen = {"alphaMode": "MASK" if index else "OPAQUE", "doubleSided": bool(index)}
-    return {**seen, "pbrMetallicRoughness": surface}
+    is_floor = index == 0
+    return {
+        "alphaMode": "OPAQUE" if is_floor else "MASK",
+        "doubleSided": not is_floor,
+        "pbrMetallicRoughness": surface,
+    }
 
 
 def _accessor(view: int, kind: str, count: int, component: int = _FLOATS) -> dict[str, object]:

@@ -1,15 +1,17 @@
 """Road networks as Lanelet2 maps: OpenStreetMap's XML, with a lanelet for each movement across a tile.
 
-Lanelets that follow each other share the ends of their bounds, and oncoming ones the middle of the road. Places are on
-the equator, where UTM's zone 32 has its central meridian: read a map with ``UtmProjector(Origin(0, 9))``, or by its
-tags ``local_x`` and ``local_y``, in metres from the grid's south-west corner.
+Lanelets that follow each other share the ends of their bounds, and oncoming ones the middle of the
+road. Places are on the equator, where UTM's zone 32 has its central meridian: read a map with
+``UtmProjector(Origin(0, 9))``, or by its tags ``local_x`` and ``local_y``, in metres from the
+grid's south-west corner.
 """
 
 from itertools import count, groupby
 from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Complex128, Float64
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import UserValue
@@ -20,14 +22,36 @@ from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import BACK, TURNS, Movement, lane_graph
 from elitelanes_jax.network.codes import CONNECTIONS
 
-# Of the ellipsoid WGS 84. UTM's series end at the third power of _N. The error is under a micrometre up to 7 km from
-# the origin, and under 14 micrometres up to 100 km.
+# Of the ellipsoid WGS 84. UTM's series end at the third power of _N. The error is under a
+# micrometre up to 7 km from the origin, and under 14 micrometres up to 100 km.
 _N = 1 / (2 * 298.257223563 - 1)
 _RADIUS = 0.9996 * 6378137 / (1 + _N) * (1 + _N**2 / 4 + _N**4 / 64)
 _BETA = (_N / 2 - 2 * _N**2 / 3 + 37 * _N**3 / 96, _N**2 / 48 + _N**3 / 15, 17 * _N**3 / 480)
 _DELTA = (2 * _N - 2 * _N**2 / 3 - 2 * _N**3, 7 * _N**2 / 3 - 8 * _N**3 / 5, 56 * _N**3 / 15)
 
-_Member = tuple[str, int, str]  # kind of element, number and role
+
+class _Member(NamedTuple):
+    """A part of a relation."""
+
+    kind: str  # way or relation
+    number: int
+    role: str
+
+
+class _Lanelet(NamedTuple):
+    """A lanelet of the map.
+
+    Attributes:
+      movement: that it leads along.
+      number: of its relation.
+      members: its bounds, and the rules that it obeys.
+      entry: the left and the right point where it begins, in metres.
+    """
+
+    movement: Movement
+    number: int
+    members: list[_Member]
+    entry: Complex128[np.ndarray, "2"]
 
 
 @name_wrong_arguments
@@ -35,13 +59,14 @@ def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a Lanelet2 map, ``.osm``.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour returns, or that
-        leave the grid, are no roads.
-      streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
+        returns, or that leave the grid, are no roads.
+      streets: their measures. A crossing with lights or stop signs on the map has these, and no
+        other right of way.
 
     Returns:
-      A text; the same map gives the same text. Lanelets have the tag ``name``: row, column, the side by which they
-      enter their tile, and the turn, such as ``3_4_west_left``.
+      A text; the same map gives the same text. Lanelets have the tag ``name``: row, column, the
+      side by which they enter their tile, and the turn, such as ``3_4_west_left``.
 
     Raises:
       InputError: for a bad map, one without any road, or bad measures.
@@ -51,60 +76,101 @@ def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
     graph = lane_graph(road_map.codes, turn_back=True)
     links = CONNECTIONS[linked_codes(road_map.codes)]
     city = _Map()
-    for tile, group in groupby(graph.list_movements(), attrgetter("node.tile")):
-        here = {movement: bounds(movement, streets, len(links)) for movement in group}
-        crossing = links[tile] > 2
-        lanelets: dict[Movement, tuple[int, list[_Member]]] = {}
-        for movement, (left, right) in here.items():
-            middle = "virtual" if crossing or movement.turn == BACK else "line_thin"
-            sides = city.line(left, middle, "dashed"), city.line(right, "virtual" if crossing else "line_thin", "solid")
-            lanelets[movement] = city.number(), [("way", sides[0], "left"), ("way", sides[1], "right")]
-        if crossing:
-            ends = {movement.heading: np.array([left[0], right[0]]) for movement, (left, right) in here.items()}
-            _add_rules(city, lanelets, ends, rules[tile])
-        for movement, (number, members) in lanelets.items():
-            tags = {"type": "lanelet", "subtype": "road", "location": "urban", "one_way": "yes", "name": movement.name}
-            tags["speed_limit"] = f"{streets.speed * 3.6:g} km/h"
-            city.relation(number, members, tags | ({"turn_direction": TURNS[movement.turn]} if crossing else {}))
+    for tile, movements in groupby(graph.list_movements(), attrgetter("node.tile")):
+        is_crossing = bool(links[tile] > 2)
+        lanelets = [_start_lanelet(city, movement, streets, len(links), is_crossing) for movement in movements]
+        if is_crossing:
+            _add_rules(city, lanelets, rules[tile])
+        for lanelet in lanelets:
+            _finish_lanelet(city, lanelet, streets, is_crossing)
     return city.text()
 
 
-def _add_rules(
-    city: "_Map",
-    lanelets: dict[Movement, tuple[int, list[_Member]]],
-    ends: dict[int, NDArray[np.complex128]],
-    right_of_way: str,
-) -> None:
-    """Adds who goes first at a crossing to its lanelets.
+def _start_lanelet(city: "_Map", movement: Movement, streets: Streets, height: int, is_crossing: bool) -> _Lanelet:
+    """Adds the bounds of a lanelet. On a crossing no tape marks the bounds."""
+    left, right = bounds(movement, streets, height)
+    left_kind = "virtual" if is_crossing or movement.turn == BACK else "line_thin"
+    right_kind = "virtual" if is_crossing else "line_thin"
+    members = [
+        _Member("way", city.add_line(left, left_kind, "dashed"), "left"),
+        _Member("way", city.add_line(right, right_kind, "solid"), "right"),
+    ]
+    return _Lanelet(movement, city.next_number(), members, np.array([left[0], right[0]]))
 
-    `ends` are the left and right points where movements enter the crossing, by their headings.
-    """
-    rules: list[tuple[str, list[_Member], list[Movement]]] = []
-    numbers = {movement: number for movement, (number, _) in lanelets.items()}
-    low = giving_way(numbers)
+
+def _finish_lanelet(city: "_Map", lanelet: _Lanelet, streets: Streets, is_crossing: bool) -> None:
+    """Adds the relation of a lanelet, when all its members are known."""
+    tags = {
+        "type": "lanelet",
+        "subtype": "road",
+        "location": "urban",
+        "one_way": "yes",
+        "name": lanelet.movement.name,
+        "speed_limit": f"{streets.speed * 3.6:g} km/h",
+    }
+    if is_crossing:
+        tags["turn_direction"] = TURNS[lanelet.movement.turn]
+    city.add_relation(lanelet.number, lanelet.members, tags)
+
+
+def _add_rules(city: "_Map", lanelets: list[_Lanelet], right_of_way: str) -> None:
+    """Adds who goes first at a crossing to its lanelets."""
     if right_of_way == "allway_stop":
-        stops = {heading: city.line(end, "stop_line") for heading, end in ends.items()}
-        roles = [("way", stops[movement.heading], "ref_line") for movement in numbers]
-        rules.append(("all_way_stop", [("relation", one, "yield") for one in numbers.values()] + roles, list(numbers)))
+        _add_stop_for_all(city, lanelets)
     elif right_of_way == "traffic_light":
-        for heading, end in ends.items():
-            stop = ("way", city.line(end, "stop_line"), "ref_line")
-            beside = end[1] + (end[1] - end[0]) * np.array([0.1, 0.4])
-            light = ("way", city.line(beside, "traffic_light", "red_yellow_green"), "refers")
-            rules.append(
-                ("traffic_light", [light, stop], [movement for movement in numbers if movement.heading == heading])
-            )
-    elif right_of_way == "priority" and low:
-        first = [
-            ("relation", number, "yield" if movement.heading in low else "right_of_way")
-            for movement, number in numbers.items()
-        ]
-        rules.append(("right_of_way", first, list(numbers)))
-    for subtype, roles, movements in rules:
-        rule = city.number()
-        city.relation(rule, roles, {"type": "regulatory_element", "subtype": subtype})
-        for movement in movements:
-            lanelets[movement][1].append(("relation", rule, "regulatory_element"))
+        _add_lights(city, lanelets)
+    elif right_of_way == "priority":
+        _add_priority(city, lanelets)
+
+
+def _entries_of(lanelets: list[_Lanelet]) -> dict[int, Complex128[np.ndarray, "2"]]:
+    """Returns the left and the right point where each road enters a crossing, by the heading."""
+    return {lanelet.movement.heading: lanelet.entry for lanelet in lanelets}
+
+
+def _add_stop_for_all(city: "_Map", lanelets: list[_Lanelet]) -> None:
+    stop_lines = {heading: city.add_line(entry, "stop_line") for heading, entry in _entries_of(lanelets).items()}
+    members = [_Member("relation", lanelet.number, "yield") for lanelet in lanelets]
+    for lanelet in lanelets:
+        members.append(_Member("way", stop_lines[lanelet.movement.heading], "ref_line"))
+    _add_rule(city, "all_way_stop", members, lanelets)
+
+
+def _add_lights(city: "_Map", lanelets: list[_Lanelet]) -> None:
+    """Adds a light and a stop line for each road that enters the crossing; the light is on the right of its lane."""
+    lights = []
+    for heading, entry in _entries_of(lanelets).items():
+        left, right = entry
+        stop_line = city.add_line(entry, "stop_line")
+        light = city.add_line(right + (right - left) * np.array([0.1, 0.4]), "traffic_light", "red_yellow_green")
+        lights.append((heading, [_Member("way", light, "refers"), _Member("way", stop_line, "ref_line")]))
+    for heading, members in lights:
+        _add_rule(
+            city,
+            "traffic_light",
+            members,
+            [lanelet for lanelet in lanelets if lanelet.movement.heading == heading],
+        )
+
+
+def _add_priority(city: "_Map", lanelets: list[_Lanelet]) -> None:
+    """Adds that the road that goes straight on goes first; at four arms there are two such roads, and no rule."""
+    yielding = giving_way(lanelet.movement for lanelet in lanelets)
+    if not yielding:
+        return
+    members = []
+    for lanelet in lanelets:
+        role = "yield" if lanelet.movement.heading in yielding else "right_of_way"
+        members.append(_Member("relation", lanelet.number, role))
+    _add_rule(city, "right_of_way", members, lanelets)
+
+
+def _add_rule(city: "_Map", subtype: str, members: list[_Member], ruled: list[_Lanelet]) -> None:
+    """Adds a rule, and names it in the lanelets that obey it."""
+    number = city.next_number()
+    city.add_relation(number, members, {"type": "regulatory_element", "subtype": subtype})
+    for lanelet in ruled:
+        lanelet.members.append(_Member("relation", number, "regulatory_element"))
 
 
 class _Map:
@@ -115,37 +181,47 @@ class _Map:
         self.lines: dict[tuple[int, ...], int] = {}
         self.ways: list[str] = []
         self.relations: list[str] = []
-        self.number = count(1).__next__
+        self.next_number = count(1).__next__
 
-    def line(self, points: NDArray[np.complex128], kind: str, subtype: str = "") -> int:
+    def add_line(self, points: Complex128[np.ndarray, " P"], kind: str, subtype: str = "") -> int:
         """Adds a line, and returns its number."""
-        rounded = np.round(points, 6).tolist()
-        for point in (point for point in rounded if point not in self.points):
-            self.points[point] = self.number()
-        ids = [self.points[point] for point in rounded]
-        key = min(tuple(ids), tuple(ids[::-1]))
+        node_numbers = [self._add_point(point) for point in np.round(points, 6).tolist()]
+        # The direction does not matter: oncoming lanelets share their left bound.
+        key = min(tuple(node_numbers), tuple(reversed(node_numbers)))
         if key not in self.lines:
-            self.lines[key] = self.number()
-            nodes = "".join(f'<nd ref="{one}"/>' for one in ids)
-            tags = {"type": kind} | ({"subtype": subtype} if subtype and kind != "virtual" else {})
+            self.lines[key] = self.next_number()
+            nodes = "".join(f'<nd ref="{number}"/>' for number in node_numbers)
+            tags = {"type": kind}
+            if subtype and kind != "virtual":
+                tags["subtype"] = subtype
             self.ways.append(_element("way", self.lines[key], nodes, tags))
         return self.lines[key]
 
-    def relation(self, number: int, members: list[_Member], tags: dict[str, str]) -> None:
+    def _add_point(self, point: complex) -> int:
+        if point not in self.points:
+            self.points[point] = self.next_number()
+        return self.points[point]
+
+    def add_relation(self, number: int, members: list[_Member], tags: dict[str, str]) -> None:
         """Adds a lanelet or a rule."""
         parts = "".join(f'<member type="{kind}" ref="{ref}" role="{role}"/>' for kind, ref, role in members)
         self.relations.append(_element("relation", number, parts, tags))
 
     def text(self) -> str:
         """Returns the text of the file."""
-        points = np.array(list(self.points))
-        nodes = [
-            f'<node id="{number}" visible="true" version="1" lat="{latitude:.12f}" lon="{longitude:.12f}">'
-            f'<tag k="local_x" v="{point.real:.6f}"/><tag k="local_y" v="{point.imag:.6f}"/></node>'
-            for (point, number), latitude, longitude in zip(self.points.items(), *_on_earth(points), strict=True)
+        latitudes, longitudes = _on_earth(np.array(list(self.points)))
+        lines = [
+            '<?xml version="1.0" encoding="UTF-8"?>',
+            '<osm version="0.6" generator="elitelanes">',
         ]
-        head = '<?xml version="1.0" encoding="UTF-8"?>\n<osm version="0.6" generator="elitelanes">'
-        return "\n".join([head, *nodes, *self.ways, *self.relations, "</osm>\n"])
+        for (point, number), latitude, longitude in zip(self.points.items(), latitudes, longitudes, strict=True):
+            place = f'lat="{latitude:.12f}" lon="{longitude:.12f}"'
+            local = f'<tag k="local_x" v="{point.real:.6f}"/><tag k="local_y" v="{point.imag:.6f}"/>'
+            lines.append(f'<node id="{number}" visible="true" version="1" {place}>{local}</node>')
+        lines += self.ways
+        lines += self.relations
+        lines.append("</osm>\n")
+        return "\n".join(lines)
 
 
 def _element(kind: str, number: int, parts: str, tags: dict[str, str]) -> str:
@@ -153,10 +229,13 @@ def _element(kind: str, number: int, parts: str, tags: dict[str, str]) -> str:
     return f'<{kind} id="{number}" visible="true" version="1">{parts}{listed}</{kind}>'
 
 
-def _on_earth(points: NDArray[np.complex128]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _on_earth(
+    points: Complex128[np.ndarray, " P"],
+) -> tuple[Float64[np.ndarray, " P"], Float64[np.ndarray, " P"]]:
     """Returns the latitudes and longitudes of points, in degrees: UTM inverted, by Krüger's series."""
     zeta = (points.imag + 1j * points.real) / _RADIUS
     zeta = zeta - sum(beta * np.sin(2 * j * zeta) for j, beta in enumerate(_BETA, 1))
     chi = np.arcsin(np.sin(zeta.real) / np.cosh(zeta.imag))
     latitudes = chi + sum(delta * np.sin(2 * j * chi) for j, delta in enumerate(_DELTA, 1))
-    return np.degrees(latitudes), 9 + np.degrees(np.arctan2(np.sinh(zeta.imag), np.cos(zeta.real)))
+    longitudes = np.arctan2(np.sinh(zeta.imag), np.cos(zeta.real))
+    return np.degrees(latitudes), 9 + np.degrees(longitudes)

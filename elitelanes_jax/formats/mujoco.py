@@ -1,7 +1,7 @@
 """A model for MuJoCo: the floor with a map's picture, and a robot with two driven wheels and a camera on a lane of it.
 
-The robot has Duckietown's measures, as `drive.Robot` and `drive.Camera` have them, so a policy moves from one to the
-other. All light is ambient: the floor has the colours of its picture.
+The robot has Duckietown's measures, as `drive.Robot` and `drive.Camera` have them, so a policy
+moves from one to the other. All light is ambient: the floor has the colours of its picture.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ _MODEL = """<mujoco model="elitelanes">
 contype="0" conaffinity="0"/>
     <geom name="floor" type="plane" pos="{east:.6g} {north:.6g} 0" size="{east:.6g} {north:.6g} 1" material="floor" \
 friction="1 0.005 0.0001"/>
-{things}    <body name="robot" pos="{x:.6g} {y:.6g} {radius}" euler="0 0 {degrees:.6g}">
+{objects}    <body name="robot" pos="{x:.6g} {y:.6g} {radius}" euler="0 0 {degrees:.6g}">
       <freejoint name="robot"/>
       <geom name="chassis" type="box" pos="-0.02 0 0.02" size="0.06 0.035 0.03" mass="0.8" rgba="0.9 0.2 0.15 1"/>
       <geom name="caster" type="sphere" pos="-0.06 0 -0.0218" size="0.01" mass="0.05" condim="1" rgba="0.5 0.5 0.5 1"/>
@@ -81,16 +81,16 @@ def to_mjcf(
 ) -> str:
     """Writes the model of a map as MuJoCo's XML.
 
-    The origin is the map's south-west corner; x is east, y north, z up. The body ``robot`` starts in the middle of the
-    map's first lane, row by row. The actuators ``left`` and ``right`` take the speeds of the wheels in radians a
-    second. ``camera`` is the robot's.
+    The origin is the map's south-west corner; x is east, y north, z up. The body ``robot`` starts
+    in the middle of the map's first lane, row by row. The actuators ``left`` and ``right`` take the
+    speeds of the wheels in radians a second. ``camera`` is the robot's.
 
     Args:
       codes: integer codes ``[H, W]``.
       picture: the name of the file with the map's picture, next to the model's file.
       tile_size: side of a tile in metres, 0.1 to 1000. The robot keeps its own measures.
-      standing: objects, such as `tiles.stand` returns. They are boxes and upright cylinders of the objects' sizes and
-        mean colours that do not move. They grow with the tiles.
+      standing: objects, such as `tiles.stand` returns. They are boxes and upright cylinders of the
+        objects' sizes and mean colours that do not move. They grow with the tiles.
       lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5.
 
     Raises:
@@ -103,8 +103,9 @@ def to_mjcf(
     before, start, after = first_lane.points(np.array([0.49, 0.5, 0.51]))
     east, north = after[0] - before[0], before[1] - after[1]
     standing = check_named("standing", listed(Standing), standing)
+    solids = "".join(_solid(item, height, number, tile_size) for number, item in enumerate(standing))
     return _MODEL.format(
-        things="".join(_solid(one, height, number, tile_size) for number, one in enumerate(standing)),
+        objects=solids,
         east=width * tile_size / 2,
         north=height * tile_size / 2,
         picture=quoteattr(check_named("picture", _file_name, picture)),
@@ -130,15 +131,18 @@ def _file_name(value: UserValue) -> str:
     return name
 
 
-def _solid(one: Standing, rows: int, number: int, tile_size: float) -> str:
-    thing, scale = one.thing, tile_size / TILE_SIZE
-    length, width, up = (side * scale / 2 for side in (*thing.footprint, thing.height))
-    shape = (
-        f'cylinder" size="{length:.6g} {up:.6g}' if thing.is_round else f'box" size="{length:.6g} {width:.6g} {up:.6g}'
-    )
-    red, green, blue = one.colour
+def _solid(item: Standing, rows: int, number: int, tile_size: float) -> str:
+    """Returns the element of an object; MuJoCo's sizes are halves."""
+    thing, scale = item.thing, tile_size / TILE_SIZE
+    length, width = thing.footprint[0] * scale / 2, thing.footprint[1] * scale / 2
+    up = thing.height * scale / 2
+    x, y = thing.x * tile_size, (rows - thing.y) * tile_size
+    if thing.is_round:
+        shape = f'type="cylinder" size="{length:.6g} {up:.6g}"'
+    else:
+        shape = f'type="box" size="{length:.6g} {width:.6g} {up:.6g}"'
+    red, green, blue = item.colour
     return (
-        f'    <geom name="{thing.kind} {number}" type="{shape}" pos="{thing.x * tile_size:.6g} '
-        f'{(rows - thing.y) * tile_size:.6g} {up:.6g}" euler="0 0 {degrees(thing.angle):.6g}" '
-        f'rgba="{red:.3f} {green:.3f} {blue:.3f} 1"/>\n'
+        f'    <geom name="{thing.kind} {number}" {shape} pos="{x:.6g} {y:.6g} {up:.6g}" '
+        f'euler="0 0 {degrees(thing.angle):.6g}" rgba="{red:.3f} {green:.3f} {blue:.3f} 1"/>\n'
     )

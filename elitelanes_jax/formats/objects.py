@@ -32,7 +32,8 @@ class ObjectKind(NamedTuple):
       height: by default.
       length: of the footprint at that height, along the object's direction.
       width: of the footprint at that height, across the object's direction.
-      is_round: whether the footprint is a disc, with `length` as its diameter, instead of a rectangle.
+      is_round: whether the footprint is a disc, with `length` as its diameter, instead of a
+        rectangle.
     """
 
     height: float
@@ -41,13 +42,29 @@ class ObjectKind(NamedTuple):
     is_round: bool = False
 
 
-# Heights are those of most objects in duckietown-world's maps, proportions those of its meshes. There a house has
-# 0.5 m, a building 0.6 m and a bus 0.18 m; here they are lower, so that they fit on a tile between signs. Street name
-# signs have the widest one of the manual, 7.2 inches.
+# Heights are those of most objects in duckietown-world's maps, proportions those of its meshes.
+# There a house has 0.5 m, a building 0.6 m and a bus 0.18 m; here they are lower, so that they fit
+# on a tile between signs. Street name signs have the widest one of the manual, 7.2 inches.
 _SIGN = ObjectKind(0.18, 0.056, 0.072)
 _SIGNS = (
-    *("stop", "4_way_intersect", "right_T_intersect", "left_T_intersect", "T_intersect", "t_light_ahead", "yield"),
-    *("do_not_enter", "no_left_turn", "no_right_turn", "oneway_left", "oneway_right", "duck_crossing", "pedestrian"),
+    *(
+        "stop",
+        "4_way_intersect",
+        "right_T_intersect",
+        "left_T_intersect",
+        "T_intersect",
+        "t_light_ahead",
+        "yield",
+    ),
+    *(
+        "do_not_enter",
+        "no_left_turn",
+        "no_right_turn",
+        "oneway_left",
+        "oneway_right",
+        "duck_crossing",
+        "pedestrian",
+    ),
     *("parking", "blank"),
 )
 
@@ -79,19 +96,22 @@ _OTHER_KIND = re.compile(OTHER + r"\w[\w.-]{0,63}")
 class MapObject(NamedTuple):
     """An object of a map.
 
-    Its coordinates are those of lanes and poses in `elitelanes_jax.drive`. x points east and y south from the
-    north-west corner of the map, in tiles. Angles are counter-clockwise as seen from above; 0 is east.
+    Its coordinates are those of lanes and poses in `elitelanes_jax.drive`. x points east and y
+    south from the north-west corner of the map, in tiles. Angles are counter-clockwise as seen from
+    above; 0 is east.
 
     Attributes:
-      kind: one of `OBJECT_KINDS`; or "other:" and a name that an imported map has, such as "other:helicopter".
+      kind: one of `OBJECT_KINDS`; or "other:" and a name that an imported map has, such as
+        "other:helicopter".
       x: of the footprint's centre, in tiles east of the map's north-west corner.
       y: tiles south of that corner.
-      angle: the direction of the object's front, in radians. A vehicle drives in this direction. The printed side of a
-        sign faces it: whoever drives east reads a sign with the angle pi. The arm of a traffic light points in it; `x`
-        and `y` are those of its stand.
+      angle: the direction of the object's front, in radians. A vehicle drives in this direction.
+        The printed side of a sign faces it: whoever drives east reads a sign with the angle pi. The
+        arm of a traffic light points in it; `x` and `y` are those of its stand.
       height: metres; 0 for tags on the floor.
       tag: the number of its AprilTag in the family 36h11, 0 to 586; None without a tag.
-      static: whether it stays where it is. gym-duckietown moves other duckies, robots and checkerboards.
+      static: whether it stays where it is. gym-duckietown moves other duckies, robots and
+        checkerboards.
     """
 
     kind: str
@@ -156,17 +176,19 @@ def check_kind(kind: UserValue) -> str:
 
 def nearest_view(angles: Iterable[int], angle: float) -> int:
     """Returns the first of the views of an object that are nearest to an angle, all in degrees."""
-    return min(angles, key=lambda one: abs((one - angle + 180) % 360 - 180))
+    return min(angles, key=lambda view: abs((view - angle + 180) % 360 - 180))
 
 
 def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject, ...]:
     """Returns the objects of a map of `height` rows and `width` columns, checked.
 
-    `values` is a list or tuple of `MapObject`, or of mappings from its fields' names, as map files have them.
+    `values` is a list or tuple of `MapObject`, or of mappings from its fields' names, as map files
+    have them.
 
     Raises:
-      InputError: for an unknown kind or field, a position over `BEYOND` tiles outside the map, a height that is not
-        positive or over 10 m, or a tag out of range; the message names the object's index and field.
+      InputError: for an unknown kind or field, a position over `BEYOND` tiles outside the map, a
+        height that is not positive or over 10 m, or a tag out of range; the message names the
+        object's index and field.
     """
     if not isinstance(values, list | tuple) or isinstance(values, MapObject):
         raise InputError(f"objects: expected a list of objects, got {shorten(repr(values))}")
@@ -190,23 +212,27 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     if not isinstance(values, Mapping) or "kind" not in values:
         raise InputError(f'expected {{"kind": ..., "x": ..., "y": ...}}, got {shorten(repr(value))}')
     fields = MapObject._fields
-    for name in (name for name in values if name not in fields):
-        raise InputError(f"expected the fields {', '.join(fields)}, got {shorten(repr(name))}{suggest(name, fields)}")
+    for name in values:
+        if name not in fields:
+            got = f"{shorten(repr(name))}{suggest(name, fields)}"
+            raise InputError(f"expected the fields {', '.join(fields)}, got {got}")
     kind = check_kind(values["kind"])
     usual = OBJECT_KINDS[base_kind(kind)].height
-    found = {
-        "x": _number("x", values.get("x"), -BEYOND, width + BEYOND, "tiles"),
-        "y": _number("y", values.get("y"), -BEYOND, height + BEYOND, "tiles"),
-        "angle": _number("angle", values.get("angle", 0.0), -7, 7, "radians"),
-        "height": _number("height", values.get("height", usual), 0.001 if usual else 0, 10 if usual else 0, "metres"),
-    }
+    # A kind without a height, such as a tag on the floor, has none.
+    lowest, highest = (0.001, 10) if usual else (0, 0)
+    x = _number("x", values.get("x"), -BEYOND, width + BEYOND, "tiles")
+    y = _number("y", values.get("y"), -BEYOND, height + BEYOND, "tiles")
+    angle = _number("angle", values.get("angle", 0.0), -7, 7, "radians")
+    object_height = _number("height", values.get("height", usual), lowest, highest, "metres")
     tag, static = values.get("tag"), values.get("static", True)
     if tag is not None and not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
         got = shorten(repr(tag), 40)
         raise InputError(f"tag: expected a number of the family 36h11, 0 to {LARGEST_TAG}, got {got}")
     if not isinstance(static, bool):
         raise InputError(f"static: expected true or false, got {shorten(repr(static), 40)}")
-    return MapObject(kind, **found, tag=None if tag is None else int(tag), static=static)
+    if tag is not None:
+        tag = int(tag)
+    return MapObject(kind, x, y, angle, object_height, tag, static)
 
 
 def _number(name: str, value: UserValue, least: float, most: float, unit: str) -> float:

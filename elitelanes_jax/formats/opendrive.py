@@ -1,21 +1,31 @@
 """Road networks as OpenDRIVE 1.7, for CARLA, esmini and others: lines and arcs, exactly where the tiles have them.
 
-Roads lead from crossing to crossing along the middle of straights and turns, with a lane on each side. A crossing is a
-junction as large as its tile, with a connecting road for each movement. Cars turn back at dead ends, in junctions with
-one connecting road. A road back to its own crossing has a junction halfway, a ring has two.
+Roads lead from crossing to crossing along the middle of straights and turns, with a lane on each
+side. A crossing is a junction as large as its tile, with a connecting road for each movement. Cars
+turn back at dead ends, in junctions with one connecting road. A road back to its own crossing has a
+junction halfway, a ring has two.
 
-OpenDRIVE allows no junction next to a junction: between adjacent crossings is a road of twice `_INSET`.
+OpenDRIVE allows no junction next to a junction: between adjacent crossings is a road of twice
+`_INSET`.
 """
 
 import math
-from itertools import accumulate
 from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._pieces import across, middle
 from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.formats.signals import Arrival, Signal, list_signals, rights_of_way, signal_element
+from elitelanes_jax.formats.signals import (
+    Arrival,
+    Signal,
+    list_signals,
+    rights_of_way,
+    signal_element,
+)
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.curves import Curve, lane_curves
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
@@ -34,7 +44,8 @@ class _End(NamedTuple):
     @property
     def link(self) -> str:
         """The attributes of a link to it."""
-        return f'elementType="road" elementId="{self.road}" contactPoint="{"start" if self.starts else "end"}"'
+        contact = "start" if self.starts else "end"
+        return f'elementType="road" elementId="{self.road}" contactPoint="{contact}"'
 
     @property
     def lane_in(self) -> int:
@@ -42,147 +53,262 @@ class _End(NamedTuple):
         return 1 if self.starts else -1
 
 
+class _Network(NamedTuple):
+    """The roads and junctions that the tiles of a map become.
+
+    Attributes:
+      links: the linked neighbours of each tile.
+      junctions: the number of the junction on each tile that has one, in ascending order.
+      paths: the tiles of each road between junctions, with those of both junctions.
+      first_road: the number of the first path's road. CARLA takes a number for a road if there is
+        one with it, so roads are numbered after junctions.
+      ends: the end of a road at each arrival in a junction.
+      height: the number of rows.
+      streets: the measures of all roads.
+    """
+
+    links: dict[Cell, list[Cell]]
+    junctions: dict[Cell, int]
+    paths: list[list[Cell]]
+    first_road: int
+    ends: dict[Arrival, _End]
+    height: int
+    streets: Streets
+
+
 @name_wrong_arguments
 def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 
     Args:
-      source: a `RoadMap`, whose signs and lights are written too, a grid ``[H, W]`` of codes, or a file. Connections
-        that no neighbour returns, or that leave the grid, are no roads.
-      streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
+      source: a `RoadMap`, whose signs and lights are written too, a grid ``[H, W]`` of codes, or a
+        file. Connections that no neighbour returns, or that leave the grid, are no roads.
+      streets: their measures. A crossing with lights or stop signs on the map has these, and no
+        other right of way.
 
     Returns:
-      A text; the same map gives the same text. x is east and y north of the grid's south-west corner, in metres. Roads
-      are named by the tile and the side where they start, such as ``3_4_east``; connecting roads by their tile, the
-      side by which they enter and their turn, such as ``3_4_west_left``.
+      A text; the same map gives the same text. x is east and y north of the grid's south-west
+      corner, in metres. Roads are named by the tile and the side where they start, such as
+      ``3_4_east``; connecting roads by their tile, the side by which they enter and their turn,
+      such as ``3_4_west_left``.
 
     Raises:
       InputError: for a bad map, one without any road, or bad measures.
     """
     road_map = as_map(source)
     rules = rights_of_way(road_map, streets)
-    graph = lane_graph(road_map.codes, turn_back=True)
-    links = linked_tiles(road_map.codes)
-    height, width = road_map.codes.shape
+    movements = lane_graph(road_map.codes, turn_back=True).list_movements()
+    network = _make_network(road_map.codes, streets)
+    signals = list_signals(road_map, rules, network.paths)
+    connections: dict[Cell, list[str]] = {tile: [] for tile in network.junctions}
+    roads = _roads(network, signals)
+    for movement in movements:
+        tile = movement.node.tile
+        if tile in network.junctions:
+            number = network.first_road + len(roads)
+            roads.append(_connecting_road(network, number, movement))
+            connections[tile].append(_connection(network, number, movement, len(connections[tile])))
+    controllers, rights = _rights_at_junctions(network, rules, signals)
+    junctions = []
+    for tile, number in network.junctions.items():
+        content = "".join(connections[tile] + rights.get(tile, []))
+        junctions.append(f'<junction id="{number}" name="{tile[0]}_{tile[1]}">{content}</junction>')
+    head = ['<?xml version="1.0" encoding="UTF-8"?>', "<OpenDRIVE>"]
+    head.append(_header(road_map.codes.shape, streets))
+    return "\n".join(head + roads + controllers + junctions + ["</OpenDRIVE>\n"])
+
+
+def _make_network(codes: Int8[np.ndarray, "H W"], streets: Streets) -> _Network:
+    links = linked_tiles(codes)
     nodes = {tile for tile in links if len(links[tile]) != 2}
     for path in walk_roads(links, nodes):
+        # No road may lead back to the junction where it starts.
         if path[0] == path[-1]:
             nodes |= {path[0], path[len(path) // 2]}
-    junctions = {tile: number for number, tile in enumerate(sorted(nodes), 1) if links[tile]}
-    first = max(junctions.values()) + 1  # CARLA takes a number for a road if there is one
+    linked_nodes = [tile for tile in sorted(nodes) if links[tile]]
+    numbers = {tile: index + 1 for index, tile in enumerate(sorted(nodes))}
+    junctions = {tile: numbers[tile] for tile in linked_nodes}
+    first_road = max(junctions.values()) + 1
     paths = walk_roads(links, set(junctions))
     ends: dict[Arrival, _End] = {}
-    for number, path in enumerate(paths, first):
-        ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
-    signals = list_signals(road_map, rules, paths)
-    roads: list[str] = []
-    for number, path in enumerate(paths, first):
-        row, column = path[0]
-        name = f"{row}_{column}_{side_towards(*path[:2]).name}"
-        both = [junctions[path[end]] for end in (0, -1)]
-        pieces = middle(path, links)
-        *_, length = accumulate(piece.length * streets.tile for piece in pieces)  # to the last digit as in `_element`
-        signs = [signal_element(one, 0, 1, streets, height) for one in signals[path[0], path[1]]]
-        signs += [signal_element(one, length, -1, streets, height) for one in signals[path[-1], path[-2]]]
-        roads.append(_road(number, name, pieces, both, signs, streets, height))
+    for number, path in enumerate(paths, first_road):
+        ends[path[0], path[1]] = _End(number, starts=True)
+        ends[path[-1], path[-2]] = _End(number, starts=False)
+    return _Network(links, junctions, paths, first_road, ends, len(codes), streets)
 
-    built: dict[Cell, list[str]] = {tile: [] for tile in junctions}
-    for movement in graph.list_movements():
-        tile, tile_before, tile_after = movement.node.tile, movement.node.tile_before, movement.next_node.tile
-        if tile not in junctions:
-            continue
-        number, connections = first + len(roads), built[tile]
-        start, end = ends[tile, tile_before], ends[tile, tile_after]
-        if movement.turn == BACK:
-            _, half_circle, _ = lane_curves(movement, streets.lane / streets.tile / 2)
-            pieces = [half_circle]
-        else:
-            is_crossing = len(links[tile]) > 2
-            gaps = [is_crossing and len(links[neighbour]) > 2 for neighbour in (tile_before, tile_after)]
-            pieces = across(movement, *gaps)
-        roads.append(_connecting_road(number, junctions[tile], movement, pieces, start, end, streets, height))
-        place = f'id="{len(connections)}" incomingRoad="{start.road}" connectingRoad="{number}" contactPoint="start"'
-        connections.append(f'<connection {place}><laneLink from="{start.lane_in}" to="-1"/></connection>')
-    controllers: list[str] = []
-    for tile, rule in rules.items():
-        axes = [[(tile, other) for other in links[tile] if (other[1] == tile[1]) == side] for side in (0, 1)]
-        if rule == "traffic_light":
-            built[tile] += _lights([[one for end in axis for one in signals[end]] for axis in axes], controllers)
-        elif rule == "priority" and len(links[tile]) == 3:  # the road that goes straight on
-            (low,), high = sorted(axes, key=len)
-            built[tile] += [f'<priority high="{ends[end].road}" low="{ends[low].road}"/>' for end in high]
-    header = (
-        f'<header revMajor="1" revMinor="7" name="" version="1" north="{height * streets.tile:.9g}" south="0" '
-        f'east="{width * streets.tile:.9g}" west="0"><geoReference>{_GEO_REFERENCE}</geoReference></header>'
+
+def _header(shape: tuple[int, ...], streets: Streets) -> str:
+    north, east = shape[0] * streets.tile, shape[1] * streets.tile
+    extent = f'north="{north:.9g}" south="0" east="{east:.9g}" west="0"'
+    reference = f"<geoReference>{_GEO_REFERENCE}</geoReference>"
+    return f'<header revMajor="1" revMinor="7" name="" version="1" {extent}>{reference}</header>'
+
+
+def _roads(network: _Network, signals: dict[Arrival, list[Signal]]) -> list[str]:
+    """Returns the elements of the roads between junctions, with a lane on each side and their signals."""
+    streets, height = network.streets, network.height
+    lanes = (
+        f"<left>{_lane(1, 'solid', streets)}</left>"
+        f"<center>{_lane(0, 'broken', streets)}</center>"
+        f"<right>{_lane(-1, 'solid', streets)}</right>"
     )
-    crossings = [
-        f'<junction id="{junctions[row, column]}" name="{row}_{column}">{"".join(parts)}</junction>'
-        for (row, column), parts in built.items()
-    ]
-    head = ('<?xml version="1.0" encoding="UTF-8"?>', "<OpenDRIVE>", header)
-    return "\n".join([*head, *roads, *controllers, *crossings, "</OpenDRIVE>\n"])
+    roads = []
+    for number, path in enumerate(network.paths, network.first_road):
+        pieces = middle(path, network.links)
+        signs = ""
+        for signal in signals[path[0], path[1]]:
+            signs += signal_element(signal, 0, 1, streets, height)
+        for signal in signals[path[-1], path[-2]]:
+            signs += signal_element(signal, _length(pieces, streets), -1, streets, height)
+        row, column = path[0]
+        name = f"{row}_{column}_{side_towards(path[0], path[1]).name}"
+        roads.append(
+            _element(
+                f'name="{name}" id="{number}" junction="-1"',
+                f'elementType="junction" elementId="{network.junctions[path[0]]}"',
+                f'elementType="junction" elementId="{network.junctions[path[-1]]}"',
+                pieces,
+                f'<lanes><laneSection s="0">{lanes}</laneSection></lanes><signals>{signs}</signals>',
+                network,
+            )
+        )
+    return roads
 
 
-def _lights(axes: list[list[Signal]], controllers: list[str]) -> list[str]:
-    """Returns the elements of a crossing for its lights, together along each axis; adds their controllers."""
-    rights = []
-    for sequence, axis in enumerate(axes):
-        lights = "".join(f'<control signalId="{one.number}" type="0"/>' for one in axis if one.kind == "trafficlight")
-        place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
-        controllers.append(f"<controller {place}>{lights}</controller>")
-        rights.append(f'<controller {place} type="0"/>')
-    return rights
-
-
-def _road(
-    number: int, name: str, pieces: list[Curve], nodes: list[int], signs: list[str], streets: Streets, height: int
-) -> str:
-    """Returns the element of a road between junctions, with a lane on each side and its signals."""
-    sides = (("left", 1, "solid"), ("center", 0, "broken"), ("right", -1, "solid"))
-    lanes = "".join(f"<{side}>{_lane(lane, mark, streets)}</{side}>" for side, lane, mark in sides)
-    section = f'<lanes><laneSection s="0">{lanes}</laneSection></lanes><signals>{"".join(signs)}</signals>'
-    links = [f'elementType="junction" elementId="{node}"' for node in nodes]
-    return _element(f'name="{name}" id="{number}" junction="-1"', links, pieces, section, streets, height)
-
-
-def _connecting_road(
-    number: int,
-    junction: int,
-    movement: Movement,
-    pieces: list[Curve],
-    start: _End,
-    end: _End,
-    streets: Streets,
-    height: int,
-) -> str:
+def _connecting_road(network: _Network, number: int, movement: Movement) -> str:
     """Returns the element of a road across a junction, with the right lane alone and no marks."""
+    streets = network.streets
+    start, end = _ends_of(network, movement)
     link = f'<link><predecessor id="{start.lane_in}"/><successor id="{-end.lane_in}"/></link>'
-    offset = f'<laneOffset s="0" a="{streets.lane / 2:.9g}" b="0" c="0" d="0"/>' if movement.turn == BACK else ""
-    centre, right = _lane(0, "none", streets), _lane(-1, "none", streets, link)
-    section = f'<lanes>{offset}<laneSection s="0"><center>{centre}</center><right>{right}</right></laneSection></lanes>'
-    attributes = f'name="{movement.name}" id="{number}" junction="{junction}"'
-    return _element(attributes, [start.link, end.link], pieces, section, streets, height)
+    lanes = f"<center>{_lane(0, 'none', streets)}</center><right>{_lane(-1, 'none', streets, link)}</right>"
+    offset = ""
+    if movement.turn == BACK:
+        # Its reference line is the half circle along the lane's centre, not the road's middle.
+        offset = f'<laneOffset s="0" a="{streets.lane / 2:.9g}" b="0" c="0" d="0"/>'
+    return _element(
+        f'name="{movement.name}" id="{number}" junction="{network.junctions[movement.node.tile]}"',
+        start.link,
+        end.link,
+        _connecting_pieces(network, movement),
+        f'<lanes>{offset}<laneSection s="0">{lanes}</laneSection></lanes>',
+        network,
+    )
+
+
+def _connecting_pieces(network: _Network, movement: Movement) -> list[Curve]:
+    """Returns the line or arc across a junction, from the end of one road to the start of another."""
+    if movement.turn == BACK:
+        _, half_circle, _ = lane_curves(movement, network.streets.lane / network.streets.tile / 2)
+        return [half_circle]
+    links = network.links
+    is_crossing = len(links[movement.node.tile]) > 2
+    return across(
+        movement,
+        from_crossing=is_crossing and len(links[movement.node.tile_before]) > 2,
+        to_crossing=is_crossing and len(links[movement.next_node.tile]) > 2,
+    )
+
+
+def _connection(network: _Network, number: int, movement: Movement, index: int) -> str:
+    """Returns the element of a junction for the connecting road with a number."""
+    start, _ = _ends_of(network, movement)
+    roads = f'incomingRoad="{start.road}" connectingRoad="{number}" contactPoint="start"'
+    lane_link = f'<laneLink from="{start.lane_in}" to="-1"/>'
+    return f'<connection id="{index}" {roads}>{lane_link}</connection>'
+
+
+def _ends_of(network: _Network, movement: Movement) -> tuple[_End, _End]:
+    """Returns the ends of the roads that a movement joins."""
+    node = movement.node
+    return network.ends[node.tile, node.tile_before], network.ends[node.tile, movement.next_node.tile]
+
+
+def _rights_at_junctions(
+    network: _Network, rules: dict[Cell, str], signals: dict[Arrival, list[Signal]]
+) -> tuple[list[str], dict[Cell, list[str]]]:
+    """Returns the controllers of lights, and the elements of junctions that say who goes first."""
+    controllers: list[str] = []
+    rights: dict[Cell, list[str]] = {}
+    for tile, rule in rules.items():
+        along: list[Arrival] = []  # of the road from north to south
+        beside: list[Arrival] = []  # of the road from west to east
+        for neighbour in network.links[tile]:
+            axis = along if neighbour[1] == tile[1] else beside
+            axis.append((tile, neighbour))
+        if rule == "traffic_light":
+            rights[tile] = []
+            for sequence, axis in enumerate((beside, along)):
+                place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
+                controllers.append(f"<controller {place}>{_controlled_lights(axis, signals)}</controller>")
+                rights[tile].append(f'<controller {place} type="0"/>')
+        elif rule == "priority" and len(network.links[tile]) == 3:
+            (low,), high = sorted((along, beside), key=len)
+            low_road = network.ends[low].road
+            rights[tile] = []
+            for arrival in high:
+                rights[tile].append(f'<priority high="{network.ends[arrival].road}" low="{low_road}"/>')
+    return controllers, rights
+
+
+def _controlled_lights(axis: list[Arrival], signals: dict[Arrival, list[Signal]]) -> str:
+    """Returns the elements of a controller: one for each light at the ends of two opposite roads."""
+    lights = ""
+    for arrival in axis:
+        for signal in signals[arrival]:
+            if signal.kind == "trafficlight":
+                lights += f'<control signalId="{signal.number}" type="0"/>'
+    return lights
 
 
 def _lane(number: int, mark: str, streets: Streets, link: str = "") -> str:
-    width = f'<width sOffset="0" a="{streets.lane:.9g}" b="0" c="0" d="0"/>' if number else ""
+    """Returns the element of a lane; lane 0 is the line between the directions and has no width."""
+    kind, color, width = "none", "yellow", ""
+    if number != 0:
+        kind, color = "driving", "standard"
+        width = f'<width sOffset="0" a="{streets.lane:.9g}" b="0" c="0" d="0"/>'
+    road_mark = f'<roadMark sOffset="0" type="{mark}" weight="standard" color="{color}"/>'
+    return f'<lane id="{number}" type="{kind}" level="false">{link}{width}{road_mark}</lane>'
+
+
+def _element(
+    attributes: str,
+    predecessor: str,
+    successor: str,
+    pieces: list[Curve],
+    lanes: str,
+    network: _Network,
+) -> str:
+    """Returns the element of a road; lengths are in metres."""
+    streets = network.streets
+    link = f"<link><predecessor {predecessor}/><successor {successor}/></link>"
+    speed = f'<speed max="{streets.speed:.9g}" unit="m/s"/>'
+    plan = _plan_view(pieces, streets, network.height)
     return (
-        f'<lane id="{number}" type="{"driving" if number else "none"}" level="false">{link}{width}'
-        f'<roadMark sOffset="0" type="{mark}" weight="standard" color="{"standard" if number else "yellow"}"/></lane>'
+        f'<road {attributes} length="{_length(pieces, streets):.12g}">{link}<type s="0" type="town">{speed}</type>'
+        f"<planView>{plan}</planView>{lanes}</road>"
     )
 
 
-def _element(attributes: str, links: list[str], pieces: list[Curve], lanes: str, streets: Streets, height: int) -> str:
-    geometries, s = [], 0.0
+def _plan_view(pieces: list[Curve], streets: Streets, height: int) -> str:
+    """Returns the elements of lines and arcs."""
+    geometries = []
+    s = 0.0
     for east, south, heading, length, curvature in pieces:
-        x, y, metres = (value * streets.tile for value in (east, height - south, length))
+        x, y = east * streets.tile, (height - south) * streets.tile
         angle = (1 - heading) * math.pi / 2
+        metres = length * streets.tile
         place = f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{angle:.12g}" length="{metres:.12g}"'
-        shape = f'<arc curvature="{curvature / streets.tile:.12g}"/>' if curvature else "<line/>"
+        shape = "<line/>"
+        if curvature:
+            shape = f'<arc curvature="{curvature / streets.tile:.12g}"/>'
         geometries.append(f"<geometry {place}>{shape}</geometry>")
         s += metres
-    return (
-        f'<road {attributes} length="{s:.12g}"><link><predecessor {links[0]}/><successor {links[1]}/></link>'
-        f'<type s="0" type="town"><speed max="{streets.speed:.9g}" unit="m/s"/></type>'
-        f"<planView>{''.join(geometries)}</planView>{lanes}</road>"
-    )
+    return "".join(geometries)
+
+
+def _length(pieces: list[Curve], streets: Streets) -> float:
+    """Returns the length of a road in metres, with the rounding of the positions in `_plan_view`."""
+    length = 0.0
+    for piece in pieces:
+        length += piece.length * streets.tile
+    return length

@@ -1,6 +1,7 @@
 """A plan to build a map from: which tile lies where, what tape it needs, and what stands on it.
 
-Tapes are those of Duckietown's appearance specification, sections "Layer - Tilemap" and "Assembly - Road Tiles".
+Tapes are those of Duckietown's appearance specification, sections "Layer - Tilemap" and "Assembly -
+Road Tiles".
 """
 
 from itertools import pairwise
@@ -26,7 +27,12 @@ TAPE_WIDTHS = {"white": 0.048, "yellow": 0.024, "red": 0.048}
 LONGEST_PLAN = 64
 """The longest side of maps that a plan can show, in tiles."""
 
-REFERENCE = {"straight": NORTH | SOUTH, "turn": SOUTH | WEST, "crossing3": NORTH | SOUTH | WEST, "crossing4": 15}
+REFERENCE = {
+    "straight": NORTH | SOUTH,
+    "turn": SOUTH | WEST,
+    "crossing3": NORTH | SOUTH | WEST,
+    "crossing4": 15,
+}
 """The code of each kind of tile without a rotation."""
 
 # The kind and the fewest quarter turns of each code.
@@ -56,7 +62,8 @@ class PlacedTile(NamedTuple):
       row: from 0 in the north.
       column: from 0 in the west.
       kind: straight, turn, crossing3 or crossing4.
-      quarter_turns: the fewest counter-clockwise turns that rotate the tile in `REFERENCE` to this one, 0 to 3.
+      quarter_turns: the fewest counter-clockwise turns that rotate the tile in `REFERENCE` to this
+        one, 0 to 3.
     """
 
     row: int
@@ -96,15 +103,17 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
       tile_size: the pitch of the tiles in metres, 0.55 to 2.
 
     Raises:
-      InputError: for anything else, a map without roads or with a side over 64, or a tile with one connection or one
-        that its neighbour does not return, because Duckietown has no tile for the end of a road.
+      InputError: for anything else, a map without roads or with a side over 64, or a tile with one
+        connection or one that its neighbour does not return, because Duckietown has no tile for the
+        end of a road.
     """
     size = check_named("tile_size", real(0.55, 2, unit="metres"), tile_size)
-    given = as_map(road_map)
-    codes, things = given.codes, given.objects or ()
+    checked_map = as_map(road_map)
+    codes, objects = checked_map.codes, checked_map.objects or ()
     height, width = codes.shape
-    if max(height, width) > LONGEST_PLAN or not codes.any():
-        got = f"{height} x {width}" if codes.any() else "none"
+    has_roads = codes.any()
+    if max(height, width) > LONGEST_PLAN or not has_roads:
+        got = f"{height} x {width}" if has_roads else "none"
         raise InputError(f"map: expected roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles, got {got}")
     _check_ends(codes)
     placed = tuple(_place(row, column, int(codes[row, column])) for row, column in np.argwhere(codes).tolist())
@@ -120,16 +129,16 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
         placed=placed,
         tiles=tiles | {"empty": height * width - len(placed)},
         tape={colour: round(total, 3) for colour, total in tape.items()},
-        objects=tuple(sorted(things, key=lambda thing: (thing.y, thing.x, thing.kind))),
+        objects=tuple(sorted(objects, key=lambda item: (item.y, item.x, item.kind))),
     )
 
 
 def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tuple[Tape, ...]:
     """Returns the tapes of a tile, the red ones first, since the others lie on them.
 
-    White tape has five pieces outside a turn and three inside, as in the corners of a crossing. Stop lines cross the
-    lane into a crossing, where traffic keeps to the right. `quarter_turns` are counter-clockwise from the tile in
-    `REFERENCE`.
+    White tape has five pieces outside a turn and three inside, as in the corners of a crossing.
+    Stop lines cross the lane into a crossing, where traffic keeps to the right. `quarter_turns` are
+    counter-clockwise from the tile in `REFERENCE`.
     """
     half, right = tile_size / 2, tile_size / 2 - TAPE_WIDTHS["yellow"] / 2
     side = Tape("white", ((half - _EDGE, 0.0), (half - _EDGE, tile_size)))  # in the west
@@ -137,14 +146,28 @@ def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tup
     # Who comes from the north has the west on the right.
     stop = Tape("red", ((right - _LANE, TAPE_WIDTHS["red"] / 2), (right, TAPE_WIDTHS["red"] / 2)))
     stub = Tape("yellow", ((half, 0.0), (half, _STUB)))
+    middle_line = Tape("yellow", ((half, 0.0), (half, tile_size)))
+    # Strips, with the quarter turns from where they are defined.
     if kind == "straight":
-        strips = [(Tape("yellow", ((half, 0.0), (half, tile_size))), 0), (side, 0), (side, 2)]
+        strips = [(middle_line, 0), (side, 0), (side, 2)]
     elif kind == "turn":
-        strips = [(_arc("white", half + _EDGE, 5, tile_size), 0), (corner, 0), (_arc("yellow", half, 16, tile_size), 0)]
+        outer = _arc("white", half + _EDGE, 5, tile_size)
+        strips = [(outer, 0), (corner, 0), (_arc("yellow", half, 16, tile_size), 0)]
+    elif kind == "crossing3":
+        strips = [(stop, 0), (stop, 1), (stop, 2), (stub, 0), (stub, 1), (stub, 2)]
+        strips += [(corner, 0), (corner, 3), (side, 2)]
     else:
-        roads = range(3 if kind == "crossing3" else 4)
-        strips = [(strip, turns) for strip in (stop, stub) for turns in roads] + [(corner, 0), (corner, 3)]
-        strips += [(side, 2)] if kind == "crossing3" else [(corner, 1), (corner, 2)]
+        strips = [
+            (stop, 0),
+            (stop, 1),
+            (stop, 2),
+            (stop, 3),
+            (stub, 0),
+            (stub, 1),
+            (stub, 2),
+            (stub, 3),
+        ]
+        strips += [(corner, 0), (corner, 3), (corner, 1), (corner, 2)]
     return tuple(_turned(strip, turns + quarter_turns, tile_size) for strip, turns in strips)
 
 

@@ -58,7 +58,8 @@ class RoadMap:
       seed: of the run, and the index of the run's seed that found the map, from 0.
       drawn: its tile pictures.
       objects: what stands on it, such as signs and trees.
-      unsure: row and column of each cell whose code is unsure, in a map that was read from a photograph.
+      unsure: row and column of each cell whose code is unsure, in a map that was read from a
+        photograph.
     """
 
     codes: NDArray[np.int8]
@@ -123,10 +124,14 @@ def map_to_json(road_map: UserValue) -> str:
     """
     road_map = as_map(road_map)
     codes, objects = road_map.codes, road_map.objects
-    values: dict[str, Plain] = {"format": _FORMAT, "shape": list(codes.shape), "codes": codes.tolist()}
+    values: dict[str, Plain] = {
+        "format": _FORMAT,
+        "shape": list(codes.shape),
+        "codes": codes.tolist(),
+    }
     values |= {name: getattr(road_map, name) for name in _FIELDS}
     values["drawn"] = road_map.drawn and road_map.drawn._asdict()
-    values["objects"] = None if objects is None else [object_values(one) for one in objects]
+    values["objects"] = None if objects is None else [object_values(item) for item in objects]
     return _lines({key: value for key, value in values.items() if value is not None}, "") + "\n"
 
 
@@ -144,8 +149,8 @@ def _lines(value: Plain, indent: str) -> str:
 def read_map(file: str | Path) -> RoadMap:
     """Reads a map file; ``{"codes": [[...], ...]}`` is enough.
 
-    Files ``.yaml`` and ``.yml`` are maps of Duckietown, and so are folders with ``tiles.yaml`` and ``frames.yaml``. If
-    the file has other metrics than those of its codes, see `refresh`.
+    Files ``.yaml`` and ``.yml`` are maps of Duckietown, and so are folders with ``tiles.yaml`` and
+    ``frames.yaml``. If the file has other metrics than those of its codes, see `refresh`.
 
     Raises:
       InputError: if it cannot be read, has over 32 MiB or a bad entry; the message names the file.
@@ -159,7 +164,8 @@ def read_maps(file: str | Path) -> list[RoadMap]:
     """Reads a file of one map, or a JSON list of maps, ``[{"codes": [[...], ...]}, ...]``.
 
     Raises:
-      InputError: as `read_map`, here for over 64 MiB; the message names the file and the map's index, from 0.
+      InputError: as `read_map`, here for over 64 MiB; the message names the file and the map's
+        index, from 0.
     """
     return _read(file, _MOST_LISTED, _maps_of)
 
@@ -169,23 +175,25 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
     """Returns one map or several as a list.
 
     Args:
-      sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file, see `read_maps`; or several of
-        these. An array ``[N, H, W]`` is several.
+      sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file, see
+        `read_maps`; or several of these. An array ``[N, H, W]`` is several.
 
     Raises:
       InputError: for a bad grid or file, or anything else.
     """
-    one = isinstance(sources, str | Path) or _dimensions(sources) == 2
-    if isinstance(sources, Mapping) or not (one or isinstance(sources, Iterable)):
+    is_single = isinstance(sources, str | Path) or _dimensions(sources) == 2
+    if isinstance(sources, Mapping) or not (is_single or isinstance(sources, Iterable)):
         raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
     maps: list[RoadMap] = []
-    for index, source in enumerate([sources] if one else sources):
+    for index, source in enumerate([sources] if is_single else sources):
         if isinstance(source, str | Path):
             maps += read_maps(source)
         elif isinstance(source, RoadMap):
             maps.append(source)
+        elif is_single:
+            maps.append(RoadMap(source))
         else:
-            maps.append(RoadMap(source) if one else check_named(f"map {index}", RoadMap, source))
+            maps.append(check_named(f"map {index}", RoadMap, source))
     return maps
 
 
@@ -275,7 +283,7 @@ def _one_map_of(values: Plain) -> list[RoadMap]:
 def _maps_of(values: Plain) -> list[RoadMap]:
     if not isinstance(values, list):
         return _one_map_of(values)
-    return [check_named(f"map {index}", _map_of, one) for index, one in enumerate(values)]
+    return [check_named(f"map {index}", _map_of, item) for index, item in enumerate(values)]
 
 
 def _map_of(values: Plain) -> RoadMap:
@@ -324,7 +332,10 @@ def _is_drawn(value: Plain) -> bool:
         and set(value) == set(Drawn._fields)
         and isinstance(value["tile_set"], str)
         and _all(lambda row: _all(lambda name: isinstance(name, str), row), value["tiles"])
-        and _all(lambda row: _all(lambda turns: is_whole(turns) and 0 <= turns < 4, row), value["quarter_turns"])
+        and _all(
+            lambda row: _all(lambda turns: is_whole(turns) and 0 <= turns < 4, row),
+            value["quarter_turns"],
+        )
     )
 
 

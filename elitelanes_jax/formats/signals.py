@@ -6,7 +6,7 @@ from math import cos, hypot, pi, sin
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Complex128, Float64
 
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax.formats.duckietown import TILE_SIZE
@@ -19,7 +19,12 @@ from elitelanes_jax.network.codes import SIDES
 _FAR = 1.5  # tiles from a crossing, where signs no longer belong to it
 _RULES = {"sign_stop": "allway_stop", "trafficlight": "traffic_light"}
 _KINDS = {rule: kind for kind, rule in _RULES.items()}
-_OF_CROSSINGS = ("_stop", "_yield", "_t_light_ahead", "_intersect")  # ends of the names of their signs
+_OF_CROSSINGS = (
+    "_stop",
+    "_yield",
+    "_t_light_ahead",
+    "_intersect",
+)  # ends of the names of their signs
 _ASIDE = 0.3  # tiles from a sign towards its road: signs beside straight roads are 0.08 outside their tiles
 _TYPES = {  # of the German road traffic regulations (StVO), and subtypes
     "sign_stop": ("206", "-1"),
@@ -33,7 +38,15 @@ _TYPES = {  # of the German road traffic regulations (StVO), and subtypes
 }
 
 Arrival = tuple[Cell, Cell]  # where a road ends: the tile that it leads to, and the tile before
-_Passage = tuple[complex, complex, bool, Arrival]  # of a lane on a tile: see `_passages`
+
+
+class _Passage(NamedTuple):
+    """A lane on a tile. Positions are complex: x east, y north."""
+
+    middle: complex  # of the tile
+    ahead: complex  # the direction of the lane, of size 1
+    starts: bool  # whether its road starts there
+    end: Arrival  # of its road
 
 
 class Signal(NamedTuple):
@@ -41,7 +54,7 @@ class Signal(NamedTuple):
 
     number: int  # from 1
     kind: str  # one of `OBJECT_KINDS`
-    thing: MapObject | None = None  # of the map; None if the right of way asks for a signal
+    item: MapObject | None = None  # of the map; None if the right of way asks for a signal
     heading: float = 0.0  # of its reader, in radians counter-clockwise from east
 
 
@@ -52,95 +65,134 @@ def rights_of_way(road_map: RoadMap, streets: Streets) -> dict[Cell, str]:
       InputError: for `streets` that are not `Streets`.
     """
     check_named("streets", instance(Streets), streets)
-    rules = {tile: streets.right_of_way for tile, others in linked_tiles(road_map.codes).items() if len(others) > 2}
-    for thing in sorted(_signs(road_map), key=lambda thing: thing.kind):  # lights last: they overrule signs
-        tile = crossing_of(thing, rules)
-        if tile and thing.kind in _RULES:
-            rules[tile] = _RULES[thing.kind]
+    rules: dict[Cell, str] = {}
+    for tile, neighbours in linked_tiles(road_map.codes).items():
+        if len(neighbours) > 2:
+            rules[tile] = streets.right_of_way
+    for sign in sorted(_signs(road_map), key=lambda sign: sign.kind):  # lights last: they overrule signs
+        crossing = crossing_of(sign, rules)
+        if crossing and sign.kind in _RULES:
+            rules[crossing] = _RULES[sign.kind]
     return rules
 
 
 def list_signals(road_map: RoadMap, rules: dict[Cell, str], paths: list[list[Cell]]) -> dict[Arrival, list[Signal]]:
     """Lists the signals at the ends of roads: a sign for the drivers who read it, a light at all ends of its crossing.
 
-    `rules` is the right of way of each crossing. It has signs or lights at all ends if the map has none there. `paths`
-    are the tiles of all roads, with both ends. A sign of a crossing is at the road that leads there with the heading of
-    its reader. Any other sign is at the road beside it; a street name is at the road that it faces.
+    `rules` is the right of way of each crossing. It has signs or lights at all ends if the map has
+    none there. `paths` are the tiles of all roads, with both ends. A sign of a crossing is at the
+    road that leads there with the heading of its reader. Any other sign is at the road beside it; a
+    street name is at the road that it faces.
     """
-    numbers, own = count(1), set()
-    ways = {(way[-1], way[-2]): way for path in paths for way in (path[::-1], path)}
-    found: dict[Arrival, list[Signal]] = {end: [] for end in ways}
-    headings = {(tile, before): SIDES.index(side_towards(before, tile)) for tile, before in found}
+    numbers = count(1)
+    ways: dict[Arrival, list[Cell]] = {}
+    for path in paths:
+        ways[path[0], path[1]] = path[::-1]
+        ways[path[-1], path[-2]] = path
+    headings = {(tile, before): SIDES.index(side_towards(before, tile)) for tile, before in ways}
+    signals: dict[Arrival, list[Signal]] = {end: [] for end in ways}
     passages = _passages(ways)
-    middles = np.array([middle for middle, *_ in passages])
-    for thing in _signs(road_map):
-        tile = crossing_of(thing, rules)
-        if thing.kind in _RULES:
-            own.add(tile)
-        if thing.kind == "trafficlight" and tile:
-            for end in (end for end in found if end[0] == tile):
-                found[end].append(Signal(next(numbers), thing.kind, thing, (1 - headings[end]) * pi / 2))
+    middles = np.array([passage.middle for passage in passages])
+    ruled_by_signs = set()
+    for sign in _signs(road_map):
+        crossing = crossing_of(sign, rules)
+        if sign.kind in _RULES:
+            ruled_by_signs.add(crossing)
+        if sign.kind == "trafficlight" and crossing:
+            for end in ways:
+                if end[0] == crossing:
+                    angle = (1 - headings[end]) * pi / 2
+                    signals[end].append(Signal(next(numbers), sign.kind, sign, angle))
             continue
-        heading = heading_of_reader(thing) if thing.kind.endswith(_OF_CROSSINGS) else None
-        arrivals = [end for end in found if (end[0], headings[end]) == (tile, heading)]
-        end = arrivals[0] if arrivals else _end_of_road(thing, passages, middles)
-        found[end].append(Signal(next(numbers), thing.kind, thing, thing.angle + pi))
-    for end in found:
+        end = _end_at_crossing(sign, crossing, headings) or _end_of_road(sign, passages, middles)
+        signals[end].append(Signal(next(numbers), sign.kind, sign, sign.angle + pi))
+    for end, signals_there in signals.items():
         kind = _KINDS.get(rules.get(end[0], ""))
-        if kind and end[0] not in own:
-            found[end].append(Signal(next(numbers), kind))
-    return found
+        if kind and end[0] not in ruled_by_signs:
+            signals_there.append(Signal(next(numbers), kind))
+    return signals
+
+
+def _end_at_crossing(sign: MapObject, crossing: Cell | None, headings: dict[Arrival, int]) -> Arrival | None:
+    """Returns the end of the road on which drivers read a sign of a crossing; None for a sign of another kind."""
+    if crossing is None or not sign.kind.endswith(_OF_CROSSINGS):
+        return None
+    heading = heading_of_reader(sign)
+    for end, heading_there in headings.items():
+        if end[0] == crossing and heading_there == heading:
+            return end
+    return None
 
 
 def _passages(ways: dict[Arrival, list[Cell]]) -> list[_Passage]:
-    """Lists each lane on each tile: the tile's middle, the direction, whether its road starts there, its road's end."""
-    found: list[_Passage] = []
+    """Lists each lane on each tile."""
+    passages: list[_Passage] = []
     for end, way in ways.items():
         middles = [complex(column + 0.5, -row - 0.5) for row, column in way]
         for index, middle in enumerate(middles):
-            ahead = middles[min(index + 1, len(way) - 1)] - middles[max(index - 1, 0)]
-            found.append((middle, ahead / abs(ahead), not index, end))
-    return found
+            before, after = max(index - 1, 0), min(index + 1, len(way) - 1)
+            ahead = middles[after] - middles[before]
+            passages.append(_Passage(middle, ahead / abs(ahead), index == 0, end))
+    return passages
 
 
-def _end_of_road(sign: MapObject, passages: list[_Passage], middles: NDArray[np.complex128]) -> Arrival:
+def _end_of_road(sign: MapObject, passages: list[_Passage], middles: Complex128[np.ndarray, " P"]) -> Arrival:
     """Returns the end of the road at which a sign is, in the direction of its reader.
 
-    If the sign faces the road, this is the direction that has the sign on its right. Numbers are rounded so that a
-    turned map has the same ends.
+    If the sign faces the road, this is the direction that has the sign on its right. Numbers are
+    rounded so that a turned map has the same ends.
     """
     place, front = complex(sign.x, -sign.y), complex(cos(sign.angle), sin(sign.angle))
 
-    def gaps(*places: complex) -> NDArray[np.float64]:
+    def gaps(*places: complex) -> Float64[np.ndarray, "N P"]:
+        """Returns the distances of places from the tiles of all passages."""
         apart = np.array(places)[:, None] - middles
-        return np.hypot(np.maximum(abs(apart.real) - 0.5, 0), np.maximum(abs(apart.imag) - 0.5, 0)).round(6)
+        beyond_x = np.maximum(abs(apart.real) - 0.5, 0)
+        beyond_y = np.maximum(abs(apart.imag) - 0.5, 0)
+        return np.hypot(beyond_x, beyond_y).round(6)
+
+    if sign.kind == "sign_street_name":
+        away = gaps(place + _ASIDE * front)
+    else:
+        away = gaps(place)
+        if away.min():  # left of the reader first, because traffic keeps right
+            left = _ASIDE * 1j * front
+            away = gaps(place - left, place + left)
 
     def preference(index: int) -> tuple[float, ...]:
-        middle, ahead, starts, _ = passages[index]
-        right = (1j * (place - middle) / ahead).real
-        return -round((-front / ahead).real, 3), away[0, index], -round(right, 3), starts
+        passage = passages[index]
+        against = (-front / passage.ahead).real
+        right = (1j * (place - passage.middle) / passage.ahead).real
+        return -round(against, 3), away[0, index], -round(right, 3), passage.starts
 
-    away = gaps(place + _ASIDE * front) if sign.kind == "sign_street_name" else gaps(place)
-    if away.min() and sign.kind != "sign_street_name":  # left of the reader first, because traffic keeps right
-        away = gaps(place - _ASIDE * 1j * front, place + _ASIDE * 1j * front)
-    return passages[min(np.flatnonzero(away.min(0) == away.min()).tolist(), key=preference)][-1]
+    nearest = np.flatnonzero(away.min(0) == away.min()).tolist()
+    return passages[min(nearest, key=preference)].end
 
 
 def _signs(road_map: RoadMap) -> list[MapObject]:
-    objects = road_map.objects or ()
-    return [thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"]
+    """Returns the signs and lights of a map."""
+    signs = []
+    for item in road_map.objects or ():
+        if item.kind.startswith("sign_") or item.kind == "trafficlight":
+            signs.append(item)
+    return signs
 
 
-def crossing_of(thing: MapObject, crossings: Collection[Cell]) -> Cell | None:
+def crossing_of(sign: MapObject, crossings: Collection[Cell]) -> Cell | None:
     """Returns the crossing that a sign or a light belongs to, if one is near."""
-    nearest = min(crossings, key=lambda tile: _distance(thing, tile), default=None)
-    return nearest if nearest and _distance(thing, nearest) < _FAR else None
+    nearest = min(crossings, key=lambda tile: _distance(sign, tile), default=None)
+    if nearest and _distance(sign, nearest) < _FAR:
+        return nearest
+    return None
 
 
-def _distance(thing: MapObject, tile: Cell) -> float:
+def _distance(sign: MapObject, tile: Cell) -> float:
     """Returns the distance in tiles of a light from a tile; of a sign from the far side as its reader sees it."""
-    ahead, share = SIDES[heading_of_reader(thing)], 0 if thing.kind == "trafficlight" else 0.5
-    return hypot(tile[1] + 0.5 + share * ahead.right - thing.x, tile[0] + 0.5 + share * ahead.down - thing.y)
+    ahead = SIDES[heading_of_reader(sign)]
+    share = 0 if sign.kind == "trafficlight" else 0.5
+    x = tile[1] + 0.5 + share * ahead.right
+    y = tile[0] + 0.5 + share * ahead.down
+    return hypot(x - sign.x, y - sign.y)
 
 
 def heading_of_reader(sign: MapObject) -> int:
@@ -150,19 +202,26 @@ def heading_of_reader(sign: MapObject) -> int:
 
 def signal_element(signal: Signal, s: float, lane: int, streets: Streets, rows: int) -> str:
     """Returns the element of a signal for the drivers of a lane, at the distance `s` from the start of its road."""
-    high = wide = streets.lane / 4
-    above, place = 0.7 * streets.lane, ""
-    if signal.thing:
-        thing, above = signal.thing, 0
-        high, wide = (size * streets.tile / TILE_SIZE for size in (thing.height, thing.footprint[1]))
-        x, y = thing.x * streets.tile, (rows - thing.y) * streets.tile
+    if signal.item is None:
+        height = width = streets.lane / 4
+        above = 0.7 * streets.lane
+        place = ""
+    else:
+        item = signal.item
+        height = item.height * streets.tile / TILE_SIZE
+        width = item.footprint[1] * streets.tile / TILE_SIZE
+        above = 0.0
+        x, y = item.x * streets.tile, (rows - item.y) * streets.tile
         place = f'<positionInertial x="{x:.9g}" y="{y:.9g}" z="0" hdg="{signal.heading:.9g}"/>'
-    kind, subtype = _TYPES.get(signal.kind, ("-1", "-1"))
-    about = f'country="DE" type="{kind}" subtype="{subtype}" dynamic="no"'
     if signal.kind == "trafficlight":
         about = 'country="OpenDRIVE" type="1000001" subtype="-1" dynamic="yes"'
+    else:
+        kind, subtype = _TYPES.get(signal.kind, ("-1", "-1"))
+        about = f'country="DE" type="{kind}" subtype="{subtype}" dynamic="no"'
+    orientation = "-" if lane > 0 else "+"
+    position = f's="{s:.12g}" t="{1.25 * lane * streets.lane:.9g}"'
+    size = f'zOffset="{above:.9g}" height="{height:.9g}" width="{width:.9g}"'
     return (
-        f'<signal s="{s:.12g}" t="{1.25 * lane * streets.lane:.9g}" id="{signal.number}" name="{signal.kind}" '
-        f'orientation="{"-" if lane > 0 else "+"}" {about} value="-1" zOffset="{above:.9g}" height="{high:.9g}" '
-        f'width="{wide:.9g}"><validity fromLane="{lane}" toLane="{lane}"/>{place}</signal>'
+        f'<signal {position} id="{signal.number}" name="{signal.kind}" orientation="{orientation}" '
+        f'{about} value="-1" {size}><validity fromLane="{lane}" toLane="{lane}"/>{place}</signal>'
     )

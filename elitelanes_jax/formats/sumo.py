@@ -1,8 +1,8 @@
 """Road networks for SUMO, the traffic simulator: the plain XML from which its `netconvert` makes a network.
 
-Roads lead from crossing to crossing, with a lane in each direction; traffic keeps right. They run along the middle of
-straights and the arcs of turns. SUMO has no edge from a node to itself, so a road back to its start, such as a ring, is
-cut in two.
+Roads lead from crossing to crossing, with a lane in each direction; traffic keeps right. They run
+along the middle of straights and the arcs of turns. SUMO has no edge from a node to itself, so a
+road back to its start, such as a ring, is cut in two.
 """
 
 import math
@@ -35,8 +35,9 @@ _SETTINGS = {
     "roundabouts.guess": "false",
 }
 
-# What the names of files mean in SUMO's settings and on its command line: a list, a port of the network, a folder, and
-# a variable of the environment. No way to write them keeps them from their meaning.
+# What the names of files mean in SUMO's settings and on its command line: a list, a port of the
+# network, a folder, and a variable of the environment. No way to write them keeps them from their
+# meaning.
 _REFUSED = (",", ":", "\\", "${")
 # SUMO expands these characters in names of files. Their codes are read as the characters.
 _QUOTED = {"%": "%25", "~": "%7e"}
@@ -52,8 +53,10 @@ class Sumo(NamedTuple):
 
     Attributes:
       nodes: plain XML; each is named ROW_COLUMN after its tile.
-      edges: each is named ROW_COLUMN_SIDE after its first tile and the side by which it leaves that tile.
-      connections: from each edge to those that start at its end; back along the same road only at dead ends.
+      edges: each is named ROW_COLUMN_SIDE after its first tile and the side by which it leaves that
+        tile.
+      connections: from each edge to those that start at its end; back along the same road only at
+        dead ends.
       settings: for ``netconvert -c``, which makes the network NAME.net.xml.
     """
 
@@ -72,7 +75,8 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       name: of the files, without their suffixes .nod.xml, .edg.xml and .con.xml, for the settings.
-      streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
+      streets: their measures. A crossing with lights or stop signs on the map has these, and no
+        other right of way.
 
     Raises:
       InputError: for a bad map, one without any road, a bad name, or bad measures.
@@ -85,17 +89,23 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     exits: dict[Cell, list[Cell]] = {}
     for road in roads:
         exits.setdefault(road[0], []).append(road[1])
-    lines = [to_metres(_line(road, exits), streets, len(grid)) for road in roads]
-    places = {road[0]: line[0] for road, line in zip(roads, lines, strict=True)}
-    onward = [
-        f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], after)}" fromLane="0" toLane="0"'
-        for road in roads
-        for after in [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
-    ]
+    nodes: dict[Cell, str] = {}
+    edges = []
+    connections = []
+    for road in roads:
+        line = to_metres(_line(road, exits), streets, len(grid))
+        node = road[0]
+        nodes[node] = _node(node, line[0], rules.get(node, "priority"), streets)
+        edges.append(_edge(road, line, streets))
+        # Traffic goes back only where no other road goes on.
+        onward = [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
+        for tile in onward:
+            ends = f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], tile)}"'
+            connections.append(f'{ends} fromLane="0" toLane="0"')
     return Sumo(
-        _xml("node", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
-        _xml("edge", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
-        _xml("connection", onward),
+        _xml("node", nodes.values()),
+        _xml("edge", edges),
+        _xml("connection", connections),
         _settings(check_named("name", _file_name, name)),
     )
 
@@ -108,8 +118,8 @@ def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]])
 
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
-      trips: starts and goals. Each is a `drive.LaneNode` or a plain (row, column, heading): the heading with which
-        that tile is entered, 0 north, 1 east, 2 south, 3 west.
+      trips: starts and goals. Each is a `drive.LaneNode` or a plain (row, column, heading): the
+        heading with which that tile is entered, 0 north, 1 east, 2 south, 3 west.
 
     Raises:
       InputError: for a bad map, or a start or goal that is on no road.
@@ -128,10 +138,10 @@ def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]])
             raise InputError(f"trips: expected starts and goals on roads, got row {row}, column {column}, {heading}")
         return edges[step]
 
-    elements = [
-        f'id="{number}" depart="{number}" from="{edge_of(start)}" to="{edge_of(goal)}"'
-        for number, (start, goal) in enumerate(trips)
-    ]
+    elements = []
+    for number, (start, goal) in enumerate(trips):
+        ends = f'from="{edge_of(start)}" to="{edge_of(goal)}"'
+        elements.append(f'id="{number}" depart="{number}" {ends}')
     return _xml("trip", elements, root="routes")
 
 
@@ -156,10 +166,14 @@ def _settings(name: str) -> str:
 def _roads(grid: Int8[np.ndarray, "H W"]) -> list[list[Cell]]:
     """Lists the tiles from node to node, of each road in each direction."""
     links = linked_tiles(grid)
+    nodes = {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}
     roads = []
-    for tiles in walk_roads(links, {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}):
-        middle = len(tiles) // 2
-        for part in (tiles[: middle + 1], tiles[middle:]) if tiles[0] == tiles[-1] else (tiles,):
+    for tiles in walk_roads(links, nodes):
+        parts = [tiles]
+        if tiles[0] == tiles[-1]:
+            middle = len(tiles) // 2
+            parts = [tiles[: middle + 1], tiles[middle:]]
+        for part in parts:
             roads += [part, part[::-1]]
     return sorted(roads)
 
@@ -167,8 +181,9 @@ def _roads(grid: Int8[np.ndarray, "H W"]) -> list[list[Cell]]:
 def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, "P 2"]:
     """Returns x and y of the middle of a road from node to node, in tiles, without points on straight lines.
 
-    Each tile is crossed from border to border. For a and b, the vectors from its centre to both borders,
-    a·(1 - sin t) + b·(1 - cos t) is the quarter circle of a turn, and on a straight, where b = -a, the line.
+    Each tile is crossed from border to border. For a and b, the vectors from its centre to both
+    borders, a·(1 - sin t) + b·(1 - cos t) is the quarter circle of a turn, and on a straight, where
+    b = -a, the line.
     """
     beyond = [_beyond(road[0], road[1], exits), *road, _beyond(road[-1], road[-2], exits)]
     centres = np.array([[column + 0.5, row + 0.5] for row, column in beyond])[:, None]
@@ -189,8 +204,8 @@ def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
 
 
 def _node(node: Cell, place: complex, kind: str, streets: Streets) -> str:
-    # SUMO's own 4 m for lanes of 3.2 m if there is room, but not up to the tile's border, so that there is an edge
-    # between adjacent crossings.
+    # SUMO's own 4 m for lanes of 3.2 m if there is room, but not up to the tile's border, so that
+    # there is an edge between adjacent crossings.
     radius = min(1.25 * streets.lane, 0.9 * (streets.tile / 2 - streets.lane))
     return f'id="{_id(node)}" x="{place.real:.4f}" y="{place.imag:.4f}" type="{kind}" radius="{radius:.4f}"'
 

@@ -47,9 +47,9 @@ class Format(NamedTuple):
         return (made,) if isinstance(made, str | bytes) else tuple(made)
 
 
-# At 256 pixels a tile the robot of MuJoCo sees lines with sharp edges. At 64 its picture differs three times as much
-# from the one at 384, which is the size of the tiles' own pictures. A graphics card may refuse pictures with sides of
-# over 8192 pixels.
+# At 256 pixels a tile the robot of MuJoCo sees lines with sharp edges. At 64 its picture differs
+# three times as much from the one at 384, which is the size of the tiles' own pictures. A graphics
+# card may refuse pictures with sides of over 8192 pixels.
 _SHARP_PX, _MOST_PX, _LEAST_PX = 256, 8192, 16
 
 # `formats` is lazy: a format imports slow modules when it runs.
@@ -90,7 +90,34 @@ def _without_lanes_of_sdk(road_map: RoadMap) -> list[str]:
 
 
 def _streets(measures: Mapping[str, UserValue]) -> formats.Streets:
-    return formats.Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
+    named = dict(measures)
+    if "tile_size" in named:
+        named["tile"] = named.pop("tile_size")
+    return formats.Streets(**named)
+
+
+def _sumo(road_map: RoadMap, name: str, **measures: UserValue) -> Iterable[str]:
+    return formats.to_sumo(road_map, name, _streets(measures))
+
+
+def _opendrive(road_map: RoadMap, name: str, **measures: UserValue) -> str:
+    return formats.to_opendrive(road_map, _streets(measures))
+
+
+def _lanelet2(road_map: RoadMap, name: str, **measures: UserValue) -> str:
+    return formats.to_lanelet2(road_map, _streets(measures))
+
+
+def _commonroad(road_map: RoadMap, name: str, **measures: UserValue) -> str:
+    return formats.to_commonroad(road_map, _streets(measures))
+
+
+def _pufferdrive(road_map: RoadMap, name: str, **measures: UserValue) -> Iterable[str | bytes]:
+    return formats.to_pufferdrive(road_map, name, _streets(measures))
+
+
+def _movingai(road_map: RoadMap, name: str, **cells: int) -> Iterable[str]:
+    return formats.to_movingai(road_map.codes, f"{name}.map", **cells)
 
 
 @cache
@@ -115,6 +142,11 @@ def _floor(
     return png_of(image), size.get("tile_size", TILE_SIZE), stand(objects)
 
 
+def _gltf(road_map: RoadMap, name: str, **settings: UserValue) -> bytes:
+    picture, size, standing = _floor(road_map, **settings)
+    return formats.to_gltf(road_map.codes.shape, picture, size, standing)
+
+
 def _mujoco(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, bytes]:
     picture, size, standing = _floor(road_map, **settings)
     lane_offset = load_floor_tiles(settings.get("tiles")).lane_offset
@@ -134,23 +166,15 @@ FORMATS = {
     "duckiematrix": Format(
         tuple(f"/{layer}.yaml" for layer in LAYERS), _duckiematrix, ("tile_size", "dead_ends"), _without_lanes_of_sdk
     ),
-    "sumo": Format(
-        (".nod.xml", ".edg.xml", ".con.xml", ".netccfg"),
-        lambda one, name, **how: formats.to_sumo(one, name, _streets(how)),
-        _STREETS,
-    ),
-    "opendrive": Format((".xodr",), lambda one, _, **how: formats.to_opendrive(one, _streets(how)), _STREETS),
-    "lanelet2": Format((".osm",), lambda one, _, **how: formats.to_lanelet2(one, _streets(how)), _STREETS),
-    "commonroad": Format((".xml",), lambda one, _, **how: formats.to_commonroad(one, _streets(how)), _STREETS),
-    "pufferdrive": Format(
-        (".bin", ".json"), lambda one, name, **how: formats.to_pufferdrive(one, name, _streets(how)), _STREETS
-    ),
-    "gltf": Format((".glb",), lambda one, _, **how: formats.to_gltf(one.codes.shape, *_floor(one, **how)), _FLOOR),
+    "sumo": Format((".nod.xml", ".edg.xml", ".con.xml", ".netccfg"), _sumo, _STREETS),
+    "opendrive": Format((".xodr",), _opendrive, _STREETS),
+    "lanelet2": Format((".osm",), _lanelet2, _STREETS),
+    "commonroad": Format((".xml",), _commonroad, _STREETS),
+    "pufferdrive": Format((".bin", ".json"), _pufferdrive, _STREETS),
+    "gltf": Format((".glb",), _gltf, _FLOOR),
     "mujoco": Format((".xml", ".png"), _mujoco, _FLOOR),
     "usd": Format((".usda", ".png"), _usd, _FLOOR),
-    "movingai": Format(
-        (".map", ".scen"), lambda one, name, **how: formats.to_movingai(one.codes, f"{name}.map", **how), ("cells",)
-    ),
+    "movingai": Format((".map", ".scen"), _movingai, ("cells",)),
 }
 """The formats of a map, by the names that ``--to`` takes."""
 
@@ -170,9 +194,11 @@ class FormatOptions(Record):
       dead_ends: grass: remove roads that lead nowhere, for Duckietown; by default they are refused
       lane: width of a network's lanes; by default 3.2
       speed: limit in a network, in metres a second; by default 8.33
-      right_of_way: at a network's crossings: allway_stop (the default), priority, right_before_left, traffic_light
+      right_of_way: at a network's crossings: allway_stop (the default), priority,
+        right_before_left, traffic_light
       tiles: folder of the tile pictures of a floor; by default the package's own
-      tile_px: side of a tile in a floor's picture, in pixels; by default 256, or less over 32 tiles a side
+      tile_px: side of a tile in a floor's picture, in pixels; by default 256, or less over 32 tiles
+        a side
       cells: cells of a robot's map along a tile's side, 5 to 256; by default 5
     """
 
@@ -185,13 +211,13 @@ class FormatOptions(Record):
     tile_px: int | None = option(None, none_or(TILE_PX), "N")
     cells: int | None = option(None, none_or(whole(5, 256)), "N")
 
-    def given(self) -> dict[str, UserValue]:
+    def chosen(self) -> dict[str, UserValue]:
         """Returns the settings that are not None, by name."""
         return {key: value for key, value in self.values().items() if value is not None}
 
     def check_taken_by(self, *names: str) -> None:
         """Checks that each setting is one of a format among the names; raises `InputError`."""
-        for setting in self.given():
+        for setting in self.chosen():
             able = [to for to, known in FORMATS.items() if setting in known.takes]
             if not set(able) & set(names):
                 expected = f"expected it with {', '.join(able)} alone"

@@ -6,7 +6,7 @@ from math import floor
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Int8
 
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.progress import announce_at_end
@@ -14,17 +14,23 @@ from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import crossing_of, heading_of_reader
 from elitelanes_jax.lanes.links import Cell, linked_codes
-from elitelanes_jax.maps.furnishing.signs import CONTROLS, TOPOLOGIES, crossings, has_free_corners, topology_sign
+from elitelanes_jax.maps.furnishing.signs import (
+    CONTROLS,
+    TOPOLOGIES,
+    crossings,
+    has_free_corners,
+    topology_sign,
+)
 from elitelanes_jax.network.codes import CONNECTIONS
 
 
 def warn_of_faults(name: str, road_map: RoadMap) -> None:
     """Prints what does not fit in a map in one line, at the end of a command that is not quiet."""
-    for fault in (*_ends_of_roads(road_map.codes), *_wrong_signs(road_map)):
+    for fault in _ends_of_roads(road_map.codes) + _wrong_signs(road_map):
         announce_at_end(name, fault)
 
 
-def _ends_of_roads(codes: NDArray[np.int8]) -> list[str]:
+def _ends_of_roads(codes: Int8[np.ndarray, "H W"]) -> list[str]:
     """Says at which tiles roads end: they have one connection, or one that no neighbour returns."""
     ends = np.argwhere((CONNECTIONS[codes] == 1) | (linked_codes(codes) != codes)).tolist()
     if not ends:
@@ -46,12 +52,14 @@ def count_sign_faults(road_map: RoadMap) -> SignFaults:
     """Counts the signs that do not fit the crossings, and the crossings that have none while others have."""
     arms = crossings(road_map.codes)
     bare = {tile for tile in arms if has_free_corners(road_map.codes, tile)}
-    signs = [thing for thing in road_map.objects or () if thing.kind in (*CONTROLS, *TOPOLOGIES, "trafficlight")]
+    kinds = {*CONTROLS, *TOPOLOGIES, "trafficlight"}
+    signs = [item for item in road_map.objects or () if item.kind in kinds]
     wrong = 0
     for sign in signs:
         tile = crossing_of(sign, _near(sign, arms))
         bare.discard(tile)
-        wrong += tile is None or not _fits(sign, arms[tile])
+        if tile is None or not _fits(sign, arms[tile]):
+            wrong += 1
     # A map may have lights without signs. Then no crossing lacks a sign.
     has_signs = any(sign.kind != "trafficlight" for sign in signs)
     return SignFaults(len(signs), wrong, len(arms), len(bare) if has_signs else 0)
@@ -65,13 +73,16 @@ def _wrong_signs(road_map: RoadMap) -> list[str]:
         parts.append(f"{faults.wrong} of {pluralize(faults.signs, 'sign')} do not fit the crossings")
     if faults.bare:
         parts.append(f"{pluralize(faults.bare, 'crossing')} of {faults.crossings} without signs")
-    return [f"{' and '.join(parts)}, furnish places signs again"] if parts else []
+    if not parts:
+        return []
+    return [f"{' and '.join(parts)}, furnish places signs again"]
 
 
 def _near(sign: MapObject, crossings: Collection[Cell]) -> list[Cell]:
     """Returns the crossings to which a sign can belong: a large map has too many to measure the way to each."""
-    rows, columns = (range(floor(at) - 2, floor(at) + 3) for at in (sign.y, sign.x))
-    return [tile for tile in product(rows, columns) if tile in crossings]
+    row, column = floor(sign.y), floor(sign.x)
+    cells = product(range(row - 2, row + 3), range(column - 2, column + 3))
+    return [cell for cell in cells if cell in crossings]
 
 
 def _fits(sign: MapObject, sides: list[int]) -> bool:

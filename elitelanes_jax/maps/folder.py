@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import UInt8
 
 from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.files import read_json
@@ -61,34 +61,57 @@ def write_maps(folder: Path, maps: Sequence[RoadMap], title: str, drawing: Drawi
     """
     if drawing.furnish is not None:
         place = partial(furnish_map, spec=drawing.furnish, seed=drawing.seed, lane_offset=drawing.tiles.lane_offset)
-        maps = [check_named(f"furnish: map {index}", place, plain) for index, plain in enumerate(maps)]
-    longest = max(maps[0].codes.shape)
-    sheet_px = int(np.clip(_SHEET_PX // longest, *_SHEET_TILE_PX))
-    has_objects = any(road_map.objects for road_map in maps)
-    if has_objects:
-        sheet_px = int(np.clip(_SIGNS_PX // longest, sheet_px, _SIGNS_TILE_PX))
-
-    def draw(index: int, plain: RoadMap) -> tuple[RoadMap, NDArray[np.uint8]]:
-        tiles = drawing.tiles
-        chosen = choose_tiles(plain.codes, tiles, [drawing.seed, index])
-        names = [[tiles.pictures[tile].name for tile, _ in row] for row in chosen]
-        road_map = replace(plain, drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
-        path = folder / "maps" / f"{index:04d}"
-        path.mkdir(parents=True)
-        write_picture(path, render(plain, tiles, tile_px=drawing.tile_px, chosen=chosen))
-        road_map.save(path / "map.json")
-        small = render(plain, tiles, tile_px=sheet_px, chosen=chosen).image
-        if has_objects:
-            small = pin_signs(small, plain.objects or (), sheet_px)
-        return road_map, small
-
+        furnished = []
+        for index, plain in enumerate(maps):
+            furnished.append(check_named(f"furnish: map {index}", place, plain))
+        maps = furnished
+    sheet_px = _choose_sheet_px(maps)
+    draw = partial(_draw_map, folder / "maps", drawing, sheet_px)
     with Progress("drawing", len(maps), "maps") as bar:
         calls = [partial(draw, index, plain) for index, plain in enumerate(maps)]
         drawn = side_by_side(calls, workers=count_cores(), ended=lambda _: bar.count())
-    captions = [_caption(index, road_map) for index, (road_map, _) in enumerate(drawn)]
-    sheet = contact_sheet(title, [image for _, image in drawn], captions)
+    road_maps = [road_map for road_map, _ in drawn]
+    captions = [_caption(index, road_map) for index, road_map in enumerate(road_maps)]
+    sheet = contact_sheet(title, [picture for _, picture in drawn], captions)
     write_png(folder / "contact-sheet.png", sheet)
-    return [road_map for road_map, _ in drawn]
+    return road_maps
+
+
+class _SheetSize(NamedTuple):
+    """The side of a tile on the contact sheet, and whether signs are pinned there."""
+
+    tile_px: int
+    has_objects: bool
+
+
+def _choose_sheet_px(maps: Sequence[RoadMap]) -> _SheetSize:
+    longest = max(maps[0].codes.shape)
+    least, most = _SHEET_TILE_PX
+    tile_px = min(max(_SHEET_PX // longest, least), most)
+    has_objects = any(road_map.objects for road_map in maps)
+    if has_objects:
+        tile_px = min(max(_SIGNS_PX // longest, tile_px), _SIGNS_TILE_PX)
+    return _SheetSize(tile_px, has_objects)
+
+
+def _draw_map(
+    folder: Path, drawing: Drawing, sheet: _SheetSize, index: int, plain: RoadMap
+) -> tuple[RoadMap, UInt8[np.ndarray, "_ _ 3"]]:
+    """Writes the files of a map; returns the map as drawn, and its picture on the contact sheet."""
+    tiles = drawing.tiles
+    chosen = choose_tiles(plain.codes, tiles, [drawing.seed, index])
+    names = []
+    for row in chosen:
+        names.append([tiles.pictures[tile].name for tile, _ in row])
+    road_map = replace(plain, drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
+    map_folder = folder / f"{index:04d}"
+    map_folder.mkdir(parents=True)
+    write_picture(map_folder, render(plain, tiles, tile_px=drawing.tile_px, chosen=chosen))
+    road_map.save(map_folder / "map.json")
+    small = render(plain, tiles, tile_px=sheet.tile_px, chosen=chosen).image
+    if sheet.has_objects:
+        small = pin_signs(small, plain.objects or (), sheet.tile_px)
+    return road_map, small
 
 
 def foreign_to_maps(folder: Path) -> str | None:
@@ -101,26 +124,37 @@ def foreign_to_maps(folder: Path) -> str | None:
         return f"no {RECORD}"
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return f"{RECORD} of another program"
-    names = "|".join(map(re.escape, ("map.json", *_PICTURES, "instances.png")))
-    own = re.compile(rf"run\.json|archive\.npz|explore\.html|contact-sheet\.png|maps/\d{{4,}}/({names})")
-    return foreign_file(folder, own.fullmatch)
+    map_files = "|".join(map(re.escape, ["map.json", *_PICTURES, "instances.png"]))
+    written = re.compile(rf"run\.json|archive\.npz|explore\.html|contact-sheet\.png|maps/\d{{4,}}/({map_files})")
+    return foreign_file(folder, written.fullmatch)
 
 
 def foreign_to_picture(folder: Path) -> str | None:
     """Returns the first file in a folder that `render` did not write, or None."""
     names = {*_PICTURES, "instances.png", "overlay.png"}
-    missing = [name for name in _PICTURES if not (folder / name).is_file()]
-    return foreign_file(folder, names.__contains__) or (f"no {missing[0]}" if missing else None)
+    foreign = foreign_file(folder, names.__contains__)
+    if foreign is not None:
+        return foreign
+    for name in _PICTURES:
+        if not (folder / name).is_file():
+            return f"no {name}"
+    return None
 
 
 def _caption(index: int, road_map: RoadMap) -> tuple[str, ...]:
     metrics = road_map.metrics or {}
-    used = [(kind, metrics[name], metrics.get(f"{name}_left")) for kind, name in COUNTED.items() if name in metrics]
-    shelf = ", ".join(f"{kind} {count} of {count + left}" for kind, count, left in used if left is not None)
-    return (
+    lines = [
         f"{index:04d}   fitness {road_map.fitness}",
         f"cyclomatic {metrics['cyclomatic']}, crossings {metrics['crossings']}, bridges {metrics['bridges']}",
         f"adjacent: crossings {metrics['adjacent_crossings']}, turns {metrics['adjacent_turns']}; "
         f"straight {metrics['straight_score']}",
-        *([f"used: {shelf}"] if shelf else []),
-    )
+    ]
+    # A search with an inventory also measures how many tiles of each kind are left.
+    used = []
+    for kind, name in COUNTED.items():
+        if f"{name}_left" in metrics:
+            count, left = metrics[name], metrics[f"{name}_left"]
+            used.append(f"{kind} {count} of {count + left}")
+    if used:
+        lines.append(f"used: {', '.join(used)}")
+    return tuple(lines)

@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
+from typing import NamedTuple
 
 from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError, pluralize
@@ -50,43 +51,72 @@ class GivenMaps:
 def parse_given(sources: UserValue) -> GivenMaps:
     """Reads maps, and measures metrics that are missing; raises `InputError`, which names a bad file or folder.
 
-    The sources are one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a
-    pack, or all files ``map.json`` in them, or without any the files ``.json``, ``.yaml`` and ``.yml`` and the folders
-    of Duckietown's layers right in them. Of maps whose roads are the same when moved, rotated or mirrored, the first
-    one is used, so that no two splits have the same network.
+    The sources are one map or several, as `as_maps` takes them; or folders, whose maps are those of
+    a dataset or a pack, or all files ``map.json`` in them, or without any the files ``.json``,
+    ``.yaml`` and ``.yml`` and the folders of Duckietown's layers right in them. Of maps whose roads
+    are the same when moved, rotated or mirrored, the first one is used, so that no two splits have
+    the same network.
     """
     if isinstance(sources, GivenMaps):
         return sources
-    listed, paths, file_of = [sources] if isinstance(sources, str | Path) else sources, [], {}
-    if isinstance(listed, list | tuple):
-        paths = [Path(source) for source in listed if isinstance(source, str | Path)]
-        read = [one for source in listed for one in _maps_of(source)]
-        listed, file_of = [one for _, one in read], {id(one): file for file, one in read}
-    found = as_maps(listed)
-    if not found:
+    paths, read = _read_sources(sources)
+    if not read:
         raise InputError("expected at least one map, got none")
-    distinct: dict[bytes, RoadMap] = {}
-    for form, road_map in zip(road_forms([road_map.codes for road_map in found]), found, strict=True):
-        distinct.setdefault(form, road_map)
-    maps = list(distinct.values())
-    files = [file_of.get(id(one), "") for one in maps]
-    names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
-    shares = Counter(files)
-    # Commands name a map by its file, as they do where they read one map.
-    labels = [file if file and shares[file] == 1 else name for file, name in zip(files, names, strict=True)]
-    measured = tuple(map(_measured, maps, labels))
+    distinct: dict[bytes, _SourceMap] = {}
+    forms = road_forms([item.road_map.codes for item in read])
+    for form, item in zip(forms, read, strict=True):
+        distinct.setdefault(form, item)
+    maps_in_file = Counter(item.file for item in distinct.values())
+    names = []
+    measured = []
+    for index, (file, road_map) in enumerate(distinct.values()):
+        name = f"map {index}, in {file}" if file else f"map {index}"
+        # Commands name a map by its file, as they do where they read one map.
+        label = file if file and maps_in_file[file] == 1 else name
+        names.append(name)
+        measured.append(_measured(road_map, label))
     digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
-    return GivenMaps(measured, digest, tuple(paths), tuple(names), len(found) - len(maps))
+    left_out = len(read) - len(distinct)
+    return GivenMaps(tuple(measured), digest, tuple(paths), tuple(names), left_out)
 
 
-def _maps_of(source: UserValue) -> list[tuple[str, UserValue]]:
-    """Reads a file or folder: each map with its file. Anything else is a map without a file."""
-    source = path(source) if isinstance(source, str) else source
-    if not isinstance(source, Path):
-        return [("", source)]
+class _SourceMap(NamedTuple):
+    """A map, and the file that it was read from; "" without one."""
+
+    file: str
+    road_map: RoadMap
+
+
+def _read_sources(sources: UserValue) -> tuple[list[Path], list[_SourceMap]]:
+    """Reads all maps of the sources; returns the paths among the sources, and the maps."""
+    listed = [sources] if isinstance(sources, str | Path) else sources
+    if not isinstance(listed, list | tuple):
+        return [], [_SourceMap("", road_map) for road_map in as_maps(listed)]
+    paths = []
+    values: list[tuple[str, UserValue]] = []
+    for source in listed:
+        if isinstance(source, str | Path):
+            paths.append(Path(source))
+            values += _read_path(path(source))
+        else:
+            values.append(("", source))
+    # All maps are checked together, so that a message has the index among all.
+    road_maps = as_maps([value for _, value in values])
+    if len(road_maps) != len(values):  # the values are the rows of one grid
+        return paths, [_SourceMap("", road_map) for road_map in road_maps]
+    files = [file for file, _ in values]
+    return paths, [_SourceMap(file, road_map) for file, road_map in zip(files, road_maps, strict=True)]
+
+
+def _read_path(source: Path) -> list[tuple[str, UserValue]]:
+    """Reads a file or folder: each map with its file."""
     if (source / "dataset.json").is_file():
         return _of_dataset(source)
-    return [(str(file), one) for file in _files(source) for one in read_maps(file)]
+    maps = []
+    for file in _files(source):
+        for road_map in read_maps(file):
+            maps.append((str(file), road_map))
+    return maps
 
 
 def _files(source: Path) -> list[Path]:
@@ -96,8 +126,9 @@ def _files(source: Path) -> list[Path]:
         return sorted((source / "maps").rglob("*.json"))
     files = sorted(source.rglob("map.json"))
     if not files and not (source / "run.json").exists():
-        listed = sorted(source.iterdir())
-        files = [one for one in listed if one.suffix.lower() in (".json", ".yaml", ".yml") or is_layers(one)]
+        for entry in sorted(source.iterdir()):
+            if entry.suffix.lower() in (".json", ".yaml", ".yml") or is_layers(entry):
+                files.append(entry)
     if not files:
         raise InputError(f"{source}: expected a folder with map.json or other files of maps in it, got one without")
     return files
@@ -105,16 +136,21 @@ def _files(source: Path) -> list[Path]:
 
 def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
     """Reads the maps of a dataset in the metadata of its samples, in the order of their numbers."""
-    found: dict[int, tuple[str, RoadMap]] = {}
+    by_number: dict[int, tuple[str, RoadMap]] = {}
     for file in sorted(folder.rglob("*.jsonl")):
         for line in read_text(file, 1024 * MIB).splitlines():
             try:
                 row = parse_json(line)
                 values = {name: row.get(name) for name in ("codes", "metrics", "fitness", "niche")}
-                found[row["number"]] = str(file), RoadMap(**values)
-            except (ValueError, TypeError, KeyError, AttributeError) as error:  # an InputError is a ValueError
+                by_number[row["number"]] = str(file), RoadMap(**values)
+            except (
+                ValueError,
+                TypeError,
+                KeyError,
+                AttributeError,
+            ) as error:  # an InputError is a ValueError
                 raise InputError(f"{file}: expected the metadata of a dataset, got: {error}") from None
-    return [found[number] for number in sorted(found)]
+    return [by_number[number] for number in sorted(by_number)]
 
 
 def _measured(road_map: RoadMap, name: str) -> RoadMap:

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -38,7 +38,7 @@ _ROUTES = ".rou.xml"  # the end of the names of SUMO's trips
 _SHOWN = ("tiles", "crossings", "turns", "cyclomatic", "bridges", "dead_ends", "lanes", "trip")
 
 
-class _Packed(NamedTuple):
+class _Town(NamedTuple):
     """A map with its id, which is the same for all maps with its roads, its niche's name, and its split."""
 
     id: str
@@ -51,12 +51,14 @@ class _Packed(NamedTuple):
 def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = False) -> dict[str, Plain]:
     """Writes a pack of maps.
 
-    The same maps and specification give the same files, byte for byte. If a run was killed, the same call resumes it.
+    The same maps and specification give the same files, byte for byte. If a run was killed, the
+    same call resumes it.
 
     Args:
       spec: of the pack.
-      sources: a folder of `generate` or `pick`, a dataset, a pack, or maps in any form that `as_maps` takes; or several
-        of these. Of maps whose roads are the same when moved, rotated or mirrored, the first one is packed.
+      sources: a folder of `generate` or `pick`, a dataset, a pack, or maps in any form that
+        `as_maps` takes; or several of these. Of maps whose roads are the same when moved, rotated
+        or mirrored, the first one is packed.
       out: the folder, new or empty.
       force: whether another pack in the folder is replaced, if nothing else is in the folder.
 
@@ -64,38 +66,42 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
       The record in ``pack.json``.
 
     Raises:
-      InputError: for bad maps, one without lanes or that a format cannot hold, a setting that a format refuses, fewer
-        niches than splits, also because their maps are alike, or a folder that may not be replaced.
+      InputError: for bad maps, one without lanes or that a format cannot hold, a setting that a
+        format refuses, fewer niches than splits, also because their maps are alike, or a folder
+        that may not be replaced.
       OSError: that names the file, if a file cannot be written. The same call resumes.
     """
     spec, out = check_named("spec", instance(PackSpec), spec), Path(check_named("out", path, out))
     for to in spec.to:
         FORMATS[to].files(LOOP, "map", **_settings(spec, to))
     maps = parse_given(sources)
-    packed = _split(spec, maps.maps)
+    towns = _split(spec, maps.maps)
     about: dict[str, Plain] = {
         "settings": spec.to_plain(),
-        "maps": {"number": len(packed), "digest": maps.digest},
+        "maps": {"number": len(towns), "digest": maps.digest},
         "versions": installed_versions(),
     }
     identity = {"command": "pack", **about}
     inputs: list[str | Path] = [*maps.paths, *spec.inputs]
     with output_folder(out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True) as work:
-        write_json(work.kept / "maps.json", [one.id for one in packed])
+        write_json(work.kept / "maps.json", [town.id for town in towns])
         rows = []
-        with Progress("packing", len(packed), "maps") as bar:
-            for number, one in enumerate(packed):
+        with Progress("packing", len(towns), "maps") as bar:
+            for number, town in enumerate(towns):
                 try:
-                    rows.append(_write(spec, one, work.files))
+                    rows.append(_write(spec, town, work.files))
                 except InputError as error:
                     (work.kept / "maps.json").unlink()  # nothing is left to resume
-                    raise InputError(f"niche {one.niche}, {maps.names[number]}: {error}") from None
+                    raise InputError(f"niche {town.niche}, {maps.names[number]}: {error}") from None
                 bar.count()
         about["splits"] = {}
         for name in SPLITS:
-            if held := [one for one in packed if one.split == name]:
-                about["splits"][name] = {"maps": len(held), "niches": len({one.niche for one in held})}
-            write_atomic(work.files / "splits" / f"{name}.txt", "".join(f"{one.id}\n" for one in held).encode())
+            in_split = [town for town in towns if town.split == name]
+            if in_split:
+                niches = {town.niche for town in in_split}
+                about["splits"][name] = {"maps": len(in_split), "niches": len(niches)}
+            ids = "".join(f"{town.id}\n" for town in in_split)
+            write_atomic(work.files / "splits" / f"{name}.txt", ids.encode())
         write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
         write_json(work.files / RECORD, about)
         write_atomic(work.files / "README.md", _card(spec, about, rows).encode())
@@ -105,38 +111,46 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
 
 
 def _settings(spec: PackSpec, to: str) -> dict[str, UserValue]:
-    return {name: value for name, value in spec.formats.given().items() if name in FORMATS[to].takes}
+    return {name: value for name, value in spec.formats.chosen().items() if name in FORMATS[to].takes}
 
 
-def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Packed]:
+def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
     """Assigns whole niches to splits, in a random order: each to the split that lacks most maps; none stays empty.
 
     Niches with maps that are alike, see `group_alike`, are in one split.
     """
     niches = [_name_niche(road_map) for road_map in maps]
-    # People leave any number of empty rows and columns. With these, all small maps in a large grid would be alike.
+    # People leave any number of empty rows and columns. With these, all small maps in a large grid
+    # would be alike.
     codes = [cut_to_roads(road_map.codes) for road_map in maps]
     groups = group_alike(codes, np.unique(niches, return_inverse=True)[1]).tolist()
     counts = Counter(groups)
-    lacking = {name: share * len(maps) for name, share in zip(SPLITS, spec.split, strict=True) if share}
+    lacking = {}
+    for name, share in zip(SPLITS, spec.split, strict=True):
+        if share:
+            lacking[name] = share * len(maps)
     if len(counts) < len(lacking):
         got = f"{len(set(niches))} in all"
         if len(set(niches)) > len(counts):
             got += f", in {pluralize(len(counts), 'group')} with maps that differ in less than {100 * ALIKE:g} %"
         hint = "; a split of 1 0 0 trains on all"
         raise InputError(f"split: expected a niche for each of {len(lacking)} splits, got {got}{hint}")
-    held: dict[str, list[int]] = {name: [] for name in lacking}
+    groups_of: dict[str, list[int]] = {name: [] for name in lacking}
     for group in _shuffle_groups(spec.seed, groups, niches):
         name = max(lacking, key=lambda name: lacking[name])
-        held[name].append(group)
+        groups_of[name].append(group)
         lacking[name] -= counts[group]
-    for name in held:
-        if not held[name]:
-            held[name].append(max(held.values(), key=len).pop())
-    split_of = {group: name for name, listed in held.items() for group in listed}
-    ids = [sha256(form).hexdigest()[:12] for form in road_forms(codes)]
-    parts = zip(ids, niches, groups, maps, strict=True)
-    return [_Packed(map_id, niche, split_of[group], road_map) for map_id, niche, group, road_map in parts]
+    for in_split in groups_of.values():
+        if not in_split:
+            in_split.append(max(groups_of.values(), key=len).pop())
+    split_of: dict[int, str] = {}
+    for name, in_split in groups_of.items():
+        split_of |= dict.fromkeys(in_split, name)
+    towns = []
+    for form, niche, group, road_map in zip(road_forms(codes), niches, groups, maps, strict=True):
+        town_id = sha256(form).hexdigest()[:12]
+        towns.append(_Town(town_id, niche, split_of[group], road_map))
+    return towns
 
 
 def _name_niche(road_map: RoadMap) -> str:
@@ -154,26 +168,34 @@ def _shuffle_groups(seed: int, groups: Sequence[int], niches: Sequence[str]) -> 
     return sorted(draws, key=draws.__getitem__)
 
 
-def _write(spec: PackSpec, one: _Packed, folder: Path) -> dict[str, Plain]:
+def _write(spec: PackSpec, town: _Town, folder: Path) -> dict[str, Plain]:
     """Writes the files of a map that are not there yet; returns its row of the table."""
-    graph = lane_graph(one.road_map.codes)
-    trips = _trips(spec, one, graph)
+    graph = lane_graph(town.road_map.codes)
+    trips = _trips(spec, town, graph)
     for to in spec.to:
-        files = [folder / to / one.niche / f"{one.id}{suffix}" for suffix in FORMATS[to].suffixes]
+        place = folder / to / town.niche
+        files = [place / f"{town.id}{suffix}" for suffix in FORMATS[to].suffixes]
         if not all(file.exists() for file in files):
-            made = FORMATS[to].files(one.road_map, one.id, **_settings(spec, to))
+            made = FORMATS[to].files(town.road_map, town.id, **_settings(spec, to))
             for file, content in zip(files, made, strict=True):
                 write_atomic(file, as_bytes(content))
-    write_atomic(folder / "maps" / one.niche / f"{one.id}.json", map_to_json(one.road_map).encode())
-    write_atomic(folder / "trips" / one.niche / f"{one.id}.csv", table_to_csv(trips).encode())
+    write_atomic(folder / "maps" / town.niche / f"{town.id}.json", map_to_json(town.road_map).encode())
+    write_atomic(folder / "trips" / town.niche / f"{town.id}.csv", table_to_csv(trips).encode())
     if "sumo" in spec.to:
         ends = [(_node(trip, "start"), _node(trip, "goal")) for trip in trips]
-        routes = to_sumo_trips(one.road_map.codes, ends)
-        write_atomic(folder / "sumo" / one.niche / f"{one.id}{_ROUTES}", routes.encode())
-    height, width = one.road_map.codes.shape
+        routes = to_sumo_trips(town.road_map.codes, ends)
+        write_atomic(folder / "sumo" / town.niche / f"{town.id}{_ROUTES}", routes.encode())
+    height, width = town.road_map.codes.shape
     mean = float(np.mean([trip["length"] for trip in trips]))
-    about = {"id": one.id, "niche": one.niche, "split": one.split, "height": height, "width": width}
-    return {**about, "lanes": len(graph.edges), "trip": round(mean, 3), **shorten_coverage(one.road_map.metrics or {})}
+    about = {
+        "id": town.id,
+        "niche": town.niche,
+        "split": town.split,
+        "height": height,
+        "width": width,
+    }
+    about |= {"lanes": len(graph.edges), "trip": round(mean, 3)}
+    return about | shorten_coverage(town.road_map.metrics or {})
 
 
 def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
@@ -183,16 +205,17 @@ def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
 
 def _lane_offset(spec: PackSpec) -> float:
     """Returns the tiles from the road's middle to the centre of a lane, by the tile set of the pack's floors."""
-    folder = spec.formats.tiles
-    return LANE_OFFSET if folder is None else load_floor_tiles(folder).lane_offset
+    if spec.formats.tiles is None:
+        return LANE_OFFSET
+    return load_floor_tiles(spec.formats.tiles).lane_offset
 
 
-def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Plain]]:
+def _trips(spec: PackSpec, town: _Town, graph: LaneGraph) -> list[dict[str, Plain]]:
     """Draws starts and goals between the tiles, with the exact length of the shortest way, in tiles."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
-    rng = np.random.default_rng([spec.seed, int(one.id, 16)])
+    rng = np.random.default_rng([spec.seed, int(town.id, 16)])
     count = graph.nodes.row.size
     lengths_of_lanes = lane_lengths(_lane_offset(spec))[graph.movements.turn]
     ways = csr_array((lengths_of_lanes, graph.edges.T), shape=(count, count))
@@ -210,56 +233,81 @@ def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Pla
         for end, index in (("start", start), ("goal", goal)):
             for field, value in graph.node(index)._asdict().items():
                 places[f"{end}_{field}"] = value
-        trips.append({**places, "length": round(float(lengths[goal]), 6)})
+        trips.append(places | {"length": round(float(lengths[goal]), 6)})
     return trips
 
 
 def _card(spec: PackSpec, about: Mapping[str, Plain], rows: Sequence[Mapping[str, Plain]]) -> str:
     """Writes the README of a pack."""
-    parts = {name: [row for row in rows if row["split"] == name] for name in about["splits"]}
+    version = about["versions"]["elitelanes_jax"]
+    lines = [
+        "# A pack of road maps",
+        "",
+        f"{len(rows):,} maps of a miniature city, and {spec.trips} trips on each. Made by Elite Lanes JAX {version}.",
+        "",
+    ]
+    lines += _table_of_splits(about["splits"], rows)
+    lines += [
+        "",
+        "The numbers are the least, the median and the largest of the split. `lanes` counts ways across a tile. "
+        "`trip` is a map's mean trip, in tiles. No niche is in two splits. Maps of two splits differ in at least "
+        f"{100 * ALIKE:g} % of their tiles, even if they are moved, rotated or mirrored. Empty rows and columns "
+        "around the roads do not count as tiles. A map's id is the same for all maps with the same roads.",
+        "",
+        "| file | content |",
+        "|---|---|",
+        "| `maps.csv` | the maps: id, niche, split and metrics |",
+        "| `splits/train.txt` | the ids of a split |",
+        "| `maps/NICHE/ID.json` | a map: tile codes, 8·N + 4·E + 2·S + 1·W |",
+        "| `trips/NICHE/ID.csv` | starts, goals, and the exact length of the shortest way in tiles |",
+    ]
+    for to in spec.to:
+        for suffix in FORMATS[to].suffixes:
+            lines.append(f"| `{to}/NICHE/ID{suffix}` | for `{to}` |")
+    if "sumo" in spec.to:
+        lines.append(f"| `sumo/NICHE/ID{_ROUTES}` | the trips for `sumo` |")
+    lines += [
+        f"| `{RECORD}` | settings and versions |",
+        f"| `{SUMS}` | checksums: `sha256sum -c {SUMS}` |",
+        "",
+        "A trip starts where a tile is entered and ends where another one is: row, column, and heading, 0 north, "
+        "1 east, 2 south, 3 west. Its length is measured along the lanes' centres, "
+        f"{_lane_offset(spec):g} tile right of the middle of the road. Nobody turns back.",
+        "",
+        f"Settings: `{json.dumps(about['settings'])}`",
+        "",
+    ]
+    return "\n".join(lines)
 
-    def spread(name: str, part: Sequence[Mapping[str, Plain]]) -> str:
-        low, middle, high = np.quantile([row[name] for row in part], [0, 0.5, 1])
-        return f"{low:g} .. {middle:g} .. {high:g}"
 
-    measured = [name for name in _SHOWN if name in rows[0]]
-    return "\n".join(
-        [
-            "# A pack of road maps",
-            "",
-            f"{len(rows):,} maps of a miniature city, and {spec.trips} trips on each. Made by Elite Lanes JAX "
-            f"{about['versions']['elitelanes_jax']}.",
-            "",
-            "| | " + " | ".join(parts) + " |",
-            "|---|" + "---|" * len(parts),
-            "| maps | " + " | ".join(str(len(part)) for part in parts.values()) + " |",
-            "| niches | " + " | ".join(str(about["splits"][name]["niches"]) for name in parts) + " |",
-            *(f"| {name} | " + " | ".join(spread(name, part) for part in parts.values()) + " |" for name in measured),
-            "",
-            "The numbers are the least, the median and the largest of the split. `lanes` counts ways across a tile. "
-            "`trip` is a map's mean trip, in tiles. No niche is in two splits. Maps of two splits differ in at least "
-            f"{100 * ALIKE:g} % of their tiles, even if they are moved, rotated or mirrored. Empty rows and columns "
-            "around the roads do not count as tiles. A map's id is the same for all maps with the same roads.",
-            "",
-            "| file | content |",
-            "|---|---|",
-            "| `maps.csv` | the maps: id, niche, split and metrics |",
-            "| `splits/train.txt` | the ids of a split |",
-            "| `maps/NICHE/ID.json` | a map: tile codes, 8·N + 4·E + 2·S + 1·W |",
-            "| `trips/NICHE/ID.csv` | starts, goals, and the exact length of the shortest way in tiles |",
-            *(f"| `{to}/NICHE/ID{suffix}` | for `{to}` |" for to in spec.to for suffix in FORMATS[to].suffixes),
-            *([f"| `sumo/NICHE/ID{_ROUTES}` | the trips for `sumo` |"] if "sumo" in spec.to else []),
-            f"| `{RECORD}` | settings and versions |",
-            f"| `{SUMS}` | checksums: `sha256sum -c {SUMS}` |",
-            "",
-            "A trip starts where a tile is entered and ends where another one is: row, column, and heading, 0 north, "
-            "1 east, 2 south, 3 west. Its length is measured along the lanes' centres, "
-            f"{_lane_offset(spec):g} tile right of the middle of the road. Nobody turns back.",
-            "",
-            f"Settings: `{json.dumps(about['settings'])}`",
-            "",
-        ]
-    )
+def _table_of_splits(splits: Mapping[str, Plain], rows: Sequence[Mapping[str, Plain]]) -> list[str]:
+    """Returns the lines of a table with a column for each split: its maps, its niches, and what was measured."""
+    parts = {name: [row for row in rows if row["split"] == name] for name in splits}
+    lines = [
+        _table_row("", parts),
+        "|---|" + "---|" * len(parts),
+        _table_row("maps", [len(part) for part in parts.values()]),
+        _table_row("niches", [splits[name]["niches"] for name in parts]),
+    ]
+    for feature in _SHOWN:
+        if feature in rows[0]:
+            spreads = []
+            for part in parts.values():
+                spreads.append(_spread([row[feature] for row in part]))
+            lines.append(_table_row(feature, spreads))
+    return lines
+
+
+def _table_row(head: str, cells: Iterable[str | int]) -> str:
+    texts = [f"{head} " if head else ""]
+    for cell in cells:
+        texts.append(f"{cell} ")
+    return "| " + "| ".join(texts) + "|"
+
+
+def _spread(values: Sequence[float]) -> str:
+    low, middle, high = np.quantile(values, [0, 0.5, 1])
+    return f"{low:g} .. {middle:g} .. {high:g}"
 
 
 def _sums(folder: Path) -> Iterator[str]:
@@ -276,5 +324,7 @@ def _foreign(folder: Path) -> str | None:
         lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
         return f"no {SUMS}"
-    known = {line[66:] for line in lines} | {SUMS}
-    return f"{RECORD} missing" if RECORD not in known else foreign_file(folder, known.__contains__)
+    written = {line[66:] for line in lines} | {SUMS}
+    if RECORD not in written:
+        return f"{RECORD} missing"
+    return foreign_file(folder, written.__contains__)

@@ -40,9 +40,10 @@ def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: b
       The maps, as they were written.
 
     Raises:
-      InputError: for a folder that is not a part, a part of another run or tile set, or a part that comes twice or is
-        missing.
-      NotEnoughMapsError: if there are fewer valid and different maps than the parts' specification requests.
+      InputError: for a folder that is not a part, a part of another run or tile set, or a part that
+        comes twice or is missing.
+      NotEnoughMapsError: if there are fewer valid and different maps than the parts' specification
+        requests.
       OSError: if the folder cannot be written.
     """
     folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
@@ -53,11 +54,22 @@ def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: b
 def join_parts(folders: Sequence[Path]) -> Evolved:
     """Joins all parts of a run, in any order; the result has no state to continue from. Raises `InputError`."""
     records = [_read_record(folder) for folder in folders]
-    settings = {**records[0]["settings"], "part": None}
-    expected = {"versions": installed_versions(), "settings": settings, "tile_set": records[0]["tile_set"]}
+    settings = records[0]["settings"] | {"part": None}
+    expected = {
+        "versions": installed_versions(),
+        "settings": settings,
+        "tile_set": records[0]["tile_set"],
+    }
     identities = []
     for about in records:
-        identities.append({name: about[name] for name in expected} | {"settings": {**about["settings"], "part": None}})
+        settings_of_run = about["settings"] | {"part": None}
+        identities.append(
+            {
+                "versions": about["versions"],
+                "settings": settings_of_run,
+                "tile_set": about["tile_set"],
+            }
+        )
     by_index = order_parts(folders, [about["settings"]["part"] for about in records], identities, expected)
     count = len(by_index)
     run = plan_run(_read_spec(folders[0], settings))
@@ -100,15 +112,19 @@ def order_parts(
     for folder, (index, of), identity in zip(folders, parts, identities, strict=True):
         if of != count:
             raise InputError(f"{folder}: expected one of {count} parts, as {folders[0]} is, got one of {of}")
-        if (difference := first_difference(expected, identity)) is not None:
+        difference = first_difference(expected, identity)
+        if difference is not None:
             name, mine, got = difference
             raise InputError(f"{folder}: expected a part of a {whole} with {name} {mine!r}, got {got!r}")
         if index in by_index:
             raise InputError(f"{folder}: expected each part once, got {index}/{count} again, after {by_index[index]}")
         by_index[index] = folder
-    if missing := [f"{index}/{count}" for index in range(1, count + 1) if index not in by_index]:
-        few = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
-        raise InputError(f"parts: expected all {count} parts, got all but {few}")
+    missing = [f"{index}/{count}" for index in range(1, count + 1) if index not in by_index]
+    if missing:
+        words = ", ".join(missing[:5])
+        if len(missing) > 5:
+            words += f" and {len(missing) - 5} more"
+        raise InputError(f"parts: expected all {count} parts, got all but {words}")
     return [by_index[index] for index in range(1, count + 1)]
 
 
@@ -118,9 +134,19 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     try:
         about = read_json(folder / RECORD)
         part = about["settings"]["part"]
-        times = about["times"]["seconds"]["evolve"], about["times"]["evaluations_per_second"], about["device"]
+        times = (
+            about["times"]["seconds"]["evolve"],
+            about["times"]["evaluations_per_second"],
+            about["device"],
+        )
         complete = {"versions", "tile_set"} <= set(about) and len(times) == 3 and (part is None or parse_part(part))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # an InputError is a ValueError
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        RecursionError,
+    ):  # an InputError is a ValueError
         complete = False
     if not complete:
         raise InputError(f"{folder}: {_EXPECTED}, got {'another folder' if folder.exists() else 'none'}")

@@ -58,21 +58,25 @@ def pick(
 ) -> list[RoadMap]:
     """Chooses maps among the elites of earlier searches, and writes them to a new folder, whole or not at all.
 
-    From the archive of one search it chooses the same maps as `generate` with the same number of maps.
+    From the archive of one search it chooses the same maps as `generate` with the same number of
+    maps.
 
     Args:
       spec: of the choice.
-      archives: one file or several, ``archive.npz`` of `generate` or of `Result.save`, of maps of one size.
+      archives: one file or several, ``archive.npz`` of `generate` or of `Result.save`, of maps of
+        one size.
       out: the folder, new or empty.
-      force: whether the folder is replaced, if an earlier run wrote all files in it, and it has no archive.
-      force_archive: whether a folder with an archive is replaced too. `pick` does not write that archive again.
+      force: whether the folder is replaced, if an earlier run wrote all files in it, and it has no
+        archive.
+      force_archive: whether a folder with an archive is replaced too. `pick` does not write that
+        archive again.
 
     Returns:
       The maps, as they were written.
 
     Raises:
-      InputError: for a file that is not an archive, sizes that differ, ranges that no map is in, a bad tile set, or a
-        folder that may not be replaced.
+      InputError: for a file that is not an archive, sizes that differ, ranges that no map is in, a
+        bad tile set, or a folder that may not be replaced.
       NotEnoughMapsError: if there are fewer maps than requested; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
@@ -110,7 +114,8 @@ def write_result(
       out: the folder, new or empty.
       maps: the number of maps.
       force: whether the folder is replaced, if an earlier run wrote all files in it.
-      **options: more fields of `PickSpec`, such as `where`, `at_most`, `tiles`, `tile_px` and `seed`.
+      **options: more fields of `PickSpec`, such as `where`, `at_most`, `tiles`, `tile_px` and
+        `seed`.
 
     Returns:
       The maps, as they were written.
@@ -165,13 +170,14 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
     for source in sources:
         search = source.result.search
         if search.shape != first.shape:
-            sizes = ("{} x {}".format(*shape) for shape in (first.shape, search.shape))
-            raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(source.name, *sizes))
+            expected, got = "{} x {}".format(*first.shape), "{} x {}".format(*search.shape)
+            raise InputError(f"{source.name}: expected maps of {expected}, as in the first archive, got {got}")
         alphabet.update(search.alphabet)
     settings = first.settings
-    asked = parse_ranges(map(str, spec.where), settings.features)
-    by_name = {item.name: item for item in (*settings.where, *asked)}
-    options: dict[str, UserValue] = {"where": tuple(by_name.values())}
+    ranges = {item.name: item for item in settings.where}
+    for item in parse_ranges(map(str, spec.where), settings.features):
+        ranges[item.name] = item
+    options: dict[str, UserValue] = {"where": tuple(ranges.values())}
     if spec.rules is not None:
         options["rules"] = spec.rules
     if spec.axes is not None:  # axes also remove the targets
@@ -205,8 +211,8 @@ def _write_choice(
     size = "{} x {} tiles".format(*search.shape)
     announce(f"choosing {pluralize(spec.maps, 'map')} of {size} among {elites.valid.sum():,} elites")
     result = replace(sources[0].result, elites=elites, search=search)
-    unlike = [np.array(grid, np.int8) for grid in spec.unlike]
-    choice = choose_enough(result, spec.maps, at_most=spec.at_most, exclude=unlike, hint=hint)
+    excluded = [np.array(grid, np.int8) for grid in spec.unlike]
+    choice = choose_enough(result, spec.maps, at_most=spec.at_most, exclude=excluded, hint=hint)
     runs: list[tuple[int, int] | None] = []
     for source in sources:
         for run in range(len(source.result.elites.grids)):
@@ -228,39 +234,43 @@ def _write_record(folder: Path, spec: PickSpec, archives: Sequence[Path], record
     for file in archives:
         name = file.name if file.parent == folder else str(file)
         listed.append({"file": name, "sha256": sha256(file.read_bytes()).hexdigest()})
-    about = {"settings": spec.to_plain(), "archives": listed, **record, "versions": installed_versions()}
-    write_json(folder / RECORD, about)
+    content = {"settings": spec.to_plain(), "archives": listed} | record
+    write_json(folder / RECORD, content | {"versions": installed_versions()})
 
 
 def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> MeasuredElites:
     """Joins the runs of all sources, and pads results with fewer slots with vacant ones."""
     results = [source.result.elites for source in sources]
-    slots = max(elites.valid.shape[1] for elites in results)
-
-    def join(arrays: Sequence[AnyArray]) -> AnyArray:
-        padded = []
-        for array in arrays:
-            width = [(0, 0), (0, slots - array.shape[1]), *[(0, 0)] * (array.ndim - 2)]
-            padded.append(np.pad(array, width))
-        return np.concatenate(padded)
-
-    grids = join([elites.grids for elites in results])
-    metrics = {name: join([getattr(elites.metrics, name) for elites in results]) for name in Metrics._fields}
-    allowed = (*tiles.alphabet, *KINDS["end"], *KINDS["empty"])
+    grids = _stack([elites.grids for elites in results])
+    metrics = {}
+    for name in Metrics._fields:
+        metrics[name] = _stack([getattr(elites.metrics, name) for elites in results])
+    allowed = [*tiles.alphabet, *KINDS["end"], *KINDS["empty"]]
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
     columns = columns_for((axis.metric for axis in search.axes), _measured(search, sources))
     others = [name for name in columns if name not in metrics]
     measured = []
     for source, elites in zip(sources, results, strict=True):
         measured.append(with_town_features(elites.features, others, elites.grids, source.name))
-    features = {name: join([values[name] for values in measured]) for name in others}
+    features = {name: _stack([values[name] for values in measured]) for name in others}
     by_name = metrics | features
     stacked = np.stack([by_name[name] for name in columns], axis=-1).astype(np.int32)
     return MeasuredElites(
         grids=grids,
-        fitness=join([elites.fitness for elites in results]),
+        fitness=_stack([elites.fitness for elites in results]),
         descriptor=compute_descriptor(stacked, columns, search.axes),
-        valid=join([elites.valid for elites in results]),
+        valid=_stack([elites.valid for elites in results]),
         metrics=Metrics(**metrics),
         features=features,
     )
+
+
+def _stack(arrays: Sequence[AnyArray]) -> AnyArray:
+    """Joins arrays ``[S, N, ...]`` along the seeds, padded with zeros to the largest number of slots N."""
+    slots = max(array.shape[1] for array in arrays)
+    padded = []
+    for array in arrays:
+        width = [(0, 0)] * array.ndim
+        width[1] = (0, slots - array.shape[1])
+        padded.append(np.pad(array, width))
+    return np.concatenate(padded)

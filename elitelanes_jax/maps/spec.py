@@ -4,7 +4,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from elitelanes_jax._util.checks import SEED, TILE_PX, check_unique, flag, instance, none_or, one_of, path, real, whole
+from elitelanes_jax._util.checks import (
+    SEED,
+    TILE_PX,
+    check_unique,
+    flag,
+    instance,
+    none_or,
+    one_of,
+    path,
+    real,
+    whole,
+)
 from elitelanes_jax._util.engine import part_of
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, nested, option
@@ -68,8 +79,8 @@ class GenerateSpec(Record):
       seed: seed of everything random
       tiles: folder of the tile pictures; by default the package's own
       tile_px: side of a tile in pixels
-      furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
-        file .toml, .json or .yaml of your own
+      furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6
+        or trees=0.2, and a file .toml, .json or .yaml of your own
       search: the search
       part: search only a part of the seeds, such as 3/10; elitelanes merge joins the parts
     """
@@ -112,16 +123,16 @@ class PickSpec(Record):
     Attributes:
       maps: number of maps
       at_most: write the maps that were found, even if they are fewer
-      where: ranges that every map meets, besides the ranges of the first archive's search; a range of the same feature
-        overrides the search's
+      where: ranges that every map meets, besides the ranges of the first archive's search; a range
+        of the same feature overrides the search's
       rules: rules that every map keeps; by default those of the first archive's search
       axes: axes of the niches; by default those of the first archive's search
       unlike: maps that all chosen maps differ from, map.json or Duckietown's .yaml
       seed: seed of the choice of tile pictures
       tiles: folder of the tile pictures; by default the package's own
       tile_px: side of a tile in pixels
-      furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
-        file .toml, .json or .yaml of your own
+      furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6
+        or trees=0.2, and a file .toml, .json or .yaml of your own
     """
 
     maps: int = option(16, whole(1), "N")
@@ -156,7 +167,8 @@ class PackSpec(Record):
 
     Attributes:
       to: formats of the maps besides our own: all of elitelanes export except csv
-      split: shares of the maps for training, validation and test. All maps of a niche are in one split
+      split: shares of the maps for training, validation and test. All maps of a niche are in one
+        split
       trips: number of starts and goals on each map
       seed: seed of the splits and of the trips
       formats: settings of the formats
@@ -174,5 +186,5 @@ class PackSpec(Record):
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
-        formats = {name: str(value) if name == "tiles" else value for name, value in self.formats.given().items()}
+        formats = {name: str(value) if name == "tiles" else value for name, value in self.formats.chosen().items()}
         return self.values() | {"formats": formats}

@@ -3,14 +3,22 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Bool
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, check_alphabet
+from elitelanes_jax.network.codes import (
+    CONNECTIONS,
+    EAST,
+    KINDS,
+    NORTH,
+    SOUTH,
+    WEST,
+    check_alphabet,
+)
 
-_Cells = NDArray[np.bool_]
+_Cells = Bool[np.ndarray, "_ _"]
 
 
 @name_wrong_arguments
@@ -18,27 +26,28 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
     """Measures one grid as `measure` does, without JAX; see `measure` for the arguments and errors.
 
     Returns:
-      The fields of `Metrics` by name: ints, `coverage` a float32 of NumPy; equal to those of `measure`.
+      The fields of `Metrics` by name: ints, `coverage` a float32 of NumPy; equal to those of
+      `measure`.
     """
     codes = np.asarray(check_grid(grid))
     allowed = range(16) if alphabet is None else check_alphabet(alphabet)
-    north, east, south, west = (codes & side > 0 for side in (NORTH, EAST, SOUTH, WEST))
+    north, east = codes & NORTH > 0, codes & EAST > 0
+    south, west = codes & SOUTH > 0, codes & WEST > 0
     connections = CONNECTIONS[codes]
     links = (east[:, :-1] & west[:, 1:], south[:-1] & north[1:])
+    crossing, turn = connections >= 3, np.isin(codes, KINDS["turn"])
     returned, outward = np.zeros(codes.shape, np.int8), np.zeros(codes.shape, np.int8)
-    for link, (one, other) in zip(links, _SIDE_BY_SIDE, strict=True):
-        returned[one] += link
-        returned[other] += link
+    crossing_pairs = crossing_score = 0
+    for link, (cell, neighbour) in zip(links, _SIDE_BY_SIDE, strict=True):
+        returned[cell] += link
+        returned[neighbour] += link
+        are_crossings = link & crossing[cell] & crossing[neighbour]
+        crossing_pairs += int(are_crossings.sum())
+        crossing_score += int((connections[cell] + connections[neighbour])[are_crossings].sum())
     outward[0] += north[0]
     outward[-1] += south[-1]
     outward[:, 0] += west[:, 0]
     outward[:, -1] += east[:, -1]
-    crossing, turn = connections >= 3, np.isin(codes, KINDS["turn"])
-    linked_crossings = [
-        connections[one][pairs] + connections[other][pairs]
-        for link, (one, other) in zip(links, _SIDE_BY_SIDE, strict=True)
-        for pairs in [link & crossing[one] & crossing[other]]
-    ]
     along, upright = codes == EAST | WEST, codes == NORTH | SOUTH
     faces, bridges = _count_faces(*links)
     tiles, edges = int((codes > 0).sum()), sum(int(link.sum()) for link in links)
@@ -49,8 +58,8 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
         "boundary_violations": int((outward > 0).sum()),
         "bridges": bridges,
         "crossings": int(crossing.sum()),
-        "adjacent_crossings": 2 * sum(pairs.size for pairs in linked_crossings),
-        "adjacent_crossing_score": sum(int(pairs.sum()) for pairs in linked_crossings),
+        "adjacent_crossings": 2 * crossing_pairs,
+        "adjacent_crossing_score": crossing_score,
         "adjacent_turns": _pairs(turn),
         "straight_score": _squared_runs(along) + _squared_runs(upright.T),
         "straights": int((along | upright).sum()),
@@ -69,7 +78,9 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
 def cut_to_roads(grid: AnyArray) -> AnyArray:
     """Returns the smallest box that contains all tiles of a NumPy grid; a grid without tiles is returned whole."""
     rows, columns = np.flatnonzero(grid.any(axis=1)), np.flatnonzero(grid.any(axis=0))
-    return grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if rows.size else grid
+    if rows.size == 0:
+        return grid
+    return grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
 
 def plain_town(grid: AnyArray) -> dict[str, int]:
@@ -100,7 +111,7 @@ _SIDE_BY_SIDE: list[tuple[tuple[slice, slice], tuple[slice, slice]]] = [
 
 def _pairs(cells: _Cells) -> int:
     """Counts the pairs of True cells that share a side."""
-    return sum(int((cells[one] & cells[other]).sum()) for one, other in _SIDE_BY_SIDE)
+    return sum(int((cells[cell] & cells[neighbour]).sum()) for cell, neighbour in _SIDE_BY_SIDE)
 
 
 def _squared_runs(straight: _Cells) -> int:
@@ -111,20 +122,21 @@ def _squared_runs(straight: _Cells) -> int:
 def _count_faces(east_links: _Cells, south_links: _Cells) -> tuple[int, int]:
     """Counts the inner faces and the bridges, see `elitelanes_jax.network._faces`."""
     corners = np.arange((east_links.shape[0] + 1) * (south_links.shape[1] + 1)).reshape(-1, south_links.shape[1] + 1)
-    # A link to the east separates the corners north and south of it, a link to the south the corners west and east.
+    # A link to the east separates the corners north and south of it, a link to the south the
+    # corners west and east.
     down, right = np.ones(corners[1:].shape, bool), np.ones(corners[:, 1:].shape, bool)
     down[:, 1:-1], right[1:-1] = ~east_links, ~south_links
-    one = np.concatenate([corners[:-1][down], corners[:, :-1][right]])
-    other = np.concatenate([corners[1:][down], corners[:, 1:][right]])
+    first = np.concatenate([corners[:-1][down], corners[:, :-1][right]])
+    second = np.concatenate([corners[1:][down], corners[:, 1:][right]])
     face = corners.ravel()
-    # Each round passes the least label to both corners of a pair and to the corners that their labels name.
-    while (face[one] != face[other]).any():
-        least = np.minimum(face[one], face[other])
-        for named in (face[one], face[other]):
+    # Each round passes the least label to both corners of a pair and to the corners that their
+    # labels name.
+    while (face[first] != face[second]).any():
+        least = np.minimum(face[first], face[second])
+        for named in (face[first], face[second]):
             np.minimum.at(face, named, least)
         face = face[face]
     faces = face.reshape(corners.shape)
-    bridges = (east_links & (faces[:-1] == faces[1:])[:, 1:-1]).sum() + (
-        south_links & (faces[:, :-1] == faces[:, 1:])[1:-1]
-    ).sum()
-    return np.unique(face).size - 1, int(bridges)
+    bridges_east = east_links & (faces[:-1] == faces[1:])[:, 1:-1]
+    bridges_south = south_links & (faces[:, :-1] == faces[:, 1:])[1:-1]
+    return np.unique(face).size - 1, int(bridges_east.sum() + bridges_south.sum())

@@ -8,7 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import LARGEST, check_named, check_unique, is_whole, listed, split_settings
+from elitelanes_jax._util.checks import (
+    LARGEST,
+    check_named,
+    check_unique,
+    is_whole,
+    listed,
+    split_settings,
+)
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import transfers
 from elitelanes_jax._util.types import AnyArray, UserValue
@@ -19,6 +26,10 @@ MOST_NICHES = 2**20
 """The largest number of niches, so that the archives of a single seed fit in memory."""
 
 
+_WHOLE = "0{0,9}[1-9][0-9]{0,18}"
+_AXIS_TEXT = re.compile(f"([^:]*):({_WHOLE})(?::({_WHOLE}))?", re.DOTALL)
+
+
 class Axis(NamedTuple):
     """One axis of the descriptor space: a feature in bins of equal width. The first and the last bin are open.
 
@@ -27,7 +38,8 @@ class Axis(NamedTuple):
       bins: the number of bins.
       width: the width of a bin, for a share in thousandths; 0 for one by the grid's shape.
       start: the value at which the first bin starts.
-      target: the bin whose niches are sought; niches in other bins are stepping stones. By default all are sought.
+      target: the bin whose niches are sought; niches in other bins are stepping stones. By default
+        all are sought.
     """
 
     metric: str
@@ -41,8 +53,9 @@ class Axis(NamedTuple):
 def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     """Returns the paper's space of 400 niches: 25 bins of the cyclomatic number and four flags.
 
-    A flag's first bin is the favourable value. The paper does not give the width of its bins. A width of 2 at 12 x 12
-    that grows with the grid's area covers the values in the paper's archive. Raises `InputError` for a bad shape.
+    A flag's first bin is the favourable value. The paper does not give the width of its bins. A
+    width of 2 at 12 x 12 that grows with the grid's area covers the values in the paper's archive.
+    Raises `InputError` for a bad shape.
     """
     shape = check_shape(shape)
     width = max(1, round(2 * shape[0] * shape[1] / 144))
@@ -70,19 +83,20 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
     """Reads axes from texts, mappings or records.
 
     Args:
-      axes: for each axis ``NAME:BINS``, ``NAME:BINS:WIDTH``, a mapping of the fields of `Axis`, or an `Axis`; or for
-        all axes one text with spaces between, or a mapping of names to bins or to pairs of bins and width.
+      axes: for each axis ``NAME:BINS``, ``NAME:BINS:WIDTH``, a mapping of the fields of `Axis`, or
+        an `Axis`; or for all axes one text with spaces between, or a mapping of names to bins or to
+        pairs of bins and width.
       features: the names of the user's features; None accepts any name.
 
     Raises:
-      InputError: for anything else, an unknown or repeated feature, a number out of range, no axis, or more than
-        `MOST_NICHES` niches.
+      InputError: for anything else, an unknown or repeated feature, a number out of range, no axis,
+        or more than `MOST_NICHES` niches.
     """
     if isinstance(axes, str):
         axes = split_settings(axes)
     try:
         if isinstance(axes, Mapping):
-            axes = [Axis(name, *(bins if isinstance(bins, tuple | list) else (bins,))) for name, bins in axes.items()]
+            axes = [_axis_of(name, bins) for name, bins in axes.items()]
         listed = tuple(_check_axis(axis, features) for axis in axes)
     except TypeError:
         raise InputError(f"axes: expected axes such as 'straight_share:10', got {shorten(repr(axes))}") from None
@@ -97,10 +111,11 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
 
 def resolve_axes(axes: UserValue, shape: tuple[int, int], features: Collection[str] | None = ()) -> tuple[Axis, ...]:
     """Reads axes as `parse_axes` does, and replaces width 0 by the default width on grids of a shape."""
-    return tuple(
-        axis._replace(width=axis.width or default_width(axis.metric, axis.bins, shape))
-        for axis in parse_axes(axes, features)
-    )
+    resolved = []
+    for axis in parse_axes(axes, features):
+        width = axis.width or default_width(axis.metric, axis.bins, shape)
+        resolved.append(axis._replace(width=width))
+    return tuple(resolved)
 
 
 def compute_descriptor(features: AnyArray, feature_names: Sequence[str], axes: tuple[Axis, ...]) -> AnyArray:
@@ -118,10 +133,11 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
             raise InputError(f"axes {axis.metric!r}: expected at least one bin, of a width of at least 1, got {got}")
     if np.shape(descriptor)[-1:] != (len(axes),):
         raise InputError(f"descriptor: expected shape [..., {len(axes)}], got {list(np.shape(descriptor))}")
-    bins, width, start = (
-        np.array([getattr(axis, name) for axis in axes], np.int32).reshape(*(1,) * (np.ndim(descriptor) - 1), -1)
-        for name in ("bins", "width", "start")
-    )
+    # With as many axes as the descriptor, see `xla.align`.
+    aligned = (1,) * (np.ndim(descriptor) - 1) + (-1,)
+    bins = np.array([axis.bins for axis in axes], np.int32).reshape(aligned)
+    width = np.array([axis.width for axis in axes], np.int32).reshape(aligned)
+    start = np.array([axis.start for axis in axes], np.int32).reshape(aligned)
     with transfers():
         return ((descriptor - start) // width).clip(0, bins - 1)
 
@@ -137,21 +153,34 @@ def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     return niche
 
 
-def _check_axis(axis: UserValue, features: Collection[str] | None) -> Axis:
-    given = axis
-    if isinstance(axis, str):
-        name, *numbers = axis.split(":")
-        if len(numbers) not in (1, 2) or not all(re.fullmatch("0{0,9}[1-9][0-9]{0,18}", number) for number in numbers):
-            raise InputError(f"axes {axis!r}: expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more")
-        axis = Axis(name, *map(int, numbers))
-    elif isinstance(axis, Mapping) and "metric" in axis and set(axis) <= set(Axis._fields):
-        axis = Axis(**axis)
+def _axis_of(name: UserValue, bins: UserValue) -> Axis:
+    """Returns the axis of an entry of a mapping: the bins, or the bins and their width."""
+    if isinstance(bins, tuple | list):
+        return Axis(name, *bins)
+    return Axis(name, bins)
+
+
+def _parse_axis(text: str) -> Axis:
+    parsed = _AXIS_TEXT.fullmatch(text)
+    if parsed is None:
+        raise InputError(f"axes {text!r}: expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more")
+    name, bins, width = parsed.groups()
+    return Axis(name, int(bins), int(width or 0))
+
+
+def _check_axis(value: UserValue, features: Collection[str] | None) -> Axis:
+    axis = value
+    if isinstance(value, str):
+        axis = _parse_axis(value)
+    elif isinstance(value, Mapping) and "metric" in value and set(value) <= set(Axis._fields):
+        axis = Axis(**value)
     if not isinstance(axis, Axis):
-        raise InputError(f"axes: expected axes such as 'straight_share:10', got {shorten(repr(given))}")
-    source = f"axes {given!r}" if isinstance(given, str) else f"axes {axis.metric!r}"
+        raise InputError(f"axes: expected axes such as 'straight_share:10', got {shorten(repr(value))}")
+    source = f"axes {value!r}" if isinstance(value, str) else f"axes {axis.metric!r}"
     check_feature(source, axis.metric, features)
-    whole: dict[str, UserValue] = {name: int(value) for name, value in axis._asdict().items() if is_whole(value)}
-    axis = axis._replace(**whole)  # NumPy's numbers would not be written to JSON
+    # NumPy's numbers would not be written to JSON.
+    whole: dict[str, UserValue] = {name: int(number) for name, number in axis._asdict().items() if is_whole(number)}
+    axis = axis._replace(**whole)
     bins, width, start, target = axis[1:]
     if not all(type(number) is int for number in (bins, width, start)) or bins < 1 or width < 0:
         got = f"bins {shorten(repr(bins))}, width {shorten(repr(width))}, start {shorten(repr(start))}"

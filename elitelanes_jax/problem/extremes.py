@@ -4,14 +4,21 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import descriptions
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.records import Metrics, TownFeatures, features_without_gaps
-from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, check_feature, feature_unit, is_share
+from elitelanes_jax.problem.features import (
+    FEATURES,
+    SHARES,
+    TOWN_FEATURES,
+    check_feature,
+    feature_unit,
+    is_share,
+)
 
 _SHAPE = (12, 12)
 
@@ -19,8 +26,7 @@ EXTREMES = Path(__file__).with_name("extremes.txt")
 """The file of maps that ``docs/metrics.py`` found. Each line is a map, in rows with one hexadecimal digit per tile."""
 
 
-@name_wrong_arguments
-def features_of(grid: NDArray[np.int8]) -> dict[str, float]:
+def features_of(grid: Int8[np.ndarray, "H W"]) -> dict[str, float]:
     """Returns the metrics and shares of one grid ``[H, W]``, in the order of `FEATURES`; shares are parts of 1."""
     features: dict[str, float] = dict(plain_measure(grid))
     for share, (part, parts_of_whole) in SHARES.items():
@@ -30,7 +36,7 @@ def features_of(grid: NDArray[np.int8]) -> dict[str, float]:
 
 
 @cache
-def _measured() -> list[tuple[NDArray[np.int8], dict[str, float]]]:
+def _measured() -> list[tuple[Int8[np.ndarray, "H W"], dict[str, float]]]:
     measured = []
     for line in EXTREMES.read_text(encoding="ascii").splitlines():
         rows = [[int(code, 16) for code in row] for row in line.split()]
@@ -43,9 +49,9 @@ def _measured() -> list[tuple[NDArray[np.int8], dict[str, float]]]:
 def feature_range(name: str) -> tuple[float, float]:
     """Returns the smallest and the largest value of a feature that searches found at 12 x 12.
 
-    The maps have the constraints that `generate` has by default: one component, no dead ends and no empty cells.
-    Raises `InputError` for an unknown name, and for a feature of a town, whose ends are not known; so does
-    `extreme_maps`.
+    The maps have the constraints that `generate` has by default: one component, no dead ends and no
+    empty cells. Raises `InputError` for an unknown name, and for a feature of a town, whose ends
+    are not known; so does `extreme_maps`.
     """
     if check_feature("name", name) in TOWN_FEATURES:
         raise InputError(f"name: expected a metric or a share, got {name!r}, a town feature, whose range is not known")
@@ -53,8 +59,7 @@ def feature_range(name: str) -> tuple[float, float]:
     return min(values), max(values)
 
 
-@name_wrong_arguments
-def extreme_maps(name: str) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
+def extreme_maps(name: str) -> tuple[Int8[np.ndarray, "H W"], Int8[np.ndarray, "H W"]]:
     """Returns a map int8 ``[12, 12]`` with the smallest value of a feature, and one with the largest."""
     feature_range(name)  # checks the name
     smallest, _ = min(_measured(), key=lambda measured: measured[1][name])
@@ -66,8 +71,8 @@ def extreme_maps(name: str) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
 def describe_features() -> dict[str, tuple[str, str]]:
     """Returns the meaning and the range of each metric, share and town feature, by name.
 
-    The range is that of `feature_range`. For a town feature, the text is the kind of its values instead, and "filled"
-    with its value if all maps without empty cells have the same.
+    The range is that of `feature_range`. For a town feature, the text is the kind of its values
+    instead, and "filled" with its value if all maps without empty cells have the same.
     """
     shares = {share: f"{part} / {' + '.join(whole)}" for share, (part, whole) in SHARES.items()}
     meanings = shares | descriptions(Metrics) | descriptions(TownFeatures)
@@ -78,7 +83,9 @@ def _range_text(name: str) -> str:
     if name in TOWN_FEATURES:
         return _town_range_text(name)
     low, high = map(value_text, feature_range(name))
-    return low if low == high else f"{low}..{high}"
+    if low == high:
+        return low
+    return f"{low}..{high}"
 
 
 def _town_range_text(name: str) -> str:
@@ -90,9 +97,13 @@ def _town_range_text(name: str) -> str:
     else:
         kind = "a number"
     filled = features_without_gaps(_SHAPE).get(name)
-    return kind if filled is None else f"{kind}; filled {value_text(filled / unit)}"
+    if filled is None:
+        return kind
+    return f"{kind}; filled {value_text(filled / unit)}"
 
 
 def value_text(value: float) -> str:
     """Returns the text of a metric's or share's value: whole numbers in full, others with three digits."""
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    return str(value)

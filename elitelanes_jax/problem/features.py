@@ -7,8 +7,8 @@
 | town feature | a whole number that `measure_town` returns; measured only if a search names it |
 | feature of the user | what a kernel of the user returns for a grid, see `elitelanes_jax.problem.kernels` |
 
-An array of features ``[..., F]`` has one column per feature; `feature_names` has the F names in the same order. Shares
-have no column: `select_features` computes them.
+An array of features ``[..., F]`` has one column per feature; `feature_names` has the F names in the
+same order. Shares have no column: `select_features` computes them.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -19,7 +19,13 @@ from elitelanes_jax._util.checks import check_unique
 from elitelanes_jax._util.checks import name as check_name
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.network.records import METRIC_NAMES, TOWN_PARTS, TOWN_RATIOS, TownFeatures, largest_town_feature
+from elitelanes_jax.network.records import (
+    METRIC_NAMES,
+    TOWN_PARTS,
+    TOWN_RATIOS,
+    TownFeatures,
+    largest_town_feature,
+)
 
 SHARES = {
     "straight_share": ("straights", ("tiles",)),
@@ -60,12 +66,19 @@ def is_share(name: str) -> bool:
 
 def feature_unit(name: str) -> int:
     """Returns the whole number that stands for 1 of a feature; 1 for features of the user."""
-    return SHARE_UNIT if is_share(name) or name in TOWN_RATIOS else 1
+    if is_share(name) or name in TOWN_RATIOS:
+        return SHARE_UNIT
+    return 1
 
 
 def columns_for(*groups: Iterable[str]) -> tuple[str, ...]:
     """Returns the columns that contain the features in all groups: the metrics, then the other features, each once."""
-    return tuple(dict.fromkeys((*METRIC_NAMES, *(name for names in groups for name in names if name not in SHARES))))
+    columns = dict.fromkeys(METRIC_NAMES)
+    for names in groups:
+        for name in names:
+            if name not in SHARES:
+                columns[name] = None
+    return tuple(columns)
 
 
 def with_shares(features: AnyArray, feature_names: Sequence[str]) -> tuple[AnyArray, tuple[str, ...]]:
@@ -73,13 +86,18 @@ def with_shares(features: AnyArray, feature_names: Sequence[str]) -> tuple[AnyAr
 
     Returns int32 ``[..., F + S]``, of the same library, and the F + S names.
     """
-    xp, column = features.__array_namespace__(), list(feature_names).index
-    shares = {share: parts for share, parts in SHARES.items() if {parts[0], *parts[1]} <= set(feature_names)}
-    columns = [features]
-    for part, whole in shares.values():
-        total = sum(features[..., column(name)] for name in whole)
-        columns.append((SHARE_UNIT * features[..., column(part)] // xp.maximum(total, 1))[..., None])
-    return xp.concatenate(columns, axis=-1), (*feature_names, *shares)
+    xp = features.__array_namespace__()
+    column = {name: index for index, name in enumerate(feature_names)}
+    arrays = [features]
+    names = list(feature_names)
+    for share, (part, whole) in SHARES.items():
+        if part not in column or not column.keys() >= set(whole):
+            continue
+        total = sum(features[..., column[name]] for name in whole)
+        values = SHARE_UNIT * features[..., column[part]] // xp.maximum(total, 1)
+        arrays.append(values[..., None])
+        names.append(share)
+    return xp.concatenate(arrays, axis=-1), tuple(names)
 
 
 def select_features(features: AnyArray, feature_names: Sequence[str], selected: Sequence[str]) -> AnyArray:
@@ -96,7 +114,7 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
     """
     if features is None and isinstance(name, str):
         return name
-    known = tuple(dict.fromkeys((*FEATURES, *TOWN_FEATURES, *(features or ()))))
+    known = tuple(dict.fromkeys([*FEATURES, *TOWN_FEATURES, *(features or ())]))
     if name not in known:
         raise InputError(
             f"{source}: expected a metric, or a share such as straight_share, got {shorten(repr(name), 40)}"
@@ -110,18 +128,20 @@ def check_features(features: UserValue) -> tuple[str, ...]:
     if isinstance(features, str) or not isinstance(features, Iterable):
         raise InputError(f"features: expected names, got {shorten(repr(features))}")
     names = check_unique("features", "name", map(check_name, features))
-    for one in names:
-        if not one.isidentifier() or one in (*FEATURES, *TOWN_FEATURES, "constant"):
+    taken = {*FEATURES, *TOWN_FEATURES, "constant"}
+    for name in names:
+        if not name.isidentifier() or name in taken:
             expected = "names of letters, digits and _ that no other feature has"
-            raise InputError(f"features: expected {expected}, got {shorten(repr(one), 40)}")
+            raise InputError(f"features: expected {expected}, got {shorten(repr(name), 40)}")
     return tuple(names)
 
 
 def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
     """Returns the default width of bins of a feature on grids of a shape.
 
-    The range of a share is divided into equal bins. Bins of the cyclomatic number have width 1 at 12 x 12 and grow with
-    the area. Bins of any other metric cover the range that networks reach: 0 to half the number of cells.
+    The range of a share is divided into equal bins. Bins of the cyclomatic number have width 1 at
+    12 x 12 and grow with the area. Bins of any other metric cover the range that networks reach: 0
+    to half the number of cells.
     """
     area = shape[0] * shape[1]
     if is_share(name) or name in _USUAL:
@@ -134,7 +154,12 @@ def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
 
 def largest_addend(weights: Iterable[tuple[str, int]], shape: tuple[int, int]) -> int:
     """Returns an upper bound of the size of what weighted features other than metrics add to the fitness."""
-    others = {name: abs(weight) for name, weight in weights if weight and name not in METRIC_NAMES}
-    towns = sum(weight * largest_town_feature(name, shape) for name, weight in others.items() if name in TOWN_FEATURES)
+    largest = 0
+    has_users_features = False
+    for name, weight in weights:
+        if name in TOWN_FEATURES:
+            largest += abs(weight) * largest_town_feature(name, shape)
+        elif name not in METRIC_NAMES and name != "constant" and weight != 0:
+            has_users_features = True
     # Grids with a larger sum of the user's features are refused, see `road_problem`.
-    return towns + (LARGEST_FITNESS if set(others) - {*TOWN_FEATURES, "constant"} else 0)
+    return largest + LARGEST_FITNESS if has_users_features else largest

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Bool, Int, Int8
 
 from elitelanes_jax._util.checks import is_whole, path
 from elitelanes_jax._util.errors import InputError, reason, shorten
@@ -22,13 +22,13 @@ class FixedCells(NamedTuple):
     codes: tuple[int | None, ...]  # the code of each fixed cell, None for each free cell, row by row
 
     @property
-    def fixed(self) -> NDArray[np.bool_]:
-        """Bool ``[H, W]``: whether each cell is fixed."""
+    def fixed(self) -> Bool[np.ndarray, "H W"]:
+        """Whether each cell is fixed."""
         return np.array([code is not None for code in self.codes]).reshape(self.shape)
 
     @property
-    def grid(self) -> NDArray[np.int8]:
-        """int8 ``[H, W]``: the codes of the fixed cells, 0 elsewhere."""
+    def grid(self) -> Int8[np.ndarray, "H W"]:
+        """The codes of the fixed cells, 0 elsewhere."""
         return np.array([code or 0 for code in self.codes], np.int8).reshape(self.shape)
 
     @property
@@ -42,20 +42,23 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     """Reads fixed cells from rows or a file.
 
     Args:
-      cells: rows ``[H][W]`` of codes, with None for a free cell and 0 for a cell without roads; or a `FixedCells`; or
-        the path of a JSON file with the rows, alone or under the key ``codes``, with null for None.
+      cells: rows ``[H][W]`` of codes, with None for a free cell and 0 for a cell without roads; or
+        a `FixedCells`; or the path of a JSON file with the rows, alone or under the key ``codes``,
+        with null for None.
 
     Raises:
-      InputError: if the file cannot be read, the cells are no table of codes, or a fixed cell has a road that leaves
-        the grid or that a fixed neighbour does not return.
+      InputError: if the file cannot be read, the cells are no table of codes, or a fixed cell has a
+        road that leaves the grid or that a fixed neighbour does not return.
     """
     if isinstance(cells, FixedCells):
         return cells
     name = "fix"
     if isinstance(cells, str | Path):
         name, cells = str(cells), _read_rows(path(cells))
+    if hasattr(cells, "shape"):
+        cells = np.asarray(cells).tolist()
     try:
-        rows = [list(row) for row in (np.asarray(cells).tolist() if hasattr(cells, "shape") else cells)]
+        rows = [list(row) for row in cells]
     except TypeError:
         got = shorten(reprlib.repr(cells))
         raise InputError(f"{name}: expected rows of tile codes, or null for free cells, got {got}") from None
@@ -64,7 +67,7 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
         got = f"{len(rows)} rows of {shorten(' or '.join(map(str, lengths)) or '0')}"
         raise InputError(f"{name}: expected rows of one length, got {got}")
     try:
-        shape = check_shape((len(rows), *lengths), new=True)
+        shape = check_shape((len(rows), lengths[0]), new=True)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
     for row, column in np.ndindex(*shape):
@@ -80,7 +83,7 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
 def check_fits(cells: FixedCells, shape: tuple[int, int]) -> None:
     """Raises `InputError` for fixed cells of grids of another shape."""
     if cells.shape != shape:
-        expected, got = (f"{rows} x {columns}" for rows, columns in (shape, cells.shape))
+        expected, got = "{} x {}".format(*shape), "{} x {}".format(*cells.shape)
         raise InputError(f"fix: expected cells of a map of {expected}, got {got}")
 
 
@@ -89,7 +92,10 @@ def _read_rows(file: str | Path) -> Plain:
         content = read_json(file)
     except OSError as error:
         raise InputError(f"{file}: {reason(error)}") from None
-    except (ValueError, RecursionError) as error:  # of the text, of JSON, of a number with too many digits
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # of the text, of JSON, of a number with too many digits
         raise InputError(f"{file}: expected JSON, got: {error}") from None
     if isinstance(content, dict) and "codes" in content:
         content = content["codes"]
@@ -98,17 +104,19 @@ def _read_rows(file: str | Path) -> Plain:
     return content
 
 
-def _check_sides(name: str, codes: NDArray[np.int_]) -> None:
+def _check_sides(name: str, codes: Int[np.ndarray, "H W"]) -> None:
     """Checks that no road leaves the grid or ends at a fixed neighbour. A free cell is -1, all bits."""
     height, width = codes.shape
     for side in SIDES:
         beside = np.pad(codes, 1)[1 + side.down :, 1 + side.right :][:height, :width]
         wrong = np.argwhere((codes >= 0) & (codes & side.bit > 0) & (beside & side.opposite == 0))
         for row, column in wrong.tolist():
-            position, other = f"{side.name} at row {row}, column {column}", (row + side.down, column + side.right)
-            if not (0 <= other[0] < height and 0 <= other[1] < width):
-                raise InputError(f"{name}: expected roads within the grid, got one that leaves it to the {position}")
-            raise InputError(
-                f"{name}: expected fixed neighbours to agree, got a road to the {position} "
-                f"that row {other[0]}, column {other[1]} does not return"
-            )
+            position = f"{side.name} at row {row}, column {column}"
+            next_row, next_column = row + side.down, column + side.right
+            if not (0 <= next_row < height and 0 <= next_column < width):
+                expected = "roads within the grid"
+                got = f"one that leaves it to the {position}"
+            else:
+                expected = "fixed neighbours to agree"
+                got = f"a road to the {position} that row {next_row}, column {next_column} does not return"
+            raise InputError(f"{name}: expected {expected}, got {got}")

@@ -10,39 +10,47 @@ from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.ranges import Range
 
-COUNTED = {"straight": "straights", "turn": "turns", "crossing3": "crossings3", "crossing4": "crossings4"}
+COUNTED = {
+    "straight": "straights",
+    "turn": "turns",
+    "crossing3": "crossings3",
+    "crossing4": "crossings4",
+}
 """The feature that counts the tiles of each kind that maps consist of."""
 
 
-def parse_numbers(option: str, known: Iterable[str], given: UserValue, *, least: int) -> tuple[tuple[str, int], ...]:
+def parse_numbers(option: str, known: Iterable[str], numbers: UserValue, *, least: int) -> tuple[tuple[str, int], ...]:
     """Reads whole numbers by name, from texts such as ``bridges=300``, a mapping or pairs.
 
-    Raises `InputError` for anything else, a name that is not `known`, a number less than `least`, or a name that comes
-    twice.
+    Raises `InputError` for anything else, a name that is not `known`, a number less than `least`,
+    or a name that comes twice.
     """
-    names, check, found = list(known), whole(least), []
+    names, check = list(known), whole(least)
     expected = f"{option}: expected NAME=N with one of {', '.join(names)}"
-    if isinstance(given, str):
-        given = split_settings(given)
-    if not isinstance(given, Iterable):
-        raise InputError(f"{expected}, got {shorten(repr(given))}")
-    for pair in given.items() if isinstance(given, Mapping) else given:
+    if isinstance(numbers, str):
+        numbers = split_settings(numbers)
+    if not isinstance(numbers, Iterable):
+        raise InputError(f"{expected}, got {shorten(repr(numbers))}")
+    checked: list[tuple[str, int]] = []
+    for pair in numbers.items() if isinstance(numbers, Mapping) else numbers:
         try:
             name, number = pair.partition("=")[::2] if isinstance(pair, str) else pair
         except (TypeError, ValueError):
             raise InputError(f"{expected}, got {shorten(repr(pair))}") from None
-        name = name.strip() if isinstance(name, str) else name
+        if isinstance(name, str):
+            name = name.strip()
         if name not in names:
             raise InputError(f"{expected}, got {shorten(repr(name), 40)}{suggest(name, names)}")
-        found.append((name, check_named(f"{option} {name}", check, number)))
-    check_unique(option, "name", [name for name, _ in found])
-    return tuple(found)
+        checked.append((name, check_named(f"{option} {name}", check, number)))
+    check_unique(option, "name", [name for name, _ in checked])
+    return tuple(checked)
 
 
 def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
     """Reads the number of tiles of each kind, as `parse_numbers` does; a kind that is not named has none.
 
-    The inventory may also be the path of a file that ends in ``.toml``, with lines such as ``straight = 20``.
+    The inventory may also be the path of a file that ends in ``.toml``, with lines such as
+    ``straight = 20``.
     """
     if isinstance(inventory, str | Path):
         inventory = split_settings(str(inventory))
@@ -58,7 +66,9 @@ def within_inventory(where: Iterable[Range], inventory: Iterable[tuple[str, int]
     """Returns ranges with the upper limits that an inventory sets: a map needs at most the tiles that there are."""
     ranges = {item.name: item for item in where}
     for kind, count in inventory:
-        low, high = ranges.get(COUNTED[kind], (None, None, None))[1:]
-        most = Fraction(count) if high is None else min(high, Fraction(count))
-        ranges[COUNTED[kind]] = Range(COUNTED[kind], low, most)
+        name, most = COUNTED[kind], Fraction(count)
+        asked = ranges.get(name, Range(name, None, None))
+        if asked.high is not None:
+            most = min(asked.high, most)
+        ranges[name] = Range(name, asked.low, most)
     return tuple(ranges.values())

@@ -39,13 +39,14 @@ Fitness: TypeAlias = Callable[..., Real[ArrayLike, ""]]
 It takes any of these arguments, by name; one with a default keeps it:
 
 - ``metrics``: the `Metrics` of the grid.
-- ``features``: a dictionary of all features that the search measures, by name: metrics, shares in thousandths, the
+- ``features``: a dictionary of all features that the search measures, by name: metrics, shares in
+thousandths, the
   user's, and the town features that axes, ranges or weights of the search name.
 - ``grid``: int8 ``[H, W]``.
 - ``usual``: int32, the weighted sum of features that is the fitness by default.
 
-It returns an integer scalar, at most 2**29 in size, or a float scalar, converted to float32. A grid with any other
-value, such as NaN, is refused, see `road_problem`.
+It returns an integer scalar, at most 2**29 in size, or a float scalar, converted to float32. A grid
+with any other value, such as NaN, is refused, see `road_problem`.
 """
 
 _ARGUMENTS = ("metrics", "features", "grid", "usual")  # of a fitness
@@ -64,7 +65,9 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
             raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
         check_named(f"features: {name}", function_of("grid"), kernel)
         made = _traced(
-            f"features: expected {name}", partial(_apply_kernel, name, kernel), jax.ShapeDtypeStruct(shape, jnp.int8)
+            f"features: expected {name}",
+            partial(_apply_kernel, name, kernel),
+            jax.ShapeDtypeStruct(shape, jnp.int8),
         )
         kind = getattr(made, "dtype", None)
         if kind is None or made.shape or not jnp.issubdtype(kind, jnp.integer):
@@ -82,7 +85,10 @@ def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Seq
         if argument not in _ARGUMENTS:
             raise InputError(f"fitness: expected arguments among {', '.join(_ARGUMENTS)}, got {argument!r}")
     features = jax.ShapeDtypeStruct((1, len(feature_names)), jnp.int32)
-    grids, usual = jax.ShapeDtypeStruct((1, *shape), jnp.int8), jax.ShapeDtypeStruct((1,), jnp.int32)
+    grids, usual = (
+        jax.ShapeDtypeStruct((1, *shape), jnp.int8),
+        jax.ShapeDtypeStruct((1,), jnp.int32),
+    )
     made = _traced("fitness: expected", partial(apply_fitness, fitness, feature_names), grids, features, usual)
     if getattr(made, "shape", None) != (1,) or not jnp.issubdtype(made.dtype, jnp.number) or made.dtype.kind == "c":
         raise InputError(f"fitness: expected it to return {_SCALAR}, got {_described(made, batch=1)}")
@@ -154,8 +160,8 @@ def with_town_features(
     Raises:
       InputError: for a feature of the user that is missing.
     """
-    found = {name: np.asarray(values) for name, values in features.items()}
-    missing = [name for name in columns_for(names) if name not in (*METRIC_NAMES, *found)]
+    measured = {name: np.asarray(values) for name, values in features.items()}
+    missing = [name for name in columns_for(names) if name not in METRIC_NAMES and name not in measured]
     for name in missing:
         if name not in TOWN_FEATURES:
             raise InputError(f"{source}: expected features that the search has measured, got {name}")
@@ -165,13 +171,17 @@ def with_town_features(
             raise InputError(f"grids: expected [..., H, W], got shape {list(grids.shape)}")
         flat = grids.reshape(-1, *grids.shape[-2:])
         padded = np.pad(flat, [(0, _BATCH - len(flat) % _BATCH), (0, 0), (0, 0)])
-        parts = [_measure(padded[first : first + _BATCH], tuple(missing)) for first in range(0, len(padded), _BATCH)]
+        parts = []
+        for first in range(0, len(padded), _BATCH):
+            parts.append(_measure(padded[first : first + _BATCH], tuple(missing)))
         values = np.concatenate(parts)[: len(flat)].reshape(*grids.shape[:-2], len(missing))
-        found |= {name: values[..., column] for column, name in enumerate(missing)}
-    return found
+        for column, name in enumerate(missing):
+            measured[name] = values[..., column]
+    return measured
 
 
-# The number of grids that are measured at once: they fit in memory, and one program serves all batches.
+# The number of grids that are measured at once: they fit in memory, and one program serves all
+# batches.
 _BATCH = 256
 
 
@@ -203,11 +213,11 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
     """Returns the names of the arguments that a fitness of the user takes."""
     try:
         parameters = signature(fitness).parameters.values()
-        if any(one.kind is Parameter.POSITIONAL_ONLY for one in parameters):
+        if any(parameter.kind is Parameter.POSITIONAL_ONLY for parameter in parameters):
             raise TypeError("positional only")
     except (TypeError, ValueError):
         raise InputError(f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}") from None
-    return tuple(one.name for one in parameters if one.default is Parameter.empty)
+    return tuple(parameter.name for parameter in parameters if parameter.default is Parameter.empty)
 
 
 def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct) -> Pytree:
@@ -226,8 +236,9 @@ def _described(made: Pytree, batch: int = 0) -> str:
 def digest(function: Callable[..., Pytree], *arguments: Pytree) -> tuple[str, bool]:
     """Returns a digest of what a function computes, and whether it computes with floats.
 
-    The digest, 16 hexadecimal digits, is equal in all processes for functions with the same jaxpr and constants. Calls
-    out of JAX, such as callbacks, do not count. The arguments may be given by their shapes and dtypes.
+    The digest, 16 hexadecimal digits, is equal in all processes for functions with the same jaxpr
+    and constants. Calls out of JAX, such as callbacks, do not count. The arguments may be given by
+    their shapes and dtypes.
     """
     closed = jax.make_jaxpr(lambda *given: function(*given))(*arguments)  # JAX knows a function that it has traced
     with np.printoptions(threshold=sys.maxsize):

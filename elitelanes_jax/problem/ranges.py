@@ -23,7 +23,8 @@ from elitelanes_jax.problem.features import (
     with_shares,
 )
 
-# The penalty of one unit of distance equals that of a dead end, so that the search does not exchange the two.
+# The penalty of one unit of distance equals that of a dead end, so that the search does not
+# exchange the two.
 _STEEPNESS = 480
 
 
@@ -36,20 +37,24 @@ class Range(NamedTuple):
 
     def __str__(self) -> str:
         """Returns the text that `parse_ranges` reads."""
-        low, high = ("" if limit is None else _format(limit) for limit in self[1:])
-        return f"{self.name}={low}" if self.low == self.high else f"{self.name}={low}..{high}"
+        low = "" if self.low is None else _format(self.low)
+        high = "" if self.high is None else _format(self.high)
+        if self.low == self.high:
+            return f"{self.name}={low}"
+        return f"{self.name}={low}..{high}"
 
 
 def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tuple[Range, ...]:
     """Reads ranges from texts such as ``crossings=6..10``, ``bridges=0``, ``straight_share=0.3..``, or a mapping.
 
     Args:
-      where: texts, or one text with spaces between ranges; or a mapping of names to numbers, texts such as ``6..10``,
-        or pairs of numbers with None for no limit; or several `Range` records.
+      where: texts, or one text with spaces between ranges; or a mapping of names to numbers, texts
+        such as ``6..10``, or pairs of numbers with None for no limit; or several `Range` records.
       features: the names of the user's features; None accepts any name.
 
     Raises:
-      InputError: for anything else, an unknown feature, limits in the wrong order, or a repeated feature.
+      InputError: for anything else, an unknown feature, limits in the wrong order, or a repeated
+        feature.
     """
     if isinstance(where, str):
         where = split_settings(where)
@@ -68,13 +73,15 @@ def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[
 
     As an array, ranges can be traced, so that other ranges need no compilation.
     """
-    names = (*feature_names, *SHARES)
-    limits = np.array([[-LARGEST], [LARGEST]], np.int32).repeat(len(names), axis=1)
+    names = [*feature_names, *SHARES]
+    limits = np.empty((2, len(names)), np.int32)
+    limits[0], limits[1] = -LARGEST, LARGEST
     for name, low, high in where:
         column, unit = names.index(name), feature_unit(name)
         if low is not None:
-            # Thousandths of shares are rounded down.
-            limits[0, column] = floor(low * unit) if name in SHARES else ceil(low * unit)
+            # Thousandths of shares are rounded down, so their limit is too.
+            rounded = floor if name in SHARES else ceil
+            limits[0, column] = rounded(low * unit)
         if high is not None:
             limits[1, column] = floor(high * unit)
     return limits
@@ -85,18 +92,18 @@ def range_penalty(
 ) -> AnyArray:
     """Returns the penalty for the distance from the ranges: 480 for each unit, 0 for a network in all ranges.
 
-    A unit is 1 of a whole number, the share of one cell, or the gain of one more tile in a long straight.
+    A unit is 1 of a whole number, the share of one cell, or the gain of one more tile in a long
+    straight.
 
-    Takes features int32 ``[..., F]`` of NumPy or JAX, and limits as `range_limits` returns them, which may be traced.
-    Returns int32 ``[...]`` of the same library, at most `largest_penalty`.
+    Takes features int32 ``[..., F]`` of NumPy or JAX, and limits as `range_limits` returns them,
+    which may be traced. Returns int32 ``[...]`` of the same library, at most `largest_penalty`.
     """
     features, names = with_shares(features, feature_names)
-    units = {name: (shape[0] * shape[1], SHARE_UNIT) for name in names if feature_unit(name) != 1}
-    units |= {"straight_score": (1, 2 * max(shape)), "adjacent_crossing_score": (1, 8)}
+    factor, divisor = _factors_of_units(names, shape)
     # With as many axes as the features, see `xla.align`.
-    axes = (1,) * (features.ndim - 1)
-    factor, divisor = np.array([units.get(name, (1, 1)) for name in names], np.int32).T.reshape(2, *axes, -1)
-    limits = limits.reshape(2, *axes, -1)
+    aligned = (1,) * (features.ndim - 1) + (-1,)
+    factor, divisor = factor.reshape(aligned), divisor.reshape(aligned)
+    limits = limits.reshape(2, *aligned)
     distance = (limits[0] - features).clip(0, None) + (features - limits[1]).clip(0, None)
     distance = distance.clip(None, LARGEST // factor) * factor
     # Processors divide by a constant many times as fast as by numbers that differ between columns.
@@ -106,6 +113,22 @@ def range_penalty(
         steps += has_divisor * ((distance + constant - 1) // constant)
     steps = steps.clip(None, _most_steps(len(names)))
     return _STEEPNESS * steps.sum(axis=-1, dtype=np.int32)
+
+
+def _factors_of_units(
+    names: Sequence[str], shape: tuple[int, int]
+) -> tuple[Int32[np.ndarray, " C"], Int32[np.ndarray, " C"]]:
+    """Returns the factor and the divisor by which a distance in each column becomes units."""
+    factors = np.ones(len(names), np.int32)
+    divisors = np.ones(len(names), np.int32)
+    for column, name in enumerate(names):
+        if name == "straight_score":
+            divisors[column] = 2 * max(shape)
+        elif name == "adjacent_crossing_score":
+            divisors[column] = 8
+        elif feature_unit(name) != 1:
+            factors[column], divisors[column] = shape[0] * shape[1], SHARE_UNIT
+    return factors, divisors
 
 
 def largest_penalty(ranges: int, feature_names: Sequence[str]) -> int:
@@ -121,7 +144,8 @@ def _most_steps(columns: int) -> int:
 def satisfies(features: Mapping[str, AnyArray], where: Iterable[Range]) -> Bool[np.ndarray, "..."]:
     """Returns which networks are in all ranges, exactly.
 
-    `features` has all metrics, and the other features with a range: whole numbers of one shape, by name.
+    `features` has all metrics, and the other features with a range: whole numbers of one shape, by
+    name.
     """
     inside = np.ones(np.shape(features[METRIC_NAMES[0]]), bool)
     for name, low, high in where:
@@ -145,9 +169,9 @@ def _read_range(item: UserValue, features: Collection[str] | None) -> Range:
 
 def _parse(text: UserValue, features: Collection[str] | None) -> Range:
     source = f"where {text!r}"
-    name, equals, limits = text.partition("=") if isinstance(text, str) else ("", "", "")
-    if not equals:
+    if not isinstance(text, str) or "=" not in text:
         raise InputError(f"{source}: expected NAME=LOW..HIGH, such as crossings=6..10")
+    name, _, limits = text.partition("=")
     return _range(source, name.strip(), limits.strip(), features)
 
 
@@ -161,7 +185,8 @@ def _range(source: str, name: UserValue, limits: UserValue, features: Collection
         raise InputError(f"{source}: expected a number or two limits, got {shorten(repr(limits))}")
     if all(limit is None for limit in pair):
         raise InputError(f"{source}: expected at least one limit, got none")
-    low, high = (None if limit is None else _limit(source, name, limit) for limit in pair)
+    low = None if pair[0] is None else _limit(source, name, pair[0])
+    high = None if pair[1] is None else _limit(source, name, pair[1])
     if low is not None and high is not None and low > high:
         raise InputError(f"{source}: expected the lower limit first, got {_format(low)} before {_format(high)}")
     return Range(name, low, high)
@@ -176,7 +201,8 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction:
         number = Fraction(float(text) if "e" in text.lower() else text)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError(f"{source}: expected a number, got {shorten(repr(limit))}") from None
-    least = 0 if name in (*FEATURES, *TOWN_FEATURES) else -LARGEST
+    is_users = name not in FEATURES and name not in TOWN_FEATURES
+    least = -LARGEST if is_users else 0
     most = 1 if is_share(name) else LARGEST
     if not least <= number <= most:
         unit = " (a part of 1)" if is_share(name) else ""
@@ -188,4 +214,6 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction:
 
 
 def _format(limit: Fraction) -> str:
-    return str(limit if limit.denominator == 1 else float(limit))
+    if limit.denominator == 1:
+        return str(limit)
+    return str(float(limit))

@@ -44,6 +44,10 @@ def map_constraints(rules: str | None, *, filled: bool) -> tuple[Constraint, ...
 
     `filled` says whether every cell of a map has a road, unless rules leave cells empty.
     """
+    constraints = list(_ALWAYS)
     if rules is not None:
-        return (*_ALWAYS, *(Constraint(metric, 0, "against the rules") for metric in RULES[rules].forbidden))
-    return (*_ALWAYS, Constraint("empty_cells", 0, "with empty cells")) if filled else _ALWAYS
+        for metric in RULES[rules].forbidden:
+            constraints.append(Constraint(metric, 0, "against the rules"))
+    elif filled:
+        constraints.append(Constraint("empty_cells", 0, "with empty cells"))
+    return tuple(constraints)

@@ -22,15 +22,16 @@ class ExampleValues(NamedTuple):
 def parse_targets(targets: UserValue, features: Collection[str] = ()) -> tuple[ExampleValues, ...]:
     """Reads example values from a mapping of features to values, or from pairs of them.
 
-    Each feature has one value per example map, in the same order. Raises `InputError` for anything else, an unknown or
-    repeated feature, a value out of range, or features with different numbers of values.
+    Each feature has one value per example map, in the same order. Raises `InputError` for anything
+    else, an unknown or repeated feature, a value out of range, or features with different numbers
+    of values.
     """
     pairs = targets.items() if isinstance(targets, Mapping) else targets
     if isinstance(pairs, str) or not isinstance(pairs, Iterable):
         raise InputError(f"targets: expected features with their values, got {shorten(repr(targets))}")
     read = tuple(_example_values(pair, features) for pair in pairs)
     check_unique("targets", "feature", [item.name for item in read])
-    if len({len(item.values) for item in read}) > 1:
+    if read and any(len(item.values) != len(read[0].values) for item in read):
         counts = ", ".join(f"{item.name} {len(item.values)}" for item in read)
         raise InputError(f"targets: expected the same number of values of each feature, got {counts}")
     return read
@@ -39,9 +40,10 @@ def parse_targets(targets: UserValue, features: Collection[str] = ()) -> tuple[E
 class SupportPoints:
     """Chooses maps one by one, so that their features are distributed like example values.
 
-    The next map is the one that minimises the energy distance (Székely and Rizzo, 2013) between the chosen maps and the
-    examples: greedy support points (Mak and Joseph, 2018). A feature is measured in standard deviations of its example
-    values; if those are all equal, in standard deviations of the candidates.
+    The next map is the one that minimises the energy distance (Székely and Rizzo, 2013) between the
+    chosen maps and the examples: greedy support points (Mak and Joseph, 2018). A feature is
+    measured in standard deviations of its example values; if those are all equal, in standard
+    deviations of the candidates.
 
     Args:
       features: float ``[M, D]``, of the candidates, in the units of the examples.
@@ -50,10 +52,15 @@ class SupportPoints:
 
     def __init__(self, features: Float[np.ndarray, "M D"], examples: Iterable[ExampleValues]) -> None:
         values = np.array([item.values for item in examples]).T
-        scale = np.where(values.std(axis=0) > 0, values.std(axis=0), features.std(axis=0) if len(features) else 0)
+        scale = values.std(axis=0)
+        if len(features):
+            scale = np.where(scale > 0, scale, features.std(axis=0))
         scale = np.where(scale > 0, scale, 1)
         self._points = features / scale
-        self._to_examples = sum(self._distances(point) for point in values / scale) / len(values)
+        total = np.zeros(len(features))
+        for point in values / scale:
+            total += self._distances(point)
+        self._to_examples = total / len(values)
         self._to_chosen = np.zeros(len(features))
         self._count = 0
 
@@ -73,11 +80,13 @@ class SupportPoints:
 def _example_values(pair: UserValue, features: Collection[str]) -> ExampleValues:
     try:
         name, values = pair
-        values = [*values]
+        values = list(values)
     except (TypeError, ValueError):
         raise InputError(f"targets: expected a feature with its values, got {shorten(repr(pair))}") from None
     check_feature("targets", name, features)
-    check = real(-LARGEST if name in features else 0, 1 if is_share(name) else LARGEST)
+    least = -LARGEST if name in features else 0
+    most = 1 if is_share(name) else LARGEST
+    check = real(least, most)
     read = tuple(check_named(f"targets: {name}", check, value) for value in values)
     if not read:
         raise InputError(f"targets: {name}: expected at least one value, got none")

@@ -1,6 +1,7 @@
 """Spreads the seeds of a search over all local devices: the cores of the processor, GPUs, TPU cores."""
 
 from collections.abc import Sequence
+from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
@@ -11,23 +12,27 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import count_cores
 from elitelanes_jax._util.types import Pytree
 
-# The most seeds that a processor's core advances together. What a step of more seeds reads and writes does not stay in
-# its caches: with 4,096 seeds of the tuned MAP-Elites at 12 x 12, two cores take twice as long.
+# The most seeds that a processor's core advances together. What a step of more seeds reads and
+# writes does not stay in its caches: with 4,096 seeds of the tuned MAP-Elites at 12 x 12, two cores
+# take twice as long.
 _MOST_ROWS = 32
 
 
 def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[jax.Device]:
     """Returns the devices for the parts of some work; a device may be repeated.
 
-    By default these are all local devices, and for the processor its device once for each core that `use_cores` allows:
-    JAX has one device for all cores, and runs a program for each thread that calls it.
+    By default these are all local devices, and for the processor its device once for each core that
+    `use_cores` allows: JAX has one device for all cores, and runs a program for each thread that
+    calls it.
 
     Raises:
       InputError: for anything else than devices, or their number from 1.
     """
     local = jax.local_devices()
     if devices is None:
-        devices = max(count_cores(), len(local)) if local[0].platform == "cpu" else len(local)
+        devices = len(local)
+        if local[0].platform == "cpu":
+            devices = max(devices, count_cores())
     if isinstance(devices, Sequence) and devices and all(isinstance(device, jax.Device) for device in devices):
         return list(devices)
     if not isinstance(devices, Sequence) and is_whole(devices) and devices > 0:
@@ -38,7 +43,10 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
 def divide(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
     """Returns the devices for `cut`, so that no part on a processor has more than `_MOST_ROWS` rows."""
     on_processor = all(device.platform == "cpu" for device in devices)
-    return [*devices] * (-(-rows // (_MOST_ROWS * len(devices))) if on_processor else 1)
+    if not on_processor:
+        return list(devices)
+    rounds = -(-rows // (_MOST_ROWS * len(devices)))
+    return list(devices) * rounds
 
 
 def part_rows(rows: int, devices: Sequence[jax.Device]) -> tuple[int, int]:
@@ -50,8 +58,9 @@ def part_rows(rows: int, devices: Sequence[jax.Device]) -> tuple[int, int]:
 def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
     """Cuts arrays ``[S, ...]`` into parts with equally many rows, and puts each part on its device.
 
-    If the rows do not divide evenly, the last parts repeat the last row. All parts have one size, so one program serves
-    them, and a part with repeated rows takes no longer than the first part. There may be fewer parts than devices.
+    If the rows do not divide evenly, the last parts repeat the last row. All parts have one size,
+    so one program serves them, and a part with repeated rows takes no longer than the first part.
+    There may be fewer parts than devices.
     """
     rows = len(jax.tree.leaves(tree)[0])
     size, count = part_rows(rows, devices)
@@ -60,17 +69,20 @@ def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
     indices = np.minimum(np.arange(count * size), rows - 1).reshape(count, size)
     # Indexing in NumPy compiles nothing, but NumPy has no arrays of keys.
     tree = jax.tree.map(lambda array: array if _is_key(array) else np.asarray(array), tree)
-    return [
-        _put(jax.tree.map(lambda array, part=part: array[part], tree), device)
-        for part, device in zip(indices, devices, strict=False)
-    ]
+    parts = []
+    for part, device in zip(indices, devices, strict=False):
+        rows_of_part = jax.tree.map(itemgetter(part), tree)
+        parts.append(_put(rows_of_part, device))
+    return parts
 
 
 def join(parts: Sequence[Pytree], rows: int) -> Pytree:
     """Joins the parts that `cut` made to arrays ``[rows, ...]``, for the default device."""
     home = jax.local_devices()[0]
-    if len(parts) == 1 and all(getattr(array, "device", home) == home for array in jax.tree.leaves(parts[0])):
-        return parts[0]
+    if len(parts) == 1:
+        devices = [getattr(array, "device", home) for array in jax.tree.leaves(parts[0])]
+        if all(device == home for device in devices):
+            return parts[0]
 
     def joined(*arrays: Pytree) -> Pytree:
         if _is_key(arrays[0]):
@@ -86,4 +98,6 @@ def _is_key(array: Pytree) -> bool:
 
 def _put(tree: Pytree, device: jax.Device) -> Pytree:
     """Puts arrays on a device. Arrays for the default device are not bound to it: JAX would compile again for those."""
-    return tree if device == jax.local_devices()[0] else jax.device_put(tree, device)
+    if device == jax.local_devices()[0]:
+        return tree
+    return jax.device_put(tree, device)

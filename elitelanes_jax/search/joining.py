@@ -18,11 +18,13 @@ from elitelanes_jax.search.result import History, Result, RunState
 def join_results(results: Sequence[Result]) -> Result:
     """Joins results of one search along the seeds, in their order.
 
-    The arrays are those of one call of `evolve` with all keys, bit for bit. A result of one key counts as one seed. The
-    joined result has no state to continue from. Its speed is that of the results one after another.
+    The arrays are those of one call of `evolve` with all keys, bit for bit. A result of one key
+    counts as one seed. The joined result has no state to continue from. Its speed is that of the
+    results one after another.
 
     Args:
-      results: of the same size, options, configuration, functions and generations, with different keys.
+      results: of the same size, options, configuration, functions and generations, with different
+        keys.
 
     Raises:
       InputError: for no results, results of different searches, or a result that comes twice.
@@ -34,7 +36,8 @@ def join_results(results: Sequence[Result]) -> Result:
         _check_same_search(index, _search_of(result), _search_of(results[0]))
     _check_different_keys(results)
     batches = [_with_seeds(result) for result in results]
-    elites = jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *(batch.elites for batch in batches))
+    all_elites = [batch.elites for batch in batches]
+    elites = jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *all_elites)
     history = _join_histories([batch.history for batch in batches])
     return replace(without_state(results[0]), elites=elites, history=history)
 
@@ -46,18 +49,23 @@ def without_state(result: Result) -> Result:
 
 def _search_of(result: Result) -> dict[str, UserValue]:
     """Returns by name all that results of one search have in common."""
-    options = result.search.settings.values()
-    generations = [count.tolist() for count in (result.history.generation, result.history.evaluations)]
-    rest = {"size": result.search.shape, "axes": result.search.axes, "config": result.config}
-    functions = {f"function {name!r}": digest for name, digest in result.functions}
-    return options | rest | functions | {"generations of the history": generations}
+    history = result.history
+    common = dict(result.search.settings.values())
+    common |= {"size": result.search.shape, "axes": result.search.axes, "config": result.config}
+    for name, digest in result.functions:
+        common[f"function {name!r}"] = digest
+    common["generations of the history"] = [
+        history.generation.tolist(),
+        history.evaluations.tolist(),
+    ]
+    return common
 
 
 def _check_same_search(index: int, got: dict[str, UserValue], expected: dict[str, UserValue]) -> None:
     for name in expected | got:
         if got.get(name) != expected.get(name):
-            texts = [shorten(repr(search.get(name)), 60) for search in (expected, got)]
-            raise InputError(f"results: expected one search with {name} {texts[0]}, got {texts[1]} at index {index}")
+            first, other = shorten(repr(expected.get(name)), 60), shorten(repr(got.get(name)), 60)
+            raise InputError(f"results: expected one search with {name} {first}, got {other} at index {index}")
 
 
 def _check_different_keys(results: Sequence[Result]) -> None:
@@ -79,15 +87,23 @@ def _with_seeds(result: Result) -> Result:
         return result
     elites = jax.tree.map(lambda array: array[None], result.elites)
     history = result.history
-    of_seeds = {name: getattr(history, name)[None] for name in ("best_fitness", "elite_count", "refused")}
-    return replace(result, elites=elites, history=history._replace(**of_seeds))
+    history = history._replace(
+        best_fitness=history.best_fitness[None],
+        elite_count=history.elite_count[None],
+        refused=history.refused[None],
+    )
+    return replace(result, elites=elites, history=history)
 
 
 def _join_histories(histories: Sequence[History]) -> History:
-    counts = {
-        name: np.concatenate([getattr(history, name) for history in histories])
-        for name in ("best_fitness", "elite_count", "refused")
-    }
+    # Each search takes as long as its evaluations need, one after another.
     seeds = [len(history.best_fitness) for history in histories]
-    shares = [count / history.evaluations_per_second for count, history in zip(seeds, histories, strict=True)]
-    return histories[0]._replace(**counts, evaluations_per_second=sum(seeds) / np.sum(shares, axis=0))
+    shares = []
+    for count, history in zip(seeds, histories, strict=True):
+        shares.append(count / history.evaluations_per_second)
+    return histories[0]._replace(
+        best_fitness=np.concatenate([history.best_fitness for history in histories]),
+        elite_count=np.concatenate([history.elite_count for history in histories]),
+        refused=np.concatenate([history.refused for history in histories]),
+        evaluations_per_second=sum(seeds) / np.sum(shares, axis=0),
+    )

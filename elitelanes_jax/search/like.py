@@ -1,10 +1,10 @@
 """Options of a search for maps like example maps, whose features become ranges and axes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import ceil, floor
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Int8
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, Plain
@@ -16,7 +16,8 @@ from elitelanes_jax.search.style import read_style
 _SPREAD = ("loops_per_tile", "turn_share", "box_fill", "symmetry")
 _HELD = ("crossing_share", "adjacent_turns_per_tile")
 
-# The least margin of a range on either side, a part of 1 or a ratio: maps of one author differ this much.
+# The least margin of a range on either side, a part of 1 or a ratio: maps of one author differ this
+# much.
 _LEAST_MARGIN = {"loops_per_tile": 0.02, "crossing_share": 0.04}
 _USUAL_LEAST_MARGIN = 0.1
 
@@ -33,32 +34,48 @@ _COUNTED = {"straight_share": "straights", "turn_share": "turns", "crossing_shar
 def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
     """Returns the options of a search for maps like example maps, of any size.
 
-    Each feature is limited to the range found in the example maps, plus a margin on either side: a quarter of the
-    range, but at least a little. The niches divide these ranges. If all example maps keep Duckietown's rules, the
-    search has these rules. If an example map has empty cells, maps may have empty cells.
+    Each feature is limited to the range found in the example maps, plus a margin on either side: a
+    quarter of the range, but at least a little. The niches divide these ranges. If all example maps
+    keep Duckietown's rules, the search has these rules. If an example map has empty cells, maps may
+    have empty cells.
 
     Args:
       grids: integer codes ``[H, W]``, one or more, with roads.
     """
     towns = [_cut(grid) for grid in grids]
     examples = [_features(town) for town in towns]
-    keeps_rules = not any(example[name] for example in examples for name in RULES["duckietown"].forbidden)
+    keeps_rules = not any(map(_breaks_rules, examples))
     has_gaps = not all(town.all() for town in towns)
 
-    limits = {name: _limits(name, [example[name] for example in examples]) for name in (*_SPREAD, *_HELD)}
+    where = {}
+    axes = []
+    targets = {}
+    for name in _SPREAD + _HELD:
+        values = [example[name] for example in examples]
+        low, high = _limits(name, values)
+        where[name] = low / 1000, high / 1000
+        targets[name] = values
+        if name in _SPREAD:
+            axes.append(_axis(name, low, high))
+    targets["straight_share"] = [example["straight_share"] for example in examples]
     usual = read_style("town").options
     return {
         "preset": usual["preset"],
         "rules": "duckietown" if keeps_rules else None,
         "fill": False if has_gaps and not keeps_rules else None,
         "weights": usual["weights"],
-        "where": {name: (first / 1000, last / 1000) for name, (first, last) in limits.items()},
-        "axes": [_axis(name, *limits[name]) for name in _SPREAD],
-        "targets": {name: [example[name] for example in examples] for name in (*limits, "straight_share")},
+        "where": where,
+        "axes": axes,
+        "targets": targets,
     }
 
 
-def _cut(grid: AnyArray) -> NDArray[np.int8]:
+def _breaks_rules(example: Mapping[str, float]) -> bool:
+    """Returns whether a map breaks Duckietown's rules."""
+    return any(example[name] for name in RULES["duckietown"].forbidden)
+
+
+def _cut(grid: AnyArray) -> Int8[np.ndarray, "H W"]:
     """Returns the smallest box around the roads of a map."""
     roads = cut_to_roads(np.asarray(grid, np.int8))
     if not roads.any():
@@ -66,13 +83,17 @@ def _cut(grid: AnyArray) -> NDArray[np.int8]:
     return roads
 
 
-def _features(town: NDArray[np.int8]) -> dict[str, float]:
+def _features(town: Int8[np.ndarray, "H W"]) -> dict[str, float]:
     """Returns the metrics, shares and town features of a map; shares and town features in units of 1."""
     metrics = plain_measure(town)
-    features = {name: value / 1000 for name, value in plain_town(town).items()}
-    features |= {share: metrics[part] / metrics["tiles"] for share, part in _COUNTED.items()}
-    features |= metrics
-    return {name: float(value) for name, value in features.items()}
+    features: dict[str, float] = {}
+    for name, value in plain_town(town).items():
+        features[name] = value / 1000
+    for share, part in _COUNTED.items():
+        features[share] = metrics[part] / metrics["tiles"]
+    for name, value in metrics.items():
+        features[name] = float(value)
+    return features
 
 
 def _limits(name: str, values: Sequence[float]) -> tuple[int, int]:

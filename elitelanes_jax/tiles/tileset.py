@@ -1,18 +1,19 @@
 """Tile sets: folders of elementary tile pictures with their masks.
 
-A tile set has sub-folders ``<kind>_<n>``, the kind one of turn, straight, crossing3, crossing4, end. Each has
-``image.png``, the picture of one square tile, and the masks ``road.png``, ``red.png`` (stop lines) and
-``yellow.png`` (lane separators) of the same size: grey, of 0 and one other value.
+A tile set has sub-folders ``<kind>_<n>``, the kind one of turn, straight, crossing3, crossing4,
+end. Each has ``image.png``, the picture of one square tile, and the masks ``road.png``, ``red.png``
+(stop lines) and ``yellow.png`` (lane separators) of the same size: grey, of 0 and one other value.
 
-A transparent pixel of a mask is 0. A transparent pixel of a picture is ground: it has the colour of empty cells, and no
-mask is there.
+A transparent pixel of a mask is 0. A transparent pixel of a picture is ground: it has the colour of
+empty cells, and no mask is there.
 
-A tile opens the sides that its road reaches. New maps have no dead ends: an end is for maps drawn by hand or repaired.
-An optional ``tileset.toml`` has a ``name`` and a ``licence``. Without ``blend = false`` the tiles are blended as
-photographs, whose light differs. ``lane_offset`` says where lanes run: tiles from the road's middle to a lane's centre.
+A tile opens the sides that its road reaches. New maps have no dead ends: an end is for maps drawn
+by hand or repaired. An optional ``tileset.toml`` has a ``name`` and a ``licence``. Without ``blend
+= false`` the tiles are blended as photographs, whose light differs. ``lane_offset`` says where
+lanes run: tiles from the road's middle to a lane's centre.
 
-Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop lines on
-the wrong side.
+Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would
+have its stop lines on the wrong side.
 """
 
 import re
@@ -47,10 +48,21 @@ _EXPECTED = {
     "end": "one side",
 }
 _FILES = ("image", *MASKS)
-_KEYS: dict[str, tuple[Callable[[Plain], bool], str]] = {  # in tileset.toml: what each is
-    "name": (lambda value: isinstance(value, str), "name to be text"),
-    "licence": (lambda value: isinstance(value, str), "licence to be text"),
-    "blend": (lambda value: isinstance(value, bool), "blend to be true or false"),
+
+
+def _is_text(value: Plain) -> bool:
+    return isinstance(value, str)
+
+
+def _is_truth_value(value: Plain) -> bool:
+    return isinstance(value, bool)
+
+
+# The keys of tileset.toml: a test of the value, and what is expected, for messages.
+_KEYS: dict[str, tuple[Callable[[Plain], bool], str]] = {
+    "name": (_is_text, "name to be text"),
+    "licence": (_is_text, "licence to be text"),
+    "blend": (_is_truth_value, "blend to be true or false"),
     "lane_offset": (is_lane_offset, "lane_offset to be a number over 0 and under 0.5"),
 }
 _TOUCHES = 0.1  # the least part of a side in road if a road reaches it
@@ -71,7 +83,8 @@ class TileSet:
       name: of the set.
       licence: of its pictures, as stated by its makers; empty if none is.
       tiles: sorted by kind and number.
-      blend: whether the tiles are blended on a map, as photographs need it: equal light, feathered seams.
+      blend: whether the tiles are blended on a map, as photographs need it: equal light, feathered
+        seams.
       lane_offset: from the road's middle to the centre of a lane, in tiles, over 0 and under 0.5.
     """
 
@@ -101,13 +114,13 @@ class TileSet:
     @cached_property
     def digest(self) -> str:
         """A digest of all names, pictures and masks."""
-        found = sha256(repr((self.name, self.licence)).encode())
+        digest = sha256(repr((self.name, self.licence)).encode())
         for tile in self.tiles:
-            found.update(repr((tile.name, tile.code, tile.image.shape)).encode())
-            for layer in (tile.image, *(getattr(tile, name) for name in MASKS), tile.opaque):
+            digest.update(repr((tile.name, tile.code, tile.image.shape)).encode())
+            for layer in (tile.image, tile.road, tile.red, tile.yellow, tile.opaque):
                 if layer is not None:
-                    found.update(np.ascontiguousarray(layer).tobytes())
-        return found.hexdigest()[:16]
+                    digest.update(np.ascontiguousarray(layer).tobytes())
+        return digest.hexdigest()[:16]
 
     @property
     def alphabet(self) -> tuple[int, ...]:
@@ -119,15 +132,18 @@ class TileSet:
 def default_tiles() -> Path:
     """Returns the folder of the package's own tile set."""
     installed = Path(__file__).parent / "drawn"
-    return installed if installed.is_dir() else Path(__file__).parents[2] / "tiles"
+    if installed.is_dir():
+        return installed
+    return Path(__file__).parents[2] / "tiles"
 
 
 @name_wrong_arguments
 def load_tiles(folder: str | Path | None = None) -> TileSet:
     """Loads a tile set.
 
-    Files and sizes are checked, and that roads reach as many sides as their kind has. The positions of lines are not
-    checked, because photographs of unusual roads need judgement; `elitelanes tiles check` reports them.
+    Files and sizes are checked, and that roads reach as many sides as their kind has. The positions
+    of lines are not checked, because photographs of unusual roads need judgement; `elitelanes tiles
+    check` reports them.
 
     Args:
       folder: of the set; by default the package's own.
@@ -135,10 +151,14 @@ def load_tiles(folder: str | Path | None = None) -> TileSet:
     Raises:
       InputError: for an error in the folder; the message names the file.
     """
-    tiles, problems = inspect_tiles(default_tiles() if folder is None else check_named("folder", path, folder))
+    if folder is None:
+        folder = default_tiles()
+    tiles, problems = inspect_tiles(check_named("folder", path, folder))
     if tiles is None:
-        more = f" (and {len(problems) - 1} more; see: elitelanes tiles check)" if len(problems) > 1 else ""
-        raise InputError(problems[0] + more)
+        message = problems[0]
+        if len(problems) > 1:
+            message += f" (and {len(problems) - 1} more; see: elitelanes tiles check)"
+        raise InputError(message)
     return tiles
 
 
@@ -148,16 +168,18 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
 
     With `lines`, misplaced lines are problems too, see `misplaced_lines`.
     """
-    folder, problems = Path(folder), list[str]()
+    folder = Path(folder)
+    problems: list[str] = []
     about = _about(folder / "tileset.toml", problems)
-    read = [_load_tile(tile_folder, problems) for tile_folder in tile_folders(folder, problems)]
-    tiles = [tile for tile in read if tile is not None]
+    tiles = []
+    for tile_folder in tile_folders(folder, problems):
+        tile = _load_tile(tile_folder, problems)
+        if tile is not None:
+            tiles.append(tile)
     if lines:
-        problems += [f"{folder / tile / mask}.png: {fault}" for tile, mask, fault in misplaced_lines(tiles)]
-    absent = _absent_kinds(tiles)
-    missing: list[str] = [kind for kind in ("straight", "turn") if kind in absent]
-    if {"crossing3", "crossing4"} <= set(absent):
-        missing.append("crossing")
+        for tile_name, mask, fault in misplaced_lines(tiles):
+            problems.append(f"{folder / tile_name / mask}.png: {fault}")
+    missing = _missing_kinds(tiles)
     if missing and not problems:
         problems.append(
             f"{folder}: expected tiles of every kind a map needs (straight, turn, crossing3 or crossing4), "
@@ -165,9 +187,23 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
         )
     if problems:
         return None, problems
-    name = about.get("name", folder.resolve().name)
-    lane_offset = float(about.get("lane_offset", LANE_OFFSET))
-    return TileSet(name, about.get("licence", ""), tuple(tiles), about.get("blend", True), lane_offset), []
+    tile_set = TileSet(
+        name=about.get("name", folder.resolve().name),
+        licence=about.get("licence", ""),
+        tiles=tuple(tiles),
+        blend=about.get("blend", True),
+        lane_offset=float(about.get("lane_offset", LANE_OFFSET)),
+    )
+    return tile_set, []
+
+
+def _missing_kinds(tiles: Iterable[Tile]) -> list[str]:
+    """Returns the kinds that every map needs and the tiles lack."""
+    absent = _absent_kinds(tiles)
+    missing: list[str] = [kind for kind in ("straight", "turn") if kind in absent]
+    if "crossing3" in absent and "crossing4" in absent:
+        missing.append("crossing")
+    return missing
 
 
 def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
@@ -176,14 +212,17 @@ def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
         got = "a file" if folder.exists() else "none"
         problems.append(f"{folder}: expected a folder of tile pictures, got {got}")
         return []
-    found = []
+    kinds = list(_EXPECTED)
+    folders: list[tuple[int, int, Path]] = []  # with the indices of kinds, and the numbers
     for entry in folder.iterdir():
-        match = re.fullmatch(r"([a-z]+\d?)_(\d+)", entry.name)
-        if entry.is_dir() and match and match[1] in _EXPECTED:
-            found.append(((list(_EXPECTED).index(match[1]), int(match[2])), entry))
-        elif entry.is_dir() and any((entry / f"{name}.png").exists() for name in _FILES):
-            problems.append(f"{entry}: expected a folder <kind>_<number>, the kind one of {', '.join(_EXPECTED)}")
-    return [entry for _, entry in sorted(found)]
+        if not entry.is_dir():
+            continue
+        name = re.fullmatch(r"([a-z]+\d?)_(\d+)", entry.name)
+        if name and name[1] in kinds:
+            folders.append((kinds.index(name[1]), int(name[2]), entry))
+        elif any((entry / f"{file}.png").exists() for file in _FILES):
+            problems.append(f"{entry}: expected a folder <kind>_<number>, the kind one of {', '.join(kinds)}")
+    return [entry for _, _, entry in sorted(folders)]
 
 
 def edge_pixels(picture: np.ndarray, side: Side) -> np.ndarray:
@@ -193,21 +232,24 @@ def edge_pixels(picture: np.ndarray, side: Side) -> np.ndarray:
 
 def describe_tiles(tiles: TileSet) -> str:
     """Returns a few lines of text about a set and the codes that it draws."""
-    lines = [f"{tiles.name}: {len(tiles.tiles)} tiles" + (f", licence {tiles.licence}" if tiles.licence else "")]
+    head = f"{tiles.name}: {len(tiles.tiles)} tiles"
+    if tiles.licence:
+        head += f", licence {tiles.licence}"
+    lines = [head]
     for tile in tiles.tiles:
         sides = "".join(side.letter for side in SIDES if tile.code & side.bit)
         shares = ", ".join(f"{name} {share:.1%}" for name, share in tile.transparent.items())
         see_through = f", transparent: {shares}" if shares else ""
         lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels{see_through}")
-    drawn = {code: draws for code, draws in tiles.rotations.items() if code}
-    lines.append(f"rotated, {sum(map(len, drawn.values()))} pictures of the codes {', '.join(map(str, drawn))}")
-    lines += [
-        f"no {kind}: maps {'with dead ends cannot be drawn' if kind == 'end' else 'will have none'}"
-        for kind in _absent_kinds(tiles.tiles)
-    ]
+    drawn = {code: len(draws) for code, draws in tiles.rotations.items() if code}
+    lines.append(f"rotated, {sum(drawn.values())} pictures of the codes {', '.join(map(str, drawn))}")
+    for kind in _absent_kinds(tiles.tiles):
+        effect = "maps with dead ends cannot be drawn" if kind == "end" else "maps will have none"
+        lines.append(f"no {kind}: {effect}")
     if any(tile.transparent for tile in tiles.tiles):
         lines.append("transparent pixels of a mask are 0; those of a picture are ground, without road and lines")
-    lines += ["no lane separators"] if not any(tile.yellow.any() for tile in tiles.tiles) else []
+    if not any(tile.yellow.any() for tile in tiles.tiles):
+        lines.append("no lane separators")
     return "\n".join(lines)
 
 
@@ -218,8 +260,10 @@ def _absent_kinds(tiles: Iterable[Tile]) -> list[str]:
 
 def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
     """Reads tileset.toml and checks it; returns what is right."""
+    if not file.exists():
+        return {}
     try:
-        about = read_toml(file, str(file)) if file.exists() else {}
+        about = read_toml(file, str(file))
     except InputError as error:
         problems.append(str(error))
         return {}
@@ -241,19 +285,29 @@ def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
     if missing:
         problems.append(f"{folder}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}")
     image = read_image(folder / "image.png", problems)
-    layers = {"image": image} | {name: read_mask(folder / f"{name}.png", image, problems) for name in MASKS}
-    read = {name: layer for name, layer in layers.items() if layer is not None}
-    if image is None or len(read) < len(layers) or len(problems) > before:
+    road = read_mask(folder / "road.png", image, problems)
+    red = read_mask(folder / "red.png", image, problems)
+    yellow = read_mask(folder / "yellow.png", image, problems)
+    if image is None or road is None or red is None or yellow is None or len(problems) > before:
         return None
-    road, red, yellow = (read[name].pixels & image.opaque for name in MASKS)
-    reached = [side for side in SIDES if edge_pixels(road, side).mean() >= _TOUCHES]
-    code, kind = sum(side.bit for side in reached), folder.name.rpartition("_")[0]
+    opaque_road = road.pixels & image.opaque
+    reached = [side for side in SIDES if edge_pixels(opaque_road, side).mean() >= _TOUCHES]
+    code = sum(side.bit for side in reached)
+    kind = folder.name.rpartition("_")[0]
     if code not in KINDS[kind]:
         got = ", ".join(side.letter for side in reached) or "none"
-        if (read["road"].pixels & ~image.opaque).any():
+        if (road.pixels & ~image.opaque).any():
             got += ", because image.png is transparent on a part of the road"
         problems.append(f"{folder / 'road.png'}: expected a road that reaches {_EXPECTED[kind]} of the tile, got {got}")
         return None
-    opaque = None if image.opaque.all() else image.opaque
-    transparent = {name: layer.transparent for name, layer in read.items() if layer.transparent}
-    return Tile(folder.name, code, image.pixels, road, red, yellow, opaque, transparent)
+    layers = {"image": image, "road": road, "red": red, "yellow": yellow}
+    return Tile(
+        name=folder.name,
+        code=code,
+        image=image.pixels,
+        road=opaque_road,
+        red=red.pixels & image.opaque,
+        yellow=yellow.pixels & image.opaque,
+        opaque=None if image.opaque.all() else image.opaque,
+        transparent={name: layer.transparent for name, layer in layers.items() if layer.transparent},
+    )

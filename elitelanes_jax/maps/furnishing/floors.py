@@ -39,11 +39,15 @@ def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
 def floor_margin() -> float:
     """Returns how many metres of floor signs and lights need around a map.
 
-    The farthest are those of a crossing at the map's border. Here it is at the northern one, without a road to the
-    north. Street names are nearer.
+    The farthest are those of a crossing at the map's border. Here it is at the northern one,
+    without a road to the north. Street names are nearer.
     """
     crossing, sides = (0, 0), [1, 2, 3]
-    things = [place_light(crossing, corner) for corner in range(4)]
+    objects = [place_light(crossing, corner) for corner in range(4)]
     for lit in (set(), {crossing}):
-        things += place_signs({crossing: sides}, {crossing}, "all", lit)
-    return TILE_SIZE * max(-y for thing in things for _, y in outline_of(thing))
+        objects += place_signs({crossing: sides}, {crossing}, "all", lit)
+    margin = 0.0
+    for item in objects:
+        for _, y in outline_of(item):
+            margin = max(margin, -y)
+    return TILE_SIZE * margin

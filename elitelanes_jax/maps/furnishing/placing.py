@@ -13,7 +13,12 @@ from elitelanes_jax.formats.objects import MapObject, check_objects
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset
 from elitelanes_jax.maps.furnishing.scenery import place_scenery
-from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners, place_light, place_signs
+from elitelanes_jax.maps.furnishing.signs import (
+    crossings,
+    has_free_corners,
+    place_light,
+    place_signs,
+)
 from elitelanes_jax.maps.furnishing.space import Space
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.furnishing.street_names import Tags, place_street_names
@@ -27,9 +32,10 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0, lane_o
 
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
-      spec: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
-        ``street_names``, ``all`` for some of everything, ``unique_tags``, settings such as ``duckies=6`` that override
-        these words, and a file .toml, .json or .yaml with objects of your own.
+      spec: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs
+        at every crossing, ``street_names``, ``all`` for some of everything, ``unique_tags``,
+        settings such as ``duckies=6`` that override these words, and a file .toml, .json or .yaml
+        with objects of your own.
       seed: of the places of objects, 0 to 2**32 - 1.
       lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5. A tile set may have its
         own, `TileSet.lane_offset`.
@@ -50,14 +56,20 @@ def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int, lane_offset:
     for thing in check_objects(spec.objects, *codes.shape):
         space.add(thing)
         tags.use(thing)
-    found = crossings(codes)
-    free = [crossing for crossing in found if has_free_corners(codes, crossing)]
+    arms = crossings(codes)
+    free = [crossing for crossing in arms if has_free_corners(codes, crossing)]
     random = np.random.default_rng([seed, 2**32 - 1])
-    order, corners = random.permutation(len(free)), random.integers(4, size=len(free))
-    lit = sorted(int(index) for index in order[: round(spec.lights * len(free))])
-    signs = place_signs(found, set(free), spec.signs, {free[index] for index in lit}) if spec.signs != "none" else []
-    lights = [place_light(free[index], int(corners[index])) for index in lit]
-    for thing in [*map(tags.give, signs), *lights]:
+    order = random.permutation(len(free))
+    corners = random.integers(4, size=len(free))
+    with_light = np.sort(order[: round(spec.lights * len(free))]).tolist()
+    controls = []
+    if spec.signs != "none":
+        lit = {free[index] for index in with_light}
+        for sign in place_signs(arms, set(free), spec.signs, lit):
+            controls.append(tags.give(sign))
+    for index in with_light:
+        controls.append(place_light(free[index], int(corners[index])))
+    for thing in controls:
         if not space.is_clear(thing):
             raise InputError(
                 f"objects: expected none in the way of {thing.kind} at x {thing.x:g}, y {thing.y:g}, got one"

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from math import pi
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Int, Int8
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.maps.furnishing.space import Space, make_object
@@ -29,30 +30,43 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
     Raises:
       InputError: if a number of objects do not fit; the message names the amount and how many fit.
     """
-    for index, (name, (kind, list_spots, draw)) in enumerate(_AMOUNTS.items()):
-        spots = list_spots(space.codes).tolist()
-        if not spots and draw is _beside_a_road:
-            spots, draw = _blocks(space.codes).tolist(), _in_a_block
+    empty_cells = np.count_nonzero(space.codes == 0)
+    for index, (name, scenery) in enumerate(_AMOUNTS.items()):
         amount = getattr(spec, name)
-        wanted = round(amount * np.count_nonzero(space.codes == 0)) if amount < 1 else int(amount)
+        count = round(amount * empty_cells) if amount < 1 else int(amount)
         random = np.random.default_rng([seed, index])
-        placed, tries = 0, _TRIES * wanted if spots else 0
-        while placed < wanted and tries:
-            tries -= 1
-            spot = spots[random.integers(len(spots))]
-            x, y, angle = draw(spot, random, lane_offset)
-            thing = make_object(kind, x, y, round(angle, 6), static=name != "crossing_duckies")
-            placed += space.place(thing, in_lane=name.startswith("lane_"))
-        if placed < wanted and amount >= 1:
-            raise InputError(f"{name}: expected a number that fits, got {wanted}, of which {placed} fit")
+        placed = _place(space, name, scenery, count, random, lane_offset)
+        if placed < count and amount >= 1:
+            raise InputError(f"{name}: expected a number that fits, got {count}, of which {placed} fit")
 
 
-def _blocks(codes: NDArray[np.int8]) -> NDArray[np.int64]:
+def _place(
+    space: Space, name: str, scenery: "_Scenery", count: int, random: np.random.Generator, lane_offset: float
+) -> int:
+    """Places up to `count` objects of an amount; returns how many fitted."""
+    spots = scenery.list_spots(space.codes).tolist()
+    draw = scenery.draw
+    if not spots and draw is _beside_a_road:
+        spots, draw = _blocks(space.codes).tolist(), _in_a_block
+    if not spots:
+        return 0
+    placed = 0
+    for _ in range(_TRIES * count):
+        if placed == count:
+            break
+        spot = spots[random.integers(len(spots))]
+        x, y, angle = draw(spot, random, lane_offset)
+        candidate = make_object(scenery.kind, x, y, round(angle, 6), static=name != "crossing_duckies")
+        placed += space.place(candidate, in_lane=name.startswith("lane_"))
+    return placed
+
+
+def _blocks(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 2"]:
     """Lists the cells without road: (row, column)."""
     return np.argwhere(codes == 0)
 
 
-def _kerbs(codes: NDArray[np.int8]) -> NDArray[np.int64]:
+def _kerbs(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 3"]:
     """Lists the sides of cells without road whose neighbour has one: (row, column, side)."""
     padded = np.pad(codes, 1)
     height, width = codes.shape
@@ -60,9 +74,11 @@ def _kerbs(codes: NDArray[np.int8]) -> NDArray[np.int64]:
     return np.argwhere((codes == 0)[..., None] & np.stack(roads, axis=-1))
 
 
-def _straights(codes: NDArray[np.int8]) -> NDArray[np.int64]:
+def _straights(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 3"]:
     """Lists the straight tiles: (row, column, whether the road leads from west to east)."""
-    return np.stack([*np.nonzero(np.isin(codes, (5, 10))), codes[np.isin(codes, (5, 10))] == 5], axis=-1)
+    cells = np.argwhere(np.isin(codes, (5, 10)))
+    leads_east = codes[cells[:, 0], cells[:, 1]] == 5
+    return np.column_stack([cells, leads_east])
 
 
 def _in_a_block(spot: list[int], random: np.random.Generator, _: float) -> Place:
@@ -74,9 +90,12 @@ def _in_a_block(spot: list[int], random: np.random.Generator, _: float) -> Place
 def _beside_a_road(spot: list[int], random: np.random.Generator, _: float) -> Place:
     """Draws a place at a side of a cell, looking at the road there."""
     row, column, side = spot
-    depth, along = random.uniform(*_BESIDE), random.uniform(-0.5, 0.5)
-    x = column + 0.5 + SIDES[side].right * (0.5 - depth) + SIDES[(side + 1) % 4].right * along
-    y = row + 0.5 + SIDES[side].down * (0.5 - depth) + SIDES[(side + 1) % 4].down * along
+    nearest, farthest = _BESIDE
+    depth = random.uniform(nearest, farthest)
+    along = random.uniform(-0.5, 0.5)
+    towards, next_side = SIDES[side], SIDES[(side + 1) % 4]
+    x = column + 0.5 + towards.right * (0.5 - depth) + next_side.right * along
+    y = row + 0.5 + towards.down * (0.5 - depth) + next_side.down * along
     return x, y, pi / 2 * (1 - side)
 
 
@@ -84,31 +103,51 @@ def _in_a_lane(spot: list[int], random: np.random.Generator, lane_offset: float)
     """Draws a place in the middle of a lane of a straight tile, in the direction of its traffic."""
     row, column, across = spot
     heading = 2 * int(random.integers(2)) + across
-    ahead, right, along = SIDES[heading], SIDES[(heading + 1) % 4], random.uniform(-0.5, 0.5)
+    ahead, right = SIDES[heading], SIDES[(heading + 1) % 4]
+    along = random.uniform(-0.5, 0.5)
     x = column + 0.5 + along * ahead.right + lane_offset * right.right
     y = row + 0.5 + along * ahead.down + lane_offset * right.down
     return x, y, pi / 2 * (1 - heading)
 
 
-_BLOCK, _BESIDE_ROAD, _LANE = (_blocks, _in_a_block), (_kerbs, _beside_a_road), (_straights, _in_a_lane)
+class _Scenery(NamedTuple):
+    """An amount of objects.
 
-_AMOUNTS: dict[
-    str,
-    tuple[
-        str, Callable[[NDArray[np.int8]], NDArray[np.int64]], Callable[[list[int], np.random.Generator, float], Place]
-    ],
-] = {
-    "buildings": ("building", *_BLOCK),
-    "houses": ("house", *_BLOCK),
-    "buses": ("bus", *_BLOCK),
-    "trucks": ("truck", *_BLOCK),
-    "barriers": ("barrier", *_BESIDE_ROAD),
-    "robots": ("duckiebot", *_BLOCK),
-    "trees": ("tree", *_BLOCK),
-    "cones": ("cone", *_BESIDE_ROAD),
-    "crossing_duckies": ("duckie", *_BESIDE_ROAD),
-    "duckies": ("duckie", *_BESIDE_ROAD),
-    "lane_robots": ("duckiebot", *_LANE),
-    "lane_duckies": ("duckie", *_LANE),
+    Attributes:
+      kind: of the objects.
+      list_spots: returns the spots of a map, an array of whole numbers with a row for each.
+      draw: returns a random place at a spot.
+    """
+
+    kind: str
+    list_spots: Callable[[Int8[np.ndarray, "H W"]], Int[np.ndarray, "N _"]]
+    draw: Callable[[list[int], np.random.Generator, float], Place]
+
+
+def _on_block(kind: str) -> _Scenery:
+    return _Scenery(kind, _blocks, _in_a_block)
+
+
+def _beside_road(kind: str) -> _Scenery:
+    return _Scenery(kind, _kerbs, _beside_a_road)
+
+
+def _in_lane(kind: str) -> _Scenery:
+    return _Scenery(kind, _straights, _in_a_lane)
+
+
+# The amounts of a specification, large objects first.
+_AMOUNTS = {
+    "buildings": _on_block("building"),
+    "houses": _on_block("house"),
+    "buses": _on_block("bus"),
+    "trucks": _on_block("truck"),
+    "barriers": _beside_road("barrier"),
+    "robots": _on_block("duckiebot"),
+    "trees": _on_block("tree"),
+    "cones": _beside_road("cone"),
+    "crossing_duckies": _beside_road("duckie"),
+    "duckies": _beside_road("duckie"),
+    "lane_robots": _in_lane("duckiebot"),
+    "lane_duckies": _in_lane("duckie"),
 }
-"""For each amount, the kind of object, and the functions that list its spots on a map and draw a place at one."""

@@ -1,12 +1,13 @@
 """Signs and lights at crossings, by the appearance specification of Duckietown's operation manual.
 
-"Traffic signs", Placement: from each stop line two signs are visible, the control (a stop sign, or that a traffic light
-is ahead) and the topology (4-way, or the T that fits). They are on the opposite side of the crossing, on the corners of
-the cells next to it. These cells have no road or are outside the map. The figure of a 4-way crossing has the topology
-at the far right corner and the control at the far left one, farther from the crossing's own corner.
+"Traffic signs", Placement: from each stop line two signs are visible, the control (a stop sign, or
+that a traffic light is ahead) and the topology (4-way, or the T that fits). They are on the
+opposite side of the crossing, on the corners of the cells next to it. These cells have no road or
+are outside the map. The figure of a 4-way crossing has the topology at the far right corner and the
+control at the far left one, farther from the crossing's own corner.
 
-"Traffic lights", Placement: the stand is outside the driving region, on a diagonal of the crossing, and the lights are
-0.2 m above its middle.
+"Traffic lights", Placement: the stand is outside the driving region, on a diagonal of the crossing,
+and the lights are 0.2 m above its middle.
 """
 
 from collections.abc import Mapping
@@ -21,8 +22,9 @@ from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.maps.furnishing.space import make_object
 from elitelanes_jax.network.codes import CORNERS, SIDES
 
-# From the corner of the crossing, in tiles along both sides of the cell next to it. Signs of human-made maps have 0.04
-# to 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the second sign clear of the first one.
+# From the corner of the crossing, in tiles along both sides of the cell next to it. Signs of
+# human-made maps have 0.04 to 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the
+# second sign clear of the first one.
 _NEAR, _SECOND, _STAND = 0.08, 0.2, 0.25
 
 # By the way that is closed, in quarter turns clockwise from straight on: right, back, left.
@@ -37,31 +39,36 @@ CONTROLS = ("sign_stop", "sign_t_light_ahead")
 
 def crossings(codes: NDArray[np.int8]) -> dict[Cell, list[int]]:
     """Returns the sides, as indices of `SIDES`, by which each crossing is linked, in the order of rows."""
-    return {
-        tile: [SIDES.index(side_towards(tile, other)) for other in others]
-        for tile, others in linked_tiles(codes).items()
-        if len(others) > 2
-    }
+    arms = {}
+    for tile, neighbours in linked_tiles(codes).items():
+        if len(neighbours) > 2:
+            arms[tile] = [SIDES.index(side_towards(tile, neighbour)) for neighbour in neighbours]
+    return arms
 
 
 def has_free_corners(codes: NDArray[np.int8], crossing: Cell) -> bool:
     """Returns whether the four cells diagonally next to a crossing have no road or are outside the map."""
     height, width = codes.shape
-    cells = [(crossing[0] + down, crossing[1] + right) for down, right in CORNERS]
-    return not any(codes[cell] for cell in cells if 0 <= cell[0] < height and 0 <= cell[1] < width)
+    for down, right in CORNERS:
+        row, column = crossing[0] + down, crossing[1] + right
+        if 0 <= row < height and 0 <= column < width and codes[row, column]:
+            return False
+    return True
 
 
-def place_signs(found: Mapping[Cell, list[int]], free: set[Cell], which: str, lit: set[Cell]) -> list[MapObject]:
+def place_signs(arms: Mapping[Cell, list[int]], free: set[Cell], which: str, lit: set[Cell]) -> list[MapObject]:
     """Returns the signs of all crossings, without tags: for each stop line the topology, then the control.
 
-    The crossings in `lit` have traffic lights. Crossings that are not `free`, because a road is at a corner, are left
-    out if `which` is "possible", and raise `InputError` if it is "all".
+    `arms` has the sides of the roads at each crossing. The crossings in `lit` have traffic lights.
+    Crossings that are not `free`, because a road is at a corner, are left out if `which` is
+    "possible", and raise `InputError` if it is "all".
     """
     signs = []
-    for crossing, sides in found.items():
+    for crossing, sides in arms.items():
         if crossing in free:
             control = "sign_t_light_ahead" if crossing in lit else "sign_stop"
-            signs += [sign for side in sides for sign in _signs_for(crossing, sides, (side + 2) % 4, control)]
+            for side in sides:
+                signs += _signs_for(crossing, sides, (side + 2) % 4, control)
         elif which == "all":
             raise InputError(
                 f"signs: expected no roads at the four corners of each crossing, got one at row {crossing[0]}, column "

@@ -29,14 +29,14 @@ def outline_of(thing: MapObject) -> list[Point]:
     return [(thing.x + u * along[0] + v * across[0], thing.y + u * along[1] + v * across[1]) for u, v in steps]
 
 
-def _are_close(one: Sequence[Point], other: Sequence[Point]) -> bool:
+def _are_close(rectangle: Sequence[Point], other: Sequence[Point]) -> bool:
     """Returns whether two rectangles overlap or nearly touch along the sides of one of them."""
-    for corners in (one, other):
+    for corners in (rectangle, other):
         for index in (0, 1):
             (ax, ay), (bx, by) = corners[index], corners[index + 1]
             size = hypot(bx - ax, by - ay)
             nx, ny = (bx - ax) / size, (by - ay) / size
-            first = [x * nx + y * ny for x, y in one]
+            first = [x * nx + y * ny for x, y in rectangle]
             second = [x * nx + y * ny for x, y in other]
             if max(first) + _CLEARANCE <= min(second) or max(second) + _CLEARANCE <= min(first):
                 return False

@@ -1,6 +1,6 @@
 """What a map is furnished with, without JAX."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,16 +33,17 @@ def _own_objects(values: UserValue) -> tuple[MapObject, ...]:
 class FurnishSpec(Record):
     """The objects that a map gets.
 
-    An amount below 1 is a share of the cells without road: as many objects are placed, or as many as fit. A whole
-    number, from 1, is a number of objects; if they do not all fit, an error says so. All objects but those in lanes
-    are on cells without road, and no two objects overlap.
+    An amount below 1 is a share of the cells without road: as many objects are placed, or as many
+    as fit. A whole number, from 1, is a number of objects; if they do not all fit, an error says
+    so. All objects but those in lanes are on cells without road, and no two objects overlap.
 
     Attributes:
       objects: objects of your own, which are placed first and as they are; see `MapObject`
-      signs: none; all: at every crossing, and an error if a road is at its corner; or possible: where the corners are
-        free
+      signs: none; all: at every crossing, and an error if a road is at its corner; or possible:
+        where the corners are free
       lights: share of the crossings that have traffic lights instead of stop signs, 0 to 1
-      street_names: none; all: at every road and turn, and an error if one has no room; or possible: where there is room
+      street_names: none; all: at every road and turn, and an error if one has no room; or possible:
+        where there is room
       unique_tags: refuse maps that need a tag number twice, instead of using it again far away
       buildings: amount of buildings
       houses: amount of houses
@@ -53,7 +54,8 @@ class FurnishSpec(Record):
       robots: amount of parked robots
       cones: amount of cones beside roads
       duckies: amount of duckies beside roads
-      crossing_duckies: amount of duckies that walk across a road, in simulators that move them; at first beside it
+      crossing_duckies: amount of duckies that walk across a road, in simulators that move them; at
+        first beside it
       lane_robots: amount of robots in lanes
       lane_duckies: amount of duckies in lanes
     """
@@ -83,8 +85,14 @@ class FurnishSpec(Record):
     @property
     def on_blocks(self) -> dict[str, float]:
         """The numbers of objects, by setting, that a map without empty cells has no room for. Shares are left out."""
-        amounts = {name: getattr(self, name) for name, one in self.options().items() if one.metavar == "AMOUNT"}
-        return {name: amount for name, amount in amounts.items() if amount >= 1 and not name.startswith("lane_")}
+        amounts = {}
+        for name, field in self.options().items():
+            if field.metavar != "AMOUNT" or name.startswith("lane_"):
+                continue
+            amount = getattr(self, name)
+            if amount >= 1:
+                amounts[name] = amount
+        return amounts
 
 
 EVERYTHING = FurnishSpec(
@@ -104,19 +112,26 @@ EVERYTHING = FurnishSpec(
 """What ``--furnish all`` asks for: no object in a lane."""
 
 
-def parse_furnish(given: UserValue) -> FurnishSpec:
+def parse_furnish(value: UserValue) -> FurnishSpec:
     """Reads what a map is furnished with, see `furnish`; raises `InputError`."""
-    if isinstance(given, FurnishSpec):
-        return given
-    if isinstance(given, Mapping):
-        check_names(given, FurnishSpec.options())
-        return FurnishSpec().replace(**given)
-    listed = [str(given)] if isinstance(given, str | Path) else given
-    if not isinstance(listed, list | tuple) or not all(isinstance(one, str) for one in listed):
+    if isinstance(value, FurnishSpec):
+        return value
+    if isinstance(value, Mapping):
+        check_names(value, FurnishSpec.options())
+        return FurnishSpec().replace(**value)
+    texts = [str(value)] if isinstance(value, str | Path) else value
+    if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
         expected = "a FurnishSpec, or words such as signs, all, duckies=6"
-        raise InputError(f"expected {expected}, got {shorten(repr(given), 40)}")
-    words = [word for text in listed for part in split_settings(text) for word in _words(part)]
-    settings = [name for name, one in FurnishSpec.options().items() if one.metavar]
+        raise InputError(f"expected {expected}, got {shorten(repr(value), 40)}")
+    words: list[str] = []
+    for text in texts:
+        for part in split_settings(text):
+            words += _words(part)
+    return _furnish_of(words)
+
+
+def _furnish_of(words: Sequence[str]) -> FurnishSpec:
+    settings = [name for name, field in FurnishSpec.options().items() if field.metavar]
     spec = EVERYTHING if "all" in words else FurnishSpec()
     values: dict[str, UserValue] = {}
     for word in words:
@@ -129,7 +144,7 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
         elif word in ("signs", "street_names", "unique_tags"):
             values[word] = True if word == "unique_tags" else "all"
         elif word.endswith(_FILES):
-            values["objects"] = (*values.get("objects", ()), *_read_objects(word))
+            values["objects"] = values.get("objects", ()) + _read_objects(word)
         elif word != "all":
             names = ", ".join(f"{name}=..." for name in settings)
             expected = f"all, signs, street_names, unique_tags, {names}, or a file .toml, .json or .yaml"
@@ -138,7 +153,10 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
 
 
 def _words(text: str) -> list[str]:
-    return [text] if text.endswith(_FILES) and Path(text).exists() else text.split()
+    """Returns the words of a text. The name of a file may have spaces."""
+    if text.endswith(_FILES) and Path(text).exists():
+        return [text]
+    return text.split()
 
 
 def _read_objects(file: str) -> tuple[MapObject, ...]:

@@ -1,8 +1,9 @@
 """Street name signs, by the appearance specification of Duckietown's operation manual; and the tags of all signs.
 
-"Street Name Signs", Placement: every segment of road has at least one sign, and every turn has one. Signs are outside
-the driving region, and never perpendicular to the road. In the figures the sign of a turn is in the outer corner of its
-tile and faces the middle. The sign of a straight road is at the middle of a tile's side and faces the road.
+"Street Name Signs", Placement: every segment of road has at least one sign, and every turn has one.
+Signs are outside the driving region, and never perpendicular to the road. In the figures the sign
+of a turn is in the outer corner of its tile and faces the middle. The sign of a straight road is at
+the middle of a tile's side and faces the road.
 """
 
 from collections import defaultdict
@@ -10,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from math import atan2, dist, inf
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Int8
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.objects import MapObject
@@ -41,75 +42,108 @@ class Tags:
     def give(self, sign: MapObject, numbers: Sequence[int] | None = None) -> MapObject:
         """Returns a sign with the first tag number that is not in use, of `numbers` or of all of its kind.
 
-        If all are in use, it gets the number whose nearest use is farthest away; of several, the first one. Raises
-        `InputError` if a number must not be used twice.
+        If all are in use, it gets the number whose nearest use is farthest away; of several, the
+        first one. Raises `InputError` if a number must not be used twice.
         """
         numbers = numbers or SIGN_TAGS[sign.kind]
         tag = max(numbers, key=lambda number: self._distance(sign, [number]))
         if self._unique and self._used[tag]:
-            what = STREET_NAMES.get(tag, sign.kind)
-            raise InputError(f"unique_tags: expected at most {len(numbers)} of {what}, got more")
+            name = STREET_NAMES.get(tag, sign.kind)
+            raise InputError(f"unique_tags: expected at most {len(numbers)} of {name}, got more")
         self._used[tag].append((sign.x, sign.y))
         return sign._replace(tag=tag)
 
     def name_street(self, signs: Sequence[MapObject]) -> list[MapObject]:
         """Returns the signs of a road with tags of one street name; raises `InputError` as `give` does.
 
-        The name is one whose nearest use is farthest away, and among unused names the one with the fewest tags that
-        are enough.
+        The name is one whose nearest use is farthest away, and among unused names the one with the
+        fewest tags that are enough.
         """
 
         def preference(numbers: Sequence[int]) -> tuple[float, int]:
-            enough = len(numbers) >= len(signs)
-            return self._distance(signs[0], numbers), (-len(numbers) if enough else len(numbers) - 1000)
+            distance = self._distance(signs[0], numbers)
+            if len(numbers) >= len(signs):
+                return distance, -len(numbers)
+            return distance, len(numbers) - 1000  # fewer than needed: the most are best
 
         numbers = max(STREETS, key=preference)
         return [self.give(sign, numbers) for sign in signs]
 
     def _distance(self, sign: MapObject, numbers: Sequence[int]) -> float:
         """Returns how far from a sign numbers are in use; infinity if none is."""
-        uses = (place for number in numbers for place in self._used[number])
-        return min((dist((sign.x, sign.y), place) for place in uses), default=inf)
+        nearest = inf
+        for number in numbers:
+            for place in self._used[number]:
+                nearest = min(nearest, dist((sign.x, sign.y), place))
+        return nearest
 
 
 def place_street_names(space: Space, which: str, tags: Tags) -> None:
     """Adds the street name signs of all roads between crossings. All signs of a road have the same name.
 
-    Signs that do not fit are left out if `which` is "possible". Raises `InputError` for "all" if one does not fit, and
-    if tags must be unique and there are not enough.
+    Signs that do not fit are left out if `which` is "possible". Raises `InputError` for "all" if
+    one does not fit, and if tags must be unique and there are not enough.
     """
     links = linked_tiles(space.codes)
-    for path in walk_roads(links, {tile for tile, others in links.items() if len(others) != 2}):
+    nodes = {tile for tile, neighbours in links.items() if len(neighbours) != 2}
+    for path in walk_roads(links, nodes):
         road = [tile for tile in dict.fromkeys(path) if len(links[tile]) == 2]
-        spots = [[_in_the_corner(space.codes, tile)] for tile in road if KIND_OF[int(space.codes[tile])] == "turn"]
-        if road and not spots:
-            middle = (len(road) - 1) / 2
-            nearest = sorted(road, key=lambda tile: abs(road.index(tile) - middle))
-            spots = [[sign for tile in nearest for sign in _beside(space.codes, tile)]]
-        signs = [sign for listed in spots for sign in [one for one in listed if space.is_clear(one)][:1]]
-        if len(signs) < len(spots) and which == "all":
+        places = _places_of_signs(space.codes, road)
+        signs = []
+        for alternatives in places:
+            clear = next(filter(space.is_clear, alternatives), None)
+            if clear is not None:
+                signs.append(clear)
+        if len(signs) < len(places) and which == "all":
             row, column = road[0]
             raise InputError(
                 f"street_names: expected room for a sign at each turn and road, got none at the road from row {row}, "
                 f"column {column}; street_names=possible leaves such signs out"
             )
-        for sign in tags.name_street(signs) if signs else ():
-            space.add(sign)
+        if signs:
+            for sign in tags.name_street(signs):
+                space.add(sign)
 
 
-def _in_the_corner(codes: NDArray[np.int8], tile: Cell) -> MapObject:
+def _places_of_signs(codes: Int8[np.ndarray, "H W"], road: list[Cell]) -> list[list[MapObject]]:
+    """Lists for each sign of a road where it may be, the best place first.
+
+    A sign is at each turn. A road without a turn has a sign beside its middle.
+    """
+    places = []
+    for tile in road:
+        if KIND_OF[int(codes[tile])] == "turn":
+            places.append([_in_the_corner(codes, tile)])
+    if road and not places:
+        middle = (len(road) - 1) / 2
+        beside: list[MapObject] = []
+        for tile in sorted(road, key=lambda tile: abs(road.index(tile) - middle)):
+            beside += _beside(codes, tile)
+        places.append(beside)
+    return places
+
+
+def _in_the_corner(codes: Int8[np.ndarray, "H W"], tile: Cell) -> MapObject:
     """Returns the sign of a turn, in the outer corner of its tile."""
     sides = [side for side in SIDES if codes[tile] & side.bit]
-    right, down = sum(side.right for side in sides), sum(side.down for side in sides)
+    right = sum(side.right for side in sides)
+    down = sum(side.down for side in sides)
     x, y = tile[1] + 0.5 - _CORNER * right, tile[0] + 0.5 - _CORNER * down
     return make_object("sign_street_name", x, y, atan2(-down, right))
 
 
-def _beside(codes: NDArray[np.int8], tile: Cell) -> Iterator[MapObject]:
+def _beside(codes: Int8[np.ndarray, "H W"], tile: Cell) -> Iterator[MapObject]:
     """Returns signs on the cells beside a straight tile that have no road or are outside the map."""
+    if codes[tile] not in (5, 10):
+        return
     height, width = codes.shape
-    for down, right in ((side.right, side.down) for side in SIDES if codes[tile] in (5, 10) and codes[tile] & side.bit):
+    for side in SIDES:
+        if not codes[tile] & side.bit:
+            continue
+        # Across the road: a quarter turn from the side that it opens.
+        down, right = side.right, side.down
         row, column = tile[0] + down, tile[1] + right
-        if not (0 <= row < height and 0 <= column < width and codes[row, column]):
+        is_inside = 0 <= row < height and 0 <= column < width
+        if not (is_inside and codes[row, column]):
             x, y = tile[1] + 0.5 + _BESIDE * right, tile[0] + 0.5 + _BESIDE * down
             yield make_object("sign_street_name", x, y, atan2(down, -right))

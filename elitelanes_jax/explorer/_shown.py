@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float32, Int, Int8, Int32, Shaped
 
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
 _RECORDED = ("settings", "config", "archives", "tile_set", "elites", "versions", "device", "times")
 
 
-class Finds(NamedTuple):
+class ShownRun(NamedTuple):
     """Grids of one size, and their metadata."""
 
     name: str  # of the run
-    grids: NDArray[np.int8]  # [E, H, W]
-    fitness: NDArray[np.number] | None  # [E]; None if the page computes it from the weights
-    seed: NDArray[np.int_]  # [E], the index of the run's seed that found each, from 0
+    grids: Int8[np.ndarray, "E H W"]
+    fitness: Shaped[np.ndarray, " E"] | None  # of 32 bits, None if the page computes it from the weights
+    seed: Int[np.ndarray, " E"]  # the index of the run's seed that found each, from 0
     seeds: int  # the number of seeds
     axes: tuple[Axis, ...]  # of the niches
     weights: Mapping[str, int]  # of metrics and features in the fitness
     alphabet: tuple[int, ...] | None  # the codes that off_alphabet does not count; None for all
-    features: Mapping[str, NDArray[np.int32]] = {}  # [E] by name, those measured beside the metrics
-    niche: NDArray[np.int32] | None = None  # [E], see niche_index; None if the page computes it from metrics
+    features: Mapping[str, Int32[np.ndarray, " E"]] = {}  # by name, what is measured beside the metrics
+    niche: Int32[np.ndarray, " E"] | None = None  # see niche_index; None if the page computes it from metrics
     labels: tuple[str, ...] | None = None  # a name for each grid, or None
     # The chosen maps: the index of each among the grids, its name, and the map itself.
     maps: tuple[tuple[int, str, RoadMap], ...] = ()
@@ -51,33 +51,34 @@ class Finds(NamedTuple):
     record: Mapping[str, Plain] = {}  # of the run, to be shown
 
 
-def from_result(result: "Result", name: str) -> Finds:
+def from_result(result: "Result", name: str) -> ShownRun:
     """Returns the elites and the history of a result."""
     elites = result.elites
-    single = elites.valid.ndim == 1
-    valid, fitness, grids, descriptor = (
-        np.asarray(array)[None] if single else np.asarray(array)
-        for array in (elites.valid, elites.fitness, elites.grids, elites.descriptor)
-    )
+    valid = np.asarray(elites.valid)
+    descriptor = np.asarray(elites.descriptor)[valid]
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
-    seed, _ = np.nonzero(valid)
     search = result.search
-    alphabet, usual = search.settings.alphabet, _has_usual_fitness(result)
-    return Finds(
+    alphabet = search.settings.alphabet
+    if alphabet is not None:
+        alphabet = (*alphabet, *KINDS["end"], *KINDS["empty"])
+    has_seeds = valid.ndim > 1
+    features = {feature: np.asarray(values)[valid] for feature, values in elites.features.items()}
+    is_usual = _has_usual_fitness(result)
+    return ShownRun(
         name,
-        grids[valid],
-        fitness[valid],
-        seed,
-        len(valid),
-        search.axes,
-        search.weights._asdict() | dict(search.settings.weights),
-        None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
-        niche=np.asarray(niche_index(descriptor[valid], search.axes), np.int32),
-        features={name: np.asarray(one).reshape(valid.shape)[valid] for name, one in elites.features.items()},
+        grids=np.asarray(elites.grids)[valid],
+        fitness=np.asarray(elites.fitness)[valid],
+        seed=np.nonzero(valid)[0] if has_seeds else np.zeros(valid.sum(), int),
+        seeds=len(valid) if has_seeds else 1,
+        axes=search.axes,
+        weights=search.weights._asdict() | dict(search.settings.weights),
+        alphabet=alphabet,
+        niche=np.asarray(niche_index(descriptor, search.axes), np.int32),
+        features=features,
         history=result.history,
-        usual_fitness=usual,
-        floors=_floors(search) if usual else None,
+        usual_fitness=is_usual,
+        floors=_floors(search) if is_usual else None,
         record={"settings": {"search": search.to_plain()}},
     )
 
@@ -85,7 +86,8 @@ def from_result(result: "Result", name: str) -> Finds:
 def _has_usual_fitness(result: "Result") -> bool:
     """Returns whether the fitness of a result is the weighted sum of features plus the penalty of ranges.
 
-    A result does not say whether a user gave the fitness, so the function computes the sum and compares it.
+    A result does not say whether a user gave the fitness, so the function computes the sum and
+    compares it.
     """
     elites, search = result.elites, result.search
     valid, names = np.asarray(elites.valid), search.feature_names
@@ -110,42 +112,55 @@ def _floors(search: "Search") -> dict[int, int] | None:
     return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
 
 
-def of_maps(maps: Iterable[RoadMap], group: str) -> list[Finds]:
-    found = by_size([(f"map {index}", road_map) for index, road_map in enumerate(maps)])
-    names = [group if group and len(found) == 1 else ", ".join(filter(None, (group, run.name))) for run in found]
-    return [run._replace(name=name) for run, name in zip(found, names, strict=True)]
+def of_maps(maps: Iterable[RoadMap], group: str) -> list[ShownRun]:
+    """Returns maps by their sizes. `group` is the name of all, or ""."""
+    runs = by_size([(f"map {index}", road_map) for index, road_map in enumerate(maps)])
+    if not group:
+        return runs
+    if len(runs) == 1:
+        return [runs[0]._replace(name=group)]
+    return [run._replace(name=f"{group}, {run.name}") for run in runs]
 
 
-def by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[Finds]:
+def by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[ShownRun]:
     sizes: dict[tuple[int, ...], list[tuple[str, RoadMap]]] = {}
     for name, road_map in maps:
         sizes.setdefault(road_map.codes.shape, []).append((name, road_map))
-    finds = []
+    runs = []
     for (height, width), listed in sizes.items():
         known = [road_map.fitness for _, road_map in listed if road_map.fitness is not None]
-        whole = all(isinstance(value, int) for value in known)
-        dtype = np.dtype(np.int32 if whole else np.float32)
-        largest = 2**31 - 1 if whole else float(np.finfo(np.float32).max)
-        fitness = np.array([min(max(value, -largest), largest) for value in known], dtype)
-        finds.append(
-            Finds(
+        is_whole = all(isinstance(value, int) for value in known)
+        chosen = []
+        for index, (name, road_map) in enumerate(listed):
+            chosen.append((index, name, road_map))
+        runs.append(
+            ShownRun(
                 name=f"maps of {height} x {width}" if len(sizes) > 1 else "maps",
                 grids=np.stack([road_map.codes for _, road_map in listed]),
-                fitness=fitness if len(known) == len(listed) else None,
+                fitness=_fitness_array(known, is_whole) if len(known) == len(listed) else None,
                 seed=np.zeros(len(listed), int),
                 seeds=1,
                 axes=tuned_axes((height, width)),
                 weights=Weights()._asdict(),
                 alphabet=None,
-                usual_fitness=whole,
+                usual_fitness=is_whole,
                 labels=tuple(name for name, _ in listed),
-                maps=tuple((index, name, road_map) for index, (name, road_map) in enumerate(listed)),
+                maps=tuple(chosen),
             )
         )
-    return finds
+    return runs
 
 
-def read_run(folder: Path) -> Finds:
+def _fitness_array(values: Sequence[float], is_whole: bool) -> Int32[np.ndarray, " E"] | Float32[np.ndarray, " E"]:
+    """Returns fitness values of files, limited to what 32 bits can hold."""
+    if is_whole:
+        most = np.iinfo(np.int32).max
+        return np.array([min(max(value, -most), most) for value in values], np.int32)
+    largest = float(np.finfo(np.float32).max)
+    return np.array([min(max(value, -largest), largest) for value in values], np.float32)
+
+
+def read_run(folder: Path) -> ShownRun:
     """Reads the folder of a run: its record, and its archive, its chosen maps or both."""
     file = folder / "run.json"
     record = _read_record(file)
@@ -160,7 +175,8 @@ def read_run(folder: Path) -> Finds:
         run = run._replace(name=name)
     else:
         raise InputError(f"{folder}: expected an archive.npz or maps beside run.json, got neither")
-    run = run._replace(record={key: record[key] for key in _RECORDED if key in record})
+    shown = {key: record[key] for key in _RECORDED if key in record}
+    run = run._replace(record=shown)
     size = setting(run, "size")
     if size is not None and size != list(run.grids.shape[1:]):
         got = "{} x {}".format(*run.grids.shape[1:])
@@ -168,7 +184,7 @@ def read_run(folder: Path) -> Finds:
     return run
 
 
-def read_archive(file: Path, name: str) -> Finds:
+def read_archive(file: Path, name: str) -> ShownRun:
     from elitelanes_jax.search.result import Result
 
     return from_result(Result.load(file), name)
@@ -178,8 +194,10 @@ def _read_record(file: Path) -> dict[str, Plain]:
     try:
         record = read_json(file)
     except OSError:
-        unfinished = "; its search is unfinished, the same generate command resumes it" * has_unfinished(file.parent)
-        raise InputError(f"{file.parent}: expected a folder with run.json, got one without{unfinished}") from None
+        hint = ""
+        if has_unfinished(file.parent):
+            hint = "; its search is unfinished, the same generate command resumes it"
+        raise InputError(f"{file.parent}: expected a folder with run.json, got one without{hint}") from None
     except (ValueError, RecursionError) as error:
         words = str(error).removeprefix(f"{file}: ")
         raise InputError(f"{file}: expected the JSON of a run, got: {shorten(words)}") from None
@@ -188,21 +206,25 @@ def _read_record(file: Path) -> dict[str, Plain]:
     return record
 
 
-def _with_chosen(run: Finds, chosen: Sequence[tuple[str, RoadMap]]) -> Finds:
+def _with_chosen(run: ShownRun, chosen: Sequence[tuple[str, RoadMap]]) -> ShownRun:
     index_of: dict[bytes, int] = {}
     for index, grid in enumerate(run.grids):
         index_of.setdefault(grid.tobytes(), index)
     maps = []
     for name, road_map in chosen:
         if road_map.codes.shape != run.grids.shape[1:]:
-            expected, got = ("{} x {}".format(*shape) for shape in (run.grids.shape[1:], road_map.codes.shape))
+            expected = "{} x {}".format(*run.grids.shape[1:])
+            got = "{} x {}".format(*road_map.codes.shape)
             raise InputError(f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}")
-        found = index_of.get(road_map.codes.tobytes())
-        if found is not None:
-            maps.append((found, name, road_map))
+        elite = index_of.get(road_map.codes.tobytes())
+        if elite is not None:
+            maps.append((elite, name, road_map))
     return run._replace(maps=tuple(maps))
 
 
-def setting(run: Finds, name: str) -> Plain:
+def setting(run: ShownRun, name: str) -> Plain:
+    """Returns a setting in the record of a run, None without one."""
     settings = run.record.get("settings")
-    return settings.get(name) if isinstance(settings, dict) else None
+    if not isinstance(settings, dict):
+        return None
+    return settings.get(name)
