@@ -8,28 +8,14 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 import pytest
+from networks import numbered, points_of, refs
 from oracle import road_graph
-from simulator_maps import BATCHES, BLOCK, KNOT, distances, lane_graph, maps, on_any_roads
+from simulator_maps import BATCHES, distances, lane_graph, maps, on_any_roads
 
 from elitelanes_jax.formats.commonroad import to_commonroad
 from elitelanes_jax.formats.streets import Streets
 
 OWN_ENVIRONMENT = Path(__file__).parents[2] / ".venv-commonroad" / "bin" / "python"
-QUARTERS = {1: 0, 0: 1, 3: 2, 2: 3}  # the turn of a lane by its quarter turns clockwise: right, straight, left, back
-
-
-def numbered(graph):
-    """Lanes by the numbers of their lanelets: in ascending order of row, column, heading and turn."""
-    ordered = sorted(graph, key=lambda lane: (*lane[:3], QUARTERS[(lane[3] - lane[2]) % 4]))
-    return dict(enumerate(ordered, 1))
-
-
-def points(element):
-    return [complex(float(point.find("x").text), float(point.find("y").text)) for point in element.findall("point")]
-
-
-def refs(element, tag):
-    return {int(one.get("ref")) for one in element.findall(tag)}
 
 
 @on_any_roads
@@ -42,7 +28,7 @@ def test_lanelets_are_the_movements(grid):
     lanelets = {int(one.get("id")): one for one in root.findall("lanelet")}
     ids = [int(one.get("id")) for one in root.iter() if one.get("id")]
     assert lanelets.keys() == lanes.keys() and len(set(ids)) == len(ids)
-    sides = {number: (points(one[0]), points(one[1])) for number, one in lanelets.items()}
+    sides = {number: (points_of(one[0]), points_of(one[1])) for number, one in lanelets.items()}
     for number, one in lanelets.items():
         lane = lanes[number]
         assert refs(one, "successor") == {numbers[other] for other in graph[lane]}
@@ -58,29 +44,6 @@ def test_lanelets_are_the_movements(grid):
     assert steps[lanes[int(goal)]] == max(steps.values())
     two = sum(road_graph(grid).degree(lane[:2]) == 2 for lane in graph)
     assert sum(len(refs(one, "adjacentLeft")) for one in lanelets.values()) == two
-
-
-@pytest.mark.parametrize(
-    ("grid", "how", "signs"),
-    [
-        (KNOT, "allway_stop", ["206"] * 4 + ["274"]),
-        (KNOT, "right_before_left", ["102"] * 4 + ["274"]),
-        (KNOT, "priority", ["274"]),
-        (KNOT, "traffic_light", ["274"]),
-        (BLOCK, "priority", ["205"] * 4 + ["274"] + ["306"] * 8),
-    ],
-)
-def test_signs_and_lights_are_those_of_the_crossings(grid, how, signs):
-    root = ET.fromstring(to_commonroad(grid, Streets(right_of_way=how)))
-    assert sorted(one.text for one in root.iter("trafficSignID")) == signs
-    lights = [[one.text for one in light.iter("color")] for light in root.iter("trafficLight")]
-    cycle = ["green", "yellow", "red", "redYellow"]
-    assert sorted(lights) == ([cycle] * 2 + [cycle[2:] + cycle[:2]] * 2) * (how == "traffic_light")
-    stops = [one for one in root.findall("lanelet") if one.find("stopLine") is not None]
-    assert len(stops) == (0 if len(signs) == 1 and not lights else 4 if grid is KNOT else 8 + 3 * 4)
-
-
-# From here on by CommonRoad itself: make simulators.
 
 
 @pytest.mark.slow
@@ -109,7 +72,7 @@ def test_commonroad_reads_and_plans(batch, tmp_path):
         assert one["intersections"] == sorted([degree - 1] * degree for degree in degrees)
         root = ET.parse(file)
         goal = int(root.find("planningProblem/goalState/position/lanelet").get("ref"))
-        bounds = [(points(one[0]), points(one[1])) for one in root.iterfind("lanelet")]
+        bounds = [(points_of(one[0]), points_of(one[1])) for one in root.iterfind("lanelet")]
         centres = [np.mean(both, axis=0) for both in bounds]
         metres = {lanes[number]: abs(np.diff(centre)).sum() for number, centre in enumerate(centres, 1)}
         graph.add_weighted_edges_from([(one, other, metres[one]) for one, other in graph.edges])

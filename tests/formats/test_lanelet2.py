@@ -1,38 +1,17 @@
 """Lanelet2's maps: lanelets by the graph of tiles; then what Lanelet2 itself reads and routes (make simulators)."""
 
 import random
-import xml.etree.ElementTree as ET
 from itertools import pairwise
 
 import networkx as nx
 import numpy as np
 import pytest
+from networks import read_lanelet2
 from scipy.integrate import quad
-from simulator_maps import BATCHES, BLOCK, KNOT, distances, lane_graph, maps, name, on_any_roads
+from simulator_maps import BATCHES, distances, lane_graph, maps, name, on_any_roads
 
 from elitelanes_jax.formats.lanelet2 import _on_earth, to_lanelet2
 from elitelanes_jax.formats.streets import Streets
-
-
-def read(text):
-    """Lanelets by name: their tags and the nodes of both bounds; rules by subtype; nodes as x + y·i."""
-    root = ET.fromstring(text)
-    tags = {part: {tag.get("k"): tag.get("v") for tag in part.findall("tag")} for part in root}
-    nodes = {
-        node.get("id"): complex(float(tags[node]["local_x"]), float(tags[node]["local_y"]))
-        for node in root.iter("node")
-    }
-    ways = {way.get("id"): [nd.get("ref") for nd in way.findall("nd")] for way in root.iter("way")}
-    lanelets, rules = {}, {}
-    for relation in root.iter("relation"):
-        members = [(member.get("role"), member.get("ref")) for member in relation.findall("member")]
-        if tags[relation]["type"] == "lanelet":
-            sides = dict(members)
-            lanelets[tags[relation]["name"]] = relation.get("id"), ways[sides["left"]], ways[sides["right"]], members
-        else:
-            rules[relation.get("id")] = tags[relation]["subtype"], members
-    assert len({part.get("id") for part in root}) == len(root)
-    return lanelets, rules, nodes
 
 
 def directed(nodes, bound, lane, grid, streets, left):
@@ -47,7 +26,7 @@ def directed(nodes, bound, lane, grid, streets, left):
 @on_any_roads
 def test_lanelets_join_as_movements_do(grid):
     streets = Streets()
-    lanelets, _, nodes = read(to_lanelet2(grid, streets))
+    lanelets, _, nodes = read_lanelet2(to_lanelet2(grid, streets))
     graph = lane_graph(grid)
     assert lanelets.keys() == {name(lane) for lane in graph}
     ends = {}
@@ -61,37 +40,6 @@ def test_lanelets_join_as_movements_do(grid):
         assert distances(centre, lane, grid, streets).max() < island
     joined = {(one, other) for one in graph for other in graph if ends[one][1] == ends[other][0]}
     assert joined == set(graph.edges)
-
-
-@pytest.mark.parametrize(
-    ("how", "found"),
-    [
-        ("allway_stop", {"all_way_stop": 1}),
-        ("traffic_light", {"traffic_light": 4}),
-        ("priority", {}),
-        ("right_before_left", {}),
-    ],
-)
-def test_rules_are_those_of_the_crossings(how, found):
-    lanelets, rules, _ = read(to_lanelet2(KNOT, Streets(right_of_way=how)))
-    kinds = [kind for kind, _ in rules.values()]
-    assert {kind: kinds.count(kind) for kind in kinds} == found
-    ruled = {one for one, (*_, members) in lanelets.items() if "regulatory_element" in dict(members)}
-    assert ruled == {one for one in lanelets if one.startswith("1_1_") and found}
-
-
-def test_at_three_arms_the_third_gives_way():
-    lanelets, rules, _ = read(to_lanelet2(BLOCK, Streets(right_of_way="priority")))
-    names = {number: one for one, (number, *_) in lanelets.items()}
-    by_role = [{(role, names[ref]) for role, ref in members} for _, members in rules.values()]
-    assert len(rules) == 4 and by_role[0] == {
-        ("right_of_way", "0_1_east_straight"),
-        ("right_of_way", "0_1_east_left"),
-        ("right_of_way", "0_1_west_straight"),
-        ("right_of_way", "0_1_west_right"),
-        ("yield", "0_1_south_left"),
-        ("yield", "0_1_south_right"),
-    }
 
 
 def test_places_are_on_the_meridian_of_the_ellipsoid():

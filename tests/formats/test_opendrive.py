@@ -8,7 +8,8 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 import pytest
-from simulator_maps import BATCHES, BLOCK, KNOT, STEPS, all_reach_all, distances, lane_graph, maps, name, on_any_roads
+from networks import ends_of
+from simulator_maps import BATCHES, STEPS, all_reach_all, distances, lane_graph, maps, name, on_any_roads
 from sumo_drive import run
 
 from elitelanes_jax.formats.opendrive import to_opendrive
@@ -16,31 +17,6 @@ from elitelanes_jax.formats.streets import Streets
 
 DUCKIETOWN = Streets(0.585, 0.234)
 QC = Path(__file__).parents[2] / ".venv-asam" / "bin" / "python"
-
-
-def pose_at(piece, s):
-    x, y, heading = (float(piece.get(key)) for key in ("x", "y", "hdg"))
-    arc = piece.find("arc")
-    if arc is None:
-        return x + 1j * y + s * np.exp(1j * heading), heading
-    bend = float(arc.get("curvature"))
-    turned = heading + s * bend
-    return x + 1j * y + 1j / bend * (np.exp(1j * heading) - np.exp(1j * turned)), turned
-
-
-def ends_of(road):
-    """The poses at a road's start and end; its pieces join."""
-    pieces = road.findall("planView/geometry")
-    start = pose = pose_at(pieces[0], 0)
-    s = 0.0
-    for piece in pieces:
-        here = pose_at(piece, 0)
-        assert abs(here[0] - pose[0]) < 1e-8 and abs(np.exp(1j * here[1]) - np.exp(1j * pose[1])) < 1e-8
-        assert float(piece.get("s")) == pytest.approx(s)
-        s += float(piece.get("length"))
-        pose = pose_at(piece, float(piece.get("length")))
-    assert float(road.get("length")) == pytest.approx(s)
-    return start, pose
 
 
 def lane_links(root, grid):
@@ -114,19 +90,6 @@ def test_roads_and_their_links_are_those_of_the_tiles(grid):
             lane_here = place - (1.6j if offset is None else shift) * np.exp(1j * heading)
             assert abs(lane_there - lane_here) < 1e-8, link
     assert made == set(expected.edges)
-
-
-def test_signs_are_at_crossings_alone():
-    for how, kind, count in (("allway_stop", "206", 4), ("traffic_light", "1000001", 4), ("priority", None, 0)):
-        root = ET.fromstring(to_opendrive(KNOT, Streets(right_of_way=how)))
-        assert [signal.get("type") for signal in root.iter("signal")] == [kind] * count
-        lights = sorted(control.get("signalId") for control in root.iter("control"))
-        assert lights == sorted(signal.get("id") for signal in root.iter("signal")) * (how == "traffic_light")
-    three = ET.fromstring(to_opendrive(BLOCK, Streets(right_of_way="priority")))
-    by_name = {road.get("id"): road.get("name") for road in three.iter("road")}
-    rights = {(by_name[one.get("high")], by_name[one.get("low")]) for one in three.find("junction").iter("priority")}
-    assert len(list(three.iter("priority"))) == 8
-    assert rights == {("0_1_west", "0_1_south"), ("0_1_east", "0_1_south")}
 
 
 # From here on by the programs themselves: make simulators.

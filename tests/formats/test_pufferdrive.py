@@ -144,8 +144,6 @@ def test_edges_lie_where_a_lane_ends_and_signs_before_crossings():
     counts = {kind: sum(road.kind == kind for road in roads) for kind in (LANE, LINE, EDGE, STOP_SIGN)}
     # Six turns with two lanes, and a crossing with twelve; one line a turn, and one edge from each side of each tile.
     assert counts == {LANE: 24, LINE: 6, EDGE: 16, STOP_SIGN: 4}
-    _, roads = read_binary(to_pufferdrive(EIGHT, "map", Streets(right_of_way="priority")).binary)
-    assert not any(road.kind == STOP_SIGN for road in roads)
 
 
 @pytest.mark.parametrize("grid", [EIGHT, DEAD_ENDS])
@@ -164,9 +162,8 @@ def test_the_text_says_the_same_and_the_links(grid):
     assert sum(len(lane["entry_lanes"]) for lane in lanes) == sum(len(lane["exit_lanes"]) for lane in lanes)
 
 
-def test_same_seed_same_files_and_other_seeds_other_cars():
+def test_other_seeds_have_other_cars():
     town = read_map("docs/examples/town.json")
-    assert to_pufferdrive(town, "town") == to_pufferdrive(town, "town")
     others = read_binary(to_pufferdrive(town, "town", seed=1).binary)[0]
     cars = read_binary(to_pufferdrive(town, "town").binary)[0]
     assert any((car.points != other.points).any() for car, other in zip(cars, others, strict=True))

@@ -21,7 +21,7 @@ from simulator_maps import KNOT, RING, all_reach_all, on_any_roads
 from sumo_drive import convert, drive, elements, points, read, run
 
 from elitelanes_jax import InputError, evolve
-from elitelanes_jax.formats import Streets, to_commonroad, to_lanelet2, to_opendrive, to_sumo, to_sumo_trips
+from elitelanes_jax.formats import Streets, to_sumo, to_sumo_trips
 from elitelanes_jax.lanes.movements import movements_of
 from elitelanes_jax.maps import PackSpec, pack
 from elitelanes_jax.network.codes import SIDES
@@ -142,19 +142,6 @@ def test_trips_off_the_roads_are_refused():
     for heading in (0, 4, -1):
         with pytest.raises(InputError, match=f"^trips: expected .* on roads, got row 1, column 1, {heading}"):
             to_sumo_trips(RING, [((0, 1, 1), (1, 1, heading))])
-
-
-@pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, plain_xml])
-def test_the_same_map_makes_the_same_network_and_what_is_none_is_refused(write):
-    same = write(KNOT.tolist(), Streets(np.int64(30), np.float64(3.2), 8.33))
-    assert same == write(KNOT) == write(np.asarray(KNOT, np.int64))
-    for codes, streets, message in (
-        ([[4, 4], [0, 0]], Streets(), "grid: expected a road, two tiles that connect to each other, got none"),
-        ([[4, 16], [0, 0]], Streets(), "grid: expected tile codes 0 to 15, got 16"),
-        (KNOT, {"tile": 30}, "streets: expected Streets, got"),
-    ):
-        with pytest.raises(InputError, match=message):
-            write(codes, streets)
 
 
 # From here on SUMO itself, in an environment of its own: make sumo.
