@@ -31,6 +31,10 @@ _SHADOWS = 5  # grains along each side
 _RECTANGLES = 5
 _STREAK = 25  # samples along a streak of motion blur
 _LENS = 2  # pixels that a blur reaches in each direction
+_MANTISSA = 23  # bits of a float32 for its fraction
+_ROOT_HALF_BITS = 0x3F3504F3  # of the root of a half as a float32
+_LOG2 = (2.885391, 0.9614714, 0.5989572)  # of log2((1 + x) / (1 - x)) / x in powers of x²; error 2e-7 for fractions
+_EXP2 = (0.9999992, 0.693122, 0.2402498, 0.05591704, 0.00956051)  # of 2**x from -0.5 to 0.5; error 4e-6
 
 
 @pytree
@@ -350,8 +354,28 @@ def photograph(image: Planes, look: Look) -> list[UInt32[Array, "rows columns"]]
 
 
 def _bend(plane: Array, exponent: Array) -> Array:
+    """Raises shares of 255 to a power, with a relative error of at most 1e-5, in half the time of `exp` and `log`.
+
+    A float32 is 2**n times a number whose logarithm is a short series. A power of 2 is such a number, too.
+    """
     shares = jnp.clip(plane / 255, 1e-6, 1)
-    return 255 * jnp.exp(exponent * jnp.log(shares))
+    bits = jax.lax.bitcast_convert_type(shares, jnp.int32) - _ROOT_HALF_BITS
+    whole = bits >> _MANTISSA
+    fraction = jax.lax.bitcast_convert_type((bits & ((1 << _MANTISSA) - 1)) + _ROOT_HALF_BITS, jnp.float32)
+    part = (fraction - 1) / (fraction + 1)
+    logarithm = whole.astype(jnp.float32) + part * _polynomial(part * part, _LOG2)
+    raised = exponent * logarithm
+    whole = jnp.round(raised)
+    scale = jax.lax.bitcast_convert_type((whole.astype(jnp.int32) + 127) << _MANTISSA, jnp.float32)
+    return 255 * scale * _polynomial(raised - whole, _EXP2)
+
+
+def _polynomial(x: Array, coefficients: Sequence[float]) -> Array:
+    """Returns a polynomial; its coefficients start with the constant one."""
+    total = jnp.full_like(x, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        total = total * x + np.float32(coefficient)
+    return total
 
 
 def _mix(image: Planes, mixing: Float[Array, "3 3"]) -> Planes:

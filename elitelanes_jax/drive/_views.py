@@ -310,14 +310,14 @@ def _choose_pictures(seed: Array, scene: SceneMap, scenes: Scenes) -> Int32[Arra
 
 def _meet_ground(pose: Pose, camera: Camera, tile_bits: int, samples: int, *, smaller: bool) -> _Rows:
     """Returns where the rows of samples meet the ground; `smaller` chooses smaller pictures for larger distances."""
-    rays = rays_of(camera, samples)
+    # Each row uses the angles' sines, cosines and tangents.
+    cosine, sine, rays = once(lambda: (jnp.cos(pose.theta), jnp.sin(pose.theta), rays_of(camera, samples)))
     columns = rays.right.shape[1]
     middle = columns // 2
     gap = (rays.right[0, -1] - rays.right[0, 0]) / max(columns - 1, 1)
     reach, ahead = reach_ground(camera, rays)
     seen = jnp.isfinite(ahead)
     ahead, reach = (jnp.where(seen, part, 0) / TILE for part in (ahead, reach))
-    cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
     x_step, y_step = reach * sine * gap, reach * cosine * gap
     offset = rays.right[0, middle] / gap if columns > 1 else 0.0
     # The map has a border of one tile.
@@ -401,16 +401,21 @@ def _sum_samples(plan: _Plan, scenes: Scenes, samples: int, standing: _Standing 
 
 
 def _look_up(rows: _Rows, column: Int32[Array, " columns"], plan: _Plan, scenes: Scenes) -> UInt32[Array, "R columns"]:
-    """Returns the words of the pyramid at columns of samples, counted from the middle."""
+    """Returns the words of the pyramid at columns of samples, counted from the middle.
+
+    Indices are computed by loops of their own, because a loop that reads at them does not use the processor's vectors.
+    They are unsigned, so that JAX does not look for negative ones.
+    """
     height, width = scenes.maps.codes.shape[1:]
     x = jnp.clip(rows.x + rows.x_step * column, 0, (width << _UNIT) - 1)
     y = jnp.clip(rows.y + rows.y_step * column, 0, (height << _UNIT) - 1)
-    tile = plan.cells.at[(y >> _UNIT) * width + (x >> _UNIT)].get(mode="promise_in_bounds")
+    cell = once(lambda: ((y >> _UNIT) * width + (x >> _UNIT)).astype(jnp.uint32))
+    tile = plan.cells.at[cell].get(mode="promise_in_bounds")
     x, y = (_stretch(part & ((1 << _UNIT) - 1), plan.lines) for part in (x, y))
     shift = _UNIT - rows.bits
-    pixel = (y >> shift << rows.bits) + (x >> shift)
-    index = tile * scenes.pyramid.shape[1] + rows.first + pixel
-    return scenes.pyramid.reshape(-1).at[index].get(mode="promise_in_bounds")
+    pixel = rows.first + (y >> shift << rows.bits) + (x >> shift)
+    index = once(lambda: (tile * scenes.pyramid.shape[1] + pixel).astype(jnp.uint32))
+    return once(lambda: scenes.pyramid.reshape(-1).at[index].get(mode="promise_in_bounds"))
 
 
 def _stretch(position: Int32[Array, "..."], lines: Array | None) -> Int32[Array, "..."]:
