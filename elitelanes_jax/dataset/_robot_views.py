@@ -231,10 +231,7 @@ def see_parts(
             lines = slice(chosen[0], chosen[-1] + 1)
             part = part_of(rank, rays.x[lines], rays.y[lines])
             fine[lines] = _sample(part.picture, part.x, part.y, cv2.INTER_LINEAR, (*ground, *unused))
-    sky_rows = np.flatnonzero(~rays.near.all(axis=1))
-    if len(sky_rows):
-        above = slice(sky_rows[0], sky_rows[-1] + 1)
-        fine[above][~rays.near[above]] = (*viewpoint.sky, *unused)
+    fine[~rays.near] = (*viewpoint.sky, *unused)
     view = cv2.resize(fine, (columns, rows), interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.cvtColor(view, cv2.COLOR_RGBA2RGB) if unused else view, np.uint8)
 
@@ -309,43 +306,33 @@ class Rays(NamedTuple):
     Attributes:
       x: float32 ``[rows, columns]``, columns of the rendered map in pixels; -1e6 above the horizon.
       y: float32 ``[rows, columns]``, rows of the rendered map in pixels; -1e6 above the horizon.
-      near: whether a ray meets the ground, bool ``[rows, columns]``.
+      near: whether the rays of a row meet the ground, bool ``[rows]``. If a row does, all rows below it do.
     """
 
     x: NDArray[np.float32]
     y: NDArray[np.float32]
-    near: Bool[NDArray, "rows columns"]
+    near: Bool[NDArray, " rows"]
 
 
 def find_rays(viewpoint: Viewpoint, finer: int) -> Rays:
     """Returns where the rays of a viewpoint meet the ground, with `finer` rays per pixel in each direction."""
     rows, columns = (side * finer for side in viewpoint.size)
     back = np.linalg.inv(viewpoint.matrix)
-    u, v = (np.arange(columns) + 0.5) / finer, ((np.arange(rows) + 0.5) / finer)[:, None]
-    # The depth is monotonic along a row. Therefore the ends of a row tell whether the row has a near point.
-    ends = back[2, 0] * u[[0, -1]] + back[2, 1] * v + back[2, 2] > _LEAST_INVERSE_DEPTH
-    first = int(np.argmax(ends.any(axis=1))) if ends.any() else rows
-    # The distance to the row above the first one is measured too.
-    seen = slice(max(first - 1, 0), None)
-    inverse_depth = np.add(back[2, 0] * u, back[2, 1] * v[seen])
-    inverse_depth += back[2, 2]
-    near = np.zeros((rows, columns), bool)
-    np.greater(inverse_depth, _LEAST_INVERSE_DEPTH, out=near[seen])
-    far = None if near[seen].all() else ~near[seen]
-    if far is not None:
-        inverse_depth[far] = 1
-    depth = np.divide(1, inverse_depth, out=inverse_depth)
+    u, v = (np.arange(columns) + 0.5) / finer, (np.arange(rows) + 0.5) / finer
+    # No camera rolls. Therefore a row has one depth, and back[2, 0] is 0 except for rounding.
+    inverse_depth = back[2, 1] * v + back[2, 2]
+    near = inverse_depth > _LEAST_INVERSE_DEPTH
+    seen = slice(rows - np.count_nonzero(near), None)
+    depth = 1 / inverse_depth[seen]
     places = []
-    product = np.empty_like(depth)
     for axis in range(2):
+        step, start = back[axis, 0] * depth, (back[axis, 1] * v[seen] + back[axis, 2]) * depth
+        points = np.multiply.outer(step, u)
+        points += start[:, None]
         place = np.full((rows, columns), _BEYOND, np.float32)
-        np.add(back[axis, 0] * u, back[axis, 1] * v[seen], out=product)
-        product += back[axis, 2]
-        np.multiply(product, depth, out=place[seen], casting="same_kind")
-        if far is not None:
-            place[seen][far] = _BEYOND
-        np.clip(place[seen], _BEYOND, -_BEYOND, out=place[seen])
-        places.append(_shift_lines(place, viewpoint.tile_px, -viewpoint.lines))
+        np.clip(points, _BEYOND, -_BEYOND, out=place[seen], casting="same_kind")
+        place[seen] = _shift_lines(place[seen], viewpoint.tile_px, -viewpoint.lines)
+        places.append(place)
     x, y = places
     return Rays(x, y, near)
 
@@ -371,7 +358,7 @@ def _levels(rays: Rays) -> Int[NDArray, " rows"]:
     down[-1] = down[-2]
     apart = np.sqrt(np.maximum(right * down, 1e-12))
     level = np.clip(np.floor(np.log2(np.maximum(apart, 1))), 0, LEVELS - 1).astype(int)
-    return np.where(near.any(axis=1), level, -1)
+    return np.where(near, level, -1)
 
 
 def _sample(

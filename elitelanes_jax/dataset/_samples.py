@@ -13,7 +13,7 @@ from elitelanes_jax.dataset._robot_views import Viewpoint, draw_viewpoint, find_
 from elitelanes_jax.dataset._tiled_maps import TiledMap, can_tile, see_tiled_labels
 from elitelanes_jax.dataset._transforms import Transforms, Viewpoints
 from elitelanes_jax.dataset._variation import compress, varies, vary_background, vary_light, vary_motion
-from elitelanes_jax.dataset._views import draw_view, photograph, warp
+from elitelanes_jax.dataset._views import draw_numbers, draw_view, photograph, warp
 from elitelanes_jax.formats.objects import NEAR
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.files import GROUND
@@ -67,21 +67,22 @@ def draw_sample(
     check_named("tiles", instance(TileSet), tiles)
     tile_px = check_tile_px(tile_px)
     chosen = _plan_choice(road_map.codes.tobytes(), road_map.codes.shape, tiles).choose([seed, index])
-    size = (road_map.codes.shape[0] * tile_px, road_map.codes.shape[1] * tile_px)
     rng = np.random.default_rng([seed, index, 1])
-    view = draw_view(rng, transforms, size)
     things = (road_map.objects or ()) if objects is not None else ()
     pictures = objects.choose(things, [seed, index, 2]) if objects is not None else []
     if camera is None:
         about, near = {}, 0.0
+        size = (road_map.codes.shape[0] * tile_px, road_map.codes.shape[1] * tile_px)
+        view = draw_view(rng, transforms, size)
         picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
         seen = {"image": warp(picture.image, view, GROUND), "labels": warp(picture.labels, view)}
         flat, order = lay_all_flat(things, pictures, tile_px)
         placed = [one._replace(matrix=view.matrix @ one.matrix) for one in flat]
         more: list[dict[str, Plain]] = [{} for _ in order]
     else:
+        numbers = draw_numbers(rng)
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px, road_map.objects or (), tiles.lane_offset)
-        view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
+        view = numbers.through(viewpoint.matrix, viewpoint.size, transforms)
         about, near = viewpoint.about, NEAR
         ground_view = _see_ground(road_map, tiles, chosen, tile_px, viewpoint)
         seen = {"image": ground_view.image, "labels": ground_view.labels}
@@ -159,11 +160,12 @@ def _see_ground(
 ) -> _GroundView:
     """Draws a robot's view of a map: of the tiles that are seen, or of the whole map if its tiles are blended."""
     rays = find_rays(viewpoint, 1)
+    sky = np.repeat(~rays.near[:, None], viewpoint.size[1], axis=1)
     if can_tile(tiles, tile_px):
         tiled = TiledMap(tiles, tile_px, chosen[..., 0] * 4 + chosen[..., 1])
         seen = see_tiled_labels(tiled, rays)
-        return _GroundView(tiled.see(viewpoint, GROUND), seen.labels, seen.paved, ~rays.near)
+        return _GroundView(tiled.see(viewpoint, GROUND), seen.labels, seen.paved, sky)
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
     paved = see_labels(show_paved(tiles, chosen, tile_px).astype(np.uint8), viewpoint) > 0
     labels = see_labels(picture.labels, viewpoint)
-    return _GroundView(see(picture.image, viewpoint, GROUND), labels, paved, ~rays.near)
+    return _GroundView(see(picture.image, viewpoint, GROUND), labels, paved, sky)

@@ -18,6 +18,7 @@ from elitelanes_jax.tiles.rendering import scale_opaque, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet
 
 _CHANNELS = 4  # of pictures, see `see_parts`
+_SMALL = 16  # pixels, the side of tiles that are laid out whole, because cutting each one takes longer
 
 
 class TiledMap(NamedTuple):
@@ -44,12 +45,19 @@ class TiledMap(NamedTuple):
         across, down = (place * np.float32(0.5**rank) for place in (x, y))
         left, right = _pixels_between(across, width * size)
         top, bottom = _pixels_between(down, height * size)
-        part = np.empty((bottom - top, right - left, _CHANNELS), np.uint8)
-        for row in range(top // size, (bottom - 1) // size + 1):
-            rows = _overlap(row * size, size, top, bottom)
-            for column in range(left // size, (right - 1) // size + 1):
-                columns = _overlap(column * size, size, left, right)
-                part[rows.on_part, columns.on_part] = images[self.picture[row, column], rows.on_tile, columns.on_tile]
+        first_row, first_column = top // size, left // size
+        cells = self.picture[first_row : (bottom - 1) // size + 1, first_column : (right - 1) // size + 1]
+        if size <= _SMALL:
+            part = _lay_out(images[cells])[
+                top - first_row * size : bottom - first_row * size,
+                left - first_column * size : right - first_column * size,
+            ]
+        else:
+            part = np.empty((bottom - top, right - left, _CHANNELS), np.uint8)
+            for (row, column), picture in np.ndenumerate(cells):
+                rows = _overlap((first_row + row) * size, size, top, bottom)
+                columns = _overlap((first_column + column) * size, size, left, right)
+                part[rows.on_part, columns.on_part] = images[picture, rows.on_tile, columns.on_tile]
         # The points on the map stay exact, because their coordinates do not grow.
         across -= np.float32(left + 0.5)
         down -= np.float32(top + 0.5)
@@ -71,16 +79,17 @@ class SeenLabels(NamedTuple):
 def see_tiled_labels(tiled: TiledMap, rays: Rays) -> SeenLabels:
     """Returns the labels that rays meet, of the nearest pixels, as `see_labels` does."""
     size, (height, width) = np.int32(tiled.tile_px), tiled.picture.shape
-    column, row = (np.rint(place - np.float32(0.5)).astype(np.int32) for place in (rays.x, rays.y))
-    on_map = rays.near & (column >= 0) & (column < width * size) & (row >= 0) & (row < height * size)
-    row, column = row[on_map], column[on_map]
+    labels, paved = np.zeros(rays.x.shape, np.uint8), np.zeros(rays.x.shape, bool)
+    near = slice(len(rays.near) - np.count_nonzero(rays.near), None)
+    column, row = (np.rint(place[near] - np.float32(0.5)).astype(np.int32) for place in (rays.x, rays.y))
+    # As unsigned numbers, those before the map are beyond it too.
+    on_map = (column.view(np.uint32) < width * size) & (row.view(np.uint32) < height * size)
+    column, row = np.clip(column, 0, width * size - 1), np.clip(row, 0, height * size - 1)
     tile_row, tile_column = row // size, column // size
     picture = tiled.picture.astype(np.int32).reshape(-1).take(tile_row * np.int32(width) + tile_column)
     pixel = (picture * size + (row - tile_row * size)) * size + (column - tile_column * size)
-
-    labels, paved = np.zeros(on_map.shape, np.uint8), np.zeros(on_map.shape, bool)
-    labels[on_map] = scale_tiles(tiled.tiles, tiled.tile_px)["labels"].reshape(-1).take(pixel)
-    paved[on_map] = scale_opaque(tiled.tiles, tiled.tile_px).reshape(-1).take(pixel)
+    labels[near] = scale_tiles(tiled.tiles, tiled.tile_px)["labels"].reshape(-1).take(pixel) * on_map
+    paved[near] = scale_opaque(tiled.tiles, tiled.tile_px).reshape(-1).take(pixel) & on_map
     return SeenLabels(labels, paved)
 
 
@@ -95,6 +104,12 @@ def _pixels_between(places: NDArray[np.float32], count: int) -> tuple[int, int]:
     first = min(max(int(places.min()) - 2, 0), count - 1)
     last = min(max(int(places.max()) + 2, first), count - 1)
     return first, last + 1
+
+
+def _lay_out(pictures: UInt8[NDArray, "H W P P C"]) -> UInt8[NDArray, "h w C"]:
+    """Lays pictures side by side."""
+    height, width, size, _, channels = pictures.shape
+    return pictures.swapaxes(1, 2).reshape(height * size, width * size, channels)
 
 
 class _Overlap(NamedTuple):

@@ -45,6 +45,51 @@ class View(NamedTuple):
     noise_seed: int
 
 
+class ViewNumbers(NamedTuple):
+    """The random numbers of a view, each uniform in its range.
+
+    Attributes:
+      quarters: int, 0 to 3.
+      turn: -1 to 1.
+      zoom: 0 to 1.
+      bends: float64 ``[4, 2]``, -1 to 1, of the corners.
+      position: float64 ``[2]``, 0 to 1, of the crop.
+      lights: -1 to 1, of the light, the contrast, and the three colours.
+      blur: 0 to 1.
+      noise: 0 to 1.
+      noise_seed: of the noise.
+    """
+
+    quarters: int
+    turn: float
+    zoom: float
+    bends: NDArray[np.float64]
+    position: NDArray[np.float64]
+    lights: list[float]
+    blur: float
+    noise: float
+    noise_seed: int
+
+    def through(self, matrix: NDArray[np.float64], size: tuple[int, int], transforms: Transforms) -> View:
+        """Returns the view of a matrix and a size; see `View`."""
+        light, contrast, *colours = self.lights
+        gain = 1 + contrast * transforms.contrast
+        red, green, blue = (gain * (1 + colour * transforms.colour) for colour in colours)
+        offset = 128 * light * transforms.light
+        blur, noise = self.blur * transforms.blur, self.noise * transforms.noise
+        return View(matrix, size, (red, green, blue), offset, blur, noise, self.noise_seed)
+
+
+def draw_numbers(rng: np.random.Generator) -> ViewNumbers:
+    """Draws the numbers of a view. All are always drawn, so that a change of one range does not change the others."""
+    quarters = int(rng.integers(4))
+    turn, zoom = rng.uniform(-1, 1), rng.uniform()
+    bends, position = rng.uniform(-1, 1, (4, 2)), rng.uniform(0, 1, 2)
+    lights = rng.uniform(-1, 1, 5).tolist()
+    blur, noise = rng.uniform(0, 1, 2).tolist()
+    return ViewNumbers(quarters, turn, zoom, bends, position, lights, blur, noise, int(rng.integers(2**63)))
+
+
 def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int, int]) -> View:
     """Draws a view of a map of (height, width) pixels; raises `InputError` for a crop larger than the map."""
     height, width = size
@@ -52,33 +97,22 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
         raise InputError(
             f"transforms: expected a crop within the map's {width} x {height} pixels, got {transforms.crop}"
         )
-    # All values are always drawn, so that a change of one range does not change the others.
-    turns = int(rng.integers(4)) * transforms.quarter_turns
-    angle = rng.uniform(-1, 1) * transforms.rotation
+    numbers = draw_numbers(rng)
+    turns, angle = numbers.quarters * transforms.quarter_turns, numbers.turn * transforms.rotation
     low, high = transforms.scale
-    scale = low * (high / low) ** rng.uniform()
-    bends = rng.uniform(-1, 1, (4, 2)) * transforms.perspective
-    position = rng.uniform(0, 1, 2)
-    light, contrast, *colours = rng.uniform(-1, 1, 5)
-    blur, noise = rng.uniform(0, 1, 2) * (transforms.blur, transforms.noise)
-    noise_seed = int(rng.integers(2**63))
-
+    scale = low * (high / low) ** numbers.zoom
     frame = (width, height) if turns % 2 else (height, width)
     matrix = _shift(-width / 2, -height / 2)
     matrix = _turn(90 * turns + angle) @ np.diag([scale, scale, 1]) @ matrix
-    matrix = _bend(bends, frame) @ _shift(frame[1] / 2, frame[0] / 2) @ matrix
+    matrix = _bend(numbers.bends * transforms.perspective, frame) @ _shift(frame[1] / 2, frame[0] / 2) @ matrix
     if transforms.crop:
         sides = np.array([frame[1], frame[0]])
         shown = sides * min(1.0, scale)  # the middle part of the frame that the map covers
         first = np.ceil((sides - shown) / 2)
         last = np.maximum(first, np.floor((sides + shown) / 2 - transforms.crop))
-        x, y = np.floor(first + position * (last - first + 1))
+        x, y = np.floor(first + numbers.position * (last - first + 1))
         matrix, frame = _shift(-x, -y) @ matrix, (transforms.crop, transforms.crop)
-    gain = 1 + contrast * transforms.contrast
-    red, green, blue = (gain * (1 + colour * transforms.colour) for colour in colours)
-    return View(
-        matrix / matrix[2, 2], frame, (red, green, blue), 128 * light * transforms.light, blur, noise, noise_seed
-    )
+    return numbers.through(matrix / matrix[2, 2], frame, transforms)
 
 
 def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[np.uint8]:
