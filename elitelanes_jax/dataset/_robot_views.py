@@ -327,11 +327,11 @@ def find_rays(viewpoint: Viewpoint, finer: int) -> Rays:
     places = []
     for axis in range(2):
         step, start = back[axis, 0] * depth, (back[axis, 1] * v[seen] + back[axis, 2]) * depth
-        points = np.multiply.outer(step, u)
-        points += start[:, None]
         place = np.full((rows, columns), _BEYOND, np.float32)
-        np.clip(points, _BEYOND, -_BEYOND, out=place[seen], casting="same_kind")
-        place[seen] = _shift_lines(place[seen], viewpoint.tile_px, -viewpoint.lines)
+        on_ground = place[seen]
+        np.add(np.multiply.outer(step, u), start[:, None], out=on_ground, casting="same_kind")
+        np.clip(on_ground, _BEYOND, -_BEYOND, out=on_ground)
+        on_ground[:] = _shift_lines(on_ground, viewpoint.tile_px, -viewpoint.lines)
         places.append(place)
     x, y = places
     return Rays(x, y, near)

@@ -18,7 +18,7 @@ from elitelanes_jax.tiles.rendering import scale_opaque, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet
 
 _CHANNELS = 4  # of pictures, see `see_parts`
-_SMALL = 16  # pixels, the side of tiles that are laid out whole, because cutting each one takes longer
+_SMALL = 32  # pixels, the side of tiles that are laid out whole, because cutting each one takes longer
 
 
 class TiledMap(NamedTuple):
