@@ -288,11 +288,13 @@ def _render(
     y = jnp.floor((south - ahead * sine - left * cosine) * size).astype(jnp.int32)
     inside = seen & (x >= 0) & (x < width * size) & (y >= 0) & (y < height * size)
     x, y = jnp.clip(x, 0, width * size - 1), jnp.clip(y, 0, height * size - 1)
-    tile = tiles.reshape(-1).at[(y // size) * width + x // size].get(mode="promise_in_bounds")
-    words = jax.lax.bitcast_convert_type(atlas, jnp.uint32).reshape(-1)
+    # Indices have loops of their own and are unsigned, see `_look_up` in `_views`.
+    cell = once(lambda: ((y // size) * width + x // size).astype(jnp.uint32))
+    tile = tiles.reshape(-1).at[cell].get(mode="promise_in_bounds")
+    flat = once(lambda: ((tile * size + y % size) * size + x % size).astype(jnp.uint32))
     # Reads one word instead of four bytes.
-    flat = (tile * size + y % size) * size + x % size
-    pixel = words.at[flat].get(mode="promise_in_bounds")
+    words = jax.lax.bitcast_convert_type(atlas, jnp.uint32).reshape(-1)
+    pixel = once(lambda: words.at[flat].get(mode="promise_in_bounds"))
 
     instances = None
     if objects is not None and billboards is not None:
