@@ -44,11 +44,11 @@ def _measure(cores: int, quick: bool) -> None:
     rounds = -(-MAPS // _ROUND)
     chosen = rounds * first + more * _ROUND * rounds * (rounds - 1) / 2
     rows = [
-        ["a round of 16 searches, 512 maps at most", f"{search:.1f} s", "hosts", _hours(rounds * search / cores)],
+        ["a round of 16 searches, 512 maps at most", f"{search:.1f} s", "hosts", _duration(rounds * search / cores)],
         ["choosing a round's maps, the first", f"{first:.2f} s", "caller", ""],
-        ["for each earlier map", f"{1e6 * more:.0f} us", "caller", _hours(chosen)],
-        ["a varied view of 160 x 120", f"{1e3 * draw:.1f} ms", "hosts", _hours(PICTURES * draw / cores)],
-        ["receiving and writing it", f"{1e3 * receive:.2f} ms", "caller", _hours(PICTURES * receive)],
+        ["for each earlier map", f"{1e6 * more:.0f} us", "caller", _duration(chosen)],
+        ["a varied view of 160 x 120", f"{1e3 * draw:.1f} ms", "hosts", _duration(PICTURES * draw / cores)],
+        ["receiving and writing it", f"{1e3 * receive:.2f} ms", "caller", _duration(PICTURES * receive)],
         ["its size", f"{size / 1e3:.0f} KB", "", f"{PICTURES * size / 1e9:,.0f} GB"],
     ]
     heads = ["part", "one core", "where", f"{MAPS:,} maps, {PICTURES:,} pictures, {cores:,} cores"]
@@ -92,8 +92,8 @@ def _time(work: Callable[[], T]) -> tuple[T, float]:
     return result, time.process_time() - began
 
 
-def _hours(seconds: float) -> str:
-    return f"{seconds / 3600:,.1f} h"
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 600 else f"{seconds / 3600:,.1f} h"
 
 
 if __name__ == "__main__":
