@@ -2,12 +2,13 @@
 
     python -m experiments.navigation.ued.spaces
 
-This command lists the networks of all spaces and writes a file for each to `spaces/`. A file has one network of each
+This command lists the networks of all spaces and writes a file for each to `networks/`. A file has one network of each
 class of rotations and mirror images. Its first line has the numbers of classes and networks, and a checksum. The
 numbers of networks equal those of the certificates (`experiments/search/results/certificates.md`).
 """
 
 import hashlib
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +25,17 @@ from elitelanes_jax.drive import make_levels as some_levels
 from elitelanes_jax.network import canonical_form, measure, mirror, rotate
 from experiments.common import write
 
-__all__ = ["SPACES", "Space", "draw", "levels_of", "list_networks", "make_space", "read_networks", "with_symmetry"]
+__all__ = [
+    "SPACES",
+    "Space",
+    "draw",
+    "levels_of",
+    "list_networks",
+    "make_space",
+    "open_space",
+    "read_networks",
+    "with_symmetry",
+]
 
 SPACES = {"5x5B": (5, 5, False), "5x5A": (5, 5, True), "6x6A": (6, 6, True), "7x7A": (7, 7, True)}
 """Height, width and whether every cell is filled, by name. 5x5A is for tests and for the choice of settings."""
@@ -181,6 +192,12 @@ def make_space(grids: Int8[np.ndarray, "G H W"]) -> Space:
     cyclomatic = jax.vmap(measure)(codes).cyclomatic
     pairs = jnp.asarray(np.flatnonzero(is_level), jnp.int32)
     return Space(codes, cyclomatic, nodes, onward, choice & is_node, jnp.asarray(distance), pairs)
+
+
+@cache
+def open_space(name: str) -> Space:
+    """Makes a space, once."""
+    return make_space(read_networks(name))
 
 
 @jax.jit

@@ -38,22 +38,25 @@ def _run(options: argparse.Namespace) -> None:
         require("these methods need", "jaxued")
     from experiments.navigation.ued.agent import PPO
     from experiments.navigation.ued.report import write_report
-    from experiments.navigation.ued.rows import run_row, study_scores
+    from experiments.navigation.ued.rows import RATES, run_row
+    from experiments.navigation.ued.scores import study_scores
 
     ppo = PPO._replace(updates=options.rounds)
     if options.quick:
         ppo = ppo._replace(envs=16, minibatches=2)
-    about = {"program": "ued", "version": __version__, "space": options.space, "ppo": ppo._asdict()}
+    about = {"program": "ued", "version": __version__, "space": options.space, "ppo": ppo._asdict(), "rates": RATES}
     open_results(options.out, about)
     use_compile_cache()
     for seed in range(options.seeds):
         for method in options.methods:
-            make = partial(run_row, method, seed, options.space, ppo, unseen=not options.quick)
+            of_method = ppo._replace(rate=RATES[method])
+            make = partial(run_row, method, seed, options.space, of_method, unseen=not options.quick)
             row = kept(options.out / "rows" / f"{method.replace(' ', '-')}.{seed}.json", make)
             end = list(row["curve"].values())[-1]
             print(f"{method}, seed {seed}: mean {end['mean']:.4f}, worst 1 % {end['cvar1']:.4f}", flush=True)
         if not options.no_scores:
-            scores = partial(study_scores, seed, options.space, ppo)
+            of_scores = ppo._replace(rate=RATES["domain randomisation"])
+            scores = partial(study_scores, seed, options.space, of_scores)
             print(
                 f"scores, seed {seed}: {json.dumps(kept(options.out / 'scores' / f'{seed}.json', scores))}", flush=True
             )
