@@ -50,7 +50,7 @@ def test_commands_for_simulators_run(repository, capsys):
     options = re.findall(r"^\| [^|]*\| `(--to \S+ --out \S+)` \|", page, re.MULTILINE)
     listed = [f"export map.json {each}" for each in dict.fromkeys(options)]
     shutil.copy("docs/examples/town.json", "map.json")
-    assert len(listed) == 9
+    assert len(listed) == 11
     for command in listed:
         assert main(command.split()) == 0, command
         assert Path(command.split()[-1]).exists()

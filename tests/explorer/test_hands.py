@@ -255,7 +255,9 @@ def started(folder, *arguments):
     """Starts the command; returns its process and the address of its page."""
     command = [sys.executable, "-m", "elitelanes_jax", "tiles", "edit", *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # under nohup it is ignored
     process = subprocess.Popen(command, cwd=folder, **pipes)
+    signal.signal(signal.SIGINT, before)
     return process, re.search(r"http://\S+", process.stdout.readline())[0]
 
 
@@ -299,6 +301,9 @@ def test_an_interruption_ends_the_command_in_one_line(tiles, saves):
         words = process.communicate(timeout=20)[1]
     finally:
         process.kill()
+        process.stdout.close()
+        process.stderr.close()
+        process.wait()
     result = "tiles is as it was saved last" if saves else "nothing was saved"
     assert (process.returncode, words) == (130, f"elitelanes: interrupted; {result}\n")
     assert {folder.name for folder in tiles.parent.iterdir()} == {"tiles"} | ({"tiles.before"} if saves else set())
