@@ -135,13 +135,13 @@ def _names(files: Sequence[Path]) -> dict[Path, str]:
     """Returns a file name for each map, without suffix: the part of its path that differs, 0003 for 0003/map.json."""
     stems = [_stem(file) for file in files]
     root = os.path.commonpath([stem.parent for stem in stems])
-    names: dict[Path, str] = {}
+    files_by_name: dict[str, Path] = {}
     for file, stem in zip(files, stems, strict=True):
         name = "-".join(stem.relative_to(root).parts)
-        if name in names.values():
+        if name in files_by_name:
             raise InputError(f"{file}: expected maps of different names, got two for {name}")
-        names[file] = name
-    return names
+        files_by_name[name] = file
+    return {file: name for name, file in files_by_name.items()}
 
 
 def _stem(file: Path) -> Path:

@@ -4,7 +4,6 @@ import argparse
 import sys
 import textwrap
 from dataclasses import replace
-from pathlib import Path
 
 from elitelanes_jax._util.checks import SEED, check_named, file_named, name, one_of, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
@@ -188,12 +187,13 @@ def add_furnish(commands: Commands) -> None:
 
 def _furnish(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.objects import check_objects
+    from elitelanes_jax.maps.exporting import lane_offset_of
     from elitelanes_jax.maps.furnishing.placing import furnish
     from elitelanes_jax.maps.furnishing.spec import parse_furnish
 
     spec = check_named("furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags)
     check_new(options.out)
-    road_map, lane_offset = read_map(options.map), _lane_offset(options.tiles)
+    road_map, lane_offset = read_map(options.map), lane_offset_of(options.tiles)
     check_named(f"furnish {' '.join(options.furnish)}", check_objects, spec.objects, *road_map.codes.shape)
     with naming(options.map):
         furnished = furnish(road_map, spec, seed=options.seed, lane_offset=lane_offset)
@@ -201,14 +201,3 @@ def _furnish(options: argparse.Namespace) -> int:
         furnished.save(options.out)
     say(f"{pluralize(len(furnished.objects or ()), 'object')} in {options.out}")
     return 0
-
-
-def _lane_offset(tiles: Path | None) -> float:
-    """Returns where the lanes of a tile set run, without loading OpenCV for the package's own."""
-    from elitelanes_jax.lanes.curves import LANE_OFFSET
-
-    if tiles is None:
-        return LANE_OFFSET
-    from elitelanes_jax.tiles.tileset import load_tiles
-
-    return load_tiles(tiles).lane_offset

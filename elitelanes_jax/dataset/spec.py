@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import product
 from math import floor, prod
 from pathlib import Path
@@ -146,8 +146,7 @@ class DatasetSpec(Record):
         If maps were given, `maps` and `size` are determined anew: by the given maps, or by the defaults without them.
         """
         if self.maps_from is not None:
-            defaults = {field.name: field.default for field in fields(self)}
-            values = {"maps": defaults["maps"], "size": defaults["size"]} | values
+            values = {"maps": DatasetSpec.maps, "size": DatasetSpec.size} | values
         return super().replace(**values)
 
     def _take_given(self, given: GivenMaps) -> None:
@@ -167,8 +166,7 @@ class DatasetSpec(Record):
     def _take(self, name: str, value: UserValue, tell: Callable[[UserValue], str]) -> None:
         """Sets an option to that of the given maps; the user may have given the same value, or none."""
         asked = getattr(self, name)
-        default = next(field.default for field in fields(self) if field.name == name)
-        if asked not in (default, value):
+        if asked not in (getattr(DatasetSpec, name), value):  # a class has the defaults of its fields
             raise InputError(f"{name}: expected that of the given maps, {tell(value)}, got {tell(asked)}")
         object.__setattr__(self, name, value)
 

@@ -1,6 +1,6 @@
 """Batches of environments in the interfaces of Gymnasium, Stable-Baselines3 and PufferLib.
 
-This module imports none of these libraries. Each wrapper takes the module of its library as an argument.
+This module does not import these libraries. Each wrapper takes the module of its library as an argument.
 """
 
 import warnings

@@ -1,6 +1,6 @@
 """The environments by name, and one at a time in the interfaces of Gymnax and Gymnasium.
 
-This module imports none of these libraries. Each wrapper takes the module of its library as an argument.
+This module does not import these libraries. Each wrapper takes the module of its library as an argument.
 """
 
 from collections.abc import Callable

@@ -222,7 +222,7 @@ def refresh(road_map: RoadMap, name: str) -> RoadMap:
     """Returns a map whose metrics are those of its codes. After a change by hand, stored metrics no longer are.
 
     Such a map is measured again, and loses what a search said of its former codes: its fitness, descriptor, niche, seed
-    and drawn tiles. A command says so in a line that begins with `name`. A map without metrics stays as it is. Town
+    and drawn tiles. A command says so in a line that begins with `name`. A map without metrics does not change. Town
     features of blocks and streets are not compared, because measuring them needs JAX.
     """
     if road_map.metrics is None:

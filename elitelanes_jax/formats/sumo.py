@@ -97,7 +97,7 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
         node = road[0]
         nodes[node] = _node(node, line[0], rules.get(node, "priority"), streets)
         edges.append(_edge(road, line, streets))
-        # Traffic goes back only where no other road goes on.
+        # Cars turn back only at the end of a road.
         onward = [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
         for tile in onward:
             ends = f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], tile)}"'

@@ -16,6 +16,7 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.dt_maps import LAYERS
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.lanes.curves import LANE_OFFSET
 
 if TYPE_CHECKING:
     from elitelanes_jax.tiles.tileset import TileSet
@@ -128,6 +129,11 @@ def load_floor_tiles(folder: Path | None) -> "TileSet":
     return load_tiles(folder)
 
 
+def lane_offset_of(folder: Path | None) -> float:
+    """Returns `TileSet.lane_offset` of a tile set; of the package's own without loading OpenCV."""
+    return LANE_OFFSET if folder is None else load_floor_tiles(folder).lane_offset
+
+
 def _floor(
     road_map: RoadMap, tiles: Path | None = None, tile_px: int | None = None, **size: float
 ) -> tuple[bytes, float, "list[formats.Standing]"]:
@@ -149,7 +155,7 @@ def _gltf(road_map: RoadMap, name: str, **settings: UserValue) -> bytes:
 
 def _mujoco(road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str, bytes]:
     picture, size, standing = _floor(road_map, **settings)
-    lane_offset = load_floor_tiles(settings.get("tiles")).lane_offset
+    lane_offset = lane_offset_of(settings.get("tiles"))
     return formats.to_mjcf(road_map.codes, f"{name}.png", size, standing, lane_offset), picture
 
 

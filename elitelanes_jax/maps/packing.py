@@ -22,9 +22,9 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.sumo import to_sumo_trips
 from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
-from elitelanes_jax.lanes.curves import LANE_OFFSET, lane_lengths
+from elitelanes_jax.lanes.curves import lane_lengths
 from elitelanes_jax.lanes.movements import LaneGraph, LaneNode, lane_graph
-from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes, load_floor_tiles
+from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes, lane_offset_of
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.spec import SPLITS, PackSpec
 from elitelanes_jax.network.likeness import ALIKE, group_alike, road_forms
@@ -203,13 +203,6 @@ def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
     return LaneNode(trip[f"{end}_row"], trip[f"{end}_column"], trip[f"{end}_heading"])
 
 
-def _lane_offset(spec: PackSpec) -> float:
-    """Returns the tiles from the road's middle to the centre of a lane, by the tile set of the pack's floors."""
-    if spec.formats.tiles is None:
-        return LANE_OFFSET
-    return load_floor_tiles(spec.formats.tiles).lane_offset
-
-
 def _trips(spec: PackSpec, town: _Town, graph: LaneGraph) -> list[dict[str, Plain]]:
     """Draws starts and goals between the tiles, with the exact length of the shortest way, in tiles."""
     from scipy.sparse import csr_array
@@ -217,7 +210,7 @@ def _trips(spec: PackSpec, town: _Town, graph: LaneGraph) -> list[dict[str, Plai
 
     rng = np.random.default_rng([spec.seed, int(town.id, 16)])
     count = graph.nodes.row.size
-    lengths_of_lanes = lane_lengths(_lane_offset(spec))[graph.movements.turn]
+    lengths_of_lanes = lane_lengths(lane_offset_of(spec.formats.tiles))[graph.movements.turn]
     ways = csr_array((lengths_of_lanes, graph.edges.T), shape=(count, count))
 
     @lru_cache(1 + 2**24 // count)  # 128 MB
@@ -272,7 +265,7 @@ def _card(spec: PackSpec, about: Mapping[str, Plain], rows: Sequence[Mapping[str
         "",
         "A trip starts where a tile is entered and ends where another one is: row, column, and heading, 0 north, "
         "1 east, 2 south, 3 west. Its length is measured along the lanes' centres, "
-        f"{_lane_offset(spec):g} tile right of the middle of the road. Nobody turns back.",
+        f"{lane_offset_of(spec.formats.tiles):g} tile right of the middle of the road. Nobody turns back.",
         "",
         f"Settings: `{json.dumps(about['settings'])}`",
         "",

@@ -374,7 +374,7 @@ def _negated(factors: Mapping[str, int], most: int) -> _Inequality:
 
 
 def _within(item: Range) -> list[_Inequality]:
-    """Returns the inequalities of a range of a metric, or of a share: a part is so much of a whole."""
+    """Returns the inequalities of a range. The range of a share limits a part by a multiple of its whole."""
     part, whole = SHARES.get(item.name, (item.name, ()))
     inequalities = []
     for limit, sign in ((item.low, 1), (item.high, -1)):

@@ -163,7 +163,7 @@ class HandWork:
         return {"names": names, "kept": kept and str(kept), "problems": problems}
 
     def zip(self, values: Untyped) -> bytes:
-        """Returns the set as a zip file with one folder, and leaves the folder of the set as it is.
+        """Returns the set as a zip file with one folder. The folder of the set does not change.
 
         Raises:
           InputError: without tiles.

@@ -98,13 +98,11 @@ def _refine(
             tape = tape_of(flatten(image, fit.view, places, tile_px), tile_px)
             alike = _add_cells(matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px)
         border = _add_border(matrix, vector, image, fit.view, codes, reach, trusted)
-        spread = np.asarray(np.linalg.inv(matrix), np.float64)
-        change = spread @ vector
-        moved = moved_view(fit.view, change, rows, columns)
-        if not is_seen(moved, rows, columns):
+        step = solve_equations(fit.view, matrix, vector, rows, columns)
+        if step is None:
             return fit._replace(spread=np.eye(9), border=np.zeros(4))
-        fit = Fit(moved, spread, alike, border)
-        if np.abs(change[:8]).max() * max(rows, columns) < _STILL:
+        fit = Fit(step.view, step.spread, alike, border)
+        if step.size < _STILL:
             break
     return fit
 
@@ -116,7 +114,27 @@ def begin_equations(view: View, *, bends: bool) -> tuple[NDArray[np.float64], ND
     return matrix, vector
 
 
-def is_seen(view: View, rows: int, columns: int) -> bool:
+class Step(NamedTuple):
+    """A step of Gauss and Newton's method."""
+
+    view: View  # after the step
+    spread: NDArray[np.float64]  # [9, 9], the covariance of the parameters
+    size: float  # the largest change of a parameter, in tiles
+
+
+def solve_equations(
+    view: View, matrix: NDArray[np.float64], vector: NDArray[np.float64], rows: int, columns: int
+) -> Step | None:
+    """Takes the step that solves the normal equations at a view; returns None if it leaves the photograph."""
+    spread = np.asarray(np.linalg.inv(matrix), np.float64)
+    change = spread @ vector
+    moved = _moved_view(view, change, rows, columns)
+    if not _is_seen(moved, rows, columns):
+        return None
+    return Step(moved, spread, float(np.abs(change[:8]).max() * max(rows, columns)))
+
+
+def _is_seen(view: View, rows: int, columns: int) -> bool:
     """Returns whether a view is one of a convex floor near the photograph: a fit to nothing may leave it."""
     corners = view.pixels_of(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float))
     if not np.isfinite(corners).all() or np.abs(corners).max() > 4 * max(view.width, view.height):
@@ -175,7 +193,7 @@ def _basis(view: View, places: Points, rows: int, columns: int) -> NDArray[np.fl
     return np.concatenate([basis, bent[None]])
 
 
-def moved_view(view: View, change: NDArray[np.float64], rows: int, columns: int) -> View:
+def _moved_view(view: View, change: NDArray[np.float64], rows: int, columns: int) -> View:
     """Applies a change of the parameters of `_basis`."""
     a, b, c, d, e, f, g, h = change[:8]
     small = np.array([[1 + b, c, a], [e, 1 + f, d], [-g, -h, 1]])

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.tiles.photographs.registration import Border, Fit, add_offsets, begin_equations, is_seen, moved_view
+from elitelanes_jax.tiles.photographs.registration import Border, Fit, add_offsets, begin_equations, solve_equations
 from elitelanes_jax.tiles.photographs.views import Points, View, flatten
 
 _REACHES = (0.1, 0.05, 0.03)  # tiles in which a side is looked for by colours, one after the other
@@ -46,13 +46,11 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
                 # One side may be off by the whole reach, and the others by nothing.
                 border = _colour_border(image, fit.view, reach)
                 add_offsets(matrix, vector, fit.view, border, 1, 1, noise=reach / 3)
-            spread = np.asarray(np.linalg.inv(matrix), np.float64)
-            change = spread @ vector
-            moved = moved_view(fit.view, change, 1, 1)
-            if not is_seen(moved, 1, 1):
+            step = solve_equations(fit.view, matrix, vector, 1, 1)
+            if step is None:
                 return fit._replace(spread=np.eye(9))
-            fit = fit._replace(view=moved, spread=spread)
-            if np.abs(change[:8]).max() < _STILL:
+            fit = fit._replace(view=step.view, spread=step.spread)
+            if step.size < _STILL:
                 break
     return fit
 

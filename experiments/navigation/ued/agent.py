@@ -14,7 +14,19 @@ from experiments.navigation.drivers import MapNetwork, at_choices
 from experiments.navigation.ppo import Driven, Driver, Ppo, advantages, begin, collect
 from experiments.navigation.ppo import learn as learn_from
 
-__all__ = ["NETWORK", "PPO", "Agent", "Scores", "episode_means", "learn", "new_agent", "params", "rollout", "score"]
+__all__ = [
+    "NETWORK",
+    "PPO",
+    "Agent",
+    "Scores",
+    "episode_means",
+    "learn",
+    "new_agent",
+    "params",
+    "rollout",
+    "score",
+    "settings",
+]
 
 WINDOW = 13
 """The side of the observed window: all of a map of 7 x 7 tiles from each of its tiles."""
@@ -39,6 +51,12 @@ class LevelNetwork(MapNetwork):
 
 
 NETWORK = LevelNetwork()
+
+
+def settings(rounds: int, *, quick: bool) -> Ppo:
+    """Returns `PPO` with a number of rounds; a quick one has few levels side by side, to test a program."""
+    ppo = PPO._replace(updates=rounds)
+    return ppo._replace(envs=16, minibatches=2) if quick else ppo
 
 
 def params() -> RoadNavParams:

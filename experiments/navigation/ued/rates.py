@@ -38,12 +38,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     require("training needs", "flax", "optax", "jaxued")
-    from experiments.navigation.ued.agent import PPO
+    from experiments.navigation.ued.agent import settings
+    from experiments.navigation.ued.report import at_end
     from experiments.navigation.ued.rows import METHODS, run_row
 
-    ppo = PPO._replace(updates=options.rounds)
-    if options.quick:
-        ppo = ppo._replace(envs=16, minibatches=2)
+    ppo = settings(options.rounds, quick=options.quick)
     about = {"program": "ued-rates", "version": __version__, "space": _SPACE, "ppo": ppo._asdict()}
     open_results(options.out, about)
     use_compile_cache()
@@ -55,7 +54,7 @@ def _run(options: argparse.Namespace) -> None:
             for seed in range(options.seeds):
                 make = partial(run_row, method, seed, _SPACE, ppo._replace(rate=rate), unseen=False)
                 row = kept(options.out / "rows" / f"{method.replace(' ', '-')}.{rate:g}.{seed}.json", make)
-                regrets.append(list(row["curve"].values())[-1]["mean"])
+                regrets.append(at_end(row)["mean"])
             means.append(float(np.mean(regrets)))
             print(f"{method}, rate {rate:g}: mean regret {means[-1]:.4f}", flush=True)
         best = CANDIDATES[int(np.argmin(means))]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from experiments.common import Untyped, bootstrap_interval, save, table, write
 
-__all__ = ["write_report"]
+__all__ = ["at_end", "write_report"]
 
 _FIGURES = {"mean": "mean", "cvar5": "worst 5 %", "cvar1": "worst 1 %", "worst": "worst", "success": "success"}
 
@@ -42,7 +42,8 @@ def _words(values: list[float], digits: int = 4) -> str:
     return f"{mean} ({low:.{digits}f} to {high:.{digits}f})"
 
 
-def _end(row: Untyped) -> Untyped:
+def at_end(row: Untyped) -> Untyped:
+    """Returns the figures of a row at the end of its training."""
     return list(row["curve"].values())[-1]
 
 
@@ -51,7 +52,7 @@ def _table(rows: dict[str, list[Untyped]]) -> str:
         [
             method,
             str(len(runs)),
-            *(_words([_end(row)[figure] for row in runs]) for figure in _FIGURES),
+            *(_words([at_end(row)[figure] for row in runs]) for figure in _FIGURES),
             f"{np.mean([row['seconds']['training'] for row in runs]):.0f}",
         ]
         for method, runs in rows.items()
@@ -72,9 +73,9 @@ def _greedy_and_unseen(rows: dict[str, list[Untyped]]) -> str:
 
 
 def _loops(rows: dict[str, list[Untyped]]) -> str:
-    numbers = list(_end(next(iter(rows.values()))[0])["by_loops"])
+    numbers = list(at_end(next(iter(rows.values()))[0])["by_loops"])
     lines = [
-        [method, *(_words([_end(row)["by_loops"][number] for row in runs]) for number in numbers)]
+        [method, *(_words([at_end(row)["by_loops"][number] for row in runs]) for number in numbers)]
         for method, runs in rows.items()
     ]
     return "Mean regret by cyclomatic number.\n\n" + table(["method", *numbers], lines)

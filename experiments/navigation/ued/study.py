@@ -36,14 +36,12 @@ def _run(options: argparse.Namespace) -> None:
     require("training needs", "flax", "optax")
     if {"PLR", "robust PLR", "ACCEL"} & set(options.methods):
         require("these methods need", "jaxued")
-    from experiments.navigation.ued.agent import PPO
-    from experiments.navigation.ued.report import write_report
+    from experiments.navigation.ued.agent import settings
+    from experiments.navigation.ued.report import at_end, write_report
     from experiments.navigation.ued.rows import RATES, run_row
     from experiments.navigation.ued.scores import study_scores
 
-    ppo = PPO._replace(updates=options.rounds)
-    if options.quick:
-        ppo = ppo._replace(envs=16, minibatches=2)
+    ppo = settings(options.rounds, quick=options.quick)
     about = {"program": "ued", "version": __version__, "space": options.space, "ppo": ppo._asdict(), "rates": RATES}
     open_results(options.out, about)
     use_compile_cache()
@@ -52,7 +50,7 @@ def _run(options: argparse.Namespace) -> None:
             of_method = ppo._replace(rate=RATES[method])
             make = partial(run_row, method, seed, options.space, of_method, unseen=not options.quick)
             row = kept(options.out / "rows" / f"{method.replace(' ', '-')}.{seed}.json", make)
-            end = list(row["curve"].values())[-1]
+            end = at_end(row)
             print(f"{method}, seed {seed}: mean {end['mean']:.4f}, worst 1 % {end['cvar1']:.4f}", flush=True)
         if not options.no_scores:
             of_scores = ppo._replace(rate=RATES["domain randomisation"])
