@@ -17,14 +17,14 @@ from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic, write_json
 from elitelanes_jax._util.folders import foreign_file, output_folder
 from elitelanes_jax._util.packages import installed_versions
-from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.progress import Progress, announce_at_end
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.sumo import to_sumo_trips
 from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
 from elitelanes_jax.lanes.curves import lane_lengths
 from elitelanes_jax.lanes.movements import LaneGraph, LaneNode, lane_graph
-from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes, lane_offset_of
+from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes, lane_offset_of, without_ends
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.spec import SPLITS, PackSpec
 from elitelanes_jax.network.likeness import ALIKE, group_alike, road_forms
@@ -107,7 +107,19 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         write_atomic(work.files / "README.md", _card(spec, about, rows).encode())
         write_atomic(work.files / SUMS, "".join(_sums(work.files)).encode())
     maps.announce_left_out()
+    _announce_limits(spec, towns)
     return about
+
+
+def _announce_limits(spec: PackSpec, towns: Sequence[_Town]) -> None:
+    """Says of each format of how many maps its programs cannot use a part, and what of the first one."""
+    for to in spec.to:
+        limits = []
+        for town in towns:
+            written = without_ends(town.road_map, spec.formats.dead_ends)
+            limits += FORMATS[to].limits(written)[:1]
+        if limits:
+            announce_at_end(to, f"{len(limits)} of {pluralize(len(towns), 'map')}, the first: {limits[0]}")
 
 
 def _settings(spec: PackSpec, to: str) -> dict[str, UserValue]:
