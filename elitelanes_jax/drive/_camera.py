@@ -23,11 +23,11 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._hashing import fork, hash_normal
 from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, stand
-from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.bits import mix
 from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.xla import once
 
 
 @name_wrong_arguments

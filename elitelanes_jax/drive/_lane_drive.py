@@ -23,7 +23,6 @@ from elitelanes_jax.drive._distances import NO_WAY
 from elitelanes_jax.drive._environment import Environment, Transition
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive._objects import Objects, touches
-from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import (
     Pose,
     lane_curvature,
@@ -39,6 +38,7 @@ from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.sharding import divide_batches
+from elitelanes_jax.network.xla import once
 
 
 def _check_sight(value: UserValue) -> Sight | None:

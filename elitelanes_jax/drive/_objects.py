@@ -17,11 +17,11 @@ from elitelanes_jax._util.checks import check_named, listed
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric
-from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.objects import NEAR, OBJECT_KINDS, OPAQUE, base_kind, nearest_view
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.xla import once
 
 _SIDE = 64  # rows and columns of the pictures
 _VIEWS = 8  # evenly around an object

@@ -23,7 +23,7 @@ from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive._camera import Camera
 from elitelanes_jax.drive._hashing import fork, hash_bits, hash_normal, uniform
-from elitelanes_jax.drive._once import once
+from elitelanes_jax.network.xla import once
 
 _COARSE = (4, 16)  # grains of a pattern along each side; its finest grains are about 1/64 of the picture's rows
 _FINEST = 64

@@ -25,13 +25,13 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive._camera import Camera, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
 from elitelanes_jax.drive._objects import Objects, Rays, stand
-from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
 from elitelanes_jax.drive._variation import LOOK_NUMBERS, Look, Variation, draw_look, lay_background, photograph
 from elitelanes_jax.drive.lanes import Pose, lane_curvature, lane_errors, nearest_movement, pose_beside
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import check_key, random_bits, seed_key
+from elitelanes_jax.network.xla import once
 
 _UNIT = 20  # bits of a position after the point
 _FARTHEST = 2000.0  # tiles; positions have to fit 32 bits
