@@ -63,7 +63,7 @@ def rough(which):
     return search(which, fitness=roughness, generations=30)
 
 
-@methods()
+@methods(slow=SLOW | {("ea", "tuned"), ("map-elites", "paper"), ("gwo", "paper")})
 def test_a_float_fitness_is_that_of_the_kernel_in_every_method(which):
     result = rough(which)
     grids, fitness = elites(result)
@@ -130,7 +130,7 @@ def test_values_out_of_range_are_refused():
         ((6,), {"features": {"odd": lambda grid: jnp.where(grid[1, 1] == 6, 2**28 + 1, 0)}, "weights": {"odd": 2}}),
         ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -jnp.inf, 1.0 * metrics.turns)}),
     ):
-        result = evolve(jax.random.key(3), SHAPE, generations=5, **options, **PAPER)
+        result = evolve(jax.random.key(3), SHAPE, generations=5, method="ea", preset="paper", **options)
         grids, _ = elites(result)
         assert len(grids) and not np.isin(grids[:, 1, 1], refused).any()
         assert result.history.refused.sum() > 0
@@ -357,7 +357,7 @@ COLOURS = (0, 1, 2, 3)
 OF_FLOATS = {("map-elites", "tuned"), ("pso", "paper")}
 
 
-@methods(slow=SLOW | OF_FLOATS)
+@methods(slow=SLOW | OF_FLOATS | {("ea", "paper"), ("ea", "tuned")})
 def test_a_problem_of_ones_own_runs_with_every_optimizer(which):
     check_search(which, evaluate)
 

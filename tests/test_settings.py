@@ -68,12 +68,17 @@ def settings(**values):
 
 # "LaneDrive, rough" has other values of all settings, except the camera. Each environment takes seconds to compile.
 SLOW_ENVIRONMENTS = {"LaneDrive", "LaneDrive, camera"}
+# Each problem evaluates grids and draws some. One with ranges has most of what the others have.
+SLOW_KERNELS = {
+    f"{action}, {problem}" for action in ("problem", "random") for problem in ("plain", "towns", "own", "float")
+}
+SLOW = {"environments": SLOW_ENVIRONMENTS, "kernels": SLOW_KERNELS}
 
 
 @pytest.mark.parametrize(
     ("group", "without"),
-    [(name, SLOW_ENVIRONMENTS if name == "environments" else set()) for name in GROUPS if name != "methods"]
-    + [pytest.param(name, set(), marks=pytest.mark.slow) for name in ("methods", "environments")],
+    [(name, SLOW.get(name, set())) for name in GROUPS if name != "methods"]
+    + [pytest.param(name, set(), marks=pytest.mark.slow) for name in ("methods", *SLOW)],
 )
 def test_all_run_under_strict_settings(group, without):
     """Compiled, with arguments that are on the device. The rooms' own tests run with these settings too, but for
@@ -114,7 +119,13 @@ def search(generations=2, **options):
     return evolve(3, (4, 5), generations=generations, **options)
 
 
-@pytest.mark.parametrize("name", NUMBERS)
+# Each setting is another program to compile.
+QUICK = ("jax_enable_x64", "jax_default_prng_impl")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in NUMBERS]
+)
 def test_a_search_is_the_same_whatever_is_set(name, tmp_path):
     """Also if it is continued under another setting."""
     # The user's functions may compute other numbers with 64 bits. Then the search is another one.

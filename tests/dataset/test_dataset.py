@@ -320,7 +320,7 @@ def test_a_full_disk_is_one_line_of_the_command(tmp_path, small_files_only, evol
 
 
 def furnished(what):
-    search = SearchSpec(fill=False, where=["empty_cells=2.."], preset="paper", evaluations=2000)
+    search = SearchSpec(fill=False, where=["empty_cells=2.."], method="ea", preset="paper", evaluations=2000)
     return DatasetSpec(maps=4, size=4, split=(1, 0, 0), tile_px=16, search=search, furnish=what)
 
 

@@ -48,14 +48,18 @@ def crowded(furnished):
     return make_scenes(furnished, tile_px=TILE_PX)
 
 
-def plans_of(key, scenes, count, camera=CAMERA, variation=BARE, samples=2):
+@jax.jit
+def plan_views(keys, scenes, camera, variation):
+    def plan(key):
+        return drawing._plan_view(key, scenes, camera, variation, samples=2)
+
+    return jax.vmap(plan)(keys)
+
+
+def plans_of(key, scenes, count, camera=CAMERA, variation=BARE):
     """The numbers of a batch's views."""
-
-    def plan(index):
-        numbers = jax.tree.map(jnp.float32, (camera, variation))
-        return drawing._plan_view(jax.random.fold_in(key, index), scenes, *numbers, samples=samples)
-
-    return jax.device_get(jax.jit(jax.vmap(plan))(jnp.arange(count)))
+    keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(count))
+    return jax.device_get(plan_views(keys, scenes, *jax.tree.map(jnp.float32, (camera, variation))))
 
 
 def viewpoint_of(plan, camera):
@@ -129,7 +133,7 @@ def test_a_view_depends_on_the_key_and_its_index_alone(scenes, batch):
 
 
 def test_all_at_once_draws_what_is_drawn_one_by_one(crowded):
-    plans = plans_of(jax.random.key(5), crowded, 3, variation=VARIED)
+    plans = plans_of(jax.random.key(5), crowded, 2, variation=VARIED)
     each, at_once = (jax.jit(partial(way, crowded))(plans) for way in (drawing._draw_each, drawing._draw_all))
     np.testing.assert_array_equal(each[1], at_once[1])
     colours = [np.asarray(words).view(np.uint8).astype(int) for words, _ in (each, at_once)]

@@ -24,8 +24,8 @@ def slow(*shapes):
     return [pytest.param(shape, marks=pytest.mark.slow) for shape in shapes]
 
 
-SHAPES = [(2, 2), (2, 9), (5, 7), (12, 12), (16, 17), (20, 65)]
-SHAPES += slow((9, 2), (16, 16), (2, 3), (3, 2), (33, 17), (1, 9), (1, 65), (1, 1024), (65, 1))
+SHAPES = [(2, 2), (2, 9), (5, 7), (16, 17), (20, 65)]
+SHAPES += slow((12, 12), (9, 2), (16, 16), (2, 3), (3, 2), (33, 17), (1, 9), (1, 65), (1, 1024), (65, 1))
 
 measure_many = jax.jit(jax.vmap(measure))
 repair_many = jax.jit(jax.vmap(repair))
@@ -61,8 +61,8 @@ def kinds_of_grids(rng, count, shape):
 
 @pytest.mark.parametrize(
     ("shape", "share"),
-    [((2, 2), 8), ((1, 1), 1), ((1, 3), 1)]
-    + [pytest.param(shape, 1, marks=pytest.mark.slow) for shape in ((2, 2), (1, 2), (1, 4))],
+    [((2, 2), 32), ((1, 1), 1), ((1, 3), 4)]
+    + [pytest.param(shape, 1, marks=pytest.mark.slow) for shape in ((2, 2), (1, 2), (1, 3), (1, 4))],
     ids=str,
 )
 def test_every_small_grid(shape, share):
@@ -85,7 +85,7 @@ def test_every_small_grid(shape, share):
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_random_grids(shape):
     rng = np.random.default_rng(shape)
-    for grids in kinds_of_grids(rng, max(2, 1500 // (shape[0] * shape[1])), shape):
+    for grids in kinds_of_grids(rng, max(2, 700 // prod(shape)), shape):
         compare(grids)
 
 
@@ -101,7 +101,7 @@ def test_a_hundred_thousand_random_grids():
     assert compared >= 100_000
 
 
-@pytest.mark.parametrize("shape", [(12, 12), (17, 17), (64, 64), *slow((16, 16), (40, 90))], ids=str)
+@pytest.mark.parametrize("shape", [(12, 12), (17, 17), *slow((64, 64), (16, 16), (40, 90))], ids=str)
 def test_long_corridors(shape):
     """One slow grid among quick ones, every way round: labels have to travel its whole length, also upwards."""
     rng = np.random.default_rng(5)
@@ -121,7 +121,7 @@ def test_where_labels_get_wider(shape):
     compare(grid[None])
 
 
-@pytest.mark.parametrize("shape", [(5, 7), (17, 17), *slow((2, 2), (12, 12), (20, 65), (64, 64), (2, 254))], ids=str)
+@pytest.mark.parametrize("shape", [(17, 17), *slow((5, 7), (2, 2), (12, 12), (20, 65), (64, 64), (2, 254))], ids=str)
 def test_the_way_of_gpus_finds_the_same_labels(shape):
     layout = PaddedLayout(*shape)
     pad = jax.jit(jax.vmap(layout.pad))

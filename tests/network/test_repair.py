@@ -68,7 +68,7 @@ def test_a_filled_grid_has_a_picture_for_every_tile(grid, raster):
     np.testing.assert_array_equal(repair(filled, fill=True), filled)
 
 
-@pytest.mark.parametrize("shape", [(2, 11), (12, 12), (33, 17)], ids=str)
+@pytest.mark.parametrize("shape", [(2, 11), (33, 17), pytest.param((12, 12), marks=pytest.mark.slow)], ids=str)
 def test_what_holds_after_repair_holds_at_every_size(shape):
     rng = np.random.default_rng(shape)
     codes = rng.integers(0, 16, (200, *shape)).astype(np.int8)

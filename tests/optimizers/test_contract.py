@@ -43,6 +43,7 @@ from elitelanes_jax.problem.road import road_problem
 SHAPE = (5, 6)
 AXES = paper_axes(SHAPE)
 PROBLEMS = {fill: road_problem(SHAPE, fill=fill) for fill in (False, True)}
+FILLS = {"ea, tuned"}  # the other optimizers fill in slow proofs alone
 # Cycles so short that several start within the tests.
 TUNED = AnnealingConfig(population=12, chains=4, cycle=7)
 MAKERS = {
@@ -63,8 +64,10 @@ MAKERS = {
 KEYS = jax.random.split(jax.random.key(11), 3)
 GENERATIONS = 30
 
-# The tuned swarms are the tuned EA with other mates, and the others differ from theirs in a choice: slow proofs.
+# The tuned swarms are the tuned EA with other mates, GWO is a swarm as PSO is, and the others differ from theirs in a
+# choice: slow proofs.
 SLOW = {
+    "gwo",
     "map-elites, irregular",
     "pso, tuned",
     "gwo, tuned",
@@ -93,8 +96,8 @@ class Compiled(NamedTuple):
 
 
 @lru_cache(maxsize=2)  # no more at once: all of them take over a gigabyte
-def compiled(name, fill=False, /):
-    optimizer = MAKERS[name](PROBLEMS[fill])
+def compiled(name, other_repair=False, /):
+    optimizer = MAKERS[name](PROBLEMS[(name in FILLS) != other_repair])
     init = jax.jit(optimizer.init)
     first = [init(jax.random.fold_in(key, 0)) for key in KEYS]
     moving = jax.jit(partial(advance, optimizer, most=GENERATIONS))
@@ -127,17 +130,16 @@ def shapes(tree):
 
 @every_optimizer
 def test_each_step_leaves_valid_grids_and_a_best_that_never_gets_worse(name):
-    check_steps(name, fill=name == "ea, tuned")
+    check_steps(compiled(name), fill=name in FILLS)
 
 
 @pytest.mark.slow
 @every_optimizer
 def test_each_step_does_so_with_the_other_repair(name):
-    check_steps(name, fill=name != "ea, tuned")
+    check_steps(compiled(name, True), fill=name not in FILLS)
 
 
-def check_steps(name, *, fill):
-    one = compiled(name, True) if fill else compiled(name)
+def check_steps(one, *, fill):
     states, best = one.first, one.elites(one.first).fitness.min(axis=1)
     for generation in range(1, 16):
         before = states
@@ -219,7 +221,7 @@ def test_one_compilation_serves_every_call(name):
 def test_searching_finds_better_than_chance(name):
     """The paper's PSO does not: it draws nearly at random from its velocities (see the experiments)."""
     evaluations = GENERATIONS * compiled(name).optimizer.evaluations_per_step
-    problem = PROBLEMS[False]
+    problem = PROBLEMS[name in FILLS]
     chance = jax.jit(jax.vmap(lambda key: problem.evaluate(problem.random(key, evaluations)).fitness.min()))
     assert whole_run(name)[1].best_fitness[-1].mean() < chance(jax.random.split(jax.random.key(0), 8)).mean()
 
@@ -306,9 +308,9 @@ def test_a_run_of_no_generation_is_its_start():
     assert info.best_fitness.shape == (0, len(KEYS))
 
 
-@pytest.mark.parametrize("maker", MAKERS)
-def test_generations_are_the_rounds_of_a_scan(maker):
-    optimizer = MAKERS[maker](PROBLEMS[False])
+@every_optimizer
+def test_generations_are_the_rounds_of_a_scan(name):
+    optimizer = compiled(name).optimizer
     keys = jax.random.split(jax.random.key(0), 2)
     jaxpr = jax.make_jaxpr(lambda keys: run(optimizer, keys, 7))(keys)
     scans = [equation for equation in jaxpr.jaxpr.eqns if equation.primitive.name == "scan"]

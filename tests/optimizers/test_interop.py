@@ -116,7 +116,7 @@ def test_evosax_decodes_the_largest_logit_and_minimises_ours(problem, evaluate):
         task.eval(jax.random.key(0), solutions[:, 1:], state)
 
 
-@pytest.mark.parametrize("refused", [2**30, jnp.nan])
+@pytest.mark.parametrize("refused", [pytest.param(2**30, marks=pytest.mark.slow), jnp.nan])
 def test_refused_grids_have_the_worst_score(refused):
     problem = road_problem(SHAPE, AXES, fitness=lambda usual, metrics: jnp.where(metrics.turns > 9, refused, usual))
     grids = jax.jit(partial(problem.random, count=8))(jax.random.key(0))

@@ -23,7 +23,9 @@ drawn_codes = jax.jit(jax.vmap(categorical))
 
 
 @pytest.mark.parametrize(
-    "config", [PsoConfig(particles=6), PsoConfig(6, 0.4, 2.5, 0.5, 1.0, 3.0)], ids=["paper", "others"]
+    "config",
+    [pytest.param(PsoConfig(particles=6), marks=pytest.mark.slow), PsoConfig(6, 0.4, 2.5, 0.5, 1.0, 3.0)],
+    ids=["paper", "others"],
 )
 def test_particles_move_by_the_equations(config):
     optimizer = pso(PROBLEM, config)
@@ -62,7 +64,7 @@ def test_particles_move_by_the_equations(config):
         state = after
 
 
-@pytest.mark.parametrize("omega", ["own", "worst"])
+@pytest.mark.parametrize("omega", ["own", pytest.param("worst", marks=pytest.mark.slow)])
 def test_wolves_move_by_the_equation(omega):
     config = GwoConfig(wolves=7, perturbation=0.6, horizon=10, omega=omega)
     optimizer = gwo(PROBLEM, config)

@@ -82,7 +82,7 @@ def test_bounds_hold_on_all_maps(shape, rules, filled):
         check(bounds, metrics)
 
 
-@pytest.mark.parametrize("shape", [(2, 3), (3, 3)])
+@pytest.mark.parametrize("shape", [pytest.param((2, 3), marks=pytest.mark.slow), (3, 3)])
 @pytest.mark.parametrize("filled", [True, False])
 def test_bounds_of_town_features_hold_on_all_maps(shape, filled):
     bounds = find_bounds(shape, {name: right for name, right, _ in map_constraints(None, filled=filled)})

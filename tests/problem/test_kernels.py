@@ -73,7 +73,14 @@ def test_a_weight_is_what_a_unit_adds():
         assert int(fitness) == grids[grid.tobytes()] - 7 * grid[0].sum()
 
 
-@pytest.mark.parametrize("measured", [["signable", "row_sum"], ["row_sum", "turns", "signable"], ["row_sum"], []])
+@pytest.mark.parametrize(
+    "measured",
+    [
+        ["row_sum", "turns", "signable"],
+        [],
+        *(pytest.param(slow, marks=pytest.mark.slow) for slow in (["signable", "row_sum"], ["row_sum"])),
+    ],
+)
 def test_weights_are_those_of_the_measured_in_their_order(measured):
     grids, axes = random_grids(jax.random.key(0), 8, SHAPE), "signable:5"
     usual, weighed = (

@@ -26,9 +26,9 @@ KEY = jax.random.key(3)
 search = partial(evolve, preset="paper", fill=False)
 
 
-# The swarms keep the same promises by the same code: slow proofs.
+# The other methods keep the same promises by the same code: slow proofs.
 every_method = pytest.mark.parametrize(
-    "method", [pytest.param(method, marks=[pytest.mark.slow] if method in ("pso", "gwo") else []) for method in METHODS]
+    "method", [pytest.param(method, marks=[] if method == "map-elites" else [pytest.mark.slow]) for method in METHODS]
 )
 
 
@@ -200,9 +200,9 @@ def test_an_optimizer_may_report_a_fitness_of_another_type(tmp_path):
 
 
 def test_the_time_of_a_continued_run_is_its_own():
-    first = evolve(0, (3, 4), seeds=2, generations=20)
-    history = evolve(0, (3, 4), seeds=2, generations=2, state=first.state).history
-    np.testing.assert_allclose(history.seconds, (32 * 2 / history.evaluations_per_second).sum())
+    run = partial(search, 0, SHAPE, seeds=2, method="ea")
+    history = run(generations=2, state=run(generations=20).state).history
+    np.testing.assert_allclose(history.seconds, (40 * 2 / history.evaluations_per_second).sum())
 
 
 def test_functions_need_a_hash():
