@@ -10,19 +10,15 @@ from pathlib import Path
 
 import jax
 import jaxtyping
+from compiled_programs import QUICK_FLAGS, free_programs
 
 # The programs of a session go to a folder of its own, which all workers and the commands that tests start share: what
-# one has compiled another only loads. A test runs a program a few times, so compiling sooner is worth more than speed:
-# without optimisation and MLIR it takes half the time, for the same results. Slow proofs compile as users do.
+# one has compiled another only loads. Slow proofs compile as users do.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     cache = tempfile.TemporaryDirectory(prefix="elitelanes-tests-", ignore_cleanup_errors=True)
     os.environ["XDG_CACHE_HOME"] = cache.name
     if "slow" not in sys.argv:
-        os.environ["XLA_FLAGS"] = (
-            "--xla_backend_optimization_level=0"
-            " --xla_cpu_use_fusion_emitters=false"
-            " --xla_cpu_parallel_codegen_split_count=1"
-        )
+        os.environ["XLA_FLAGS"] = QUICK_FLAGS
     os.environ["MALLOC_ARENA_MAX"] = "2"  # the compiler's threads would each keep memory of their own
 jax.config.update("jax_compilation_cache_dir", str(Path(os.environ["XDG_CACHE_HOME"]) / "elitelanes_jax"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -39,16 +35,29 @@ jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typ
 
 import numpy as np
 import pytest
-from compiled_programs import free_programs
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax.tiles.tileset import TileSet, default_tiles, load_tiles
 
-# Examples are few enough for CI and the same every time; compilation of a new shape may take its time.
-settings.register_profile("ci", max_examples=100, deadline=None, derandomize=True)
-settings.load_profile("ci")
+# Examples are the same every time; compilation of a new shape may take its time. Slow proofs draw twenty times as many.
+settings.register_profile("ci", max_examples=50, deadline=None, derandomize=True)
+settings.register_profile("proof", max_examples=1000, deadline=None, derandomize=True)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    settings.load_profile("proof" if config.option.markexpr == "slow" else "ci")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Properties of random examples are slow proofs too, with the examples of their profile."""
+    if config.option.markexpr == "slow":
+        for item in items:
+            if getattr(getattr(item, "obj", None), "is_hypothesis_test", False):
+                item.add_marker(pytest.mark.slow)
+
 
 REAL_TILES = Path(__file__).parents[2] / "shared" / "real_tiles"
 

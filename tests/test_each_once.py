@@ -4,14 +4,30 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
-import each_once
+import pytest
+from compiled_programs import QUICK_FLAGS
+
+from elitelanes_jax.optimizers import PRESETS
+
+PROGRAM = Path(__file__).with_name("each_once.py")
+METHODS = [":".join(names) for names in PRESETS if names[1] in ("tuned", "paper")]
 
 
-def test_optimised_programs_return_the_same_bits(monkeypatch):
-    """Every kernel and every method once. The oracles of the other tests check what they return."""
-    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    monkeypatch.setattr(each_once._compiling, "_MOST_CELLS", None)  # `main` sets it
-    optimised = subprocess.Popen([sys.executable, each_once.__file__], env=environment, stdout=subprocess.PIPE)
-    here = each_once.main()
-    assert json.loads(optimised.communicate()[0]) == here
+def start(methods, flags):
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"} | flags
+    return subprocess.Popen([sys.executable, PROGRAM, *methods], env=environment, stdout=subprocess.PIPE)
+
+
+@pytest.mark.parametrize(
+    "methods",
+    [["map-elites:tuned", "ea:paper", "pso:paper"], pytest.param(METHODS, marks=pytest.mark.slow)],
+    ids=["three methods", "all methods"],
+)
+def test_optimised_programs_return_the_same_bits(methods):
+    """Every kernel and some methods once. The oracles of the other tests check what they return."""
+    processes = [start(methods, flags) for flags in ({}, {"XLA_FLAGS": QUICK_FLAGS})]
+    optimised, quick = (json.loads(process.communicate()[0]) for process in processes)
+    assert optimised == quick
+    assert set(methods) < set(quick)
