@@ -331,7 +331,7 @@ def test_maps_are_kept_for_other_objects_if_some_do_not_fit(tmp_path, monkeypatc
     with monkeypatch.context() as patch:
         patch.setattr("elitelanes_jax.dataset._plan.evolve_search", interrupt)
         with pytest.raises(InputError, match=f"duckies: .*{kept}"):
-            make_dataset(furnished("duckies=999"), out)
+            make_dataset(furnished("duckies=99"), out)
         make_dataset(furnished("duckies=1"), out)
         for name in ("duckies=1", None):
             with pytest.raises(KeyboardInterrupt):
