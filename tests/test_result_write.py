@@ -13,7 +13,7 @@ from elitelanes_jax.formats import draw_svg
 OPTIONS = {"method": "ea", "preset": "paper", "generations": 30}
 
 
-@pytest.mark.parametrize("key", [0, jax.random.key(0)])
+@pytest.mark.parametrize("key", [0, pytest.param(jax.random.key(0), marks=pytest.mark.slow)])
 def test_a_result_writes_what_generate_writes(key, tmp_path):
     result = evolve(key, (5, 6), **OPTIONS)
     maps = write_result(result, str(tmp_path / "out"), 1, tile_px=16)

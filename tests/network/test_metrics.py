@@ -177,7 +177,8 @@ def test_kernels_for_a_batch_of_any_size(shape):
 
 
 @pytest.mark.parametrize(
-    "kernel", [measure, partial(repair, fill=True), pytest.param(measure_town, marks=pytest.mark.slow)]
+    "kernel",
+    [measure, *(pytest.param(slow, marks=pytest.mark.slow) for slow in (partial(repair, fill=True), measure_town))],
 )
 def test_kernels_inside_shard_map(kernel):
     mesh, shares = Mesh(jax.devices()[:1], "x"), PartitionSpec("x")

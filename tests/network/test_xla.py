@@ -36,7 +36,11 @@ def test_values_are_looked_up_in_each_vector_of_a_batch():
     np.testing.assert_array_equal(shared, values[0, 0][indices[0]])
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 5), (12, 12), (5, 33)], ids=str)
+@pytest.mark.parametrize(
+    "shape",
+    [(1, 1), (3, 5), (5, 33), *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((1, 9), (12, 12)))],
+    ids=str,
+)
 def test_cells_are_packed_and_their_neighbours_are_shifts(shape):
     """Also of two grids end to end, which do not see each other."""
     cells = PackedCells(*shape)

@@ -113,7 +113,7 @@ def different(varied):
 
 
 @pytest.mark.parametrize(
-    "shape", [(2, 2), (3, 4), *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((2, 5), (6, 6)))]
+    "shape", [(3, 4), *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((2, 2), (2, 5), (6, 6)))]
 )
 def test_of_any_grid_by_any_move(shape):
     """What is not dirty stays, all can be repaired, filling fills, and the opposite place changes too if it is to."""

@@ -82,7 +82,7 @@ def test_each_valid_filling_of_a_strip_is_drawn(grid, empty, whole):
 
 
 @pytest.mark.parametrize(
-    "shape", [(3, 3), (5, 8), *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((6, 6), (9, 4)))]
+    "shape", [(5, 8), *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((3, 3), (6, 6), (9, 4)))]
 )
 def test_no_strip_disturbs_its_neighbours(shape):
     """Of any grid without mismatches; where nothing fits, nothing changes."""
