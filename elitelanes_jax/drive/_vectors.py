@@ -4,14 +4,14 @@ This module does not import these libraries. Each wrapper takes the module of it
 """
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, is_whole, one_of
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
 from elitelanes_jax.drive._batch import DISABLED, NEXT_STEP, SAME_STEP, Batch, check_module
 from elitelanes_jax.drive._environment import Environment
@@ -58,6 +58,7 @@ def gymnasium_vector_env(
             self.metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
             self.metadata["autoreset_mode"] = gymnasium.vector.AutoresetMode(mode)
             self.render_mode = None if draw is None else "rgb_array"
+            self._batch = batch  # an attribute, so that a deep copy has states of its own
             self.num_envs = batch.envs
             self.single_action_space, self.single_observation_space = batch.spaces(gymnasium.spaces)
             self.action_space = batch_space(self.single_action_space, batch.envs)
@@ -67,9 +68,10 @@ def gymnasium_vector_env(
         def reset(self, *, seed: UserValue = None, options: UserValue = None) -> tuple[np.ndarray, dict[str, Untyped]]:
             chosen, seeds = _check_mask(options, batch.envs), seed
             if is_whole(seed):
-                super().reset(seed=int(seed))
-                seeds = range(seed, seed + batch.envs)
-            observation = batch.reset(seeds, chosen)
+                first = int(seed)  # a small number of NumPy would overflow
+                super().reset(seed=first)
+                seeds = range(first, first + batch.envs)
+            observation = self._batch.reset(seeds, chosen)
             self._over = self._over & ~chosen
             return observation, {}
 
@@ -78,7 +80,7 @@ def gymnasium_vector_env(
             if mode == DISABLED and over.any():
                 ended = np.flatnonzero(over).tolist()
                 raise InputError(f"step: expected a reset of environments {ended}, whose episodes have ended, got none")
-            done = batch.step(actions)
+            done = self._batch.step(actions)
             self._over, self.next_observations = done.terminated | done.truncated, done.reached
             if mode == SAME_STEP and self._over.any():
                 infos = _final_infos(done.metrics, self._over, done.reached)
@@ -87,13 +89,15 @@ def gymnasium_vector_env(
             return done.observation, done.reward, done.terminated, done.truncated, infos
 
         def render(self) -> tuple[np.ndarray, ...] | None:
-            return None if draw is None else tuple(np.asarray(draw(state)) for state in batch.states("render"))
+            return None if draw is None else tuple(np.asarray(draw(state)) for state in self._batch.states("render"))
 
     return VectorEnv()
 
 
 def _check_mask(options: UserValue, envs: int) -> NDArray[np.bool_]:
     """Returns the environments that a reset starts anew, bool ``[N]``."""
+    if options is not None and not isinstance(options, Mapping):
+        raise InputError(f"options: expected a dictionary, got {shorten(repr(options))}")
     mask = (options or {}).get("reset_mask")
     if mask is None:
         return np.ones(envs, bool)
@@ -161,21 +165,22 @@ def sb3_vec_env(
         render_mode = None if draw is None else "rgb_array"
 
         def __init__(self) -> None:
+            self._batch = batch  # an attribute, so that a deep copy has states of its own
             self._attributes: dict[str, list[UserValue]] = {}
             action_space, observation_space = batch.spaces(base.spaces)
             super().__init__(batch.envs, observation_space, action_space)
 
         def reset(self) -> np.ndarray:
-            observation = batch.reset(self._seeds)
+            observation = self._batch.reset(self._seeds)
             self._reset_seeds()
             self._reset_options()
             return observation
 
         def step_async(self, actions: UserValue) -> None:
-            batch.send(actions)
+            self._batch.send(actions)
 
         def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Untyped]]]:
-            done = batch.receive()
+            done = self._batch.receive()
             over, self.metrics = done.terminated | done.truncated, done.metrics
             infos: list[dict[str, Untyped]] = [{} for _ in range(batch.envs)]
             for index in np.flatnonzero(over):
@@ -194,7 +199,7 @@ def sb3_vec_env(
             if draw is None:
                 warnings.warn("sb3_vec_env: expected render, to get pictures, got none", stacklevel=2)
                 return [None] * batch.envs
-            return [np.asarray(draw(state)) for state in batch.states("render")]
+            return [np.asarray(draw(state)) for state in self._batch.states("render")]
 
         def get_attr(self, attr_name: str, indices: UserValue = None) -> list[UserValue]:
             values = self._attributes.get(attr_name)
@@ -257,9 +262,13 @@ def puffer_env(
         single_action_space, single_observation_space = batch.spaces(pufferlib.emulation.gymnasium.spaces)
         num_agents = batch.envs
 
+        def __init__(self) -> None:
+            self._batch = batch  # an attribute, so that a deep copy has states of its own
+            super().__init__(buf)
+
         def reset(self, seed: int | None = None) -> tuple[np.ndarray, list[dict[str, float]]]:
-            first = start if seed is None else seed
-            self.observations[:] = batch.reset(range(first, first + batch.envs))
+            first = start if seed is None else int(seed)
+            self.observations[:] = self._batch.reset(range(first, first + batch.envs))
             for zeroed in (self.rewards, self.terminals, self.truncations):
                 zeroed[:] = 0
             return self.observations, []
@@ -267,7 +276,7 @@ def puffer_env(
         def step(
             self, actions: UserValue
         ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, list[dict[str, float]]]:
-            done = batch.step(actions)
+            done = self._batch.step(actions)
             self.observations[:], self.rewards[:] = done.observation, done.reward
             self.terminals[:], self.truncations[:] = done.terminated, done.truncated
             over, infos = done.terminated | done.truncated, []
@@ -278,4 +287,4 @@ def puffer_env(
         def close(self) -> None:
             pass
 
-    return PufferEnv(buf)
+    return PufferEnv()

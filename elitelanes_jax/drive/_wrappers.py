@@ -156,17 +156,20 @@ def gymnasium_env(
         render_mode = None if draw is None else "rgb_array"
         action_space, observation_space = batch.spaces(gymnasium.spaces)
 
+        def __init__(self) -> None:
+            self._batch = batch  # an attribute, so that a deep copy has a state of its own
+
         def reset(self, *, seed: int | None = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
             super().reset(seed=seed)
-            return batch.reset([seed])[0], {}
+            return self._batch.reset([seed])[0], {}
 
         def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
-            done = batch.step(np.asarray(action)[None])
+            done = self._batch.step(np.asarray(action)[None])
             metrics = {name: metric[0, ...] for name, metric in done.metrics.items()}
             ended = bool(done.terminated[0]), bool(done.truncated[0])
             return done.observation[0], float(done.reward[0]), *ended, metrics
 
         def render(self) -> Untyped:
-            return None if draw is None else np.asarray(draw(batch.states("render")[0]))
+            return None if draw is None else np.asarray(draw(self._batch.states("render")[0]))
 
     return Env()

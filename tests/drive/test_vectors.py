@@ -196,6 +196,13 @@ def test_what_is_wrong_is_named():
             wrap()
 
 
+def test_a_seed_may_be_a_small_number_of_numpy():
+    gymnasium = pytest.importorskip("gymnasium")
+    vector = gymnasium_vector_env(RoadNav, RoadNavParams(LEVELS), gymnasium, envs=3)
+    expected, _ = vector.reset(seed=254)
+    np.testing.assert_array_equal(vector.reset(seed=np.uint8(254))[0], expected)
+
+
 def test_what_gymnasium_does_not_take_is_named():
     gymnasium = pytest.importorskip("gymnasium")
     params = RoadNavParams(LEVELS)
@@ -205,6 +212,10 @@ def test_what_gymnasium_does_not_take_is_named():
         (
             lambda: gymnasium_vector_env(RoadNav, params, gymnasium, envs=0),
             "envs: expected a whole number, 1 or more, got 0",
+        ),
+        (
+            lambda: vector.reset(options=["reset_mask"]),
+            r"options: expected a dictionary, got \['reset_mask'\]",
         ),
         (
             lambda: gymnasium_vector_env(RoadNav, None, gymnasium),

@@ -140,6 +140,26 @@ def test_they_can_be_copied(params, seeing):
         assert deepcopy(GymnaxEnv(environment, settings, spaces)).action_space()
 
 
+class _Env:
+    """What `gymnasium.Env` has that ours calls."""
+
+    def reset(self, *, seed=None):
+        pass
+
+
+def test_a_deep_copy_has_a_state_of_its_own(params):
+    """A search such as MCTS copies an environment, and steps the copy."""
+    env = gymnasium_env(RoadNav, params, SimpleNamespace(Env=_Env, spaces=SPACES))
+    env.reset(seed=3)
+    expected = [env.step(action)[0] for action in (0, 1, 2, 1)]
+    env.reset(seed=3)
+    env.step(0)
+    copied = deepcopy(env)
+    for stepped in (copied, env):
+        for action, observation in zip((1, 2, 1), expected[1:], strict=True):
+            np.testing.assert_array_equal(stepped.step(action)[0], observation)
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("standard")  # rejax adds arrays of several dtypes
 def test_rejax_learns_on_it(levels):
