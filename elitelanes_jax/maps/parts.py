@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, path, paths
+from elitelanes_jax._util.checks import check_named, none_or, path, paths, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import first_difference, has_unfinished, output_folder
@@ -18,7 +18,7 @@ from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps
 from elitelanes_jax.maps.generation import Evolved, write_run
 from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
-from elitelanes_jax.search.joining import join_results
+from elitelanes_jax.search.joining import join_parts_of_run
 from elitelanes_jax.search.resolve import has_other_alphabet, spec_from_plain
 from elitelanes_jax.search.result import Result
 
@@ -81,7 +81,7 @@ def join_parts(folders: Sequence[Path]) -> Evolved:
     known = [speed for speed in speeds if speed is not None]
     return Evolved(
         run=run,
-        result=join_results(results),
+        result=join_parts_of_run(results),
         seconds=sum(about["times"]["seconds"]["evolve"] for about in records),
         speed=round(float(np.median(known))) if known else None,
         device=", ".join(sorted({about["device"] for about in records})),
@@ -134,12 +134,12 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     try:
         about = read_json(folder / RECORD)
         part = about["settings"]["part"]
-        times = (
-            about["times"]["seconds"]["evolve"],
-            about["times"]["evaluations_per_second"],
-            about["device"],
-        )
-        complete = {"versions", "tile_set"} <= set(about) and len(times) == 3 and (part is None or parse_part(part))
+        if part is not None:
+            about["settings"]["part"] = parse_part(part)
+        times = about["times"]
+        times["seconds"]["evolve"] = real(0)(times["seconds"]["evolve"])
+        times["evaluations_per_second"] = none_or(real(0))(times["evaluations_per_second"])
+        complete = {"versions", "tile_set"} <= set(about) and isinstance(about["device"], str)
     except (
         OSError,
         ValueError,

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from hashlib import sha256
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +10,7 @@ import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, shorten, warn_user
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.search.result import History, Result, RunState
 
@@ -28,10 +29,19 @@ def join_results(results: Sequence[Result]) -> Result:
 
     Raises:
       InputError: for no results, results of different searches, or a result that comes twice.
+
+    Warns if seeds of two results have equal arrays, because results without a state do not tell their keys.
     """
     check_named("results", listed(Result), results)
     if not results:
         raise InputError("results: expected at least one, got none")
+    joined = join_parts_of_run(results)
+    _warn_of_equal_seeds(results)
+    return joined
+
+
+def join_parts_of_run(results: Sequence[Result]) -> Result:
+    """Joins results as `join_results` does. Their keys are known to differ, so it warns of nothing."""
     for index, result in enumerate(results):
         _check_same_search(index, _search_of(result), _search_of(results[0]))
     _check_different_keys(results)
@@ -79,6 +89,28 @@ def _check_different_keys(results: Sequence[Result]) -> None:
             raise InputError(
                 f"results: expected each result once, got the keys of index {first} again at index {index}"
             )
+
+
+def _warn_of_equal_seeds(results: Sequence[Result]) -> None:
+    """Warns if a seed has the arrays of a seed in an earlier result."""
+    seen: dict[bytes, tuple[int, int]] = {}
+    for index, result in enumerate(results):
+        batch = _with_seeds(result)
+        grids, fitness = np.asarray(batch.elites.grids), np.asarray(batch.elites.fitness)
+        digests = []
+        for seed, history in enumerate(batch.history.best_fitness):
+            arrays = grids[seed].tobytes() + fitness[seed].tobytes() + history.tobytes()
+            digests.append(sha256(arrays).digest())
+        for seed, digest in enumerate(digests):
+            if digest in seen:
+                first, earlier = seen[digest]
+                warn_user(
+                    f"results: seed {seed} at index {index} has the elites and the history of seed {earlier} at index "
+                    f"{first}: unless the grids are tiny, both had the same key, and the joined result counts it twice"
+                )
+                return
+        for seed, digest in enumerate(digests):
+            seen[digest] = index, seed
 
 
 def _with_seeds(result: Result) -> Result:

@@ -17,7 +17,7 @@ from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.search._user_functions import Extensions
 from elitelanes_jax.search.compile_cache import use_compile_cache
 from elitelanes_jax.search.evolution import evolve_search
-from elitelanes_jax.search.joining import join_results, without_state
+from elitelanes_jax.search.joining import join_parts_of_run, without_state
 from elitelanes_jax.search.keys import SearchKeys
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
@@ -92,7 +92,7 @@ def evolve_each(
 
 def join_parts(parts: Sequence[EvolvedPart]) -> Result:
     """Joins the results of all parts, in their order."""
-    return join_results([part.result for part in parts])
+    return join_parts_of_run([part.result for part in parts])
 
 
 def _evolve_task(extensions: Extensions, caches: bool, task: tuple[Search, SearchKeys]) -> EvolvedPart:

@@ -103,6 +103,11 @@ WRONG = {
     "one has the archive of another run": ({"archive": {}}, "part-2/archive.npz: expected the archive of the same run"),
     "one is no record": (lambda part: (part / "run.json").write_text("{}"), "got another folder"),
     "one is of a broken record": ({"part": "all"}, "part-2: expected a part of a run, made by"),
+    "one has seconds in words": (
+        {"times": {"seconds": {"evolve": "long"}}},
+        "part-2: expected a part of a run, made by",
+    ),
+    "one has no device": ({"device": None}, "part-2: expected a part of a run, made by"),
     "all have settings that are none": (
         lambda part: [settings(one, seeds=-1) for one in (part, part.with_name("part-1"))],
         "run.json: expected settings of a run, got: seeds: expected a whole number",

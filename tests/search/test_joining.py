@@ -9,6 +9,7 @@ import pytest
 from elitelanes_jax import InputError, Optimizer, Result, ea, evolve
 from elitelanes_jax.optimizers import EvolutionConfig
 from elitelanes_jax.search import join_results
+from elitelanes_jax.search.joining import without_state
 
 KEYS = jax.random.split(jax.random.key(5), 3)
 OF_SEEDS = ("best_fitness", "elite_count", "refused")
@@ -102,6 +103,14 @@ def test_a_result_that_comes_twice_is_refused(parts):
         InputError, match="^results: expected each result once, got the keys of index 1 again at index 2"
     ):
         join_results([*parts, parts[1]])
+
+
+def test_a_seed_that_comes_twice_is_warned_of(parts):
+    """Results without a state do not tell their keys, and a key may be one of several in two results."""
+    with pytest.warns(UserWarning, match="^results: seed 0 at index 1 has the elites .* of seed 0 at index 0"):
+        assert join_results([parts[0], without_state(parts[0])]).elites.grids.shape[0] == 4
+    with pytest.warns(UserWarning, match="^results: seed 0 at index 1 has the elites .* of seed 1 at index 0"):
+        assert join_results([parts[0], search(KEYS[1])]).elites.grids.shape[0] == 3
 
 
 @pytest.mark.parametrize("results", [[], "abc", [3]])
