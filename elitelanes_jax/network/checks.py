@@ -59,10 +59,14 @@ def check_grid(grid: AnyArray) -> AnyArray:
         array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
     except ValueError:
         raise InputError("grid: expected rows of one length, got rows of several") from None
+    if np.ma.is_masked(grid):
+        raise InputError(
+            "grid: expected a tile code in each cell, got a masked array; grid.filled(0) empties such cells"
+        )
     if array.ndim != 2:
         raise InputError(f"grid: expected two dimensions (rows, columns), got shape {array.shape}")
     check_shape(array.shape)
-    if not np.issubdtype(array.dtype, np.integer):
+    if array.dtype.kind not in "iu":
         raise InputError(f"grid: expected integer tile codes, got {array.dtype}")
     if not (jax and isinstance(array, jax.core.Tracer)):
         codes = np.asarray(array)
