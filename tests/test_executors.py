@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -51,6 +52,15 @@ def dataset(tmp_path_factory):
     out = tmp_path_factory.mktemp("whole") / "dataset"
     make_dataset(small(views=2), out)
     return files(out)
+
+
+@pytest.fixture(scope="module")
+def dataset_parts(tmp_path_factory):
+    """The folder of both parts of that dataset."""
+    place = tmp_path_factory.mktemp("parts")
+    for index in (1, 2):
+        make_dataset(small(views=2, part=(index, 2)), place / f"part-{index}")
+    return place
 
 
 @pytest.fixture
@@ -251,6 +261,41 @@ def test_wrong_parts_of_a_dataset_are_one_line(tmp_path):
     assert files(tmp_path) == before
     with pytest.raises(InputError, match="^part: expected at most 12 parts, one for each map, got 13$"):
         small(part=(1, 13))
+
+
+def cut(file):
+    file.write_bytes(file.read_bytes()[:-30])
+
+
+# What is done to the file of a picture of a part, or to its records, and what the message says.
+DAMAGE = {
+    "missing": (Path.unlink, "part-2: expected all its files, as SHA256SUMS lists them, got no "),
+    "empty": (lambda file: file.write_bytes(b""), ": expected the file whose checksum is in SHA256SUMS, got a damaged"),
+    "cut off": (cut, ": expected the file whose checksum is in SHA256SUMS, got a damaged or another one"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("kind", ["picture", "records"])
+def test_a_part_with_a_damaged_file_is_refused(dataset_parts, kind, damage, tmp_path):
+    first, second = shutil.copytree(dataset_parts, tmp_path / "parts").iterdir()
+    if second.name == "part-1":
+        first, second = second, first
+    spoil, message = DAMAGE[damage]
+    picture = max(second.rglob("labels/*.png"))  # the contact sheet shows other pictures
+    spoil(picture if kind == "picture" else second / "part.jsonl")
+    if (kind, damage) == ("records", "missing"):
+        message = "part-2: expected a part of a dataset, made by elitelanes dataset --part, got none"
+    with pytest.raises(InputError, match=re.escape(message)):
+        merge_dataset([first, second], tmp_path / "out")
+    assert [folder.name for folder in tmp_path.iterdir()] == ["parts"]
+
+
+def test_other_files_in_a_part_are_left_out(dataset, dataset_parts, tmp_path):
+    place = shutil.copytree(dataset_parts, tmp_path / "parts")
+    (place / "part-1" / "train" / "Thumbs.db").write_bytes(b"of the system")
+    merge_dataset([place / "part-1", place / "part-2"], place / "part-1" / "joined")
+    assert files(place / "part-1" / "joined") == dataset
 
 
 @pytest.mark.slow

@@ -86,9 +86,10 @@ def _export_table(options: argparse.Namespace) -> None:
 def _export_files(options: argparse.Namespace, target: Format, settings: FormatOptions) -> None:
     """Writes the files of a format for each map."""
     with naming_options(FormatOptions(), tile="--tile-size"):
-        target.files(LOOP, "map", **settings.chosen())  # refuses bad options before any map is read
+        loaded = settings.loaded()
+        target.files(LOOP, "map", **loaded)  # refuses bad options before any map is read
     maps = {file: read_map(file) for file in options.maps}
-    _write_maps(maps, target, settings.chosen(), options.out)
+    _write_maps(maps, target, loaded, options.out)
     for file, road_map in maps.items():
         written = without_ends(road_map, settings.dead_ends)
         warn_of_faults(str(file), written)

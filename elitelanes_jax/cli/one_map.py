@@ -187,13 +187,17 @@ def add_furnish(commands: Commands) -> None:
 
 def _furnish(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.objects import check_objects
-    from elitelanes_jax.maps.exporting import lane_offset_of
+    from elitelanes_jax.lanes.curves import LANE_OFFSET
     from elitelanes_jax.maps.furnishing.placing import furnish
     from elitelanes_jax.maps.furnishing.spec import parse_furnish
 
     spec = check_named("furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags)
     check_new(options.out)
-    road_map, lane_offset = read_map(options.map), lane_offset_of(options.tiles)
+    road_map, lane_offset = read_map(options.map), LANE_OFFSET
+    if options.tiles is not None:
+        from elitelanes_jax.tiles.tileset import load_tiles
+
+        lane_offset = load_tiles(options.tiles).lane_offset
     check_named(f"furnish {' '.join(options.furnish)}", check_objects, spec.objects, *road_map.codes.shape)
     with naming(options.map):
         furnished = furnish(road_map, spec, seed=options.seed, lane_offset=lane_offset)

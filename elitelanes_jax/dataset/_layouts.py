@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.files import read_json, write_atomic
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax._util.sums import SUMS
 from elitelanes_jax.dataset._coco import SHORT_NAMES, Record, Records, annotate, coco_rows
 from elitelanes_jax.dataset._samples import Sample
 from elitelanes_jax.dataset._shards import OpenShard, open_parquet, open_tar
@@ -30,7 +31,8 @@ PART = "part.jsonl"
 
 # The files of a dataset besides its pictures.
 _DESCRIBING = (
-    rf"README\.md|contact-sheet\.png|boxes\.png|{re.escape(RECORD)}|{re.escape(PART)}|(train|validation|test)/metadata\.jsonl"
+    rf"README\.md|contact-sheet\.png|boxes\.png|{re.escape(RECORD)}|{re.escape(PART)}|{SUMS}"
+    r"|(train|validation|test)/metadata\.jsonl"
     r"|metadata/(train|val|test)\.jsonl|annotations/(objects_)?(train|val|test)\.json"
     r"|labels/(train|val|test)/\d{6,}\.txt|data\.yaml|maps\.jsonl"
 )

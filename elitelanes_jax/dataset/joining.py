@@ -1,7 +1,7 @@
 """Joins the parts of a dataset, which `make_dataset` made with `DatasetSpec(part=...)`."""
 
 import json
-import shutil
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -15,9 +15,10 @@ from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.sums import SUMS, read_checked, read_sums
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._drawing import Samples
-from elitelanes_jax.dataset._layouts import PART, RECORD, foreign_to_dataset
+from elitelanes_jax.dataset._layouts import PART, RECORD, Layout, find_layout, foreign_to_dataset
 from elitelanes_jax.dataset.make import finish
 from elitelanes_jax.maps.parts import order_parts
 from elitelanes_jax.maps.spec import SPLITS, parse_part
@@ -30,7 +31,7 @@ def merge_dataset(
     """Joins the parts of a dataset, and writes the folder that `make_dataset` writes without parts, byte for byte.
 
     Args:
-      parts: folders, in any order. Their pictures are copied.
+      parts: folders, in any order. Their pictures are copied. Files that are not of a part are left out.
       out: the folder, new or empty.
       force: whether the folder is replaced, if an earlier run wrote all files in it.
 
@@ -38,7 +39,8 @@ def merge_dataset(
       The record in ``dataset.json``.
 
     Raises:
-      InputError: for a folder that is not a part, a part of another dataset, or a part that comes twice or is missing.
+      InputError: for a folder that is not a part, a part of another dataset, a part that comes twice or is missing, or
+        a file of a part that is missing or damaged.
       OSError: that names the file, if a file cannot be written.
     """
     folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
@@ -48,13 +50,14 @@ def merge_dataset(
         identities.append({name: value for name, value in about.items() if name != "part"})
     expected = identities[0] | {"versions": installed_versions()}
     ordered = order_parts(folders, [about["part"] for about in records], identities, expected, "dataset")
+    layout = find_layout(expected["settings"]["format"])
     with output_folder(out, {"command": "merge"}, inputs=folders, foreign=foreign_to_dataset, force=force) as work:
         splits = _read_splits(ordered, expected["settings"])
         views = expected["settings"]["views"]
         samples = Samples(views, splits, range(len(splits)), work.files, work.kept / "records")
         with Progress("joining", len(ordered), "parts") as bar:
             for folder in ordered:
-                _copy_pictures(folder, work.files)
+                _copy_pictures(folder, work.files, layout)
                 bar.count()
         for split in range(len(SPLITS)):
             samples.write_split(split, _records_of(ordered, split))
@@ -64,21 +67,31 @@ def merge_dataset(
 def _read_record(folder: Path) -> dict[str, Plain]:
     try:
         about = read_json(folder / RECORD)
-        part = about["part"]
-        complete = "versions" in about and bool(parse_part(part)) and {"maps", "views"} <= set(about["settings"])
+        about["part"] = parse_part(about["part"])
+        complete = "versions" in about and {"maps", "views"} <= set(about["settings"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):  # an InputError is a ValueError
         complete = False
-    if not complete or not (folder / PART).is_file():
+    if not complete or not (folder / PART).is_file() or not (folder / SUMS).is_file():
         raise InputError(f"{folder}: expected a part of a dataset, made by elitelanes dataset --part, got none")
+    read_checked(folder, PART, _read_sums(folder).get(PART))
     return about
 
 
-def _copy_pictures(folder: Path, out: Path) -> None:
-    for file in folder.rglob("*"):
-        if file.is_file() and file.parent != folder:
-            copied = out / file.relative_to(folder)
+def _read_sums(folder: Path) -> dict[str, str]:
+    try:
+        return read_sums(folder)
+    except UnicodeDecodeError:
+        raise InputError(f"{folder / SUMS}: expected checksums, got a file that is not text") from None
+
+
+def _copy_pictures(folder: Path, out: Path, layout: Layout) -> None:
+    """Copies the pictures of a part, each with its checksum checked."""
+    is_picture = re.compile(layout.files_pattern()).fullmatch
+    for name, expected in _read_sums(folder).items():
+        if is_picture(name):
+            copied = out / name
             copied.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, copied)
+            copied.write_bytes(read_checked(folder, name, expected))
 
 
 def _read_splits(folders: Sequence[Path], settings: dict[str, Plain]) -> NDArray[np.int_]:

@@ -16,6 +16,7 @@ from elitelanes_jax._util.files import read_json, write_atomic, write_json
 from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
+from elitelanes_jax._util.sums import write_sums
 from elitelanes_jax._util.threads import count_cores
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._card import draw_boxes, sample_sheet, write_card
@@ -36,7 +37,6 @@ from elitelanes_jax.dataset._shards import shard_fields
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
@@ -151,16 +151,13 @@ def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> d
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain() | {"tile_px": spec.pixels}
     del plain["tiles"], plain["objects"], plain["maps_from"]  # the pictures and the maps count, not their paths
-    about = {name: getattr(tiles, name) for name in ("name", "licence", "blend")}
-    if tiles.lane_offset != LANE_OFFSET:
-        about["lane_offset"] = tiles.lane_offset
     versions = installed_versions()
     if spec.format == "parquet":
         versions["pyarrow"] = version("pyarrow")
     identity = {
         "settings": plain,
         "given_maps": None if spec.maps_from is None else spec.maps_from.digest,
-        "tile_set": about | {"tiles": tiles.digest},
+        "tile_set": tiles.to_plain(),
         "versions": versions,
     }
     if objects is not None:
@@ -197,7 +194,10 @@ def _delete_pictures(work: Unfinished) -> None:
 
 
 def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
-    """Writes the records of a part's samples, each with its split, and the part's settings; returns the settings."""
+    """Writes the records of a part's samples, each with its split, the part's settings and the checksums of all files.
+
+    Returns the settings.
+    """
 
     def lines() -> Iterator[bytes]:
         for split in range(len(SPLITS)):
@@ -206,6 +206,7 @@ def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
 
     write_atomic(samples.files / PART, lines())
     write_json(samples.files / RECORD, about)
+    write_sums(samples.files)
     return read_json(samples.files / RECORD)
 
 

@@ -122,20 +122,20 @@ def _movingai(road_map: RoadMap, name: str, **cells: int) -> Iterable[str]:
 
 
 @cache
-def load_floor_tiles(folder: Path | None) -> "TileSet":
-    """Loads the tile set of floors, once in a process."""
+def _own_tiles() -> "TileSet":
+    """Loads the package's own tile set, once in a process."""
     from elitelanes_jax.tiles.tileset import load_tiles
 
-    return load_tiles(folder)
+    return load_tiles()
 
 
-def lane_offset_of(folder: Path | None) -> float:
-    """Returns `TileSet.lane_offset` of a tile set; of the package's own without loading OpenCV."""
-    return LANE_OFFSET if folder is None else load_floor_tiles(folder).lane_offset
+def lane_offset_of(tiles: "TileSet | None") -> float:
+    """Returns `TileSet.lane_offset` of a tile set; None stands for the package's own, and loads no OpenCV."""
+    return LANE_OFFSET if tiles is None else tiles.lane_offset
 
 
 def _floor(
-    road_map: RoadMap, tiles: Path | None = None, tile_px: int | None = None, **size: float
+    road_map: RoadMap, tiles: "TileSet | None" = None, tile_px: int | None = None, **size: float
 ) -> tuple[bytes, float, "list[formats.Standing]"]:
     """Returns the picture of a map with its tags, the side of a tile, and the objects that stand on the map."""
     from elitelanes_jax.tiles.rendering import png_of, render, stand
@@ -144,7 +144,7 @@ def _floor(
         tile_px = max(_LEAST_PX, min(_SHARP_PX, _MOST_PX // max(road_map.codes.shape)))
     objects = road_map.objects or ()
     tags = tuple(thing for thing in objects if not thing.height)
-    image = render(replace(road_map, objects=tags), load_floor_tiles(tiles), tile_px=tile_px).image
+    image = render(replace(road_map, objects=tags), tiles or _own_tiles(), tile_px=tile_px).image
     return png_of(image), size.get("tile_size", TILE_SIZE), stand(objects)
 
 
@@ -220,6 +220,18 @@ class FormatOptions(Record):
     def chosen(self) -> dict[str, UserValue]:
         """Returns the settings that are not None, by name."""
         return {key: value for key, value in self.values().items() if value is not None}
+
+    def loaded(self) -> dict[str, UserValue]:
+        """Returns the chosen settings with the tile set in place of its folder, so that all maps have equal tiles.
+
+        Raises `InputError` for a bad tile set.
+        """
+        settings = self.chosen()
+        if self.tiles is not None:
+            from elitelanes_jax.tiles.tileset import load_tiles
+
+            settings["tiles"] = load_tiles(self.tiles)
+        return settings
 
     def check_taken_by(self, *names: str) -> None:
         """Checks that each setting is one of a format among the names; raises `InputError`."""

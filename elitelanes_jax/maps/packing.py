@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -18,11 +18,12 @@ from elitelanes_jax._util.files import write_atomic, write_json
 from elitelanes_jax._util.folders import foreign_file, output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce_at_end
+from elitelanes_jax._util.sums import SUMS, read_sums, write_sums
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.sumo import to_sumo_trips
 from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
-from elitelanes_jax.lanes.curves import lane_lengths
+from elitelanes_jax.lanes.curves import LANE_OFFSET, lane_lengths
 from elitelanes_jax.lanes.movements import LaneGraph, LaneNode, lane_graph
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes, lane_offset_of, without_ends
 from elitelanes_jax.maps.given import parse_given
@@ -30,8 +31,8 @@ from elitelanes_jax.maps.spec import SPLITS, PackSpec
 from elitelanes_jax.network.likeness import ALIKE, group_alike, road_forms
 from elitelanes_jax.network.plain_metrics import cut_to_roads
 
-RECORD, SUMS = "pack.json", "SHA256SUMS"
-"""The files with the settings of a pack, and with the checksums of its other files, for ``sha256sum -c``."""
+RECORD = "pack.json"
+"""The file with the settings of a pack."""
 
 _ROUTES = ".rou.xml"  # the end of the names of SUMO's trips
 
@@ -72,8 +73,10 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
       OSError: that names the file, if a file cannot be written. The same call resumes.
     """
     spec, out = check_named("spec", instance(PackSpec), spec), Path(check_named("out", path, out))
+    settings = spec.formats.loaded()
     for to in spec.to:
-        FORMATS[to].files(LOOP, "map", **_settings(spec, to))
+        FORMATS[to].files(LOOP, "map", **_settings_of(to, settings))
+    tiles = settings.get("tiles")
     maps = parse_given(sources)
     towns = _split(spec, maps.maps)
     about: dict[str, Plain] = {
@@ -81,7 +84,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         "maps": {"number": len(towns), "digest": maps.digest},
         "versions": installed_versions(),
     }
-    identity = {"command": "pack", **about}
+    identity = {"command": "pack", **about, "tile_set": None if tiles is None else tiles.to_plain()}
     inputs: list[str | Path] = [*maps.paths, *spec.inputs]
     with output_folder(out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True) as work:
         write_json(work.kept / "maps.json", [town.id for town in towns])
@@ -89,7 +92,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         with Progress("packing", len(towns), "maps") as bar:
             for number, town in enumerate(towns):
                 try:
-                    rows.append(_write(spec, town, work.files))
+                    rows.append(_write(spec, town, work.files, settings))
                 except InputError as error:
                     (work.kept / "maps.json").unlink()  # nothing is left to resume
                     raise InputError(f"niche {town.niche}, {maps.names[number]}: {error}") from None
@@ -104,8 +107,8 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
             write_atomic(work.files / "splits" / f"{name}.txt", ids.encode())
         write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
         write_json(work.files / RECORD, about)
-        write_atomic(work.files / "README.md", _card(spec, about, rows).encode())
-        write_atomic(work.files / SUMS, "".join(_sums(work.files)).encode())
+        write_atomic(work.files / "README.md", _card(spec, about, rows, lane_offset_of(tiles)).encode())
+        write_sums(work.files)
     maps.announce_left_out()
     _announce_limits(spec, towns)
     return about
@@ -122,8 +125,9 @@ def _announce_limits(spec: PackSpec, towns: Sequence[_Town]) -> None:
             announce_at_end(to, f"{len(limits)} of {pluralize(len(towns), 'map')}, the first: {limits[0]}")
 
 
-def _settings(spec: PackSpec, to: str) -> dict[str, UserValue]:
-    return {name: value for name, value in spec.formats.chosen().items() if name in FORMATS[to].takes}
+def _settings_of(to: str, settings: Mapping[str, UserValue]) -> dict[str, UserValue]:
+    """Returns those of the settings of all formats that a format takes."""
+    return {name: value for name, value in settings.items() if name in FORMATS[to].takes}
 
 
 def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
@@ -180,15 +184,18 @@ def _shuffle_groups(seed: int, groups: Sequence[int], niches: Sequence[str]) -> 
     return sorted(draws, key=draws.__getitem__)
 
 
-def _write(spec: PackSpec, town: _Town, folder: Path) -> dict[str, Plain]:
-    """Writes the files of a map that are not there yet; returns its row of the table."""
+def _write(spec: PackSpec, town: _Town, folder: Path, settings: Mapping[str, UserValue]) -> dict[str, Plain]:
+    """Writes the files of a map that are not there yet; returns its row of the table.
+
+    `settings` are those of all formats, with their tile set.
+    """
     graph = lane_graph(town.road_map.codes)
-    trips = _trips(spec, town, graph)
+    trips = _trips(spec, town, graph, lane_offset_of(settings.get("tiles")))
     for to in spec.to:
         place = folder / to / town.niche
         files = [place / f"{town.id}{suffix}" for suffix in FORMATS[to].suffixes]
         if not all(file.exists() for file in files):
-            made = FORMATS[to].files(town.road_map, town.id, **_settings(spec, to))
+            made = FORMATS[to].files(town.road_map, town.id, **_settings_of(to, settings))
             for file, content in zip(files, made, strict=True):
                 write_atomic(file, as_bytes(content))
     write_atomic(folder / "maps" / town.niche / f"{town.id}.json", map_to_json(town.road_map).encode())
@@ -215,14 +222,14 @@ def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
     return LaneNode(trip[f"{end}_row"], trip[f"{end}_column"], trip[f"{end}_heading"])
 
 
-def _trips(spec: PackSpec, town: _Town, graph: LaneGraph) -> list[dict[str, Plain]]:
+def _trips(spec: PackSpec, town: _Town, graph: LaneGraph, lane_offset: float = LANE_OFFSET) -> list[dict[str, Plain]]:
     """Draws starts and goals between the tiles, with the exact length of the shortest way, in tiles."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
     rng = np.random.default_rng([spec.seed, int(town.id, 16)])
     count = graph.nodes.row.size
-    lengths_of_lanes = lane_lengths(lane_offset_of(spec.formats.tiles))[graph.movements.turn]
+    lengths_of_lanes = lane_lengths(lane_offset)[graph.movements.turn]
     ways = csr_array((lengths_of_lanes, graph.edges.T), shape=(count, count))
 
     @lru_cache(1 + 2**24 // count)  # 128 MB
@@ -242,7 +249,7 @@ def _trips(spec: PackSpec, town: _Town, graph: LaneGraph) -> list[dict[str, Plai
     return trips
 
 
-def _card(spec: PackSpec, about: Mapping[str, Plain], rows: Sequence[Mapping[str, Plain]]) -> str:
+def _card(spec: PackSpec, about: Mapping[str, Plain], rows: Sequence[Mapping[str, Plain]], lane_offset: float) -> str:
     """Writes the README of a pack."""
     version = about["versions"]["elitelanes_jax"]
     lines = [
@@ -277,7 +284,7 @@ def _card(spec: PackSpec, about: Mapping[str, Plain], rows: Sequence[Mapping[str
         "",
         "A trip starts where a tile is entered and ends where another one is: row, column, and heading, 0 north, "
         "1 east, 2 south, 3 west. Its length is measured along the lanes' centres, "
-        f"{lane_offset_of(spec.formats.tiles):g} tile right of the middle of the road. Nobody turns back.",
+        f"{lane_offset:g} tile right of the middle of the road. Nobody turns back.",
         "",
         f"Settings: `{json.dumps(about['settings'])}`",
         "",
@@ -315,21 +322,12 @@ def _spread(values: Sequence[float]) -> str:
     return f"{low:g} .. {middle:g} .. {high:g}"
 
 
-def _sums(folder: Path) -> Iterator[str]:
-    """Yields a line for each file: its checksum, and its path."""
-    files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
-    for file in files:
-        if file != SUMS:
-            yield f"{sha256((folder / file).read_bytes()).hexdigest()}  {file}\n"
-
-
 def _foreign(folder: Path) -> str | None:
     """Returns the first file in a folder that no pack lists; None without one."""
     try:
-        lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
+        written = {*read_sums(folder), SUMS}
     except (OSError, UnicodeDecodeError):
         return f"no {SUMS}"
-    written = {line[66:] for line in lines} | {SUMS}
     if RECORD not in written:
         return f"{RECORD} missing"
     return foreign_file(folder, written.__contains__)

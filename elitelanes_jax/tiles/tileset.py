@@ -122,6 +122,13 @@ class TileSet:
                     digest.update(np.ascontiguousarray(layer).tobytes())
         return digest.hexdigest()[:16]
 
+    def to_plain(self) -> dict[str, Plain]:
+        """Returns all that pictures of maps depend on, plain values for JSON: the pictures as their digest."""
+        about: dict[str, Plain] = {name: getattr(self, name) for name in ("name", "licence", "blend")}
+        if self.lane_offset != LANE_OFFSET:
+            about["lane_offset"] = self.lane_offset
+        return about | {"tiles": self.digest}
+
     @property
     def alphabet(self) -> tuple[int, ...]:
         """The codes of new maps, sorted: those with two or more connections that the set's tiles draw."""

@@ -66,7 +66,7 @@ def test_the_robot_starts_on_the_lanes_of_the_tile_set(tmp_path):
     shutil.copytree(default_tiles(), tmp_path / "tiles")
     with (tmp_path / "tiles" / "tileset.toml").open("a") as file:
         file.write("lane_offset = 0.25\n")
-    model, _ = FORMATS["mujoco"].files(RoadMap(TOWN), "town", tile_px=16, tiles=tmp_path / "tiles")
+    model, _ = FORMATS["mujoco"].files(RoadMap(TOWN), "town", tile_px=16, tiles=load_tiles(tmp_path / "tiles"))
     body = ET.fromstring(model).find(".//body[@name='robot']")
     x, y, _ = (float(part) / TILE for part in body.get("pos").split())
     theta = np.radians(float(body.get("euler").split()[2]))

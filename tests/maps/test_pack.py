@@ -14,7 +14,7 @@ from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirro
 from elitelanes_jax.drive import movements
 from elitelanes_jax.drive.lanes import lane_length
 from elitelanes_jax.lanes.movements import Movement, lane_graph
-from elitelanes_jax.maps import PackSpec, exporting, pack
+from elitelanes_jax.maps import PackSpec, exporting, pack, packing
 from elitelanes_jax.maps.exporting import FormatOptions
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.packing import _split, _trips
@@ -153,6 +153,30 @@ def test_the_same_maps_give_the_same_bytes_after_an_interruption_too(packed, tmp
     pack(SPEC, MAPS, tmp_path / "pack")
     assert files(tmp_path / "pack") == expected
     assert len(drawn) == len(MAPS) + 3  # a map for the check of the settings, twice, and the interrupted one again
+
+
+def test_all_maps_of_a_pack_have_the_same_tiles(tmp_path, monkeypatch):
+    """A pack is not resumed with other tiles, and tiles that changed between two packs are read again."""
+    tiles = shutil.copytree(default_tiles(), tmp_path / "tiles")
+    spec = PackSpec(to=("mujoco",), trips=3, split=(1, 0, 0), formats=FormatOptions(tiles=tiles, tile_px=16))
+    usual = packing._write
+
+    def interrupt(spec, town, folder, *others):
+        row = usual(spec, town, folder, *others)
+        if town.road_map is MAPS[3]:
+            raise KeyboardInterrupt
+        return row
+
+    monkeypatch.setattr(packing, "_write", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        pack(spec, MAPS[:6], tmp_path / "pack")
+    monkeypatch.undo()
+    with (tiles / "tileset.toml").open("a") as file:
+        file.write("lane_offset = 0.4\n")
+    with pytest.raises(InputError, match="expected results with lane_offset 0.4, got results with None"):
+        pack(spec, MAPS[:6], tmp_path / "pack")
+    pack(spec, MAPS[:6], tmp_path / "another")
+    assert "0.4 tile right of the middle of the road" in (tmp_path / "another" / "README.md").read_text()
 
 
 def test_an_id_is_that_of_all_rotations_and_mirror_images(packed, tmp_path):

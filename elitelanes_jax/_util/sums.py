@@ -1,0 +1,48 @@
+"""Checksums of the files in a folder, in the form that ``sha256sum -c`` reads."""
+
+from collections.abc import Iterator
+from hashlib import sha256
+from pathlib import Path
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import write_atomic
+
+SUMS = "SHA256SUMS"
+"""The file with the checksums of the other files in its folder."""
+
+_DIGITS = 64  # of a checksum; two spaces follow, and the path
+
+
+def write_sums(folder: Path) -> None:
+    """Writes the checksums of all files in a folder, sorted by their paths."""
+    write_atomic(folder / SUMS, "".join(_lines(folder)).encode())
+
+
+def _lines(folder: Path) -> Iterator[str]:
+    paths = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
+    for path in paths:
+        if path != SUMS:
+            yield f"{sha256((folder / path).read_bytes()).hexdigest()}  {path}\n"
+
+
+def read_sums(folder: Path) -> dict[str, str]:
+    """Reads the checksums of a folder, by the relative paths of its files, with slashes.
+
+    Raises:
+      OSError: if there is no such file.
+      UnicodeDecodeError: if the file is not text.
+    """
+    lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
+    return {line[_DIGITS + 2 :]: line[:_DIGITS] for line in lines}
+
+
+def read_checked(folder: Path, path: str, expected: str | None) -> bytes:
+    """Reads a file of a folder; raises `InputError` if it is missing or has another checksum than `expected`."""
+    file = folder / path
+    try:
+        content = file.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{folder}: expected all its files, as {SUMS} lists them, got no {path}") from None
+    if sha256(content).hexdigest() != expected:
+        raise InputError(f"{file}: expected the file whose checksum is in {SUMS}, got a damaged or another one")
+    return content
