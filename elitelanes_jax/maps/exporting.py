@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -121,14 +120,6 @@ def _movingai(road_map: RoadMap, name: str, **cells: int) -> Iterable[str]:
     return formats.to_movingai(road_map.codes, f"{name}.map", **cells)
 
 
-@cache
-def _own_tiles() -> "TileSet":
-    """Loads the package's own tile set, once in a process."""
-    from elitelanes_jax.tiles.tileset import load_tiles
-
-    return load_tiles()
-
-
 def lane_offset_of(tiles: "TileSet | None") -> float:
     """Returns `TileSet.lane_offset` of a tile set; None stands for the package's own, and loads no OpenCV."""
     return LANE_OFFSET if tiles is None else tiles.lane_offset
@@ -144,7 +135,7 @@ def _floor(
         tile_px = max(_LEAST_PX, min(_SHARP_PX, _MOST_PX // max(road_map.codes.shape)))
     objects = road_map.objects or ()
     tags = tuple(thing for thing in objects if not thing.height)
-    image = render(replace(road_map, objects=tags), tiles or _own_tiles(), tile_px=tile_px).image
+    image = render(replace(road_map, objects=tags), tiles, tile_px=tile_px).image
     return png_of(image), size.get("tile_size", TILE_SIZE), stand(objects)
 
 

@@ -1,6 +1,9 @@
 """Draws the first picture of the README: a photograph of a floor, its tile set, towns of it, and a robot's view.
 
 python -m experiments.perception.story
+python -m experiments.perception.story --photograph floor.jpg
+
+The second command writes the photograph alone, for the commands of the README.
 """
 
 import tempfile
@@ -53,16 +56,28 @@ Picture = NDArray[np.uint8]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
-    Parser("story", __doc__).parse_args(arguments)
-    return run("story", draw)
+    parser = Parser("story", __doc__)
+    parser.add_argument("--photograph", type=Path, metavar="FILE", help="a new file, .jpg or .png")
+    file = parser.parse_args(arguments).photograph
+    if file is None:
+        return run("story", draw)
+    if file.exists() or file.suffix not in (".jpg", ".png"):
+        parser.error(f"--photograph: expected a new file, .jpg or .png, got {file}")
+    return run("story", lambda: _write_photograph(file))
+
+
+def _write_photograph(file: Path) -> None:
+    cv2.imwrite(str(file), _photograph_floor()[..., ::-1])
+
+
+def _photograph_floor() -> Picture:
+    """Draws a photograph of the floor, of a set whose asphalt and tape differ from those of the package's own."""
+    return photograph(np.random.default_rng(5), FLOOR, draw_set(201), "wood", fill=(0.8, 1.0)).image
 
 
 def draw() -> None:
     """Writes the picture."""
-    # A set whose asphalt and tape differ from those of the package's own.
-    rng, laid_tiles = np.random.default_rng(5), draw_set(201)
-    seen = photograph(rng, FLOOR, laid_tiles, "wood", fill=(0.8, 1.0))
-    shot = Photograph("floor", seen.image)
+    shot = Photograph("floor", _photograph_floor())
     proposal = propose_tiles(shot, shape=FLOOR.shape)
     cuts = cut_tiles(shot, proposal)
     with tempfile.TemporaryDirectory() as folder:

@@ -224,7 +224,7 @@ def test_codes_outside_the_alphabet_are_counted():
         ([[0, 0], [-1, 0]], "got -1 at row 1, column 0"),
         ([[0.0, 1.0], [2.0, 3.0]], "grid: expected integer tile codes, got float64"),
         ([[True, False], [True, False]], "grid: expected integer tile codes, got bool"),
-        (np.zeros((2, 2), "m8[s]"), "grid: expected integer tile codes, got timedelta64[s]"),
+        (np.zeros((2, 2), "m8[s]"), "grid: expected integer tile codes, got timedelta64"),
         (np.ma.masked_equal([[6, 3], [12, 9]], 3), "grid: expected a tile code in each cell, got a masked array"),
         ([[], []], "shape: expected sides from 1 to 1024, got 2 x 0"),
         ([1, 2, 3], "grid: expected two dimensions"),
