@@ -112,6 +112,31 @@ def test_a_search_with_functions_of_ones_own_gives_the_same_arrays(threads):
     assert got.functions == expected.functions and got.search == expected.search
 
 
+class Stale(OneByOne):
+    """A worker that has another value of a global than the caller, as after an edit of an imported module."""
+
+    def submit(self, function, *arguments):
+        global TURN
+        TURN, ours = 51, TURN
+        try:
+            return super().submit(function, *arguments)
+        finally:
+            TURN = ours
+
+
+TURN = 50
+
+
+def edited(usual, metrics):
+    return usual + TURN * metrics.turns
+
+
+def test_a_worker_with_another_version_of_a_function_is_refused():
+    words = "executor: expected the function 'fitness' as it is here, got another one from a worker; start workers anew"
+    with pytest.raises(InputError, match=f"^{words}"):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, fitness=edited, executor=Stale(), parts=2)
+
+
 def test_parts_are_of_32_seeds_at_most():
     executor = OneByOne(fails=dict.fromkeys(range(3), engine.CancelledError()))
     with pytest.raises(ConnectionError, match="^part 1 of 3: "):

@@ -120,7 +120,7 @@ def evolve(
 
     Raises:
       InputError: for an argument out of its range, a state or a checkpoint of a run with another key or other options,
-        a checkpoint that another process uses, or a worker with other versions.
+        a checkpoint that another process uses, or a worker with other versions or functions.
       ConnectionError: if the executor lost a part.
       SearchInterrupted: at Ctrl-C, after the first generation; a `KeyboardInterrupt` whose ``result`` is the result so
         far. A checkpoint has this result too, if the search took ten seconds.
@@ -148,8 +148,8 @@ def evolve(
         for name, value in (("state", state), ("checkpoint", checkpoint), ("devices", devices)):
             if value is not None:
                 raise InputError(f"{name}: expected none with an executor, got {shorten(repr(value), 60)}")
-        plan_run(search, keys._replace(data=keys.data[:1]), extensions, choose_devices(1))
-        return join_parts(evolve_parts(search, keys, pool, extensions, progress=progress))
+        functions = plan_run(search, keys._replace(data=keys.data[:1]), extensions, choose_devices(1)).setup.digests
+        return join_parts(evolve_parts(search, keys, pool, extensions, functions=functions, progress=progress))
     return evolve_search(
         search,
         keys,

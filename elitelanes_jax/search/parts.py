@@ -40,6 +40,7 @@ def evolve_parts(
     pool: Pool,
     extensions: Extensions = Extensions(),
     *,
+    functions: Sequence[tuple[str, str]] = (),
     folder: Path | None = None,
     progress: bool | None = None,
 ) -> list[EvolvedPart]:
@@ -50,11 +51,13 @@ def evolve_parts(
       keys: of all seeds.
       pool: the executor, and the number of parts; by default parts have up to 32 seeds.
       extensions: of the search.
+      functions: the name and the digest of each function in `extensions`, as it is here.
       folder: keeps complete parts, so that the next call with an equal search evolves the others alone.
       progress: as in `evolve`.
 
     Raises:
-      InputError: for one key alone, keys of another kind than JAX's default, or what `call_on_workers` refuses.
+      InputError: for one key alone, keys of another kind than JAX's default, a worker whose functions are others, or
+        what `call_on_workers` refuses.
       ConnectionError: if the executor lost a part.
     """
     if keys.single:
@@ -75,11 +78,22 @@ def evolve_parts(
     with Progress(f"evolving in {count} parts", seeds, "seeds", done=done, shown=progress) as bar:
         for position, part in evolve_each(tasks, pool, extensions):
             index = waiting[position]
+            _check_functions(part.result.functions, functions)
             parts[index] = part
             if folder is not None:
                 _save(folder / f"{index + 1}-of-{count}", part)
             bar.count(len(slices[index]))
     return [parts[index] for index in range(count)]
+
+
+def _check_functions(got: Sequence[tuple[str, str]], expected: Sequence[tuple[str, str]]) -> None:
+    """Checks the digests of a worker's functions: it may have imported a module before the module was edited."""
+    for (name, digest), (_, ours) in zip(got, expected, strict=True):
+        if digest != ours:
+            raise InputError(
+                f"executor: expected the function {name!r} as it is here, got another one from a worker; start workers "
+                "anew after a change of a module, with the same settings of JAX as here"
+            )
 
 
 def evolve_each(
