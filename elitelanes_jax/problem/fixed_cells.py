@@ -43,8 +43,8 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
 
     Args:
       cells: rows ``[H][W]`` of codes, with None for a free cell and 0 for a cell without roads; or
-        a `FixedCells`; or the path of a JSON file with the rows, alone or under the key ``codes``,
-        with null for None.
+        an array, in which masked cells are free; or a `FixedCells`; or the path of a JSON file with
+        the rows, alone or under the key ``codes``, with null for None.
 
     Raises:
       InputError: if the file cannot be read, the cells are no table of codes, or a fixed cell has a
@@ -55,7 +55,9 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     name = "fix"
     if isinstance(cells, str | Path):
         name, cells = str(cells), _read_rows(path(cells))
-    if hasattr(cells, "shape"):
+    if isinstance(cells, np.ma.MaskedArray):
+        cells = cells.tolist()  # None for a masked cell
+    elif hasattr(cells, "shape"):
         cells = np.asarray(cells).tolist()
     try:
         rows = [list(row) for row in cells]

@@ -123,6 +123,8 @@ def test_fixed_cells_are_read(tmp_path):
     assert parse_fixed_cells([[6, 5, None], [None, 0, None]]) == fixed == parse_fixed_cells(fixed)
     np.testing.assert_array_equal(fixed.fixed, [[1, 1, 0], [0, 1, 0]])
     assert hash(fixed) == hash(parse_fixed_cells(fixed.rows))
+    codes = np.array([[6, 5, 15], [15, 0, 15]])
+    assert parse_fixed_cells(np.ma.masked_equal(codes, 15)) == fixed, "a masked cell is free"
     for text, message in (
         ("[[", "expected JSON"),
         (f"[[{'1' * 5000}]]", "expected JSON"),
