@@ -316,6 +316,21 @@ def test_a_part_with_a_damaged_file_is_refused(dataset_parts, kind, damage, tmp_
     assert [folder.name for folder in tmp_path.iterdir()] == ["parts"]
 
 
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        (-100, r"part-2/SHA256SUMS: expected a checksum of \w+/labels/\d+.png"),
+        (10, "checksum of part.jsonl, got"),
+    ],
+)
+def test_a_part_whose_checksums_are_cut_off_is_refused(dataset_parts, size, message, tmp_path):
+    place = shutil.copytree(dataset_parts, tmp_path / "parts")
+    sums = place / "part-2" / "SHA256SUMS"
+    sums.write_bytes(sums.read_bytes()[:size])
+    with pytest.raises(InputError, match=message):
+        merge_dataset([place / "part-1", place / "part-2"], tmp_path / "out")
+
+
 def test_other_files_in_a_part_are_left_out(dataset, dataset_parts, tmp_path):
     place = shutil.copytree(dataset_parts, tmp_path / "parts")
     (place / "part-1" / "train" / "Thumbs.db").write_bytes(b"of the system")

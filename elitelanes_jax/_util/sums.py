@@ -1,6 +1,6 @@
 """Checksums of the files in a folder, in the form that ``sha256sum -c`` reads."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from hashlib import sha256
 from pathlib import Path
 
@@ -36,13 +36,15 @@ def read_sums(folder: Path) -> dict[str, str]:
     return {line[_DIGITS + 2 :]: line[:_DIGITS] for line in lines}
 
 
-def read_checked(folder: Path, path: str, expected: str | None) -> bytes:
-    """Reads a file of a folder; raises `InputError` if it is missing or has another checksum than `expected`."""
+def read_checked(folder: Path, path: str, sums: Mapping[str, str]) -> bytes:
+    """Reads a file of a folder; raises `InputError` if it is missing or has another checksum than in `sums`."""
     file = folder / path
+    if path not in sums:
+        raise InputError(f"{folder / SUMS}: expected a checksum of {path}, got none")
     try:
         content = file.read_bytes()
     except FileNotFoundError:
         raise InputError(f"{folder}: expected all its files, as {SUMS} lists them, got no {path}") from None
-    if sha256(content).hexdigest() != expected:
+    if sha256(content).hexdigest() != sums[path]:
         raise InputError(f"{file}: expected the file whose checksum is in {SUMS}, got a damaged or another one")
     return content

@@ -1,7 +1,6 @@
 """Joins the parts of a dataset, which `make_dataset` made with `DatasetSpec(part=...)`."""
 
 import json
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -73,7 +72,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
         complete = False
     if not complete or not (folder / PART).is_file() or not (folder / SUMS).is_file():
         raise InputError(f"{folder}: expected a part of a dataset, made by elitelanes dataset --part, got none")
-    read_checked(folder, PART, _read_sums(folder).get(PART))
+    read_checked(folder, PART, _read_sums(folder))
     return about
 
 
@@ -85,13 +84,17 @@ def _read_sums(folder: Path) -> dict[str, str]:
 
 
 def _copy_pictures(folder: Path, out: Path, layout: Layout) -> None:
-    """Copies the pictures of a part, each with its checksum checked."""
-    is_picture = re.compile(layout.files_pattern()).fullmatch
-    for name, expected in _read_sums(folder).items():
-        if is_picture(name):
+    """Copies the pictures of a part's samples, each with its checksum checked."""
+    sums = _read_sums(folder)
+    for split, record in _read_parts([folder]):
+        layers = ["image", "labels"]
+        if "objects" in record:
+            layers.append("instances")
+        for layer in layers:
+            name = layout.file(split, record["number"], layer)
             copied = out / name
             copied.parent.mkdir(parents=True, exist_ok=True)
-            copied.write_bytes(read_checked(folder, name, expected))
+            copied.write_bytes(read_checked(folder, name, sums))
 
 
 def _read_splits(folders: Sequence[Path], settings: dict[str, Plain]) -> NDArray[np.int_]:
