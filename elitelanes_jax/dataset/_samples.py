@@ -128,7 +128,7 @@ def draw_sample(
         "quarter_turns": chosen[..., 1].tolist(),
         "transform": transform,
         **about,
-        "class_pixels": np.bincount(seen["labels"].reshape(-1), minlength=len(LABELS)).tolist(),
+        "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }
     return Sample({**seen, **instances}, {name: value for name, value in metadata.items() if value is not None})
 
@@ -160,7 +160,8 @@ def _see_ground(
 ) -> _GroundView:
     """Draws a robot's view of a map: of the tiles that are seen, or of the whole map if its tiles are blended."""
     rays = find_rays(viewpoint, 1)
-    sky = np.repeat(~rays.near[:, None], viewpoint.size[1], axis=1)
+    sky = np.zeros(viewpoint.size, bool)
+    sky[: rays.sky] = True
     if can_tile(tiles, tile_px):
         tiled = TiledMap(tiles, tile_px, chosen[..., 0] * 4 + chosen[..., 1])
         seen = see_tiled_labels(tiled, rays)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Int, UInt8
+from jaxtyping import Bool, Float32, Int, Int32, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax.dataset._robot_views import LEVELS, MapPart, Rays, Viewpoint, see_parts
@@ -18,6 +18,7 @@ from elitelanes_jax.tiles.rendering import scale_opaque, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet
 
 _CHANNELS = 4  # of pictures, see `see_parts`
+_LABEL_BITS, _PAVED = 0x7F, 0x80  # of the bytes of surfaces
 _SMALL = 32  # pixels, the side of tiles that are laid out whole, because cutting each one takes longer
 
 
@@ -38,13 +39,15 @@ class TiledMap(NamedTuple):
         """Draws a camera's view of the map; see `see` in `_robot_views`."""
         return see_parts(self._part_of, viewpoint, ground, _CHANNELS)
 
-    def _part_of(self, rank: int, x: NDArray[np.float32], y: NDArray[np.float32]) -> MapPart:
+    def _part_of(self, rank: int, x: Float32[NDArray, "R C"], y: Float32[NDArray, "R C"]) -> MapPart:
         """Makes the part of the map, halved `rank` times, that has some points; see `see_parts`."""
-        images = _halve_tiles(self.tiles, self.tile_px, rank)
+        images = _stack_tiles(self.tiles, self.tile_px).pictures[rank]
         size, (height, width) = images.shape[1], self.picture.shape
-        across, down = (place * np.float32(0.5**rank) for place in (x, y))
-        left, right = _pixels_between(across, width * size)
-        top, bottom = _pixels_between(down, height * size)
+        if rank:
+            x *= np.float32(0.5**rank)
+            y *= np.float32(0.5**rank)
+        left, right = _pixels_between(x, width * size)
+        top, bottom = _pixels_between(y, height * size)
         first_row, first_column = top // size, left // size
         cells = self.picture[first_row : (bottom - 1) // size + 1, first_column : (right - 1) // size + 1]
         if size <= _SMALL:
@@ -54,14 +57,15 @@ class TiledMap(NamedTuple):
             ]
         else:
             part = np.empty((bottom - top, right - left, _CHANNELS), np.uint8)
-            for (row, column), picture in np.ndenumerate(cells):
-                rows = _overlap((first_row + row) * size, size, top, bottom)
-                columns = _overlap((first_column + column) * size, size, left, right)
-                part[rows.on_part, columns.on_part] = images[picture, rows.on_tile, columns.on_tile]
+            rows = [_overlap((first_row + row) * size, size, top, bottom) for row in range(len(cells))]
+            columns = [_overlap((first_column + column) * size, size, left, right) for column in range(cells.shape[1])]
+            for pictures, across in zip(cells.tolist(), rows, strict=True):
+                for picture, down in zip(pictures, columns, strict=True):
+                    part[across.on_part, down.on_part] = images[picture, across.on_tile, down.on_tile]
         # The points on the map stay exact, because their coordinates do not grow.
-        across -= np.float32(left + 0.5)
-        down -= np.float32(top + 0.5)
-        return MapPart(part, across, down)
+        x -= np.float32(left + 0.5)
+        y -= np.float32(top + 0.5)
+        return MapPart(part, x, y)
 
 
 class SeenLabels(NamedTuple):
@@ -78,19 +82,36 @@ class SeenLabels(NamedTuple):
 
 def see_tiled_labels(tiled: TiledMap, rays: Rays) -> SeenLabels:
     """Returns the labels that rays meet, of the nearest pixels, as `see_labels` does."""
-    size, (height, width) = np.int32(tiled.tile_px), tiled.picture.shape
-    labels, paved = np.zeros(rays.x.shape, np.uint8), np.zeros(rays.x.shape, bool)
-    near = slice(len(rays.near) - np.count_nonzero(rays.near), None)
-    column, row = (np.rint(place[near] - np.float32(0.5)).astype(np.int32) for place in (rays.x, rays.y))
-    # As unsigned numbers, those before the map are beyond it too.
-    on_map = (column.view(np.uint32) < width * size) & (row.view(np.uint32) < height * size)
-    column, row = np.clip(column, 0, width * size - 1), np.clip(row, 0, height * size - 1)
-    tile_row, tile_column = row // size, column // size
-    picture = tiled.picture.astype(np.int32).reshape(-1).take(tile_row * np.int32(width) + tile_column)
-    pixel = (picture * size + (row - tile_row * size)) * size + (column - tile_column * size)
-    labels[near] = scale_tiles(tiled.tiles, tiled.tile_px)["labels"].reshape(-1).take(pixel) * on_map
-    paved[near] = scale_opaque(tiled.tiles, tiled.tile_px).reshape(-1).take(pixel) & on_map
-    return SeenLabels(labels, paved)
+    surfaces, size = _stack_tiles(tiled.tiles, tiled.tile_px).surfaces, tiled.tile_px
+    # Cells around the map have the last picture, which is ground.
+    height, width = (count + 2 for count in tiled.picture.shape)
+    pictures = np.full((height, width), len(surfaces) - 1)
+    pictures[1:-1, 1:-1] = tiled.picture
+    row, column = _pixels_with_border(rays.y, size, height), _pixels_with_border(rays.x, size, width)
+    tile_row, tile_column = row // np.int32(size), column // np.int32(size)
+    tile_row *= np.int32(width)
+    tile_row += tile_column
+    # Of a cell the pixel in the first row and column of `surfaces`, if its picture had the cell's place on the map.
+    first = ((pictures - np.arange(height)[:, None]) * size - np.arange(width)) * size
+    pixel = first.astype(np.int32).reshape(-1).take(tile_row)
+    row *= np.int32(size)
+    pixel += row
+    pixel += column
+    seen = np.zeros((rays.sky + len(row), row.shape[1]), np.uint8)
+    surfaces.reshape(-1).take(pixel, out=seen[rays.sky :])
+    return SeenLabels(seen & _LABEL_BITS, seen >= _PAVED)
+
+
+def _pixels_with_border(places: Float32[NDArray, "R C"], size: int, count: int) -> Int32[NDArray, "R C"]:
+    """Returns the pixels nearest to coordinates on a map, along one axis.
+
+    Pixel 0 is that of a border of one tile around the map, `count` tiles with both borders. Pixels beyond the borders
+    are in them.
+    """
+    pixel = np.rint(places - np.float32(0.5)).astype(np.int32)
+    pixel += np.int32(size)
+    np.maximum(pixel, np.int32(size - 1), out=pixel)
+    return np.minimum(pixel, np.int32((count - 1) * size), out=pixel)
 
 
 def can_tile(tiles: TileSet, tile_px: int) -> bool:
@@ -100,9 +121,11 @@ def can_tile(tiles: TileSet, tile_px: int) -> bool:
 
 def _pixels_between(places: NDArray[np.float32], count: int) -> tuple[int, int]:
     """Returns the first pixel, and the one after the last, that coordinates refer to; at least one of `count`."""
-    # Interpolation reads one pixel beyond a point.
-    first = min(max(int(places.min()) - 2, 0), count - 1)
-    last = min(max(int(places.max()) + 2, first), count - 1)
+    # Along a row the coordinates increase or decrease, also with shifted lines: the shift is less than a tile's width
+    # divided by 2 pi. Interpolation reads one pixel beyond a point.
+    ends = places[:, [0, -1]]
+    first = min(max(int(ends.min()) - 2, 0), count - 1)
+    last = min(max(int(ends.max()) + 2, first), count - 1)
     return first, last + 1
 
 
@@ -125,11 +148,26 @@ def _overlap(start: int, size: int, first: int, end: int) -> _Overlap:
     return _Overlap(slice(low - start, high - start), slice(low - first, high - first))
 
 
-@lru_cache(maxsize=24)
-def _halve_tiles(tiles: TileSet, size: int, rank: int) -> UInt8[NDArray, "N P P 4"]:
-    """Returns the pictures of `scale_tiles`, halved `rank` times, with a fourth channel of zeros."""
-    if not rank:
-        return np.pad(scale_tiles(tiles, size)["image"], [(0, 0)] * 3 + [(0, _CHANNELS - 3)])
-    larger = _halve_tiles(tiles, size, rank - 1)
-    half = larger.shape[1] // 2
-    return np.stack([cv2.resize(picture, (half, half), interpolation=cv2.INTER_AREA) for picture in larger])
+class _Stack(NamedTuple):
+    """What all tiles of a set show, each in four rotations.
+
+    Attributes:
+      pictures: uint8 ``[N, P, P, 4]`` for each number of halvings, with a fourth channel of zeros.
+      surfaces: uint8 ``[N + 1, P, P]``, labels, and the bit `_PAVED` where a tile is not ground. The last is ground.
+    """
+
+    pictures: list[UInt8[NDArray, "N P P 4"]]
+    surfaces: UInt8[NDArray, "M P P"]
+
+
+@lru_cache(maxsize=4)
+def _stack_tiles(tiles: TileSet, size: int) -> _Stack:
+    """Returns the pictures of `scale_tiles` at all sizes, and their surfaces."""
+    scaled = scale_tiles(tiles, size)
+    pictures = [np.pad(scaled["image"], [(0, 0)] * 3 + [(0, _CHANNELS - 3)])]
+    for _ in range(1, LEVELS):
+        half = pictures[-1].shape[1] // 2
+        smaller = [cv2.resize(picture, (half, half), interpolation=cv2.INTER_AREA) for picture in pictures[-1]]
+        pictures.append(np.stack(smaller))
+    surfaces = scaled["labels"] | scale_opaque(tiles, size) * np.uint8(_PAVED)
+    return _Stack(pictures, np.pad(surfaces, [(0, 1), (0, 0), (0, 0)]))

@@ -16,7 +16,7 @@ from elitelanes_jax.dataset._transforms import VARIATION, Transforms
 
 _GRAINS = (4, 16, 64)  # of a pattern, from coarse to fine, along each side
 _RECTANGLES = 5
-_DOUBT = 0.004  # grey levels
+_DOUBT = 0.002  # grey levels
 _LONGEST = 25  # samples along a streak of motion blur
 
 
@@ -43,10 +43,12 @@ def vary_background(
     carpet, wall = _draw_pattern(rng, ground.shape), _draw_pattern(rng, ground.shape)
     clutter = _draw_clutter(rng, sky.shape)
     below, above = _rows_of(ground), _rows_of(sky)
-    _show(shown[below], carpet.draw(below), ground[below])
-    behind = wall.draw(slice(above.stop))
-    clutter.draw(behind)
-    _show(shown[above], behind[above], sky[above])
+    if below.stop:
+        _show(shown[below], carpet.draw(below), ground[below])
+    if above.stop:
+        behind = wall.draw(slice(above.stop))
+        clutter.draw(behind)
+        _show(shown[above], behind[above], sky[above])
     return shown
 
 
@@ -58,8 +60,7 @@ def _rows_of(mask: Bool[NDArray, "h w"]) -> slice:
 
 def _show(image: UInt8[NDArray, "h w 3"], other: UInt8[NDArray, "h w 3"], mask: Bool[NDArray, "h w"]) -> None:
     """Copies the pixels of a mask to an image, in a tenth of the time of an assignment."""
-    if len(image):
-        cv2.copyTo(other, mask.view(np.uint8), image)
+    cv2.copyTo(other, mask.view(np.uint8), image)
 
 
 def vary_light(
@@ -83,19 +84,15 @@ def _make_light(
     overwrites the last one, because new arrays of this size take longer than most steps.
     """
     light = np.subtract(field, level, dtype=np.float64)
-    light *= steepness
-    np.clip(light, -30, 30, out=light)
-    np.negative(light, out=light)
+    light *= -steepness
+    np.minimum(light, 30, out=light)
+    np.maximum(light, -30, out=light)
     np.exp(light, out=light)
     light += 1
-    np.divide(1, light, out=light)
-    light *= depth
+    np.divide(depth, light, out=light)
     np.subtract(1, light, out=light)
-    rows, columns = ((np.arange(side) + 0.5) / side * 2 - 1 for side in field.shape)
-    away = rows[:, None] ** 2 + columns**2
-    away /= 2
-    away *= corners
-    np.subtract(1, away, out=away)
+    rows, columns = (((np.arange(side) + 0.5) / side * 2 - 1) ** 2 / 2 * corners for side in field.shape)
+    away = 1 - rows[:, None] - columns
     light *= away
     return light
 
@@ -114,20 +111,30 @@ class _Tone(NamedTuple):
         return _to_bytes((grey + (colours - grey) * self.saturation) * self.channels)
 
     def apply(self, image: UInt8[NDArray, "h w 3"], light: Float[NDArray, "h w"]) -> UInt8[NDArray, "h w 3"]:
-        """Returns what `compute` returns, in a third of the time.
+        """Returns what `compute` returns, in a fifth of the time.
 
         Of the power of a product, one factor has 256 values. The rest is computed in 32 bits, with an error of at most
         0.001 grey levels. Pixels that are closer than `_DOUBT` to the middle of two grey levels are computed anew.
+        Each channel is an array, because loops over the last axis would have three steps.
         """
         curve = (255 * (np.arange(256) / 255) ** self.exponent).astype(np.float32)
         share = light.astype(np.float32) ** np.float32(self.exponent)
-        colours = cv2.multiply(cv2.LUT(image, curve), cv2.merge([share] * 3))
-        to_grey = np.full((3, 3), (1 - self.saturation) / 3) + np.eye(3) * self.saturation
-        toned = cv2.transform(colours, self.channels[:, None] * to_grey)
-        rounded = np.rint(toned)
-        doubt = cv2.absdiff(toned, rounded)
-        pixels = np.unique(np.flatnonzero(doubt > 0.5 - _DOUBT) // 3)
-        shown = np.asarray(np.clip(rounded, 0, 255, out=rounded), np.uint8)
+        planes = np.empty((3, *light.shape), np.float32)
+        for plane, channel in zip(planes, cv2.split(image), strict=True):
+            np.multiply(cv2.LUT(channel, curve), share, out=plane)
+        grey = planes[0] + planes[1]
+        grey += planes[2]
+        grey *= np.float32((1 - self.saturation) / 3)
+        for plane, factor in zip(planes, self.channels.astype(np.float32), strict=True):
+            plane *= np.float32(self.saturation)
+            plane += grey
+            plane *= factor
+        rounded = np.rint(planes)
+        planes -= rounded
+        np.abs(planes, out=planes)
+        pixels = np.flatnonzero(planes > 0.5 - _DOUBT) % light.size
+        np.clip(rounded, 0, 255, out=rounded)
+        shown = np.asarray(cv2.merge([*rounded.astype(np.uint8)]), np.uint8)
         shown.reshape(-1, 3)[pixels] = self.compute(image.reshape(-1, 3)[pixels], light.reshape(-1)[pixels])
         return shown
 
@@ -142,6 +149,8 @@ def vary_motion(rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], motion
     along = np.linspace(-length / 2, length / 2, _LONGEST)
     x, y = (np.rint(reach + along * part).astype(int) for part in (np.cos(angle), np.sin(angle)))
     np.add.at(kernel, (y, x), 1 / _LONGEST)
+    if np.count_nonzero(kernel) == 1:  # a streak within a pixel
+        return image
     return np.asarray(cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE), np.uint8)
 
 
@@ -174,12 +183,13 @@ class _Pattern(NamedTuple):
 
     def draw(self, rows: slice) -> UInt8[NDArray, "r w 3"]:
         """Draws some rows."""
-        field = np.zeros(self.noises[0][rows].shape)
-        for weight, noise in zip(self.weights, self.noises, strict=True):
-            field += weight * noise[rows]
-        # A colour at a time, because loops over the last axis would have three steps.
-        planes = [_to_bytes(base + field * grain) for base, grain in self.colour.T]
-        return np.stack(planes, axis=-1)
+        first, *others = (noise[rows] for noise in self.noises)
+        field = self.weights[0] * first
+        for weight, noise in zip(self.weights[1:], others, strict=True):
+            field += weight * noise
+        # A colour at a time, because loops over the last axis would have three steps. OpenCV rounds as `np.rint` does.
+        planes = [cv2.add(field * grain, base, dtype=cv2.CV_8U) for base, grain in self.colour.T.tolist()]
+        return np.asarray(cv2.merge(planes), np.uint8)
 
 
 def _draw_pattern(rng: np.random.Generator, shape: tuple[int, ...]) -> _Pattern:
