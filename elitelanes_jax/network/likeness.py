@@ -9,13 +9,18 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import KIND_OF, KINDS
 from elitelanes_jax.network.plain_metrics import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_forms, images_of
 
 ALIKE = 0.15
 """Two maps are alike if their `difference` is less."""
 
+_COMPARED = 64  # grids that are compared with a set at once
+_WORD = 64  # bits
 _TOGETHER = 64  # the positions whose bits are in memory at once
+
+_KIND_INDEX = np.array([[*KINDS].index(KIND_OF[code]) for code in range(16)])  # of each code; 0 is empty
 
 _Grid: TypeAlias = NDArray[np.int8]
 _Grids: TypeAlias = Sequence[_Grid] | NDArray[np.int8]
@@ -71,14 +76,26 @@ def group_alike(grids: _Grids, labels: NDArray[np.int_] | None = None) -> NDArra
     from scipy.sparse.csgraph import connected_components
 
     roads, nodes = RoadSet(grids), np.arange(len(grids))
-    neighbours = [np.flatnonzero(roads.differences(grid, ALIKE) < ALIKE) for grid in grids]
+    starts, ends, _ = roads.pairs(grids, ALIKE)
     if labels is not None:
         _, firsts, inverse = np.unique(labels, return_index=True, return_inverse=True)
-        neighbours = [np.append(others, first) for others, first in zip(neighbours, firsts[inverse], strict=True)]
-    starts = np.repeat(nodes, [len(others) for others in neighbours])
-    ends = np.concatenate(neighbours)
+        starts, ends = np.concatenate([starts, nodes]), np.concatenate([ends, firsts[inverse]])
     pairs = coo_array((np.ones(len(ends)), (starts, ends)), shape=(len(grids), len(grids)))
     return np.asarray(connected_components(pairs, directed=False)[1], int)
+
+
+class Pairs(NamedTuple):
+    """Pairs of grids that differ little.
+
+    Attributes:
+      first: int ``[P]``, indices of the grids that were compared with a set.
+      second: int ``[P]``, indices in the set.
+      difference: float64 ``[P]``.
+    """
+
+    first: NDArray[np.int_]
+    second: NDArray[np.int_]
+    difference: NDArray[np.float64]
 
 
 class _Group(NamedTuple):
@@ -89,6 +106,7 @@ class _Group(NamedTuple):
       shape: (height, width) of the boxes.
       indices: int ``[N]``, of the grids in the set, sorted by their number of tiles.
       tiles: int ``[N]``, these numbers.
+      kinds: int32 ``[kinds, N]``, the number of tiles of each kind.
       planes: uint64 ``[4, words, N]``, the cells of the boxes as bits: a bit of the codes in each plane.
     """
 
@@ -96,6 +114,7 @@ class _Group(NamedTuple):
     shape: tuple[int, int]
     indices: NDArray[np.int_]
     tiles: NDArray[np.int_]
+    kinds: NDArray[np.int32]
     planes: NDArray[np.uint64]
 
 
@@ -112,59 +131,140 @@ class RoadSet:
         for indices, boxes in _by_box(grids):
             tiles = (boxes > 0).sum(axis=(1, 2))
             order = np.argsort(tiles, kind="stable")
-            planes = _pack(boxes[order])
+            boxes = boxes[order]
             cells = grids[indices[0]].size
-            self._groups.append(_Group(cells, boxes.shape[1:], indices[order], tiles[order], planes))
+            group = _Group(cells, boxes.shape[1:], indices[order], tiles[order], _count_kinds(boxes), _pack(boxes))
+            self._groups.append(group)
 
     def differences(self, grid: _Grid, below: float) -> NDArray[np.float64]:
         """Returns the `difference` of each grid of the set from a checked grid, float64 ``[grids]``.
 
         Differences of `below` or more are not computed; infinity is returned for these.
         """
-        images = images_of(_box(grid))
-        stacks = np.stack(images[::2]), np.stack(images[1::2])  # one of two is turned by a quarter
+        return self.least_differences([grid], below)
+
+    def least_differences(self, grids: _Grids, below: float) -> NDArray[np.float64]:
+        """Returns the least difference of each grid of the set from some checked grids; see `differences`."""
         shares = np.full(self._size, np.inf)
-        for group in self._groups:
-            cells = max(grid.size, group.cells)
-            counts = [_count_differing(group, stack, below * cells) for stack in stacks]
-            shares[group.indices] = np.minimum(*counts) / cells
-        shares[shares >= below] = np.inf
+        pairs = self.pairs(grids, below)
+        np.minimum.at(shares, pairs.second, pairs.difference)
         return shares
 
+    def pairs(self, grids: _Grids, below: float) -> Pairs:
+        """Returns all pairs of some checked grids and the grids of the set whose `difference` is less than `below`.
 
-def _count_differing(group: _Group, images: NDArray[np.int8], below: float) -> NDArray[np.float64]:
-    """Counts the cells in which each grid of a group differs from the most similar image ``[4, H, W]``.
+        The pairs are in no particular order.
+        """
+        found = [Pairs(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
+        for indices, boxes in _by_box(grids):
+            size = grids[indices[0]].size
+            for start in range(0, len(boxes), _COMPARED):
+                some, kinds = boxes[start : start + _COMPARED], _count_kinds(boxes[start : start + _COMPARED])
+                for group in self._groups:
+                    cells = max(size, group.cells)
+                    near = _least_difference(kinds, group.kinds) < below * cells
+                    if near.any():
+                        first, second, count = _count_differing(group, some, near, below * cells)
+                        share = count / cells
+                        few = share < below
+                        found.append(Pairs(indices[start + first[few]], group.indices[second[few]], share[few]))
+        return Pairs(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
-    A count of `below` or more may be returned as infinity.
+
+def _least_difference(kinds: NDArray[np.int32], others: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Returns in how many cells grids differ at least, int32 ``[N, M]``, by the tiles of each kind ``[kinds, N or M]``.
+
+    Kinds do not change when a grid is moved, rotated or mirrored. The surplus of either grid in any kind differs.
+    """
+    more = np.zeros((kinds.shape[1], others.shape[1]), np.int32)
+    fewer = np.zeros_like(more)
+    for count, other in zip(kinds, others, strict=True):
+        surplus = count[:, None] - other
+        more += np.maximum(surplus, 0)
+        fewer -= np.minimum(surplus, 0)
+    return np.maximum(more, fewer)
+
+
+def _count_differing(
+    group: _Group, boxes: NDArray[np.int8], near: NDArray[np.bool_], below: float
+) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int32]]:
+    """Counts the cells in which boxes ``[N, H, W]`` differ from the grids of a group, at the most similar position.
+
+    Args:
+      group: of M grids.
+      boxes: around the roads of other grids.
+      near: bool ``[N, M]``, the pairs to compare.
+      below: pairs that differ in this many cells or more may be left out.
+
+    Returns:
+      The indices of boxes, the indices in the group, and the counts.
+    """
+    images = images_of(boxes)
+    rows, columns, counts = [], [], []
+    # One of two images is turned by a quarter.
+    for stack in (np.concatenate(images[::2]), np.concatenate(images[1::2])):
+        for row, column, count in _compare(group, stack, near, below):
+            rows.append(row)
+            columns.append(column)
+            counts.append(count)
+    if not counts:
+        return np.zeros(0, int), np.zeros(0, int), np.zeros(0, np.int32)
+    pairs = np.concatenate(rows) * len(group.tiles) + np.concatenate(columns)
+    unique, inverse = np.unique(pairs, return_inverse=True)
+    least = np.full(len(unique), np.iinfo(np.int32).max, np.int32)
+    np.minimum.at(least, inverse, np.concatenate(counts))
+    row, column = np.divmod(unique, len(group.tiles))
+    return row, column, least
+
+
+def _compare(
+    group: _Group, images: NDArray[np.int8], near: NDArray[np.bool_], below: float
+) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int32]]]:
+    """Compares images ``[4 N, H, W]``, four for each of N boxes in order, with a group at all positions.
+
+    Yields the indices of boxes, the indices in the group, and the numbers of cells that differ: for each position where
+    a pair differs in less than `below` cells.
     """
     height, width = group.shape
     padded = np.pad(images, ((0, 0), (height - 1, height - 1), (width - 1, width - 1)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, group.shape, axis=(1, 2))
     inside = _count_inside(padded > 0, group.shape)
-    outside = np.count_nonzero(images[0]) - inside
+    outside = np.count_nonzero(images, axis=(1, 2))[:, None, None] - inside
     # Tiles without a partner differ: those outside the box, and the surplus of either side inside.
     surplus = below - outside
     first, last = np.searchsorted(group.tiles, (inside - surplus, inside + surplus))
     positions = np.argwhere(first < last)
-    least = np.full(len(group.tiles), np.inf)
     for start in range(0, len(positions), _TOGETHER):
         some = tuple(positions[start : start + _TOGETHER].T)
-        packed = np.moveaxis(_pack(windows[some]), -1, 0)[..., None]
-        for bits, begin, end, tiles in zip(packed, first[some], last[some], outside[some], strict=True):
-            planes = group.planes[:, :, begin:end]
-            # Few grids are near in one bit of the codes, which takes a quarter of the time.
-            near = np.flatnonzero(tiles + _count_bits(planes[0] ^ bits[0]) < below)
-            counts = tiles + _count_bits(np.bitwise_or.reduce(planes[:, :, near] ^ bits))
-            least[begin + near] = np.minimum(least[begin + near], counts)
-    return least
+        box = some[0] % len(near)
+        bits, beyond = _pack(windows[some]), outside[some].astype(np.int32)
+        # Few grids are near in the first 64 cells, in one bit of the codes, and fewer are near in all cells.
+        most = np.clip(np.ceil(below - beyond), 0, _WORD + 1).astype(np.uint8)
+        hits = []
+        for word, limit, row, low, high in zip(bits[0, 0], most, near[box], first[some], last[some], strict=True):
+            alike = np.bitwise_count(group.planes[0, 0, low:high] ^ word) < limit
+            alike &= row[low:high]
+            hits.append(low + np.flatnonzero(alike))
+        position, grid = np.repeat(np.arange(len(box)), [len(hit) for hit in hits]), np.concatenate(hits)
+        counts = beyond[position] + _count_bits(bits[0][:, position] ^ group.planes[0][:, grid])
+        position, grid = position[counts < below], grid[counts < below]
+        codes = np.bitwise_or.reduce(bits[:, :, position] ^ group.planes[:, :, grid])
+        yield box[position], grid, beyond[position] + _count_bits(codes)
 
 
 def _count_inside(road: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.int_]:
-    """Counts the tiles in a box of `shape` at every position in images ``[4, H, W]``, by image, row and column."""
+    """Counts the tiles in a box of `shape` at every position in images ``[N, H, W]``, by image, row and column."""
     height, width = shape
     sums = np.pad(road, ((0, 0), (1, 0), (1, 0))).cumsum(axis=1).cumsum(axis=2)
     rows = sums[:, height:] - sums[:, :-height]
     return np.asarray(rows[:, :, width:] - rows[:, :, :-width])
+
+
+def _count_kinds(boxes: NDArray[np.int8]) -> NDArray[np.int32]:
+    """Counts the tiles of each kind in boxes ``[N, H, W]``, int32 ``[kinds, N]``."""
+    kinds = _KIND_INDEX[boxes.reshape(len(boxes), -1)]
+    counts = [np.count_nonzero(kinds == kind, axis=1) for kind in range(1, len(KINDS))]
+    return np.stack(counts).astype(np.int32)
 
 
 def _count_bits(words: NDArray[np.uint64]) -> NDArray[np.int32]:

@@ -241,12 +241,11 @@ def _choose(order: _Round, grids: _Grids, count: int, before: Sequence[_Grids], 
     Each differs from the maps before and from each other in the first share of its tiles, then in the next share.
     """
     roads, largest = RoadSet(grids), max(shares)
-    difference = np.full(len(grids), np.inf)  # from the most similar chosen map; under 0 for the chosen maps
     chosen: list[int] = []
     if count <= 0:
         return chosen
-    for grid in before:
-        np.minimum(difference, roads.differences(grid, largest), out=difference)
+    # From the most similar chosen map; under 0 for the chosen maps.
+    difference = roads.least_differences(before, largest)
     for share in shares:
         while len(chosen) < count and (difference >= share).any():
             for index in order(difference, share, count - len(chosen)):

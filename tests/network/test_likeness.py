@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from oracle import difference as slow_difference
 
 from elitelanes_jax import InputError, mirror, rotate
+from elitelanes_jax.network import likeness
 from elitelanes_jax.network.likeness import RoadSet, difference, group_alike, road_form, road_forms
 
 TOWN = np.array([[6, 5, 3, 0], [10, 0, 14, 3], [12, 5, 13, 9]], np.int8)
@@ -69,6 +70,26 @@ def test_a_set_of_many_sizes_gives_what_pairs_give():
         np.testing.assert_array_equal(roads.differences(grid, np.inf), expected)
         np.testing.assert_array_equal(roads.differences(grid, 0.4), np.where(expected < 0.4, expected, np.inf))
     assert road_forms(many) == [road_form(grid) for grid in many]
+
+
+def test_many_maps_are_compared_with_a_set_as_one_by_one(monkeypatch):
+    """Few grids and few positions at once, so that several rounds are needed."""
+    monkeypatch.setattr(likeness, "_COMPARED", 3)
+    monkeypatch.setattr(likeness, "_TOGETHER", 5)
+    rng = np.random.default_rng(3)
+    many = [rng.integers(0, 16, (3, 4)).astype(np.int8) for _ in range(8)]
+    many += [np.where(rng.random(grid.shape) < 0.2, 5, mirror(grid)).astype(np.int8) for grid in many]
+    others = [rotate(grid) for grid in many[3:11]] + [TOWN]
+    expected = np.array([[slow_difference(other, grid) for grid in many] for other in others])
+    expected[expected >= 0.5] = np.inf
+    assert 8 < np.isfinite(expected).sum() < expected.size // 2
+    roads, compared = RoadSet(many), np.full(expected.shape, np.inf)
+    pairs = roads.pairs(others, 0.5)
+    compared[pairs.first, pairs.second] = pairs.difference
+    assert len(pairs.first) == np.isfinite(expected).sum()
+    np.testing.assert_array_equal(compared, expected)
+    np.testing.assert_array_equal(roads.least_differences(others, 0.5), expected.min(axis=0))
+    assert np.isinf(roads.least_differences([], 0.5)).all()
 
 
 def test_a_large_map_differs_from_its_moved_copy_by_what_was_changed():
