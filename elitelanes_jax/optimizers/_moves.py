@@ -39,17 +39,22 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
     checked = {}
     for name, value in sorted(dict(moves).items(), key=lambda item: str(item[0])):
         if not str(name).isidentifier() or name in KNOWN_MOVES:
-            raise InputError(
-                f"expected names of letters, digits and _ that no other move has, got {shorten(repr(name))}"
-            )
-        if not isinstance(value, tuple | list) or len(value) != 2 or not isinstance(value[1], Move):
-            raise InputError(f"{name}: expected a weight and a Move, got {shorten(repr(value))}")
-        weight, move = value
-        check_named(f"{name}: apply", function_of("bits", "grid", "mate"), move.apply)
-        if not isinstance(weight, jax.Array | np.ndarray):
-            weight = check_named(name, whole(0), weight)
-        checked[name] = weight, move
+            expected = "names of letters, digits and _ that no other move has"
+            raise InputError(f"expected {expected}, got {shorten(repr(name))}")
+        checked[name] = _check_user_move(name, value)
     return checked
+
+
+def _check_user_move(name: str, value: UserValue) -> tuple[AnyArray, Move]:
+    """Checks the weight and the move of one name. Weights that are arrays may be traced, and are not checked."""
+    is_pair = isinstance(value, tuple | list) and len(value) == 2
+    if not is_pair or not isinstance(value[1], Move):
+        raise InputError(f"{name}: expected a weight and a Move, got {shorten(repr(value))}")
+    weight, move = value
+    check_named(f"{name}: apply", function_of("bits", "grid", "mate"), move.apply)
+    if not isinstance(weight, jax.Array | np.ndarray):
+        weight = check_named(name, whole(0), weight)
+    return weight, move
 
 
 @pytree
@@ -93,11 +98,15 @@ class MoveWeights(Record):
 
     def check_together(self) -> None:
         """Checks that there is a move to make."""
-        weights = [*(getattr(self, name) for name in KNOWN_MOVES), *(weight for weight, _ in self.user_moves.values())]
-        if all(weight is None or (isinstance(weight, int) and weight == 0) for weight in weights):
+        weights = [getattr(self, name) for name in KNOWN_MOVES]
+        for weight, _ in self.user_moves.values():
+            weights.append(weight)
+        if all(_is_never_drawn(weight) for weight in weights):
             raise InputError("link: expected a weight over 0 for at least one move, got none")
-        if (total := sum(weight for weight in weights if isinstance(weight, int))) > LARGEST:
-            raise InputError(f"link: expected weights of moves that add up to at most {LARGEST}, got {total}")
+        total = sum(weight for weight in weights if isinstance(weight, int))
+        if total > LARGEST:
+            expected = f"weights of moves that add up to at most {LARGEST}"
+            raise InputError(f"link: expected {expected}, got {total}")
 
     def with_moves(self, moves: UserValue) -> "MoveWeights":
         """Returns the weights with some changed, and with moves of the user.
@@ -111,21 +120,32 @@ class MoveWeights(Record):
         """
         if not isinstance(moves, Mapping):
             raise InputError(f"moves: expected weights and moves by name, got {shorten(repr(moves))}")
-        known = {name: value for name, value in moves.items() if name in KNOWN_MOVES}
-        others = {name: value for name, value in moves.items() if name not in KNOWN_MOVES}
-        for name, value in others.items():
-            if not isinstance(value, tuple | list):
-                words = f"one of {', '.join(KNOWN_MOVES)} with a weight, or another name with a weight and a Move"
-                raise InputError(f"moves: expected {words}, got {name!r}{suggest(name, KNOWN_MOVES)}")
+        weights = {}
+        user_moves = {}
+        for name, value in moves.items():
+            if name in KNOWN_MOVES:
+                weights[name] = value
+            elif isinstance(value, tuple | list):
+                user_moves[name] = value
+            else:
+                known_names = ", ".join(KNOWN_MOVES)
+                expected = f"one of {known_names} with a weight, or another name with a weight and a Move"
+                raise InputError(f"moves: expected {expected}, got {name!r}{suggest(name, KNOWN_MOVES)}")
+        return check_named("moves", self._replace_moves, weights, user_moves)
 
-        def replaced(others: UserValue) -> MoveWeights:
-            return self.replace(**known, user_moves=self.user_moves | _check_user_moves(others))
-
-        return check_named("moves", replaced, others)
+    def _replace_moves(self, weights: dict[str, UserValue], user_moves: UserValue) -> "MoveWeights":
+        """Returns a copy with other weights of known moves, and with more moves of the user."""
+        all_user_moves = self.user_moves | _check_user_moves(user_moves)
+        return self.replace(**weights, user_moves=all_user_moves)
 
 
 KNOWN_MOVES = tuple(name for name in MoveWeights.options() if name not in ("fill_probability", "user_moves"))
 """The names of the moves that `MoveWeights` has a weight for."""
+
+
+def _is_never_drawn(weight: AnyArray) -> bool:
+    """Returns whether a move is known to have weight 0. An array may be traced, so its number is not known."""
+    return weight is None or (isinstance(weight, int) and weight == 0)
 
 
 @name_wrong_arguments
@@ -134,24 +154,23 @@ def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> 
 
     If repair always fills, `MoveWeights.fill_probability` has no effect. For `fixed`, bool ``[H, W]``, see `repair`.
     """
-    move = _move(
-        {
-            _plan_link: weights.link,
-            _plan_corner: weights.corner,
-            _plan_outline: weights.outline,
-            _plan_street: weights.street,
-            _plan_straight: weights.straight,
-            _plan_clearing: weights.clear,
-            _plan_mirroring: weights.mirror,
-            _plan_slide: weights.slide,
-            _plan_transplant: weights.transplant,
-            _plan_displaced_transplant: weights.displaced,
-            _plan_refit: 0 if weights.refit is None else weights.refit,
-        },
-        weights.user_moves,
-        empty=not fill,
-    )
-    return move if fill else with_fill(weights.fill_probability, move, fixed=fixed)
+    weights_by_plan: dict[_Plan, AnyArray] = {
+        _plan_link: weights.link,
+        _plan_corner: weights.corner,
+        _plan_outline: weights.outline,
+        _plan_street: weights.street,
+        _plan_straight: weights.straight,
+        _plan_clearing: weights.clear,
+        _plan_mirroring: weights.mirror,
+        _plan_slide: weights.slide,
+        _plan_transplant: weights.transplant,
+        _plan_displaced_transplant: weights.displaced,
+        _plan_refit: weights.refit,
+    }
+    move = _move(weights_by_plan, weights.user_moves, empty=not fill)
+    if fill:
+        return move
+    return with_fill(weights.fill_probability, move, fixed=fixed)
 
 
 @name_wrong_arguments
@@ -209,7 +228,8 @@ def transplant(*, displaced: bool = False) -> Move:
     A grid that is not square is rotated by half turns only. A `displaced` block comes from another position in the same
     rows or in the same columns.
     """
-    return _move({_plan_displaced_transplant if displaced else _plan_transplant: 1})
+    plan = _plan_displaced_transplant if displaced else _plan_transplant
+    return _move({plan: 1})
 
 
 @name_wrong_arguments
@@ -254,12 +274,14 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         varied, dirty = move.apply(bits[: move.bits], grid, mate)
-        indices = np.arange(grid.size, dtype=np.int32).reshape(grid.shape)
-        image, copied = rotate_codes(varied, 2)[::-1, ::-1], dirty[::-1, ::-1]
-        copied &= bernoulli(bits[move.bits], probability)
+        rotated_grid = rotate_codes(varied, 2)[::-1, ::-1]
+        is_copied = dirty[::-1, ::-1]
+        is_copied &= bernoulli(bits[move.bits], probability)
         # Where the two changes overlap, the tile of the lower index decides.
-        first = dirty & (indices <= indices[::-1, ::-1])
-        return Variation(jnp.where(copied & ~first, image, varied), dirty | copied)
+        indices = np.arange(grid.size, dtype=np.int32).reshape(grid.shape)
+        is_decided = dirty & (indices <= indices[::-1, ::-1])
+        grid = jnp.where(is_copied & ~is_decided, rotated_grid, varied)
+        return Variation(grid, dirty | is_copied)
 
     return Move(move.bits + 1, apply)
 
@@ -298,11 +320,10 @@ class _Draws:
         completes another half.
         """
         ends = randint(self.bits[:4].reshape(2, 2), self.shape[:, None])
-        edge = self.bits[:4].reshape(2, 2) & 7 == 0
-        return (
-            jnp.where(edge[:, 0], 0, jnp.minimum(ends[:, 0], ends[:, 1])),
-            jnp.where(edge[:, 1], self.shape - 1, jnp.maximum(ends[:, 0], ends[:, 1])),
-        )
+        is_at_edge = self.bits[:4].reshape(2, 2) & 7 == 0
+        first = jnp.where(is_at_edge[:, 0], 0, jnp.minimum(ends[:, 0], ends[:, 1]))
+        last = jnp.where(is_at_edge[:, 1], self.shape - 1, jnp.maximum(ends[:, 0], ends[:, 1]))
+        return first, last
 
     @cached_property
     def stretch(self) -> tuple[Bool[Array, ""], Int32[Array, " 2"], Int32[Array, " 2"]]:
@@ -311,8 +332,10 @@ class _Draws:
         east = self.bits[0] & 1 == 0
         line = randint(self.bits[1], jnp.where(east, height, width))
         ends = randint(self.bits[2:4], jnp.where(east, width, height))
-        across = _either(east)
-        return east, jnp.where(across, line, jnp.minimum(*ends)), jnp.where(across, line, jnp.maximum(*ends))
+        is_line = _either(east)
+        first = jnp.where(is_line, line, jnp.minimum(*ends))
+        last = jnp.where(is_line, line, jnp.maximum(*ends))
+        return east, first, last
 
 
 _Plan = Callable[[_Draws], _Change]
@@ -333,52 +356,94 @@ def _move(
 ) -> Move:
     """Makes one of the plans or moves, drawn in proportion to its weight; for `empty` see `refit_window`."""
     # Moves of weight 0 are not computed.
-    weights = {plan: weight for plan, weight in weights.items() if not (isinstance(weight, int) and weight == 0)}
-    others = {name: one for name, one in user_moves.items() if not (isinstance(one[0], int) and one[0] == 0)}
-    ends = jnp.cumsum(jnp.array([*weights.values(), *(weight for weight, _ in others.values())], jnp.int32))
+    weights_by_plan = {plan: weight for plan, weight in weights.items() if not _is_never_drawn(weight)}
+    drawn_weights = list(weights_by_plan.values())
+    drawn_moves: dict[str, Move] = {}
+    for name, (weight, move) in user_moves.items():
+        if not _is_never_drawn(weight):
+            drawn_weights.append(weight)
+            drawn_moves[name] = move
+    cumulative_weights = jnp.cumsum(jnp.array(drawn_weights, jnp.int32))
+    plans = tuple(weights_by_plan)
 
     @runs_jax
     @divide_batches
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        drawn = (randint(bits[0], ends[-1]) >= ends[:-1]).sum(dtype=jnp.int32)
-        mate = grid if mate is None else mate
-        varied = apply_plan(bits, grid, mate, drawn) if weights else Variation(grid, jnp.zeros(grid.shape, bool))
-        for index, (name, (_, move)) in enumerate(others.items(), start=len(weights)):
-            made = move.apply(bits[_BITS : _BITS + move.bits], grid, mate)
-            other = made if isinstance(made, tuple | list) else (made,)
-            kinds = [(np.shape(part), getattr(part, "dtype", type(part).__name__)) for part in other]
-            if kinds != [(grid.shape, jnp.int8), (grid.shape, jnp.bool_)]:
-                raise InputError(f"moves: expected {name} to return int8 and bool {grid.shape}, got {kinds}")
-            varied = jax.tree.map(partial(jnp.where, drawn == index), Variation(*other), varied)
+        if mate is None:
+            mate = grid
+        number = randint(bits[0], cumulative_weights[-1])
+        drawn_index = (number >= cumulative_weights[:-1]).sum(dtype=jnp.int32)
+        if plans:
+            varied = _apply_one_plan(plans, drawn_index, bits, grid, mate, empty=empty)
+        else:
+            varied = Variation(grid, jnp.zeros(grid.shape, bool))
+        for index, (name, move) in enumerate(drawn_moves.items(), start=len(plans)):
+            user_result = move.apply(bits[_BITS : _BITS + move.bits], grid, mate)
+            user_variation = _check_variation(name, user_result, grid.shape)
+            varied = jax.tree.map(partial(jnp.where, drawn_index == index), user_variation, varied)
         return varied
 
-    def apply_plan(bits: Array, grid: Array, mate: Array, drawn: Array) -> Variation:
-        draws = _Draws(bits[1:_BITS], grid.shape)
-        change = _one_of(drawn, [plan(draws) for plan in weights])
-        window = _refit(bits[3], change, grid, empty=empty) if _plan_refit in weights else None
-        return _apply(change, grid, mate, window)
-
-    return Move(_BITS + max((move.bits for _, move in others.values()), default=0), apply)
+    most_user_bits = max((move.bits for move in drawn_moves.values()), default=0)
+    return Move(_BITS + most_user_bits, apply)
 
 
-def _one_of(drawn: Int32[Array, ""], changes: Sequence[_Change]) -> _Change:
-    """Returns the change with an index."""
-    drawn = jnp.minimum(drawn, len(changes) - 1)
-    first, last, code, how, offset = (
-        jax.lax.select_n(drawn, *(jnp.asarray(value, jnp.int32) for value in values))
-        for values in zip(*changes, strict=True)
-    )
+def _check_variation(name: str, result: UserValue, shape: tuple[int, ...]) -> Variation:
+    """Checks what a move of the user returned: a grid and its dirty mask."""
+    arrays = result if isinstance(result, tuple | list) else (result,)
+    kinds = [(np.shape(array), getattr(array, "dtype", type(array).__name__)) for array in arrays]
+    if kinds != [(shape, jnp.int8), (shape, jnp.bool_)]:
+        raise InputError(f"moves: expected {name} to return int8 and bool {shape}, got {kinds}")
+    grid, dirty = arrays
+    return Variation(grid, dirty)
+
+
+def _apply_one_plan(
+    plans: Sequence[_Plan],
+    index: Int32[Array, ""],
+    bits: UInt32[Array, " bits"],
+    grid: Int8[Array, "H W"],
+    mate: Int8[Array, "H W"],
+    *,
+    empty: bool,
+) -> Variation:
+    """Applies the plan with an index. All plans are computed as numbers, and only the chosen one on tiles."""
+    draws = _Draws(bits[1:_BITS], grid.shape)
+    change = _choose_change(index, [plan(draws) for plan in plans])
+    window = None
+    if _plan_refit in plans:
+        window = _refit(bits[3], change, grid, empty=empty)
+    return _apply_change(change, grid, mate, window)
+
+
+def _choose_change(index: Int32[Array, ""], changes: Sequence[_Change]) -> _Change:
+    """Returns the change with an index; for an index beyond the last change, the last change."""
+    index = jnp.minimum(index, len(changes) - 1)
+    chosen_fields = []
+    for values in zip(*changes, strict=True):
+        candidates = [jnp.asarray(value, jnp.int32) for value in values]
+        chosen_fields.append(jax.lax.select_n(index, *candidates))
+    first, last, code, how, offset = chosen_fields
     # One stored array, because XLA would compute the numbers again for every tile. If they were joined, XLA would
-    # compile the plans once for each of them.
-    part = np.arange(4)[:, None]
-    both = jnp.where(np.array([True, False]), code, how)
-    numbers = materialize(jnp.where(part == 0, first, jnp.where(part == 1, last, jnp.where(part == 2, offset, both))))
-    return _Change(numbers[0], numbers[1], numbers[3, 0], numbers[3, 1], numbers[2])
+    # compile the plans once for each of them. So each row of the array selects its numbers.
+    row = np.arange(4)[:, None]
+    numbers = jnp.where(np.array([True, False]), code, how)
+    numbers = jnp.where(row == 2, offset, numbers)
+    numbers = jnp.where(row == 1, last, numbers)
+    numbers = jnp.where(row == 0, first, numbers)
+    numbers = materialize(numbers)
+    return _Change(
+        first=numbers[0],
+        last=numbers[1],
+        code=numbers[3, 0],
+        how=numbers[3, 1],
+        offset=numbers[2],
+    )
 
 
-def _apply(
+def _apply_change(
     change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"], window: Int8[Array, "H W"] | None
 ) -> Variation:
+    """Computes the tiles of a change. Tiles of a `window` are written where the change refits a window."""
     rows, columns = _row_and_column_indices(grid.shape)
     (north, west), (south, east) = change.first, change.last
     inside = (rows >= north) & (rows <= south) & (columns >= west) & (columns <= east)
@@ -389,31 +454,47 @@ def _apply(
     written = jnp.where(change.code < 0, _copy(change, grid, mate), jnp.asarray(change.code, jnp.int8))
     if window is not None:
         written = jnp.where(change.code == _REFITTED, window, written)
-    toggled = change.code == _TOGGLED
-    varied = jnp.where(toggled, grid ^ links.astype(jnp.int8), jnp.where(inside, written, grid))
-    return materialize_variation(Variation(varied, jnp.where(toggled, links != 0, inside)))
+    is_toggled = change.code == _TOGGLED
+    changed = jnp.where(inside, written, grid)
+    varied = jnp.where(is_toggled, grid ^ links.astype(jnp.int8), changed)
+    dirty = jnp.where(is_toggled, links != 0, inside)
+    return materialize_variation(Variation(varied, dirty))
 
 
 def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
-    flipped, mirrored, transposed, from_mate, rotated = (
-        change.how & flag > 0 for flag in (_FLIPPED, _MIRRORED, _TRANSPOSED, _FROM_MATE, _ROTATED)
-    )
+    """Returns for each tile the transformed tile that a copy would write there, also outside the rectangle."""
+    flipped = change.how & _FLIPPED > 0
+    mirrored = change.how & _MIRRORED > 0
+    transposed = change.how & _TRANSPOSED > 0
+    from_mate = change.how & _FROM_MATE > 0
+    rotated = change.how & _ROTATED > 0
 
-    def sources(axis: int, back: Bool[ArrayLike, ""]) -> Array:
-        """Returns the row that each row is copied from, or the column that each column is copied from."""
-        own = np.arange(grid.shape[axis], dtype=np.int32)
-        first, last = change.first[axis], change.last[axis]
-        step = change.offset[axis] + jnp.where(back, -own, own)
-        step = jnp.where(rotated & (step < first), last, jnp.where(rotated & (step > last), first, step))
-        return jnp.clip(step, 0, len(own) - 1)  # those beyond the grid are not in the rectangle
+    height, width = grid.shape
+    rows = _source_indices(change, 0, height, backwards=flipped, rotated=rotated)
+    columns = _source_indices(change, 1, width, backwards=mirrored, rotated=rotated)
+    row_stride = jnp.where(transposed, 1, width)
+    column_stride = jnp.where(transposed, width, 1)
+    indices = rows[:, None] * row_stride + columns[None] * column_stride
 
-    rows, columns, width = sources(0, flipped), sources(1, mirrored), grid.shape[1]
-    indices = rows[:, None] * jnp.where(transposed, 1, width) + columns[None] * jnp.where(transposed, width, 1)
     source = materialize(jnp.where(from_mate, mate, grid).reshape(-1))
     tiles = materialize(lookup(source, indices))
     tiles = jnp.where(transposed, transpose_codes(tiles), tiles)
     tiles = jnp.where(mirrored, exchange_sides(tiles, EAST, WEST), tiles)
     return jnp.where(flipped, exchange_sides(tiles, NORTH, SOUTH), tiles)
+
+
+def _source_indices(
+    change: _Change, axis: int, length: int, *, backwards: AnyArray, rotated: AnyArray
+) -> Int32[Array, " length"]:
+    """Returns the row that each row is copied from, or the column that each column is copied from."""
+    indices = np.arange(length, dtype=np.int32)
+    first, last = change.first[axis], change.last[axis]
+    sources = change.offset[axis] + jnp.where(backwards, -indices, indices)
+    before_first = rotated & (sources < first)
+    after_last = rotated & (sources > last)
+    sources = jnp.where(before_first, last, jnp.where(after_last, first, sources))
+    # Sources beyond the grid belong to tiles outside the rectangle, which are not written.
+    return jnp.clip(sources, 0, length - 1)
 
 
 def _refit(bits: UInt32[Array, ""], change: _Change, grid: Int8[Array, "H W"], *, empty: bool) -> Int8[Array, "H W"]:
@@ -422,18 +503,28 @@ def _refit(bits: UInt32[Array, ""], change: _Change, grid: Int8[Array, "H W"], *
     windows = valid_windows(height, width, empty=empty)
     north, west = change.first
     tiles = jax.lax.dynamic_slice(grid, (north, west), (height, width)).astype(jnp.int32)
+
+    # The windows of one border, whose links to the tiles around it are the same, are neighbours in the table.
     borders = tiles[0] & NORTH, tiles[-1] & SOUTH, tiles[:, 0] & WEST, tiles[:, -1] & EAST
-    linked = (jnp.concatenate(borders) > 0).astype(jnp.int32)
-    border = (linked << np.arange(linked.size, dtype=np.int32)).sum(dtype=jnp.int32)
+    is_linked = (jnp.concatenate(borders) > 0).astype(jnp.int32)
+    border = (is_linked << np.arange(is_linked.size, dtype=np.int32)).sum(dtype=jnp.int32)
     first = take(windows.first, border)
     count = take(windows.first, border + 1) - first
-    before = (tiles << 4 * np.arange(width, dtype=np.int32)[None]).sum(axis=1, dtype=jnp.int32)
-    drawn = randint(bits, jnp.maximum(count, 1))
-    one, next_one = (take(windows.rows, first + (drawn + step) % jnp.maximum(count, 1)) for step in (0, 1))
-    window = jnp.where(count == 0, before, jnp.where((one == before).all(), next_one, one))
+
+    # A window is a number for each row, with four bits for each tile. If the present window is drawn, the next window
+    # replaces it, so that the move changes the grid.
+    present = (tiles << 4 * np.arange(width, dtype=np.int32)[None]).sum(axis=1, dtype=jnp.int32)
+    number_of_choices = jnp.maximum(count, 1)
+    index = randint(bits, number_of_choices)
+    drawn = take(windows.rows, first + index)
+    following = take(windows.rows, first + (index + 1) % number_of_choices)
+    window = jnp.where((drawn == present).all(), following, drawn)
+    window = jnp.where(count == 0, present, window)
+
     rows, columns = _row_and_column_indices(grid.shape)
     row = window[jnp.clip(rows - north, 0, height - 1)]
-    return (row >> 4 * jnp.clip(columns - west, 0, width - 1) & 15).astype(jnp.int8)
+    shift = 4 * jnp.clip(columns - west, 0, width - 1)
+    return (row >> shift & 15).astype(jnp.int8)
 
 
 def _plan_link(draws: _Draws) -> _Change:
@@ -460,7 +551,8 @@ def _plan_outline(draws: _Draws) -> _Change:
 
 
 def _plan_street(draws: _Draws) -> _Change:
-    return _Change(*draws.stretch[1:], _TOGGLED)
+    _, first, last = draws.stretch
+    return _Change(first, last, _TOGGLED)
 
 
 def _plan_straight(draws: _Draws) -> _Change:
@@ -469,26 +561,28 @@ def _plan_straight(draws: _Draws) -> _Change:
 
 
 def _plan_clearing(draws: _Draws) -> _Change:
-    return _Change(*draws.block, 0)
+    first, last = draws.block
+    return _Change(first, last, 0)
 
 
 def _plan_mirroring(draws: _Draws) -> _Change:
     first, last = draws.block
     across = draws.bits[4] & 1 == 0
-    return _Change(
-        first, last, _COPIED, jnp.where(across, _MIRRORED, _FLIPPED), jnp.where(_either(across), 0, first + last)
-    )
+    how = jnp.where(across, _MIRRORED, _FLIPPED)
+    offset = jnp.where(_either(across), 0, first + last)
+    return _Change(first, last, _COPIED, how, offset)
 
 
 def _plan_slide(draws: _Draws) -> _Change:
     first, last = draws.block
-    slides, step = _either(draws.bits[4] & 1 == 0), jnp.where(draws.bits[4] & 2 == 0, -1, 1)
+    slides = _either(draws.bits[4] & 1 == 0)
+    step = jnp.where(draws.bits[4] & 2 == 0, -1, 1)
     return _Change(
-        jnp.where(slides, first, 0),
-        jnp.where(slides, last, draws.shape - 1),
-        _COPIED,
-        _ROTATED,
-        jnp.where(slides, step, 0),
+        first=jnp.where(slides, first, 0),
+        last=jnp.where(slides, last, draws.shape - 1),
+        code=_COPIED,
+        how=_ROTATED,
+        offset=jnp.where(slides, step, 0),
     )
 
 
@@ -511,12 +605,22 @@ def _plan_refit(draws: _Draws) -> _Change:
 def _plan_mate_block(draws: _Draws, offset: Int[ArrayLike, " 2"]) -> _Change:
     """Plans to copy a block from the mate, transformed, from `offset` rows below and columns to the right."""
     height, width = draws.shape
-    drawn = (draws.bits[4] & (7 if height == width else 3)).astype(jnp.int32)
-    mirrored, flipped, transposed = (drawn & bit > 0 for bit in (1, 2, 4))
-    parts = ((mirrored, _MIRRORED), (flipped, _FLIPPED), (transposed, _TRANSPOSED))
-    how = _FROM_MATE + sum(jnp.where(chosen, part, 0) for chosen, part in parts)
+    # Transposing changes the shape, so only a square grid draws its bit.
+    symmetry_bits = 7 if height == width else 3
+    symmetry = (draws.bits[4] & symmetry_bits).astype(jnp.int32)
+    mirrored = symmetry & 1 > 0
+    flipped = symmetry & 2 > 0
+    transposed = symmetry & 4 > 0
+    how = _FROM_MATE + sum(
+        [
+            jnp.where(mirrored, _MIRRORED, 0),
+            jnp.where(flipped, _FLIPPED, 0),
+            jnp.where(transposed, _TRANSPOSED, 0),
+        ]
+    )
+    first, last = draws.block
     backwards = jnp.stack([flipped, mirrored])
-    return _Change(*draws.block, _COPIED, how, jnp.where(backwards, draws.shape - 1 - offset, offset))
+    return _Change(first, last, _COPIED, how, jnp.where(backwards, draws.shape - 1 - offset, offset))
 
 
 def _either(rows: Bool[Array, ""]) -> Bool[Array, " 2"]:
