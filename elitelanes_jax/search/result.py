@@ -51,12 +51,14 @@ _HISTORY: dict[str, tuple[str | tuple[str, ...], str]] = {
     "evaluations_per_second": ("float64", "G"),
     "refused": ("int32", "SG"),
 }
-_METRICS = {f"metrics.{name}": ("float32" if name == "coverage" else "int32", "SN") for name in Metrics._fields}
+_METRICS = {f"metrics.{name}": ("int32", "SN") for name in Metrics._fields}
+_METRICS["metrics.coverage"] = ("float32", "SN")
 _ARRAYS = _ELITES | _METRICS | {f"history.{name}": kind for name, kind in _HISTORY.items()}
 # Optional arrays: measured speeds, which differ between equal searches, and counts that are all 0.
 _SPEED, _REFUSED = "history.evaluations_per_second", "history.refused"
-_STATE, _EXTRA = "state.", "features."
-_OF_EXTRA = ("int32", "SN")
+# The prefixes of the arrays of a state, and of features that are not metrics.
+_STATE, _FEATURE = "state.", "features."
+_FEATURE_KIND = ("int32", "SN")
 
 
 class History(NamedTuple):
@@ -86,19 +88,32 @@ class History(NamedTuple):
     def seconds(self) -> float:
         """The time of the generations in seconds, of all seeds together, without compilation."""
         seeds = 1 if self.best_fitness.ndim == 1 else len(self.best_fitness)
-        start = self.evaluations[:1] * (1 - 1 / self.generation[:1])  # of the first generation, also of a continued run
-        return float((np.diff(self.evaluations, prepend=start) * seeds / self.evaluations_per_second).sum())
+        # A continued run begins at a later generation than 1.
+        evaluations_before = self.evaluations[:1] * (1 - 1 / self.generation[:1])
+        evaluations = np.diff(self.evaluations, prepend=evaluations_before) * seeds
+        return float((evaluations / self.evaluations_per_second).sum())
 
     @classmethod
     def empty(cls, *seeds: int) -> "History":
         """Returns a history without generations: of one key alone, or of `seeds` seeds."""
-        none, counts = np.arange(0), np.zeros((*seeds, 0), np.int32)
-        return cls(none, none, counts, counts, np.zeros(0), counts)
+        no_numbers = np.arange(0)
+        no_counts = np.zeros((*seeds, 0), np.int32)
+        return cls(
+            generation=no_numbers,
+            evaluations=no_numbers,
+            best_fitness=no_counts,
+            elite_count=no_counts,
+            evaluations_per_second=np.zeros(0),
+            refused=no_counts,
+        )
 
     @classmethod
-    def joined(cls, parts: "Sequence[History]") -> "History":
+    def joined(cls, histories: "Sequence[History]") -> "History":
         """Joins histories along the generations."""
-        return cls(*(np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
+        fields = []
+        for arrays in zip(*histories, strict=True):
+            fields.append(np.concatenate(arrays, axis=-1))
+        return cls._make(fields)
 
 
 class RunState(NamedTuple):
@@ -215,10 +230,11 @@ class Result:
         best = "none valid"
         if valid.any():
             best = f"the best with fitness {np.asarray(fitness)[valid].min()}"
+        axes = [f"{axis.metric}:{axis.bins}:{axis.width}" for axis in self.search.axes]
         lines = [
             self._describe_search(),
             f"  elites   {valid.sum():,} in {valid.size:,} slots, {best}",
-            "  axes     " + " ".join(f"{axis.metric}:{axis.bins}:{axis.width}" for axis in self.search.axes),
+            "  axes     " + " ".join(axes),
         ]
         if self.search.ranges:
             lines.append("  where    " + " ".join(map(str, self.search.ranges)))
@@ -231,14 +247,16 @@ class Result:
     def _describe_search(self) -> str:
         """Returns the method, the size and the budget in a line."""
         settings = self.search.settings
-        preset = f", preset {settings.preset}" if settings.method in METHODS else ""
+        method = f"{self.search.optimizer}"
+        if settings.method in METHODS:
+            method += f", preset {settings.preset}"
         height, width = self.search.shape
         seeds = 1 if self.elites.fitness.ndim == 1 else len(self.elites.fitness)
-        evaluations = self.history.evaluations[-1] if len(self.history.evaluations) else 0
-        return (
-            f"Result of {self.search.optimizer}{preset}: {height} x {width} tiles, "
-            f"{pluralize(seeds, 'seed')}, {evaluations:,} evaluations each"
-        )
+        evaluations = 0
+        if len(self.history.evaluations):
+            evaluations = self.history.evaluations[-1]
+        budget = f"{pluralize(seeds, 'seed')}, {evaluations:,} evaluations each"
+        return f"Result of {method}: {height} x {width} tiles, {budget}"
 
     @jax.transfer_guard("allow")
     def save(self, path: str | Path, *, state: bool = True, seed: int | None = None) -> None:
@@ -256,26 +274,29 @@ class Result:
         """
         file = check_named("path", file_named(".npz"), path)
         seed = check_named("seed", none_or(SEED), seed)
-        elites = self.elites._asdict()
-        arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
-        arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites
-        arrays |= {f"history.{name}": values for name, values in self.history._asdict().items()}
-        for name, values in arrays.items():
-            kind = _ARRAYS.get(name, _OF_EXTRA)[0]
-            arrays[name] = np.asarray(values, kind if isinstance(kind, str) else None)
+        arrays = _arrays_of(self.elites, self.history)
         if not arrays[_REFUSED].any():
             del arrays[_REFUSED]
         arrays["axes"] = np.array([axis.metric for axis in self.search.axes])
         if state:
-            arrays |= {f"{_STATE}{name}": array for name, array in _state_arrays(self.state).items()}
+            arrays |= _state_arrays(self.state)
         else:
             del arrays[_SPEED]
-        axes = [axis._asdict() for axis in self.search.axes]
-        settings: dict[str, Plain] = {"format": _FORMAT, "version": __version__, "seed": seed, "axes": axes}
-        settings |= {"search": self.search.to_plain(), "config": self.config and config_to_plain(self.config)}
+        write_atomic(file, pack(arrays, self._settings(seed)))
+
+    def _settings(self, seed: int | None) -> dict[str, Plain]:
+        """Returns the settings that the file of the result has."""
+        settings: dict[str, Plain] = {
+            "format": _FORMAT,
+            "version": __version__,
+            "seed": seed,
+            "axes": [axis._asdict() for axis in self.search.axes],
+            "search": self.search.to_plain(),
+            "config": self.config and config_to_plain(self.config),
+        }
         if self.functions:
             settings["functions"] = dict(self.functions)
-        write_atomic(file, pack(arrays, settings))
+        return settings
 
     @classmethod
     def load(cls, path: str | Path) -> "Result":
@@ -302,13 +323,24 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
         _check_arrays(arrays, stored.search)
     except InputError as error:
         raise InputError(f"{path}: expected a result, of generate or Result.save, got {error}") from None
-    elites = MeasuredElites(
-        **{name: jnp.asarray(arrays[name]) for name in _ELITES},
-        metrics=Metrics(*(jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields)),
-        features={name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in stored.search.measured},
-    )
+    elites = _elites_from(arrays, stored.search.measured)
     history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
-    return Result(elites, history, state, stored.search, stored.config, stored.functions), stored.seed
+    result = Result(elites, history, state, stored.search, stored.config, stored.functions)
+    return result, stored.seed
+
+
+def _elites_from(arrays: Mapping[str, np.ndarray], measured: Iterable[str]) -> MeasuredElites:
+    """Returns the elites that the checked arrays of a file contain."""
+    metrics = {name: jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields}
+    features = {name: jnp.asarray(arrays[f"{_FEATURE}{name}"]) for name in measured}
+    return MeasuredElites(
+        grids=jnp.asarray(arrays["grids"]),
+        fitness=jnp.asarray(arrays["fitness"]),
+        descriptor=jnp.asarray(arrays["descriptor"]),
+        valid=jnp.asarray(arrays["valid"]),
+        metrics=Metrics(**metrics),
+        features=features,
+    )
 
 
 class SearchInterrupted(KeyboardInterrupt):
@@ -344,11 +376,34 @@ def check_can_save(state: Iterable[AnyArray | jax.ShapeDtypeStruct]) -> None:
             raise InputError(f"state: expected arrays of NumPy's numbers, to be saved, got {leaf.dtype}")
 
 
+def _arrays_of(elites: MeasuredElites, history: History) -> dict[str, np.ndarray]:
+    """Returns the arrays of elites and their history by their names in a file."""
+    arrays: dict[str, AnyArray] = {}
+    for name, values in elites.metrics._asdict().items():
+        arrays[f"metrics.{name}"] = values
+    for name, values in elites.features.items():
+        arrays[f"{_FEATURE}{name}"] = values
+    for name in _ELITES:
+        arrays[name] = getattr(elites, name)
+    for name, values in history._asdict().items():
+        arrays[f"history.{name}"] = values
+    for name, values in arrays.items():
+        dtype, _ = _ARRAYS.get(name, _FEATURE_KIND)
+        # A fitness has one of several dtypes, and is stored as it is.
+        arrays[name] = np.asarray(values, dtype if isinstance(dtype, str) else None)
+    return arrays
+
+
 def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
+    """Returns the arrays of a state by their names in a file."""
     check_can_save(state.inner)
-    inner = {f"inner.{index}": np.asarray(leaf) for index, leaf in enumerate(state.inner)}
-    generation, fingerprint = np.asarray(state.generation, np.int32), np.asarray(state.fingerprint, np.uint32)
-    return {"generation": generation, "fingerprint": fingerprint} | inner
+    arrays = {
+        f"{_STATE}generation": np.asarray(state.generation, np.int32),
+        f"{_STATE}fingerprint": np.asarray(state.fingerprint, np.uint32),
+    }
+    for index, leaf in enumerate(state.inner):
+        arrays[f"{_STATE}inner.{index}"] = np.asarray(leaf)
+    return arrays
 
 
 class _Stored(NamedTuple):
@@ -399,34 +454,52 @@ def _read_functions(settings: dict[str, Plain]) -> tuple[tuple[str, str], ...]:
 
 def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
     """Takes the state out of the arrays of a file; without a state, returns one that fits no search."""
-    kept = {name.removeprefix(_STATE): arrays.pop(name) for name in list(arrays) if name.startswith(_STATE)}
     arrays.pop("axes", None)
-    inner = tuple(kept[name] for index in range(len(kept) - 2) if (name := f"inner.{index}") in kept)
-    generation, fingerprint = (
-        kept.get(name, np.zeros((), dtype)) for name, dtype in (("generation", np.int32), ("fingerprint", np.uint32))
-    )
-    if len(inner) < len(kept) - 2 or generation.shape or fingerprint.shape:
+    state_arrays = {}
+    for name in list(arrays):
+        if name.startswith(_STATE):
+            state_arrays[name.removeprefix(_STATE)] = arrays.pop(name)
+    leaf_count = len(state_arrays) - 2
+    leaves = []
+    for index in range(leaf_count):
+        if f"inner.{index}" in state_arrays:
+            leaves.append(state_arrays[f"inner.{index}"])
+    generation = state_arrays.get("generation", np.zeros((), np.int32))
+    fingerprint = state_arrays.get("fingerprint", np.zeros((), np.uint32))
+    if len(leaves) < leaf_count or generation.shape or fingerprint.shape:
         raise InputError("a file with an incomplete state")
-    return RunState(generation, inner, fingerprint)
+    return RunState(generation, tuple(leaves), fingerprint)
 
 
 def _check_arrays(arrays: Mapping[str, np.ndarray], search: Search) -> None:
     """Checks names, dtypes and shapes against each other and a search; error messages continue "got"."""
     sizes = {"D": len(search.axes)}
-    seeds = arrays.get("grids", np.empty(0)).ndim == 4
-    kinds = _ARRAYS | {f"{_EXTRA}{name}": _OF_EXTRA for name in search.measured}
+    has_seeds = arrays.get("grids", np.empty(0)).ndim == 4
+    kinds = _ARRAYS | {f"{_FEATURE}{name}": _FEATURE_KIND for name in search.measured}
     for name, (dtype, letters) in kinds.items():
-        letters = letters if seeds else letters.replace("S", "")
-        array = arrays.get(name)
-        if array is None:
+        if name not in arrays:
             raise InputError(f"a file without {name}")
-        fits = array.dtype in ([dtype] if isinstance(dtype, str) else dtype) and array.ndim == len(letters)
-        if not fits or any(
-            sizes.setdefault(letter, size) != size for letter, size in zip(letters, array.shape, strict=True)
-        ):
-            raise InputError(f"{name} of {array.dtype} {array.shape}, which does not fit the other arrays")
-    if unknown := set(arrays) - set(kinds):
+        array = arrays[name]
+        dtypes = (dtype,) if isinstance(dtype, str) else dtype
+        if not has_seeds:
+            letters = letters.replace("S", "")
+        if array.dtype not in dtypes or not _fits_sizes(array.shape, letters, sizes):
+            got = f"{name} of {array.dtype} {array.shape}"
+            raise InputError(f"{got}, which does not fit the other arrays")
+    unknown = set(arrays) - set(kinds)
+    if unknown:
         raise InputError(f"a file with {min(unknown)}, which no result has")
     grids = arrays["grids"]
-    if not 0 <= grids.min() <= grids.max() <= 15 or max(grids.shape[-2:]) > LONGEST_SIDE:
+    has_codes = 0 <= grids.min() <= grids.max() <= 15
+    if not has_codes or max(grids.shape[-2:]) > LONGEST_SIDE:
         raise InputError(f"grids that are not of tile codes 0 to 15, of shape {grids.shape}")
+
+
+def _fits_sizes(shape: Sequence[int], letters: str, sizes: dict[str, int]) -> bool:
+    """Returns whether an array has the sizes of the axes so far. Adds the sizes of new axes to `sizes`."""
+    if len(shape) != len(letters):
+        return False
+    for letter, size in zip(letters, shape, strict=True):
+        if sizes.setdefault(letter, size) != size:
+            return False
+    return True
