@@ -28,6 +28,9 @@ _GROUND, _KERB, _ROAD, _LANE, _END, _VACANT = "#eef0ea", "#b9bdb4", "#4a4f5a", "
 
 _HARD_SPACE = "\N{NO-BREAK SPACE}"
 
+# The points of a line, [P, 2], x and y in tiles.
+_Line = NDArray[np.float64]
+
 # Widths as parts of the road's.
 _KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
 
@@ -54,35 +57,75 @@ def road_map(
     """
     codes = np.asarray(check_grid(grid))
     if not 0 < width <= 0.8:
-        raise InputError(f"width: expected a part of a tile's side, over 0 and at most 0.8, got {width!r}")
-    shown = np.zeros(codes.shape, bool) if marked is None else np.asarray(marked, bool)
-    if shown.shape != codes.shape:
-        raise InputError(f"marked: expected a mask of the grid's shape {codes.shape}, got {shown.shape}")
-    ax = _axes(ax)
-    from matplotlib.collections import LineCollection, PolyCollection
-
+        expected = "a part of a tile's side, over 0 and at most 0.8"
+        raise InputError(f"width: expected {expected}, got {width!r}")
     rows, columns = codes.shape
+    is_marked = np.zeros((rows, columns), bool)
+    if marked is not None:
+        is_marked = np.asarray(marked, bool)
+    if is_marked.shape != (rows, columns):
+        expected = f"a mask of the grid's shape {(rows, columns)}"
+        raise InputError(f"marked: expected {expected}, got {is_marked.shape}")
+
+    ax = _axes(ax)
     ax.set_aspect("equal")
     ax.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], facecolor=_GROUND)
     ax.spines[:].set_visible(False)
-    cells = [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)] for y, x in np.argwhere(shown)]
-    ax.add_collection(PolyCollection(cells, facecolors="#ffdf9e", label="marked"))
+
     lines, ends = _links(codes)
-    for name, share, colour in (("kerb", _KERB_WIDTH * width, _KERB), ("road", width, _ROAD)):
-        # A hairline of the same colour closes the seams between smoothed edges.
-        ribbons = [_ribbon(line, share) for line in lines]
-        ax.add_collection(
-            PolyCollection(ribbons, facecolors=colour, edgecolors=colour, linewidths=0.3, snap=False, label=name)
-        )
+    _draw_marked_cells(ax, is_marked)
+    _draw_ribbons(ax, lines, _KERB_WIDTH * width, _KERB, "kerb")
+    _draw_ribbons(ax, lines, width, _ROAD, "road")
     if lanes:
-        box = ax.get_window_extent()
-        points = _LANE_WIDTH * width * 72 / ax.figure.dpi * min(box.width / columns, box.height / rows)
-        ax.add_collection(
-            LineCollection(lines, colors=_LANE, linewidths=points, linestyles=(0, (2.2, 1.5)), label="lanes")
-        )
-    bars = [_bar(line, width + 0.2) for line in ends]
-    ax.add_collection(PolyCollection(bars, facecolors=_END, label="ends"))
+        _draw_lane_lines(ax, lines, _LANE_WIDTH * width, (rows, columns))
+    _draw_end_bars(ax, ends, width + 0.2)
     return ax
+
+
+def _draw_marked_cells(ax: "Axes", is_marked: NDArray[np.bool_]) -> None:
+    from matplotlib.collections import PolyCollection
+
+    squares = []
+    for y, x in np.argwhere(is_marked):
+        squares.append([(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)])
+    ax.add_collection(PolyCollection(squares, facecolors="#ffdf9e", label="marked"))
+
+
+def _draw_ribbons(ax: "Axes", lines: Sequence[_Line], width: float, colour: str, label: str) -> None:
+    """Draws each line as a ribbon of a width in tiles."""
+    from matplotlib.collections import PolyCollection
+
+    polygons = [_ribbon(line, width) for line in lines]
+    # A hairline of the same colour closes the seams between smoothed edges.
+    ribbons = PolyCollection(
+        polygons,
+        facecolors=colour,
+        edgecolors=colour,
+        linewidths=0.3,
+        snap=False,
+        label=label,
+    )
+    ax.add_collection(ribbons)
+
+
+def _draw_lane_lines(ax: "Axes", lines: Sequence[_Line], width: float, shape: tuple[int, int]) -> None:
+    """Draws the dashed lines between the lanes. Matplotlib wants their width in points instead of tiles."""
+    from matplotlib.collections import LineCollection
+
+    rows, columns = shape
+    box = ax.get_window_extent()
+    pixels_per_tile = min(box.width / columns, box.height / rows)
+    points = width * 72 / ax.figure.dpi * pixels_per_tile
+    dashes = (0, (2.2, 1.5))
+    lane_lines = LineCollection(lines, colors=_LANE, linewidths=points, linestyles=dashes, label="lanes")
+    ax.add_collection(lane_lines)
+
+
+def _draw_end_bars(ax: "Axes", ends: Sequence[_Line], width: float) -> None:
+    from matplotlib.collections import PolyCollection
+
+    bars = [_bar(line, width) for line in ends]
+    ax.add_collection(PolyCollection(bars, facecolors=_END, label="ends"))
 
 
 @name_wrong_arguments
@@ -130,33 +173,43 @@ def archive_map(
     axes = parse_axes(axes, features=None)
     if not all(axis.width for axis in axes):
         raise InputError("axes: expected ones with a width, such as result.search.axes, got one without")
-    *down, across = _names_of(axes, across, down)
-    by_name = {axis.metric: axis for axis in axes}
-    rows, columns = [by_name[name] for name in down], by_name[across]
-    table = _niche_table(np.asarray(fitness, float), axes, [*down, across])
+    shown_names = _names_of(axes, across, down)
+    axis_by_name = {axis.metric: axis for axis in axes}
+    shown_axes = [axis_by_name[name] for name in shown_names]
+    table = _niche_table(np.asarray(fitness, float), axes, shown_names)
 
     ax = _axes(ax)
-    style: dict[str, Untyped] = {"cmap": "viridis_r", "aspect": "auto", "interpolation": "nearest"} | image
-    cells = ax.imshow(np.ma.masked_invalid(table), **style)
+    style: dict[str, Untyped] = {
+        "cmap": "viridis_r",
+        "aspect": "auto",
+        "interpolation": "nearest",
+    }
+    cells = ax.imshow(np.ma.masked_invalid(table), **(style | image))
     ax.patch.set(facecolor=_VACANT, hatch="////", edgecolor="#cfcfca", linewidth=0)
     ax.figure.colorbar(cells, ax=ax, label=label)
-    _label_columns(ax, columns)
-    _label_rows(ax, rows)
+    _label_columns(ax, shown_axes[-1])
+    _label_rows(ax, shown_axes[:-1])
     return ax
 
 
 def _names_of(axes: "Sequence[Axis]", across: str | None, down: Sequence[str] | str | None) -> list[str]:
-    """Returns the names of the axes that are shown: those down, then the one across."""
+    """Returns the names of the shown axes: first the axes down, then the axis across."""
     names = [axis.metric for axis in axes]
     if across is None:
-        across = names[int(np.argmax([axis.bins for axis in axes]))]
+        bins = [axis.bins for axis in axes]
+        across = names[int(np.argmax(bins))]
     if down is None:
-        down = [name for name in names if name != across]
-    shown = [*([down] if isinstance(down, str) else down), across]
+        shown = [name for name in names if name != across]
+    elif isinstance(down, str):
+        shown = [down]
+    else:
+        shown = list(down)
+    shown.append(across)
     for name in shown:
         if name not in names or shown.count(name) > 1:
             argument = "across" if name == across else "down"
-            raise InputError(f"{argument}: expected each of {', '.join(names)} at most once, got {', '.join(shown)}")
+            expected = f"each of {', '.join(names)} at most once"
+            raise InputError(f"{argument}: expected {expected}, got {', '.join(shown)}")
     return shown
 
 
@@ -167,18 +220,21 @@ def _niche_table(fitness: NDArray[np.float64], axes: "Sequence[Axis]", shown: Se
     if not fitness.size or fitness.shape[-1] != prod(bins):
         raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {fitness.shape}")
     is_filled = np.isfinite(fitness) & (fitness < np.iinfo(np.int32).max)
-    lowest = np.where(is_filled, fitness, np.inf).reshape(-1, *bins).min(axis=0)
+    by_seed = np.where(is_filled, fitness, np.inf).reshape(-1, *bins)
+    lowest = by_seed.min(axis=0)
     hidden = tuple(index for index, name in enumerate(names) if name not in shown)
+    lowest = lowest.min(axis=hidden)
     remaining = [name for name in names if name in shown]
     order = [remaining.index(name) for name in shown]
-    return lowest.min(axis=hidden).transpose(order).reshape(-1, bins[names.index(shown[-1])])
+    columns = bins[names.index(shown[-1])]
+    return lowest.transpose(order).reshape(-1, columns)
 
 
 def _label_columns(ax: "Axes", axis: "Axis") -> None:
     """Labels the bins of the axis across, ten at most."""
-    every = -(-axis.bins // 9)
-    places = range(0, axis.bins, every)
-    ax.set_xticks(places, [_bin_name(axis, index) for index in places])
+    step = -(-axis.bins // 9)
+    ticks = range(0, axis.bins, step)
+    ax.set_xticks(ticks, [_bin_name(axis, index) for index in ticks])
     ax.set_xlabel(_in_words(axis.metric))
 
 
@@ -189,17 +245,19 @@ def _label_rows(ax: "Axes", axes: "Sequence[Axis]") -> None:
         return
     names = [axis.metric.replace("_", _HARD_SPACE) for axis in axes]
     ax.set_ylabel(fill(f"{_HARD_SPACE}· ".join(names), 44))
-    heads = []
-    for indices in np.ndindex(*(axis.bins for axis in axes)):
-        heads.append(" · ".join(_bin_name(axis, index) for axis, index in zip(axes, indices, strict=True)))
-    # As many labels as are legible, the same ones in each group.
+    labels = []
+    bins = [axis.bins for axis in axes]
+    for indices in np.ndindex(*bins):
+        bin_names = [_bin_name(axis, index) for axis, index in zip(axes, indices, strict=True)]
+        labels.append(" · ".join(bin_names))
+    # Shows as many labels as are legible, and the same ones in each group.
     group = axes[-1].bins
-    every = -(-len(heads) // 32)
-    while group % every and every % group:
-        every += 1
-    ax.set_yticks(range(0, len(heads), every), heads[::every])
+    step = -(-len(labels) // 32)
+    while group % step and step % group:
+        step += 1
+    ax.set_yticks(range(0, len(labels), step), labels[::step])
     if len(axes) > 1:
-        for row in range(group, len(heads), group):
+        for row in range(group, len(labels), group):
             ax.axhline(row - 0.5, color="white", linewidth=1.5)
 
 
@@ -259,27 +317,34 @@ def seed_band(
     Raises:
       InputError: for values of another shape, bad quantiles, or without matplotlib.
     """
-    steps, samples = np.asarray(x), np.atleast_2d(np.asarray(values, float))
-    if steps.ndim != 1 or samples.ndim != 2 or samples.shape[1] != steps.size or not len(samples):
-        raise InputError(f"values: expected [S, {steps.size}] like x, got shape {np.shape(values)}")
-    shares = np.asarray(quantiles)
-    if shares.shape != (2,) or shares.dtype.kind not in "fiu" or not 0 <= shares[0] <= shares[1] <= 1:
-        raise InputError(f"quantiles: expected two from 0 to 1, the lower first, got {quantiles!r}")
-    low, high = shares
+    x_values = np.asarray(x)
+    samples = np.atleast_2d(np.asarray(values, float))
+    is_table = samples.ndim == 2 and len(samples) > 0
+    if x_values.ndim != 1 or not is_table or samples.shape[1] != x_values.size:
+        raise InputError(f"values: expected [S, {x_values.size}] like x, got shape {np.shape(values)}")
+    limits = np.asarray(quantiles)
+    is_pair = limits.shape == (2,) and limits.dtype.kind in "fiu"
+    if not is_pair or not 0 <= limits[0] <= limits[1] <= 1:
+        expected = "two from 0 to 1, the lower first"
+        raise InputError(f"quantiles: expected {expected}, got {quantiles!r}")
+    low, high = limits
     ax = _axes(ax)
     bottom, middle, top = np.quantile(samples, [low, 0.5, high], axis=0)
-    (drawn,) = ax.plot(steps, middle, label=label, **line)
-    ax.fill_between(steps, bottom, top, color=drawn.get_color(), alpha=0.2, linewidth=0)
+    (median_line,) = ax.plot(x_values, middle, label=label, **line)
+    colour = median_line.get_color()
+    ax.fill_between(x_values, bottom, top, color=colour, alpha=0.2, linewidth=0)
     ax.grid(alpha=0.3)
     return ax
 
 
 def _axes(ax: "Axes | None") -> "Axes":
-    if ax is not None:
-        if not hasattr(ax, "plot"):
-            raise InputError(f"ax: expected axes of matplotlib, got {shorten(repr(ax))}")
+    """Returns the Axes to draw on, checked; by default those of a new figure."""
+    if ax is None:
+        pyplot = import_optional("matplotlib.pyplot", "plots need matplotlib", "matplotlib")
+        _, ax = pyplot.subplots(layout="constrained")
         return ax
-    _, ax = import_optional("matplotlib.pyplot", "plots need matplotlib", "matplotlib").subplots(layout="constrained")
+    if not hasattr(ax, "plot"):
+        raise InputError(f"ax: expected axes of matplotlib, got {shorten(repr(ax))}")
     return ax
 
 
@@ -291,8 +356,10 @@ def _bin_name(axis: "Axis", index: int) -> str:
     """Returns the values in a bin, shares in per cent."""
     from elitelanes_jax.problem.features import SHARE_UNIT, feature_unit, is_share
 
-    first, last = axis.start + index * axis.width, axis.start + (index + 1) * axis.width - 1
-    is_open = index == axis.bins - 1  # the last bin has all larger values
+    first = axis.start + index * axis.width
+    last = first + axis.width - 1
+    # The last bin has all larger values.
+    is_open = index == axis.bins - 1
     if is_share(axis.metric):
         text = f"{100 * first / SHARE_UNIT:g}%"
         is_open &= last < SHARE_UNIT - 1
@@ -309,51 +376,58 @@ def _bin_name(axis: "Axis", index: int) -> str:
 _TO_SIDE = {side.bit: (side.right / 2, side.down / 2) for side in SIDES}
 
 
-def _links(codes: NDArray[np.int8]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-    """Returns the lines ``[P, 2]``, x and y, of links and unmatched connections; and the lines from roads' ends."""
+def _links(codes: NDArray[np.int8]) -> tuple[list[_Line], list[_Line]]:
+    """Returns the lines of links and unmatched connections; and the lines from the roads' ends."""
     height, width = codes.shape
-    lines, ends = [], []
+    lines = []
+    ends = []
     for row, column in np.ndindex(height, width):
         code = int(codes[row, column])
         for side in SIDES:
             if not code & side.bit:
                 continue
-            here = _half(code, side.bit, (row, column))
-            beyond = row + side.down, column + side.right
-            inside = 0 <= beyond[0] < height and 0 <= beyond[1] < width
-            other = int(codes[beyond]) if inside else 0
-            if not other & side.opposite:
-                lines.append(here)
-                ends.append(here[::-1])
+            half_line = _half_line(code, side.bit, (row, column))
+            neighbour = row + side.down, column + side.right
+            is_inside = 0 <= neighbour[0] < height and 0 <= neighbour[1] < width
+            neighbour_code = int(codes[neighbour]) if is_inside else 0
+            if not neighbour_code & side.opposite:
+                lines.append(half_line)
+                ends.append(half_line[::-1])
             elif side.bit in (EAST, SOUTH):
-                there = _half(other, side.opposite, beyond)
-                lines.append(np.concatenate([here, there[-2::-1]]))
+                # The tile to the west or north draws the link of both, and their common point once.
+                other_half = _half_line(neighbour_code, side.opposite, neighbour)
+                lines.append(np.concatenate([half_line, other_half[-2::-1]]))
             if CONNECTIONS[code] == 1:
-                ends.append(here)
+                ends.append(half_line)
     return lines, ends
 
 
-def _half(code: int, side: int, tile: tuple[int, int]) -> NDArray[np.float64]:
+def _half_line(code: int, side: int, tile: tuple[int, int]) -> _Line:
     """Returns the line from the junction of a tile's roads to one side; in a turn from the middle of its arc."""
-    middle, to = np.array(tile[::-1]) + 0.5, np.array(_TO_SIDE[side])
+    middle = np.array(tile[::-1]) + 0.5
+    to_side = np.array(_TO_SIDE[side])
     if code not in KINDS["turn"]:
-        return middle + np.array([[0.0], [0.5], [1.0]]) * to
-    other = np.array(_TO_SIDE[code & ~side])
-    angles = np.linspace(np.pi / 4, np.pi / 2, 7)[:, None]
+        return middle + np.array([[0.0], [0.5], [1.0]]) * to_side
+    to_other_side = np.array(_TO_SIDE[code & ~side])
     # An arc around the corner between the two sides, whose middles are half a tile from it.
-    return middle + to + other - np.cos(angles) * to - np.sin(angles) * other
+    corner = middle + to_side + to_other_side
+    angles = np.linspace(np.pi / 4, np.pi / 2, 7)[:, None]
+    return corner - np.cos(angles) * to_side - np.sin(angles) * to_other_side
 
 
-def _directions(line: NDArray[np.float64]) -> NDArray[np.float64]:
+def _directions(line: _Line) -> NDArray[np.float64]:
     """Returns unit vectors along a line at each of its points, exact at its ends, so that ribbons meet."""
     step = np.gradient(line, axis=0, edge_order=2)
     return step / np.linalg.norm(step, axis=1, keepdims=True)
 
 
-def _ribbon(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
+def _ribbon(line: _Line, width: float) -> NDArray[np.float64]:
+    """Returns the outline of a ribbon around a line."""
     aside = _directions(line)[:, ::-1] * (-width / 2, width / 2)
     return np.concatenate([line + aside, (line - aside)[::-1]])
 
 
-def _bar(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
-    return _ribbon(line[0] + np.array([[0.0], [0.05], [0.1]]) * _directions(line)[0], width)
+def _bar(line: _Line, width: float) -> NDArray[np.float64]:
+    """Returns the outline of a bar across the start of a line."""
+    bar_line = line[0] + np.array([[0.0], [0.05], [0.1]]) * _directions(line)[0]
+    return _ribbon(bar_line, width)
