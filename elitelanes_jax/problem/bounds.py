@@ -126,27 +126,34 @@ class FeatureBounds(NamedTuple):
         if feature in TOWN_FEATURES and feature not in COUNTED.values():
             return self._of_town(feature)
         part, whole = SHARES.get(feature, (feature, ()))
-        low, high = map(Fraction, self.intervals[part])
+        low, high = self.intervals[part]
         if not whole:
-            return low, high
+            return Fraction(low), Fraction(high)
         smallest = sum(self.intervals[name][0] for name in whole)
         largest = sum(self.intervals[name][1] for name in whole)
-        return low / max(largest, 1), min(Fraction(1), high / max(smallest, 1))
+        least_share = Fraction(low, max(largest, 1))
+        most_share = Fraction(high, max(smallest, 1))
+        return least_share, min(Fraction(1), most_share)
 
     def _of_town(self, feature: str) -> tuple[Fraction, Fraction]:
         least, most = 0, largest_town_feature(feature, self.shape)
         unit = feature_unit(feature)
-        fixed = features_without_gaps(self.shape)
-        if feature in fixed and self.has_no_gaps:
-            least = most = fixed[feature]
+        values_without_gaps = features_without_gaps(self.shape)
+        if feature in values_without_gaps and self.has_no_gaps:
+            least = most = values_without_gaps[feature]
         elif feature in _PER_TILE:
             low, high = self.intervals[_PER_TILE[feature]]
-            smallest, largest = self.intervals["tiles"]
-            least = unit * low // max(largest, 1)
-            most = unit * high // max(smallest, 1)
-        elif feature == "signable" and all(self.intervals[name] == (0, 0) for name in _BESIDE_CROSSINGS):
+            fewest_tiles, most_tiles = self.intervals["tiles"]
+            least = unit * low // max(most_tiles, 1)
+            most = unit * high // max(fewest_tiles, 1)
+        elif feature == "signable" and self._leaves_room_for_signs:
             least = unit
         return Fraction(least, unit), Fraction(most, unit)
+
+    @property
+    def _leaves_room_for_signs(self) -> bool:
+        """Whether every crossing of every map has room for its signs."""
+        return all(self.intervals[name] == (0, 0) for name in _BESIDE_CROSSINGS)
 
     @property
     def has_no_gaps(self) -> bool:
@@ -190,10 +197,14 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
 
 def _least_tiles(where: Iterable[Range], shape: tuple[int, int]) -> list[_Inequality]:
     """Returns a least number of tiles: the least box around a town, times the least part of it that has tiles."""
-    box = [item.low or 0 for item in where if item.name in ("box_share", "box_fill")]
-    if len(box) < 2:
+    least_shares = []
+    for item in where:
+        if item.name in ("box_share", "box_fill"):
+            least_shares.append(item.low or 0)
+    if len(least_shares) < 2:
         return []
-    return [_Inequality({"tiles": 1}, ceil(prod(box) * prod(shape)))]
+    least_tiles = ceil(prod(least_shares) * prod(shape))
+    return [_Inequality({"tiles": 1}, least_tiles)]
 
 
 def _check_range(item: Range, bounds: FeatureBounds, maps: str) -> None:
@@ -235,11 +246,14 @@ def check_feasible(
         _check_fixed(fix, rules)
         _check_room(fix, filled)
     if where:
-        certain = {name: value for name, value, _ in map_constraints(rules, filled=filled and fix is None)}
+        fills_all_cells = filled and fix is None
+        constraints = map_constraints(rules, filled=fills_all_cells)
+        certain = {name: value for name, value, _ in constraints}
+        maps = f"maps of {shape[0]} x {shape[1]} tiles"
         for kind in lacking_kinds:
             certain[COUNTED[kind]] = 0
-        without = f" without {' and '.join(lacking_kinds)}" if lacking_kinds else ""
-        maps = f"maps of {shape[0]} x {shape[1]} tiles{without}"
+        if lacking_kinds:
+            maps += f" without {' and '.join(lacking_kinds)}"
         check_ranges(where, find_bounds(shape, certain), maps)
 
 
@@ -264,31 +278,43 @@ def _check_room(fix: FixedCells, filled: bool) -> None:
     """
     is_fixed = fix.fixed
     ways = _ways(np.where(is_fixed, fix.grid, 15))
-    ways = {cell: beside for cell, beside in ways.items() if beside or is_fixed[cell]}
+    for cell, neighbours in list(ways.items()):
+        if not neighbours and not is_fixed[cell]:
+            del ways[cell]
     needed = [cell for cell in ways if filled or is_fixed[cell]]
-    dead_ends = [cell for cell, beside in ways.items() if len(beside) < 2]
+    dead_ends = [cell for cell, neighbours in ways.items() if len(neighbours) < 2]
     if filled and dead_ends:
         row, column = dead_ends[0]
-        raise InputError(
-            f"fix: expected two neighbours for a road in every free cell, got one at row {row}, column {column}; "
-            "with rules, an inventory or a style such as town it may stay empty"
-        )
+        expected = "two neighbours for a road in every free cell"
+        hint = "with rules, an inventory or a style such as town it may stay empty"
+        raise InputError(f"fix: expected {expected}, got one at row {row}, column {column}; {hint}")
+    _cut_dead_ends(ways, dead_ends)
+    reachable: set[_Cell] = set()
+    starts = needed or list(ways)
+    if starts:
+        reachable = _reachable(ways, starts[0])
+    if not reachable:
+        raise InputError("fix: expected cells that leave room for a loop of roads, got none")
+    for cell in needed:
+        if cell not in reachable:
+            expected = "cells whose roads can be connected"
+            got = f"no way from {_in_words(needed[0])} to {_in_words(cell)}"
+            raise InputError(f"fix: expected {expected}, got {got}")
+
+
+def _in_words(cell: _Cell) -> str:
+    row, column = cell
+    return f"row {row}, column {column}"
+
+
+def _cut_dead_ends(ways: dict[_Cell, set[_Cell]], dead_ends: list[_Cell]) -> None:
+    """Deletes the cells of dead ends from `ways`, and then the cells that this makes dead ends."""
     while dead_ends:
         cell = dead_ends.pop()
         for neighbour in ways.pop(cell):
             ways[neighbour].discard(cell)
             if len(ways[neighbour]) == 1:
                 dead_ends.append(neighbour)
-    starts = needed or list(ways)
-    reached = _reachable(ways, starts[0]) if starts else set()
-    if not reached:
-        raise InputError("fix: expected cells that leave room for a loop of roads, got none")
-    for cell in needed:
-        if cell not in reached:
-            first = "row {}, column {}".format(*needed[0])
-            last = "row {}, column {}".format(*cell)
-            expected = "fix: expected cells whose roads can be connected"
-            raise InputError(f"{expected}, got no way from {first} to {last}")
 
 
 def _reachable(ways: Mapping[_Cell, set[_Cell]], start: _Cell) -> set[_Cell]:
@@ -397,25 +423,41 @@ def _narrowed(bounds: FeatureBounds) -> FeatureBounds:
     intervals = dict(bounds.intervals)
     for _ in range(_MOST_ROUNDS):
         before = dict(intervals)
-        for factors, least in bounds.inequalities:
-            ends = {name: max(factor * end for end in intervals[name]) for name, factor in factors.items()}
-            spare = sum(ends.values()) - least
-            for name, factor in factors.items():
-                limit = ends[name] - spare  # of this term, when all other terms are largest
-                low, high = intervals[name]
-                if factor > 0:
-                    _set(intervals, name, max(low, -(-limit // factor)), high)
-                elif factor < 0:
-                    _set(intervals, name, low, min(high, limit // factor))
-        # For a number of tiles, a square has the most pairs of neighbours (Harary and Harborth,
-        # 1976).
-        tiles = intervals["tiles"][1]
-        most_edges = 2 * tiles - isqrt(4 * tiles - 1) - 1 if tiles else 0
-        low, high = intervals["edges"]
-        _set(intervals, "edges", low, min(high, most_edges))
+        for inequality in bounds.inequalities:
+            _narrow_by(inequality, intervals)
+        _limit_edges(intervals)
         if intervals == before:
             break
     return bounds._replace(intervals=intervals)
+
+
+def _narrow_by(inequality: _Inequality, intervals: dict[str, tuple[int, int]]) -> None:
+    """Narrows the interval of each metric to what the inequality allows if all other terms are largest."""
+    factors, least = inequality
+    largest_terms = {}
+    for name, factor in factors.items():
+        low, high = intervals[name]
+        largest_terms[name] = max(factor * low, factor * high)
+    spare = sum(largest_terms.values()) - least
+    for name, factor in factors.items():
+        least_term = largest_terms[name] - spare
+        low, high = intervals[name]
+        if factor > 0:
+            least_value = -(-least_term // factor)  # rounded up
+            _set(intervals, name, max(low, least_value), high)
+        elif factor < 0:
+            most_value = least_term // factor
+            _set(intervals, name, low, min(high, most_value))
+
+
+def _limit_edges(intervals: dict[str, tuple[int, int]]) -> None:
+    """Limits the edges by the tiles: a square has the most pairs of neighbours (Harary and Harborth, 1976)."""
+    _, tiles = intervals["tiles"]
+    most_edges = 0
+    if tiles:
+        most_edges = 2 * tiles - isqrt(4 * tiles - 1) - 1
+    low, high = intervals["edges"]
+    _set(intervals, "edges", low, min(high, most_edges))
 
 
 def _set(intervals: dict[str, tuple[int, int]], name: str, low: int, high: int) -> None:
