@@ -84,12 +84,15 @@ class SearchFacts(NamedTuple):
 
     @classmethod
     def from_plain(cls, plain: Plain) -> "SearchFacts":
-        states = tuple((tuple(shape), jnp.dtype(dtype)) for shape, dtype in plain["states"])
-        return cls(plain["evaluations_per_step"], plain["first_generation"], states)
+        states = []
+        for shape, dtype in plain["states"]:
+            states.append((tuple(shape), jnp.dtype(dtype)))
+        return cls(plain["evaluations_per_step"], plain["first_generation"], tuple(states))
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
-        return self._asdict() | {"states": [(shape, str(dtype)) for shape, dtype in self.states]}
+        states = [(shape, str(dtype)) for shape, dtype in self.states]
+        return self._asdict() | {"states": states}
 
 
 @contextmanager
@@ -147,7 +150,8 @@ class Programs:
         self._file: Path | None = None
         self._stored: StoredPrograms | None = None
         if folder is not None and not setup.has_user_functions():
-            shapes = [(leaf.shape, str(leaf.dtype)) for leaf in (*self._numbers, keys)]
+            shapes = [(leaf.shape, str(leaf.dtype)) for leaf in self._numbers]
+            shapes.append((keys.shape, str(keys.dtype)))
             self._file = find_file(folder, self._structure, shapes, single, self._part_rows)
         if self._file is not None:
             self._stored = load(self._file)
@@ -169,7 +173,8 @@ class Programs:
         """The shapes and dtypes of the states of a part, in the optimiser's structure."""
         if self._traced_states is None:
             with _tracing():
-                self._traced_states = _start_in_structure(self._structure).eval_shape(*self._arguments(_START))
+                start_all = _start_in_structure(self._structure)
+                self._traced_states = start_all.eval_shape(*self._arguments(_START))
         return self._traced_states
 
     def _trace_facts(self) -> SearchFacts:
@@ -219,15 +224,15 @@ class Programs:
         if counts:
             self._evaluated_cells = cells
         # The largest programs are first: they compile while the others are lowered.
-        keys = []
+        program_keys = []
         if generations:
-            keys += [self._choose(_ADVANCE, device, cells) for device in self._devices]
+            program_keys += [self._choose(_ADVANCE, device, cells) for device in self._devices]
         if starts:
-            keys += [self._choose(_START, device, cells) for device in self._devices]
-        keys.append(self._choose(_COLLECT, jax.local_devices()[0], 0))
-        missing = [key for key in keys if key not in self._compiled]
-        if missing:
-            self._compile(missing)
+            program_keys += [self._choose(_START, device, cells) for device in self._devices]
+        program_keys.append(self._choose(_COLLECT, jax.local_devices()[0], 0))
+        missing_keys = [key for key in program_keys if key not in self._compiled]
+        if missing_keys:
+            self._compile(missing_keys)
 
     @runs_jax
     def start(self, device: jax.Device, numbers: Sequence[Array], keys: KeyData) -> States:
@@ -246,16 +251,19 @@ class Programs:
     ) -> tuple[States, Info]:
         """Runs the generations `first` to `last` of the seeds of a part, see `loop.advance`; waits for the end."""
         program = self._program(_ADVANCE, device)
-        states, rows = jax.block_until_ready(program(numbers, keys, states, np.int32(first), np.int32(last)))
-        return states, Info(*rows)
+        results = program(numbers, keys, states, np.int32(first), np.int32(last))
+        states, (best_fitness, elite_count, refused) = jax.block_until_ready(results)
+        return states, Info(best_fitness, elite_count, refused)
 
     @runs_jax
     def collect(self, numbers: Sequence[Array], states: States) -> tuple[MeasuredElites, States]:
         """Returns the elites and the states; for one key alone, both without the axis of seeds."""
-        self.prepare(starts=False, generations=0)  # the program is missing if the compiler was interrupted
+        # The program is missing if the compiler was interrupted.
+        self.prepare(starts=False, generations=0)
         program = self._program(_COLLECT, jax.local_devices()[0])
         leaves, states = program(numbers, states)
-        return jax.tree.unflatten(_structure_of_elites(self._problem.measured), leaves), states
+        structure = _structure_of_elites(self._problem.measured)
+        return jax.tree.unflatten(structure, leaves), states
 
     def _choose(self, program: str, device: jax.Device, cells: int) -> ProgramKey:
         """Returns the key of the compiled program to run: of the highest level that is there, if that is enough."""
@@ -264,23 +272,30 @@ class Programs:
         else:
             level = least_level(device.platform, cells)
         if self._floats:
-            level = LEVELS - 1  # at level 0 a sum with a product is rounded twice, at higher levels once
-        for enough in reversed(range(level, LEVELS)):
-            key = ProgramKey(program, device, enough)
+            # At level 0 a sum with a product is rounded twice, at higher levels once.
+            level = LEVELS - 1
+        for higher_level in reversed(range(level, LEVELS)):
+            key = ProgramKey(program, device, higher_level)
             if key in self._compiled:
                 return key
         return ProgramKey(program, device, level)
 
     def _program(self, program: str, device: jax.Device) -> Callable[..., Pytree]:
         """Returns the compiled program of the highest level. Searches in other threads may have added one."""
-        levels = [level for level in range(LEVELS) if ProgramKey(program, device, level) in self._compiled]
-        return self._compiled[ProgramKey(program, device, max(levels))]
+        compiled_keys = []
+        for level in range(LEVELS):
+            key = ProgramKey(program, device, level)
+            if key in self._compiled:
+                compiled_keys.append(key)
+        return self._compiled[compiled_keys[-1]]
 
     def _compile(self, keys: Sequence[ProgramKey]) -> None:
         """Compiles programs. An interruption does not wait for the threads that compile."""
-        # Each is lowered in this thread, whose settings of JAX may be its own, while those before it compile.
+        # A generator, so that this thread, which may have settings of JAX of its own, lowers a program while the
+        # programs before it compile in other threads.
         calls = (partial(compile_at, self._lower(key), key.level) for key in keys)
-        self._compiled |= zip(keys, side_by_side(calls, wait=False), strict=True)
+        compiled_programs = side_by_side(calls, wait=False)
+        self._compiled |= zip(keys, compiled_programs, strict=True)
         self._store()
 
     def _lower(self, key: ProgramKey) -> jax.stages.Lowered:
@@ -295,10 +310,7 @@ class Programs:
             else:
                 # JAX finds what an earlier process compiled of the same export.
                 program = jax.jit(self._export(key.program).call)
-            arguments = jax.tree.map(
-                lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding),
-                self._arguments(key.program),
-            )
+            arguments = jax.tree.map(partial(_shape_on, sharding), self._arguments(key.program))
             return program.lower(*arguments)
 
     def _export(self, program: str) -> "jax.export.Exported":
@@ -315,7 +327,8 @@ class Programs:
                 announce_refused(self._file, error)
                 self._stored = None
         if program not in self._exports:
-            self._exports[program] = export.export(self._exportable(program))(*self._arguments(program))
+            export_program = export.export(self._exportable(program))
+            self._exports[program] = export_program(*self._arguments(program))
         return self._exports[program]
 
     def _store(self) -> None:
@@ -326,7 +339,7 @@ class Programs:
             return
         exports = {program: bytes(export.serialize()) for program, export in self._exports.items()}
         if self._stored is not None:
-            exports = {**self._stored.exports, **exports}
+            exports = dict(self._stored.exports) | exports
         self._stored = StoredPrograms(self.facts.to_plain(), exports)
         save(self._file, self._stored)
 
@@ -351,7 +364,14 @@ class Programs:
         return numbers, keys, self._states(self._part_rows), generation, generation
 
     def _states(self, rows: int) -> tuple[jax.ShapeDtypeStruct, ...]:
-        return tuple(jax.ShapeDtypeStruct((rows, *shape), dtype) for shape, dtype in self.facts.states)
+        states = []
+        for shape, dtype in self.facts.states:
+            states.append(jax.ShapeDtypeStruct((rows, *shape), dtype))
+        return tuple(states)
+
+
+def _shape_on(sharding: jax.sharding.Sharding | None, leaf: jax.ShapeDtypeStruct) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding)
 
 
 def find_programs(
@@ -363,22 +383,34 @@ def find_programs(
     functions compute with floats.
     """
     numbers, structure = jax.tree.flatten(setup)
-    shapes = tuple((leaf.shape, leaf.dtype) for leaf in (*numbers, keys))
-    return _find(structure, shapes, single, tuple(devices), floats, find_folder(), settings_of_thread())
+    shapes = tuple((leaf.shape, leaf.dtype) for leaf in numbers)
+    return _find(
+        structure,
+        shapes,
+        (keys.shape, keys.dtype),
+        single,
+        tuple(devices),
+        floats,
+        find_folder(),
+        settings_of_thread(),
+    )
 
 
 @lru_cache(maxsize=_MOST_SEARCHES)
 def _find(
     structure: Pytree,
     shapes: tuple[tuple[tuple[int, ...], np.dtype], ...],
+    keys_shape: tuple[tuple[int, ...], np.dtype],
     single: bool,
     devices: tuple[jax.Device, ...],
     floats: bool,
     folder: Path | None,
     settings: Pytree,  # JAX's, of this thread: other settings make other programs
 ) -> Programs:
-    *numbers, keys = (jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in shapes)
-    return Programs(jax.tree.unflatten(structure, numbers), keys, single, devices, floats, folder)
+    numbers = [jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in shapes]
+    setup = jax.tree.unflatten(structure, numbers)
+    keys = jax.ShapeDtypeStruct(*keys_shape)
+    return Programs(setup, keys, single, devices, floats, folder)
 
 
 # JAX keeps what it traced of a program as long as the program is kept here. The structures are those of a setup and of
