@@ -43,12 +43,17 @@ LAYERS = ("frames", "tile_maps", "tiles", *OBJECT_LAYERS)
 ROADS = {"straight": NORTH | SOUTH, "curve": SOUTH | EAST, "3way": NORTH | EAST | SOUTH, "4way": 15}
 """The code of each kind of tile with a road at yaw 0, as the library's graph of lanes has it."""
 
-SIGNS = {
-    kind: kind.removeprefix("sign_").lower()
-    for kind in OBJECT_KINDS
-    if kind.startswith("sign_") and kind not in ("sign_blank", "sign_street_name")
-} | {"sign_4_way_intersect": "four_way_intersect", "sign_T_intersect": "t_intersection"}
+_SIGN_KINDS = [kind for kind in OBJECT_KINDS if kind.startswith("sign_")]
+_SHORT_NAMES = {kind: kind.removeprefix("sign_").lower() for kind in _SIGN_KINDS}
+
+# Signs that the library has no name for.
+_NAMELESS = ("sign_blank", "sign_street_name")
+
+SIGNS = {kind: name for kind, name in _SHORT_NAMES.items() if kind not in _NAMELESS}
 """The library's name of each kind of sign."""
+
+SIGNS["sign_4_way_intersect"] = "four_way_intersect"
+SIGNS["sign_T_intersect"] = "t_intersection"
 
 TURNED_AS_LIBRARY = "# Curves and 3-way tiles are turned as in the library dt-maps 0.1.0.\n"
 TURNED_AS_MATRIX = "# Curves and 3-way tiles are turned as in the Duckiematrix.\n"
@@ -57,19 +62,13 @@ TURNED_AS_MATRIX = "# Curves and 3-way tiles are turned as in the Duckiematrix.\
 ROADS_OF_MATRIX = ROADS | {"curve": NORTH | WEST, "3way": NORTH | EAST | WEST}
 """The same codes in the maps of the Duckiematrix and of map editors."""
 
-_KIND_OF_SIGN = {name: kind for kind, name in SIGNS.items()} | {
-    kind.removeprefix("sign_").lower(): kind for kind in OBJECT_KINDS if kind.startswith("sign_")
-}
+# The kind of each sign by the library's name, or by the name of our kind.
+_KIND_OF_SIGN = {name: kind for kind, name in SIGNS.items()}
+_KIND_OF_SIGN |= {name: kind for kind, name in _SHORT_NAMES.items()}
 _KIND_OF_LAYER = {"citizens": "duckie", "vehicles": "duckiebot", "ground_tags": "floor_tag"}
 
-_NOTHING = (
-    None,
-    "",
-    "~",
-    "null",
-    "Null",
-    "NULL",
-)  # as texts, because `yaml_tree` keeps all scalars as texts
+# Texts, because `yaml_tree` keeps all scalars as texts.
+_NOTHING = (None, "", "~", "null", "Null", "NULL")
 _METRES = ("m", "metres", "meters")
 _CELL_IN_NAME = re.compile(r"_(-?\d{1,4})_(-?\d{1,4})$")
 _NEAR = 0.05  # tiles, and radians: how far a position or a yaw may be from a cell or a right angle
@@ -89,7 +88,8 @@ class _Pose(NamedTuple):
         """Returns the pose of a child, given in this frame, in the parent of this frame."""
         x = self.x + cos(self.yaw) * child.x - sin(self.yaw) * child.y
         y = self.y + sin(self.yaw) * child.x + cos(self.yaw) * child.y
-        yaw = remainder(self.yaw + child.yaw, 2 * pi)  # the sum of several may be infinite
+        # The remainder, because the sum of several yaws may be infinite.
+        yaw = remainder(self.yaw + child.yaw, 2 * pi)
         return _Pose(x, y, yaw)
 
     def seen_from(self, origin: "_Pose") -> "_Pose":
@@ -116,46 +116,85 @@ def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] |
         names the file, and the tile, frame or object.
     """
     layers = {name: _read_layer(folder, name) for name in LAYERS}
-    root, size = _tile_map(folder, layers)
-    frames = _Frames(folder / "frames.yaml", layers["frames"], root, size)
-    tiles: dict[str, _Tile] = {}
-    for name, values in layers["tiles"].items():
-        pose = frames.pose(name) if name in frames else None
-        clockwise = name in frames and frames.is_in_degrees(name)
-        label = f"{folder / 'tiles.yaml'}: {name}"
-        tiles[name] = check_named(label, _read_tile, name, values, pose, clockwise, size)
+    map_name, size = _tile_map(folder, layers)
+    frames = _Frames(folder / "frames.yaml", layers["frames"], map_name, size)
+    tiles = _read_tiles(folder / "tiles.yaml", layers["tiles"], frames)
     corner, readings = check_named(str(folder / "tiles.yaml"), _place_tiles, tiles)
-    codes = _as_turned(folder, *readings)
+    codes = _as_turned(folder, readings)
     frames.place_tiles({name: tile.cell for name, tile in tiles.items()})
-    objects: dict[str, list[MapObject]] = {}  # by frame, because objects of several layers may share one
+    objects = _read_objects(folder, layers, frames, corner, codes.shape)
+    if not objects:
+        return codes, None
+    return codes, tuple(objects)
+
+
+def _read_tiles(file: Path, layer: Mapping[str, _Table], frames: "_Frames") -> dict[str, "_Tile"]:
+    """Returns the tiles of a layer by their names."""
+    tiles: dict[str, _Tile] = {}
+    for name, values in layer.items():
+        pose = None
+        clockwise = False
+        if name in frames:
+            pose = frames.pose(name)
+            clockwise = frames.is_in_degrees(name)
+        label = f"{file}: {name}"
+        tiles[name] = check_named(label, _read_tile, name, values, pose, clockwise, frames.size)
+    return tiles
+
+
+def _read_objects(
+    folder: Path,
+    layers: Mapping[str, Mapping[str, _Table]],
+    frames: "_Frames",
+    corner: Cell,
+    shape: tuple[int, ...],
+) -> list[MapObject]:
+    """Returns the objects of all layers, in the order of the frames.
+
+    `corner` is the cell of the map's south-west corner. Objects of several layers may share a frame.
+    """
+    west, south = corner
+    height, width = shape
+    objects_by_frame: dict[str, list[MapObject]] = {}
     for layer in OBJECT_LAYERS:
         for name, values in layers[layer].items():
             label = f"{folder / layer}.yaml: {name}"
             if name not in frames:
                 raise InputError(f"{label}: expected a frame of this name in frames.yaml, got none")
             pose = frames.pose(name)
-            # From the north-west corner, with y to the south.
-            x, y = pose.x / size - corner[0], len(codes) + corner[1] - pose.y / size
-            thing = check_named(label, _read_object, layer, values, x, y, pose.yaw)
-            objects.setdefault(name, []).append(check_named(label, check_object, thing, *codes.shape))
-    order = [name for name in layers["frames"] if name in objects]
-    return codes, tuple(thing for name in order for thing in objects[name]) or None
+            # A map object counts from the north-west corner, with y to the south.
+            x = pose.x / frames.size - west
+            y = height + south - pose.y / frames.size
+            map_object = check_named(label, _read_object, layer, values, x, y, pose.yaw)
+            map_object = check_named(label, check_object, map_object, height, width)
+            objects_by_frame.setdefault(name, []).append(map_object)
+    objects = []
+    for name in layers["frames"]:
+        objects += objects_by_frame.get(name, [])
+    return objects
 
 
 def _read_layer(folder: Path, name: str) -> dict[str, _Table]:
+    """Returns the tables of a layer by their names; none if an optional file does not exist."""
     file = folder / f"{name}.yaml"
     if name not in ("frames", "tiles") and not file.exists():
         return {}
     values = check_named(str(file), yaml_tree, read_input(file, _MOST_BYTES, "YAML"))
-    layer = values.get(name) if isinstance(values, dict) else None
-    if layer in (*_NOTHING, []) and isinstance(values, dict) and name in values:
-        layer = {}
+    layer = None
+    if isinstance(values, dict) and name in values:
+        layer = values[name]
+        if layer in _NOTHING or layer == []:
+            layer = {}
     if not isinstance(layer, dict):
-        raise InputError(f"{file}: expected a table of tables under {name!r}, got {brief(layer, 40)}")
+        expected = f"a table of tables under {name!r}"
+        raise InputError(f"{file}: expected {expected}, got {brief(layer, 40)}")
     tables: dict[str, _Table] = {}
     for key, value in layer.items():
-        tables[key] = {} if isinstance(value, str) and value in _NOTHING else value
-        if not isinstance(tables[key], dict):
+        if isinstance(value, str) and value in _NOTHING:
+            tables[key] = {}
+        elif isinstance(value, dict):
+            tables[key] = value
+        else:
             raise InputError(f"{file}: {key}: expected a table, got {brief(value, 40)}")
     return tables
 
@@ -165,20 +204,25 @@ def _tile_map(folder: Path, layers: Mapping[str, Mapping[str, _Table]]) -> tuple
     file = folder / "tile_maps.yaml"
     if not layers["tiles"]:
         raise InputError(f"{folder / 'tiles.yaml'}: expected tiles, got none")
-    named = list(layers["tile_maps"]) or sorted({name.partition("/")[0] for name in layers["tiles"]})
-    if len(named) != 1:
-        raise InputError(f"{file}: expected one map, got {len(named)}")
-    values = layers["tile_maps"].get(named[0], {})
+    names = list(layers["tile_maps"])
+    if not names:
+        names = sorted({name.partition("/")[0] for name in layers["tiles"]})
+    if len(names) != 1:
+        raise InputError(f"{file}: expected one map, got {len(names)}")
+    map_name = names[0]
+    values = layers["tile_maps"].get(map_name, {})
     if "tile_size" not in values:
-        return named[0], TILE_SIZE
-    size = values["tile_size"]
-    sides = size if isinstance(size, dict) else {"x": size}
-    label = f"{file}: {named[0]}: tile_size"
+        return map_name, TILE_SIZE
+    sides = values["tile_size"]
+    if not isinstance(sides, dict):
+        sides = {"x": sides}
+    label = f"{file}: {map_name}: tile_size"
     metres = check_named(label, real_of, sides, "x")
-    check_named(f"{file}: {named[0]}", check_tile_size, metres)
+    check_named(f"{file}: {map_name}", check_tile_size, metres)
     if check_named(label, real_of, sides, "y", metres) != metres:
-        raise InputError(f"{label}: expected squares, got x {metres:g} and y {brief(sides['y'], 40)}")
-    return named[0], metres
+        got = f"x {metres:g} and y {brief(sides['y'], 40)}"
+        raise InputError(f"{label}: expected squares, got {got}")
+    return map_name, metres
 
 
 class _Frames:
@@ -197,8 +241,10 @@ class _Frames:
         pose, top = self._climb(name)
         if top == self._root:
             return pose
-        # Its frames lead to the world instead of the map.
-        origin, _ = self._climb(self._root) if self._root in self else (_Pose(), None)
+        # The frame and its parents lead to the world instead of the map.
+        origin = _Pose()
+        if self._root in self:
+            origin, _ = self._climb(self._root)
         return pose.seen_from(origin)
 
     def is_in_degrees(self, name: str) -> bool:
@@ -218,15 +264,19 @@ class _Frames:
             if frame in self._tiles:
                 return self._tiles[frame].then(pose), self._root
             label = f"{self._file}: {frame}"
-            pose = check_named(label, _own_pose, self._frames[frame], self.size).then(pose)
+            relative_pose = check_named(label, _relative_pose, self._frames[frame], self.size)
+            pose = relative_pose.then(pose)
             parent = self._frames[frame].get("relative_to")
-            above = self._above(frame) if parent is None or parent in _NOTHING else parent
-            if above is None or above == self._root:
-                return pose, above
-            if not isinstance(above, str) or above not in self._frames:
-                raise InputError(f"{label}: relative_to: expected the name of a frame, got {brief(above, 40)}")
-            frame = above
-        raise InputError(f"{self._file}: {name}: relative_to: expected frames that lead to {self._root}, got a circle")
+            if parent in _NOTHING:
+                parent = self._above(frame)
+            if parent is None or parent == self._root:
+                return pose, parent
+            if not isinstance(parent, str) or parent not in self._frames:
+                got = brief(parent, 40)
+                raise InputError(f"{label}: relative_to: expected the name of a frame, got {got}")
+            frame = parent
+        expected = f"frames that lead to {self._root}"
+        raise InputError(f"{self._file}: {name}: relative_to: expected {expected}, got a circle")
 
     def _above(self, name: str) -> str | None:
         """Returns the frame or the map that a name continues, None for a name that continues none."""
@@ -237,17 +287,22 @@ class _Frames:
         return None
 
 
-def _own_pose(frame: _Table, size: float) -> _Pose:
+def _relative_pose(frame: _Table, size: float) -> _Pose:
     """Returns the pose of a frame, relative to its parent frame."""
     unit = frame.get("unit")
-    if unit not in (*_NOTHING, *_METRES, "tiles"):
+    if unit == "tiles":
+        scale = size
+    elif unit in _NOTHING or unit in _METRES:
+        scale = 1.0
+    else:
         raise InputError(f"unit: expected metres or tiles, got {brief(unit, 40)}")
     pose = table_of(frame, "pose")
-    scale = size if unit == "tiles" else 1.0
     yaw = real_of(pose, "yaw", 0.0)
     if _is_in_degrees(yaw):
         yaw = radians(yaw)
-    return _Pose(real_of(pose, "x", 0.0) * scale, real_of(pose, "y", 0.0) * scale, yaw)
+    x = real_of(pose, "x", 0.0) * scale
+    y = real_of(pose, "y", 0.0) * scale
+    return _Pose(x, y, yaw)
 
 
 def _is_in_degrees(yaw: float) -> bool:
@@ -274,17 +329,21 @@ def _read_tile(name: str, values: _Table, pose: _Pose | None, clockwise: bool, s
     if kind in GROUNDS:
         return _Tile(cell, 0, 0)
     if not isinstance(kind, str) or kind not in ROADS:
-        raise InputError(f"type: expected one of {', '.join((*ROADS, *GROUNDS))}, got {brief(kind, 40)}")
+        kinds = ", ".join([*ROADS, *GROUNDS])
+        raise InputError(f"type: expected one of {kinds}, got {brief(kind, 40)}")
     if kind == "4way":
         return _Tile(cell, 15, 15)
     if pose is None:
-        raise InputError(f"expected a frame of this name in frames.yaml for the yaw of a {kind}, got none")
+        expected = f"a frame of this name in frames.yaml for the yaw of a {kind}"
+        raise InputError(f"expected {expected}, got none")
     turns = round(pose.yaw / (pi / 2))
     if abs(pose.yaw - turns * pi / 2) > _NEAR:
         raise InputError(f"expected a yaw at a right angle, got {kind!r} with yaw {pose.yaw:g}")
     if clockwise:
         turns = -turns
-    return _Tile(cell, *(int(rotate_codes(roads[kind], turns % 4)) for roads in (ROADS, ROADS_OF_MATRIX)))
+    library_code = int(rotate_codes(ROADS[kind], turns % 4))
+    matrix_code = int(rotate_codes(ROADS_OF_MATRIX[kind], turns % 4))
+    return _Tile(cell, library_code, matrix_code)
 
 
 def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
@@ -308,31 +367,47 @@ def _index(position: float, size: float) -> int:
     return index
 
 
-def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, list[NDArray[np.int8]]]:
+class _Readings(NamedTuple):
+    """The codes of a map by both ways of turning its tiles."""
+
+    library: NDArray[np.int8]
+    matrix: NDArray[np.int8]
+
+
+def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
     """Returns the cell of the map's south-west corner, and the codes by both ways of turning tiles."""
-    columns, rows = zip(*(tile.cell for tile in tiles.values()), strict=True)
-    west, east, south, north = min(0, *columns), max(columns), min(0, *rows), max(rows)
-    sides = north - south + 1, east - west + 1
-    if min(east, north) < 0 or max(sides) > 1024:
-        raise InputError(f"expected sides of 1 to 1024 tiles, from i = 0 and j = 0 on, got {sides[1]} x {sides[0]}")
-    owners: dict[Cell, str] = {}
-    library, matrix = np.zeros(sides, np.int8), np.zeros(sides, np.int8)
+    columns = [tile.cell[0] for tile in tiles.values()]
+    rows = [tile.cell[1] for tile in tiles.values()]
+    west = min(0, min(columns))
+    east = max(columns)
+    south = min(0, min(rows))
+    north = max(rows)
+    height = north - south + 1
+    width = east - west + 1
+    if min(east, north) < 0 or max(height, width) > 1024:
+        expected = "sides of 1 to 1024 tiles, from i = 0 and j = 0 on"
+        raise InputError(f"expected {expected}, got {width} x {height}")
+    name_by_cell: dict[Cell, str] = {}
+    readings = _Readings(np.zeros((height, width), np.int8), np.zeros((height, width), np.int8))
     for name, tile in tiles.items():
-        if owners.setdefault(tile.cell, name) != name:
-            raise InputError(f"{name}: expected one tile in each cell, got {owners[tile.cell]} in the same one")
-        place = north - tile.cell[1], tile.cell[0] - west
-        library[place], matrix[place] = tile.library_code, tile.matrix_code
-    return (west, south), [library, matrix]
+        first_name = name_by_cell.setdefault(tile.cell, name)
+        if first_name != name:
+            got = f"{first_name} in the same one"
+            raise InputError(f"{name}: expected one tile in each cell, got {got}")
+        column, row = tile.cell
+        readings.library[north - row, column - west] = tile.library_code
+        readings.matrix[north - row, column - west] = tile.matrix_code
+    return (west, south), readings
 
 
-def _as_turned(folder: Path, library: NDArray[np.int8], matrix: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Returns one of both readings: what our first line says, or else that with fewer loose ends."""
+def _as_turned(folder: Path, readings: _Readings) -> NDArray[np.int8]:
+    """Returns the reading that our first line names, or otherwise the reading with fewer loose ends."""
     text = read_input(folder / "tiles.yaml", _MOST_BYTES, "YAML")
     if text.startswith(TURNED_AS_LIBRARY):
-        return library
+        return readings.library
     if text.startswith(TURNED_AS_MATRIX):
-        return matrix
-    return min(library, matrix, key=_count_unreturned)
+        return readings.matrix
+    return min(readings, key=_count_unreturned)
 
 
 def _count_unreturned(codes: NDArray[np.int8]) -> int:
