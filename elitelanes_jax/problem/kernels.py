@@ -40,8 +40,7 @@ It takes any of these arguments, by name; one with a default keeps it:
 
 - ``metrics``: the `Metrics` of the grid.
 - ``features``: a dictionary of all features that the search measures, by name: metrics, shares in
-thousandths, the
-  user's, and the town features that axes, ranges or weights of the search name.
+  thousandths, the user's, and the town features that axes, ranges or weights of the search name.
 - ``grid``: int8 ``[H, W]``.
 - ``usual``: int32, the weighted sum of features that is the fitness by default.
 
@@ -64,34 +63,33 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
         if not callable(kernel):
             raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
         check_named(f"features: {name}", function_of("grid"), kernel)
-        made = _traced(
-            f"features: expected {name}",
-            partial(_apply_kernel, name, kernel),
-            jax.ShapeDtypeStruct(shape, jnp.int8),
-        )
-        kind = getattr(made, "dtype", None)
-        if kind is None or made.shape or not jnp.issubdtype(kind, jnp.integer):
-            raise InputError(f"features: expected {name} to return an integer scalar, got {_described(made)}")
+        expected = f"features: expected {name}"
+        grid = jax.ShapeDtypeStruct(shape, jnp.int8)
+        result = _trace_shapes(expected, partial(_apply_kernel, name, kernel), grid)
+        is_array = hasattr(result, "dtype")
+        if not is_array or result.shape or not jnp.issubdtype(result.dtype, jnp.integer):
+            raise InputError(f"{expected} to return an integer scalar, got {_described(result)}")
     return dict(features)
 
 
 def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Sequence[str]) -> Fitness:
     """Checks that JAX can trace a fitness of the user, with arguments that `Fitness` lists, to a scalar."""
     if not callable(fitness):
-        raise InputError(
-            f"fitness: expected a function of metrics, features, grid or usual, got {shorten(repr(fitness))}"
-        )
+        expected = "a function of metrics, features, grid or usual"
+        raise InputError(f"fitness: expected {expected}, got {shorten(repr(fitness))}")
     for argument in arguments_of(fitness):
         if argument not in _ARGUMENTS:
-            raise InputError(f"fitness: expected arguments among {', '.join(_ARGUMENTS)}, got {argument!r}")
+            names = ", ".join(_ARGUMENTS)
+            raise InputError(f"fitness: expected arguments among {names}, got {argument!r}")
+    height, width = shape
+    grids = jax.ShapeDtypeStruct((1, height, width), jnp.int8)
     features = jax.ShapeDtypeStruct((1, len(feature_names)), jnp.int32)
-    grids, usual = (
-        jax.ShapeDtypeStruct((1, *shape), jnp.int8),
-        jax.ShapeDtypeStruct((1,), jnp.int32),
-    )
-    made = _traced("fitness: expected", partial(apply_fitness, fitness, feature_names), grids, features, usual)
-    if getattr(made, "shape", None) != (1,) or not jnp.issubdtype(made.dtype, jnp.number) or made.dtype.kind == "c":
-        raise InputError(f"fitness: expected it to return {_SCALAR}, got {_described(made, batch=1)}")
+    usual = jax.ShapeDtypeStruct((1,), jnp.int32)
+    apply = partial(apply_fitness, fitness, feature_names)
+    result = _trace_shapes("fitness: expected", apply, grids, features, usual)
+    is_scalar = getattr(result, "shape", None) == (1,)
+    if not is_scalar or not jnp.issubdtype(result.dtype, jnp.number) or result.dtype.kind == "c":
+        raise InputError(f"fitness: expected it to return {_SCALAR}, got {_described(result, batch=1)}")
     return fitness
 
 
@@ -106,23 +104,26 @@ def apply_fitness(
 
     Returns float32 ``[P]``, or int32 ``[P]`` with size 2**30 for an integer out of range.
     """
-    arguments = arguments_of(fitness)
+    names = arguments_of(fitness)
 
-    def one(grid: Array, row: Array, usual: Array) -> Array:
-        values, names = with_shares(row, feature_names)
+    def apply_to_grid(grid: Array, row: Array, usual: Array) -> Array:
+        feature_values, all_names = with_shares(row, feature_names)
         known = {
             "metrics": unstack_metrics(row, grid.size),
-            "features": dict(zip(names, values, strict=True)),
+            "features": dict(zip(all_names, feature_values, strict=True)),
             "grid": grid,
             "usual": usual,
         }
-        value = fitness(**{name: known[name] for name in arguments})
-        total = _as_array(f"fitness: expected it to return {_SCALAR}", value)
+        arguments = {name: known[name] for name in names}
+        total = _as_array(f"fitness: expected it to return {_SCALAR}", fitness(**arguments))
         if jnp.issubdtype(total.dtype, jnp.floating):
             return total.astype(jnp.float32)
-        return _clipped(total) if jnp.issubdtype(total.dtype, jnp.integer) else total  # `check_fitness` refuses others
+        if jnp.issubdtype(total.dtype, jnp.integer):
+            return _clipped(total)
+        # `check_fitness` refuses other types.
+        return total
 
-    return jax.vmap(one)(grids, features, usual)
+    return jax.vmap(apply_to_grid)(grids, features, usual)
 
 
 def measure_features(
@@ -132,16 +133,21 @@ def measure_features(
 
     A value of the user's that is out of range gets the size 2**30.
     """
-    users = [name for name in names if name not in TOWN_FEATURES]
-    units = np.eye(len(names), dtype=np.int32)
+    user_names = [name for name in names if name not in TOWN_FEATURES]
+    unit_vectors = np.eye(len(names), dtype=np.int32)
 
-    def measure_one(grid: Array) -> Array:
-        values = {name: _clipped(_apply_kernel(name, kernels[name], grid)) for name in users}
-        if len(users) < len(names):
+    def measure_grid(grid: Array) -> Array:
+        values: dict[str, Array] = {}
+        for name in user_names:
+            values[name] = _clipped(_apply_kernel(name, kernels[name], grid))
+        if len(user_names) < len(names):
             values |= measure_town(grid, detour="mean_detour" in names)._asdict()
-        return sum((values[name] * unit for name, unit in zip(names, units, strict=True)), jnp.int32(0))
+        row: Array = jnp.int32(0)
+        for name, unit_vector in zip(names, unit_vectors, strict=True):
+            row = row + values[name] * unit_vector
+        return row
 
-    return jax.vmap(measure_one)(jnp.asarray(grids))
+    return jax.vmap(measure_grid)(jnp.asarray(grids))
 
 
 @name_wrong_arguments
@@ -161,28 +167,37 @@ def with_town_features(
       InputError: for a feature of the user that is missing.
     """
     measured = {name: np.asarray(values) for name, values in features.items()}
-    missing = [name for name in columns_for(names) if name not in METRIC_NAMES and name not in measured]
-    for name in missing:
+    missing = []
+    for name in columns_for(names):
+        if name in METRIC_NAMES or name in measured:
+            continue
         if name not in TOWN_FEATURES:
             raise InputError(f"{source}: expected features that the search has measured, got {name}")
+        missing.append(name)
     if missing:
-        grids = np.asarray(grids)
-        if grids.ndim < 2:
-            raise InputError(f"grids: expected [..., H, W], got shape {list(grids.shape)}")
-        flat = grids.reshape(-1, *grids.shape[-2:])
-        padded = np.pad(flat, [(0, _BATCH - len(flat) % _BATCH), (0, 0), (0, 0)])
-        parts = []
-        for first in range(0, len(padded), _BATCH):
-            parts.append(_measure(padded[first : first + _BATCH], tuple(missing)))
-        values = np.concatenate(parts)[: len(flat)].reshape(*grids.shape[:-2], len(missing))
-        for column, name in enumerate(missing):
-            measured[name] = values[..., column]
+        columns = _measure_in_batches(np.asarray(grids), tuple(missing))
+        for index, name in enumerate(missing):
+            measured[name] = columns[..., index]
     return measured
 
 
 # The number of grids that are measured at once: they fit in memory, and one program serves all
 # batches.
 _BATCH = 256
+
+
+def _measure_in_batches(grids: AnyArray, names: tuple[str, ...]) -> NDArray[np.int32]:
+    """Measures town features of grids ``[..., H, W]``; returns int32 ``[..., K]``."""
+    if grids.ndim < 2:
+        raise InputError(f"grids: expected [..., H, W], got shape {list(grids.shape)}")
+    height, width = grids.shape[-2:]
+    flat = grids.reshape(-1, height, width)
+    padded = np.pad(flat, [(0, _BATCH - len(flat) % _BATCH), (0, 0), (0, 0)])
+    batches = []
+    for first in range(0, len(padded), _BATCH):
+        batches.append(_measure(padded[first : first + _BATCH], names))
+    rows = np.concatenate(batches)[: len(flat)]
+    return rows.reshape(*grids.shape[:-2], len(names))
 
 
 @partial(jax.jit, static_argnames="names")
@@ -205,8 +220,11 @@ def _as_array(expected: str, value: UserValue) -> AnyArray:
 
 
 def _clipped(value: Integer[Array | np.ndarray | np.generic, ""]) -> Int32[Array, ""]:
-    kind = jnp.iinfo(value.dtype)
-    return jnp.asarray(value.clip(max(kind.min, -LARGEST), min(kind.max, LARGEST)).astype(np.int32))
+    """Limits a whole number to a size of 2**30; a dtype may not hold the limits themselves."""
+    limits = jnp.iinfo(value.dtype)
+    least = max(limits.min, -LARGEST)
+    most = min(limits.max, LARGEST)
+    return jnp.asarray(value.clip(least, most).astype(np.int32))
 
 
 def arguments_of(fitness: Fitness) -> tuple[str, ...]:
@@ -220,7 +238,7 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
     return tuple(parameter.name for parameter in parameters if parameter.default is Parameter.empty)
 
 
-def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct) -> Pytree:
+def _trace_shapes(expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct) -> Pytree:
     """Returns the shapes and dtypes that a user's function returns; errors of JAX become an `InputError`."""
     try:
         return jax.eval_shape(function, *arguments)
@@ -228,9 +246,11 @@ def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.Shap
         raise InputError(f"{expected} to be a function that JAX can trace, got: {shorten(str(error), 160)}") from None
 
 
-def _described(made: Pytree, batch: int = 0) -> str:
-    kind = getattr(made, "dtype", None)
-    return shorten(repr(made), 60) if kind is None else f"{kind} of shape {made.shape[batch:]}"
+def _described(result: Pytree, batch: int = 0) -> str:
+    """Returns the dtype and shape of a result without its first `batch` axes, or the text of another result."""
+    if not hasattr(result, "dtype"):
+        return shorten(repr(result), 60)
+    return f"{result.dtype} of shape {result.shape[batch:]}"
 
 
 def digest(function: Callable[..., Pytree], *arguments: Pytree) -> tuple[str, bool]:
@@ -240,13 +260,14 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> tuple[str, bo
     and constants. Calls out of JAX, such as callbacks, do not count. The arguments may be given by
     their shapes and dtypes.
     """
-    closed = jax.make_jaxpr(lambda *given: function(*given))(*arguments)  # JAX knows a function that it has traced
+    # A new function each time, because JAX would not trace a function again that it has traced.
+    closed = jax.make_jaxpr(lambda *inputs: function(*inputs))(*arguments)
     with np.printoptions(threshold=sys.maxsize):
         text = re.sub(r"\bat 0x[0-9a-f]+", "", str(closed))
-    parts = sha256(text.encode())
+    content = sha256(text.encode())
     for constant in _constants(closed):
-        parts.update(constant)
-    return parts.hexdigest()[:16], _has_floats(closed)
+        content.update(constant)
+    return content.hexdigest()[:16], _has_floats(closed)
 
 
 def _has_floats(closed: "core.ClosedJaxpr") -> bool:
@@ -266,8 +287,10 @@ def _constants(closed: "core.ClosedJaxpr") -> Iterator[bytes]:
     from jax.extend import core  # most searches have no functions of the user
 
     for constant in closed.consts:
-        is_key = jnp.issubdtype(jnp.result_type(constant), jax.dtypes.prng_key)
-        yield np.asarray(jax.random.key_data(constant) if is_key else constant).tobytes()
+        data = constant
+        if jnp.issubdtype(jnp.result_type(constant), jax.dtypes.prng_key):
+            data = jax.random.key_data(constant)
+        yield np.asarray(data).tobytes()
     for equation in closed.jaxpr.eqns:
         for inner in jax.tree.leaves(equation.params):
             if isinstance(inner, core.ClosedJaxpr):

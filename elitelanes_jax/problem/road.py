@@ -135,24 +135,34 @@ def road_problem(
     shape = check_shape(shape, new=True)
     check_named("weights", instance(Weights), weights)
     check_named("fill", flag, fill)
-    alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
+    if alphabet is None:
+        alphabet = ROAD_ALPHABET
+    else:
+        alphabet = check_alphabet(alphabet)
     features = check_kernels(features, shape)
-    axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape, features)
+    if axes is None:
+        axes = paper_axes(shape)
+    else:
+        axes = resolve_axes(axes, shape, features)
     ranges = parse_ranges(where, features)
     if fix is not None:
         fix = parse_fixed_cells(fix)
         check_fits(fix, shape)
-    names = check_named("measured", listed(str), measured if isinstance(measured, str) else tuple(measured))
-    measured = tuple(check_feature("measured", name, features) for name in names)
-    feature_names = columns_for([axis.metric for axis in axes], measured, [item.name for item in ranges])
+
+    measured = _check_measured(measured, features)
+    axis_names = [axis.metric for axis in axes]
+    range_names = [item.name for item in ranges]
+    feature_names = columns_for(axis_names, measured, range_names)
+    kernels = {name: kernel for name, kernel in features.items() if name in feature_names}
+
     if ranges and limits is None:
         limits = range_limits(ranges, feature_names)
     if feature_weights is not None:
         feature_weights = _check_feature_weights(feature_weights, measured)
-    _check_total(shape, weights, measured, feature_weights, largest_penalty(len(ranges), feature_names))
+    penalty = largest_penalty(len(ranges), feature_names)
+    _check_total(shape, weights, measured, feature_weights, penalty)
     if fitness is not None:
         check_fitness(fitness, shape, feature_names)
-    kernels = [(name, kernel) for name, kernel in features.items() if name in feature_names]
     road = RoadProblem(
         shape=shape,
         axes=axes,
@@ -161,7 +171,7 @@ def road_problem(
         fill=fill,
         fix=fix,
         measured=measured,
-        kernels=tuple(kernels),
+        kernels=tuple(kernels.items()),
         fitness=fitness,
         weights=weights,
         limits=limits,
@@ -220,24 +230,27 @@ def _evaluate(grids: Int8[Array, "P H W"], *, road: RoadProblem) -> Evaluation:
 
 def _measure(road: RoadProblem, grids: Int8[Array, "P H W"]) -> Int32[Array, "P F"]:
     """Measures the metrics and the other features of grids."""
-    allowed = (*road.alphabet, *KINDS["end"], *KINDS["empty"])
-    metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
-    features = materialize(stack_metrics(metrics))
-    others = road.feature_names[len(METRIC_NAMES) :]
-    if others:
-        more = measure_features(grids, others, dict(road.kernels))
-        features = jnp.concatenate([features, materialize(more)], axis=-1)
-    return features
+    allowed_codes = road.alphabet + KINDS["end"] + KINDS["empty"]
+    metrics = jax.vmap(lambda grid: measure(grid, allowed_codes))(grids)
+    columns = materialize(stack_metrics(metrics))
+    other_names = road.feature_names[len(METRIC_NAMES) :]
+    if other_names:
+        other_columns = measure_features(grids, other_names, dict(road.kernels))
+        columns = jnp.concatenate([columns, materialize(other_columns)], axis=-1)
+    return columns
 
 
 def _weigh(
     road: RoadProblem, features: Int32[Array, "... F"], weights: Weights, *, rewards: bool = True
 ) -> Int32[Array, "..."]:
     """Returns the weighted sum of features. Without `rewards`, addends of `feature_weights` below 0 do not count."""
-    total = weighted_sum(unstack_metrics(features, road.shape[0] * road.shape[1]), weights)
+    height, width = road.shape
+    total = weighted_sum(unstack_metrics(features, height * width), weights)
     if road.feature_weights is not None:
-        addends = jnp.multiply(*align(features[..., _weighed_columns(road)], road.feature_weights))
-        addends = addends.clip(None if rewards else 0)
+        values, feature_weights = align(features[..., _weighed_columns(road)], road.feature_weights)
+        addends = jnp.multiply(values, feature_weights)
+        if not rewards:
+            addends = addends.clip(0)
         total += addends.sum(axis=-1, dtype=jnp.int32)
     return total
 
@@ -286,8 +299,19 @@ def _penalties(features: Int32[Array, "... F"], *, road: RoadProblem) -> Int32[A
     outside = _penalty(road, features)
     if road.fitness is not None and "usual" not in arguments_of(road.fitness):
         return outside + jnp.zeros(features.shape[:-1], jnp.int32)
-    positive = Weights(*(jnp.maximum(weight, 0) for weight in road.weights))
-    return _weigh(road, features, positive._replace(constant=0), rewards=False) + outside
+    punishing_weights = Weights._make([jnp.maximum(weight, 0) for weight in road.weights])
+    punishing_weights = punishing_weights._replace(constant=0)
+    return _weigh(road, features, punishing_weights, rewards=False) + outside
+
+
+def _check_measured(names: UserValue, features: Mapping[str, Kernel]) -> tuple[str, ...]:
+    """Checks the names of features to measure."""
+    if not isinstance(names, str):
+        names = tuple(names)
+    checked = []
+    for name in check_named("measured", listed(str), names):
+        checked.append(check_feature("measured", name, features))
+    return tuple(checked)
 
 
 def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyArray:
@@ -309,12 +333,22 @@ def _check_total(
     shape: tuple[int, int], weights: Weights, measured: Sequence[str], feature_weights: AnyArray | None, penalty: int
 ) -> None:
     """Checks that a fitness with these weights and a penalty fits int32; traced weights are unknown."""
-    if any(isinstance(one, jax.core.Tracer) for one in (*weights, feature_weights)):
+    if isinstance(feature_weights, jax.core.Tracer):
         return
-    others = {} if feature_weights is None else dict(zip(measured, np.asarray(feature_weights).tolist(), strict=True))
+    if any(isinstance(weight, jax.core.Tracer) for weight in weights):
+        return
+    weight_by_feature: dict[str, int] = {}
+    if feature_weights is not None:
+        numbers = np.asarray(feature_weights).tolist()
+        weight_by_feature = dict(zip(measured, numbers, strict=True))
     weights = check_weights(weights, shape)
-    both = {name: getattr(weights, name) + weight for name, weight in others.items() if name in METRIC_NAMES}
-    check_weights(weights._replace(**both), shape, penalty + largest_addend(others.items(), shape))
+    # A metric may have a weight of both kinds, which add up.
+    sums = {}
+    for name, weight in weight_by_feature.items():
+        if name in METRIC_NAMES:
+            sums[name] = getattr(weights, name) + weight
+    other_addends = penalty + largest_addend(weight_by_feature.items(), shape)
+    check_weights(weights._replace(**sums), shape, other_addends)
 
 
 def _sum_exceeds(most: int, values: Int32[Array, "... K"], weights: Int32[Array, " K"]) -> Bool[Array, "..."]:
