@@ -76,7 +76,10 @@ def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     """
     cyclomatic, *flags = paper_axes(shape)
     width = default_width("cyclomatic", cyclomatic.bins, shape)
-    return (cyclomatic._replace(width=width), *(flag._replace(target=0) for flag in flags))
+    axes = [cyclomatic._replace(width=width)]
+    for flag in flags:
+        axes.append(flag._replace(target=0))
+    return tuple(axes)
 
 
 def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[Axis, ...]:
@@ -97,16 +100,17 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
     try:
         if isinstance(axes, Mapping):
             axes = [_axis_of(name, bins) for name, bins in axes.items()]
-        listed = tuple(_check_axis(axis, features) for axis in axes)
+        checked = tuple(_check_axis(axis, features) for axis in axes)
     except TypeError:
-        raise InputError(f"axes: expected axes such as 'straight_share:10', got {shorten(repr(axes))}") from None
-    if not listed:
+        got = shorten(repr(axes))
+        raise InputError(f"axes: expected axes such as 'straight_share:10', got {got}") from None
+    if not checked:
         raise InputError("axes: expected at least one axis, got none")
-    check_unique("axes", "metric", [axis.metric for axis in listed])
-    niches = prod(axis.bins for axis in listed)
+    check_unique("axes", "metric", [axis.metric for axis in checked])
+    niches = prod(axis.bins for axis in checked)
     if niches > MOST_NICHES:
         raise InputError(f"axes: expected at most {MOST_NICHES:,} niches, got {niches:,}")
-    return listed
+    return checked
 
 
 def resolve_axes(axes: UserValue, shape: tuple[int, int], features: Collection[str] | None = ()) -> tuple[Axis, ...]:
@@ -155,9 +159,8 @@ def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
 
 def _axis_of(name: UserValue, bins: UserValue) -> Axis:
     """Returns the axis of an entry of a mapping: the bins, or the bins and their width."""
-    if isinstance(bins, tuple | list):
-        return Axis(name, *bins)
-    return Axis(name, bins)
+    arguments = bins if isinstance(bins, tuple | list) else [bins]
+    return Axis(name, *arguments)
 
 
 def _parse_axis(text: str) -> Axis:
@@ -179,15 +182,40 @@ def _check_axis(value: UserValue, features: Collection[str] | None) -> Axis:
     source = f"axes {value!r}" if isinstance(value, str) else f"axes {axis.metric!r}"
     check_feature(source, axis.metric, features)
     # NumPy's numbers would not be written to JSON.
-    whole: dict[str, UserValue] = {name: int(number) for name, number in axis._asdict().items() if is_whole(number)}
-    axis = axis._replace(**whole)
-    bins, width, start, target = axis[1:]
-    if not all(type(number) is int for number in (bins, width, start)) or bins < 1 or width < 0:
-        got = f"bins {shorten(repr(bins))}, width {shorten(repr(width))}, start {shorten(repr(start))}"
-        raise InputError(f"{source}: expected whole numbers, at least one bin and no negative width, got {got}")
-    largest = max(map(abs, (bins, width, start)))
+    axis = axis._replace(
+        bins=_to_python(axis.bins),
+        width=_to_python(axis.width),
+        start=_to_python(axis.start),
+        target=_to_python(axis.target),
+    )
+    _check_numbers(source, axis)
+    return axis
+
+
+def _to_python(value: UserValue) -> UserValue:
+    """Returns a whole number as one of Python, and any other value unchanged."""
+    if is_whole(value):
+        return int(value)
+    return value
+
+
+def _check_numbers(source: str, axis: Axis) -> None:
+    """Checks the numbers of an axis. Errors begin with `source`."""
+    bins, width, start, target = axis.bins, axis.width, axis.start, axis.target
+    are_whole = is_whole(bins) and is_whole(width) and is_whole(start)
+    if not are_whole or bins < 1 or width < 0:
+        got = ", ".join(
+            [
+                f"bins {shorten(repr(bins))}",
+                f"width {shorten(repr(width))}",
+                f"start {shorten(repr(start))}",
+            ]
+        )
+        expected = "whole numbers, at least one bin and no negative width"
+        raise InputError(f"{source}: expected {expected}, got {got}")
+    largest = max(abs(bins), abs(width), abs(start))
     if largest > LARGEST:
         raise InputError(f"{source}: expected numbers of at most {LARGEST:,}, got {largest:,}")
-    if target is not None and not (type(target) is int and 0 <= target < bins):
-        raise InputError(f"{source}: expected target to be a bin, 0 to {bins - 1}, got {shorten(repr(target))}")
-    return axis
+    if target is not None and not (is_whole(target) and 0 <= target < bins):
+        got = shorten(repr(target))
+        raise InputError(f"{source}: expected target to be a bin, 0 to {bins - 1}, got {got}")

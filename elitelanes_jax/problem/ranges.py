@@ -37,8 +37,8 @@ class Range(NamedTuple):
 
     def __str__(self) -> str:
         """Returns the text that `parse_ranges` reads."""
-        low = "" if self.low is None else _format(self.low)
-        high = "" if self.high is None else _format(self.high)
+        low = _format(self.low)
+        high = _format(self.high)
         if self.low == self.high:
             return f"{self.name}={low}"
         return f"{self.name}={low}..{high}"
@@ -74,17 +74,18 @@ def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[
     As an array, ranges can be traced, so that other ranges need no compilation.
     """
     names = [*feature_names, *SHARES]
-    limits = np.empty((2, len(names)), np.int32)
-    limits[0], limits[1] = -LARGEST, LARGEST
+    lower = np.full(len(names), -LARGEST, np.int32)
+    upper = np.full(len(names), LARGEST, np.int32)
     for name, low, high in where:
-        column, unit = names.index(name), feature_unit(name)
+        column = names.index(name)
+        unit = feature_unit(name)
         if low is not None:
             # Thousandths of shares are rounded down, so their limit is too.
             rounded = floor if name in SHARES else ceil
-            limits[0, column] = rounded(low * unit)
+            lower[column] = rounded(low * unit)
         if high is not None:
-            limits[1, column] = floor(high * unit)
-    return limits
+            upper[column] = floor(high * unit)
+    return np.stack([lower, upper])
 
 
 def range_penalty(
@@ -99,20 +100,22 @@ def range_penalty(
     which may be traced. Returns int32 ``[...]`` of the same library, at most `largest_penalty`.
     """
     features, names = with_shares(features, feature_names)
-    factor, divisor = _factors_of_units(names, shape)
+    factors, divisors = _factors_of_units(names, shape)
     # With as many axes as the features, see `xla.align`.
     aligned = (1,) * (features.ndim - 1) + (-1,)
-    factor, divisor = factor.reshape(aligned), divisor.reshape(aligned)
+    factors = factors.reshape(aligned)
+    divisors = divisors.reshape(aligned)
     limits = limits.reshape(2, *aligned)
-    distance = (limits[0] - features).clip(0, None) + (features - limits[1]).clip(0, None)
-    distance = distance.clip(None, LARGEST // factor) * factor
+    below = (limits[0] - features).clip(0, None)
+    above = (features - limits[1]).clip(0, None)
+    distance = (below + above).clip(None, LARGEST // factors) * factors
     # Processors divide by a constant many times as fast as by numbers that differ between columns.
-    steps: AnyArray = 0
-    for constant in np.unique(divisor).tolist():
-        has_divisor = (divisor == constant).astype(np.int32)
-        steps += has_divisor * ((distance + constant - 1) // constant)
-    steps = steps.clip(None, _most_steps(len(names)))
-    return _STEEPNESS * steps.sum(axis=-1, dtype=np.int32)
+    units: AnyArray = 0
+    for constant in np.unique(divisors).tolist():
+        has_divisor = (divisors == constant).astype(np.int32)
+        units += has_divisor * ((distance + constant - 1) // constant)
+    units = units.clip(None, _most_units(len(names)))
+    return _STEEPNESS * units.sum(axis=-1, dtype=np.int32)
 
 
 def _factors_of_units(
@@ -127,16 +130,17 @@ def _factors_of_units(
         elif name == "adjacent_crossing_score":
             divisors[column] = 8
         elif feature_unit(name) != 1:
-            factors[column], divisors[column] = shape[0] * shape[1], SHARE_UNIT
+            factors[column] = shape[0] * shape[1]
+            divisors[column] = SHARE_UNIT
     return factors, divisors
 
 
 def largest_penalty(ranges: int, feature_names: Sequence[str]) -> int:
     """Returns the most that `range_penalty` returns for a number of ranges."""
-    return ranges * _STEEPNESS * _most_steps(len(feature_names) + len(SHARES))
+    return ranges * _STEEPNESS * _most_units(len(feature_names) + len(SHARES))
 
 
-def _most_steps(columns: int) -> int:
+def _most_units(columns: int) -> int:
     """Returns the most units of distance in one column that count, so that all columns together fit 32 bits."""
     return LARGEST // (_STEEPNESS * columns)
 
@@ -180,19 +184,24 @@ def _range(source: str, name: UserValue, limits: UserValue, features: Collection
     if isinstance(limits, str) and ".." in limits:
         low_text, high_text = limits.split("..", 1)
         limits = (low_text.strip() or None, high_text.strip() or None)
-    pair = limits if isinstance(limits, tuple | list) else (limits, limits)
-    if len(pair) != 2:
+    elif not isinstance(limits, tuple | list):
+        limits = (limits, limits)
+    if len(limits) != 2:
         raise InputError(f"{source}: expected a number or two limits, got {shorten(repr(limits))}")
-    if all(limit is None for limit in pair):
+    low = _limit(source, name, limits[0])
+    high = _limit(source, name, limits[1])
+    if low is None and high is None:
         raise InputError(f"{source}: expected at least one limit, got none")
-    low = None if pair[0] is None else _limit(source, name, pair[0])
-    high = None if pair[1] is None else _limit(source, name, pair[1])
     if low is not None and high is not None and low > high:
-        raise InputError(f"{source}: expected the lower limit first, got {_format(low)} before {_format(high)}")
+        got = f"{_format(low)} before {_format(high)}"
+        raise InputError(f"{source}: expected the lower limit first, got {got}")
     return Range(name, low, high)
 
 
-def _limit(source: str, name: str, limit: UserValue) -> Fraction:
+def _limit(source: str, name: str, limit: UserValue) -> Fraction | None:
+    """Returns a limit as an exact number; None for no limit."""
+    if limit is None:
+        return None
     text = str(limit)
     try:
         if "_" in text:
@@ -213,7 +222,9 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction:
     return number.limit_denominator(10**6)
 
 
-def _format(limit: Fraction) -> str:
+def _format(limit: Fraction | None) -> str:
+    if limit is None:
+        return ""
     if limit.denominator == 1:
         return str(limit)
     return str(float(limit))
