@@ -199,18 +199,18 @@ def _names_of(axes: "Sequence[Axis]", across: str | None, down: Sequence[str] | 
         bins = [axis.bins for axis in axes]
         across = names[int(np.argmax(bins))]
     if down is None:
-        shown = [name for name in names if name != across]
+        shown_names = [name for name in names if name != across]
     elif isinstance(down, str):
-        shown = [down]
+        shown_names = [down]
     else:
-        shown = list(down)
-    shown.append(across)
-    for name in shown:
-        if name not in names or shown.count(name) > 1:
+        shown_names = list(down)
+    shown_names.append(across)
+    for name in shown_names:
+        if name not in names or shown_names.count(name) > 1:
             argument = "across" if name == across else "down"
             expected = f"each of {', '.join(names)} at most once"
-            raise InputError(f"{argument}: expected {expected}, got {', '.join(shown)}")
-    return shown
+            raise InputError(f"{argument}: expected {expected}, got {', '.join(shown_names)}")
+    return shown_names
 
 
 def _niche_table(fitness: NDArray[np.float64], axes: "Sequence[Axis]", shown: Sequence[str]) -> NDArray[np.float64]:

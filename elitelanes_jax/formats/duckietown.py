@@ -47,7 +47,8 @@ def _codes_of_tiles() -> dict[str, int]:
     """Returns the code of each tile that a file may name."""
     codes = {}
     for kind, code in _ROADS.items():
-        codes[kind] = rotate_codes(code, _TURNS["E"])  # without a side a kind faces east
+        # Without a side a kind faces east.
+        codes[kind] = rotate_codes(code, _TURNS["E"])
         for side, turns in _TURNS.items():
             codes[f"{kind}/{side}"] = rotate_codes(code, turns)
     for kind in (*GROUNDS, "calibration_tile"):
@@ -99,21 +100,23 @@ def to_duckietown(
     grid = check_roads(codes)
     check_tile_size(tile_size)
     checked_objects = check_objects(objects or (), *grid.shape)
-    tiles = [[_TILE_OF_CODE.get(code, "grass") for code in row] for row in grid.tolist()]
-    metres = np.format_float_positional(tile_size, trim="0")  # also short for a float32
+    tiles = []
+    for row in grid.tolist():
+        tiles.append([_TILE_OF_CODE.get(code, "grass") for code in row])
+    # This text is short for a float32 too.
+    metres = np.format_float_positional(tile_size, trim="0")
     head = f"tile_size: {metres}\ntiles:\n{_table(tiles)}"
     return head + write_objects(checked_objects, len(grid), float(tile_size))
 
 
 def _table(tiles: list[list[str]]) -> str:
     """Returns the lines of a table of tiles, in columns of one width."""
-    width = 0
-    for row in tiles:
-        width = max(width, *map(len, row))
+    width = max(len(tile) for row in tiles for tile in row)
     lines = []
     for row in tiles:
-        cells = "".join(f"{tile},".ljust(width + 2) for tile in row)
-        lines.append(f"- [{cells.rstrip(', ')}]\n")
+        cells = [f"{tile},".ljust(width + 2) for tile in row]
+        line = "".join(cells).rstrip(", ")
+        lines.append(f"- [{line}]\n")
     return "".join(lines)
 
 
@@ -147,7 +150,8 @@ def from_duckietown(text: str) -> Int8[np.ndarray, "H W"]:
       InputError: if it is not a Duckietown map, has an unknown kind of tile, or a side over 1024
         tiles.
     """
-    return read_duckietown(text)[0]
+    codes, _ = read_duckietown(text)
+    return codes
 
 
 def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject] | None]:
@@ -160,14 +164,17 @@ def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject]
         return grid, None
     size = values.get("tile_size", TILE_SIZE)
     if isinstance(size, list | dict):
-        size = brief(size)  # the message of the check would have the whole text
+        # The message of the check would have the whole text.
+        size = brief(size)
     tile_size = check_named("tile_size", real(0.01, 100, unit="metres"), size)
     return grid, read_objects(values["objects"], len(grid), tile_size)
 
 
 def _read_tiles(values: Plain, is_one_line: bool) -> Int8[np.ndarray, "H W"]:
     """Reads the table of tiles of a file's values."""
-    rows = values.get("tiles") if isinstance(values, dict) else None
+    rows = None
+    if isinstance(values, dict):
+        rows = values.get("tiles")
     if rows is None:
         hint = ""
         if is_one_line and not isinstance(values, dict):
@@ -176,7 +183,8 @@ def _read_tiles(values: Plain, is_one_line: bool) -> Int8[np.ndarray, "H W"]:
         raise InputError(f'{expected}, got no "tiles"{hint}')
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise InputError(f"tiles: expected rows of kinds of tiles, got {brief(rows)}")
-    check_sides(rows)  # aliases may name the same row many times
+    # Aliases of YAML may name the same row many times, so the sides are checked first.
+    check_sides(rows)
     codes = []
     for row, tiles in enumerate(rows):
         codes.append([_code_of(tile, row, column) for column, tile in enumerate(tiles)])
@@ -186,9 +194,10 @@ def _read_tiles(values: Plain, is_one_line: bool) -> Int8[np.ndarray, "H W"]:
 def _code_of(tile: Plain, row: int, column: int) -> int:
     kind = ""
     if isinstance(tile, str):
-        kind = "/".join(part.strip() for part in tile.split("/"))
+        parts = [part.strip() for part in tile.split("/")]
+        kind = "/".join(parts)
     if kind not in _CODE:
-        kinds = ", ".join((*_ROADS, *GROUNDS))
+        kinds = ", ".join([*_ROADS, *GROUNDS])
         expected = f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W"
         raise InputError(f"{expected}, got {brief(tile)} at row {row}, column {column}")
     return _CODE[kind]

@@ -22,11 +22,8 @@ from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, make_plan,
 
 # Lengths on pages are in millimetres.
 _A4, _MARGIN, _LINE = (210.0, 297.0), 14.0, 4.5
-_SMALLEST, _LARGEST, _SAMPLE = (
-    14.0,
-    40.0,
-    22.0,
-)  # sides of a tile of the map, and the side of a tile of the legend
+# The sides of a tile of the map, and the side of a tile of the legend.
+_SMALLEST, _LARGEST, _SAMPLE = 14.0, 40.0, 22.0
 _ABOVE_MAP, _BELOW_MAP = _MARGIN + 16, 20.0
 _BESIDE_MAP = 2 * _MARGIN + 16
 _BETWEEN_SAMPLES = 8.0
@@ -67,8 +64,7 @@ def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE
 def _draw_plan(plan: Plan, kind: str) -> bytes:
     """Returns a file of the plan: ``.pdf`` with all pages, or ``.svg`` or ``.png`` with the first one.
 
-    It is made in memory, because on a full disk matplotlib fails once more while it closes a PDF
-    file.
+    It is made in memory, because on a full disk matplotlib fails once more while it closes a PDF file.
     """
     import_optional("matplotlib", "a plan needs matplotlib")
     from matplotlib import rc_context
@@ -199,7 +195,8 @@ def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float, edg
     for number, item in enumerate(plan.objects, 1):
         x, y = left + item.x * tile, top + item.y * tile
         _draw_object(ax, item, number, x, y, tile / plan.tile_size)
-    below, beside = bottom + edge + 7, right + edge + 7
+    below = bottom + edge + 7
+    beside = right + edge + 7
     width, depth = plan.floor
     _arrow(ax, (left, below), (right, below), "<|-|>")
     _label(ax, (left + right) / 2, below, f"{width:g} m")
@@ -224,39 +221,45 @@ def _draw_tiles(ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], til
     ax.add_collection(PolyCollection(squares, facecolors=_ROAD, edgecolors=_FAINT, linewidths=0.3))
     dash = 0.05 / TAPE_WIDTHS["yellow"]  # in widths of the line
     # The last tape covers the others. White tape on white paper needs an outline.
-    inks = (
-        ("red", "#d9202c", 0.0),
-        ("yellow", "#f5c71a", 0.0),
-        ("white", _FAINT, 0.6),
-        ("white", "#ffffff", 0.0),
+    dashes = (0, (dash, dash / 2))
+    layers: tuple[tuple[str, str, float, Untyped], ...] = (
+        ("red", "#d9202c", 0.0, "solid"),
+        ("yellow", "#f5c71a", 0.0, dashes),
+        ("white", _FAINT, 0.6, "solid"),
+        ("white", "#ffffff", 0.0, "solid"),
     )
-    for colour, ink, outline in inks:
-        style = (0, (dash, dash / 2)) if colour == "yellow" else "solid"
-        ax.add_collection(
-            LineCollection(
-                lines[colour],
-                colors=ink,
-                linewidths=TAPE_WIDTHS[colour] * scale * 72 / 25.4 + outline,  # in points
-                linestyles=style,
-                capstyle="butt",
-            )
+    for tape_colour, ink, outline, style in layers:
+        points_wide = TAPE_WIDTHS[tape_colour] * scale * 72 / 25.4
+        tape_lines = LineCollection(
+            lines[tape_colour],
+            colors=ink,
+            linewidths=points_wide + outline,
+            linestyles=style,
+            capstyle="butt",
         )
+        ax.add_collection(tape_lines)
 
 
 def _draw_object(ax: Untyped, item: MapObject, number: int, x: float, y: float, scale: float) -> None:
     """Draws the footprint of an object with its number in the check-list, and an arrow the way that it faces."""
     from matplotlib.patches import Circle, Polygon
 
-    length, width = item.footprint[0] * scale / 2, item.footprint[1] * scale / 2
+    half_length = item.footprint[0] * scale / 2
+    half_width = item.footprint[1] * scale / 2
     colour = _colour_of(item)
     if item.is_round:
-        ax.add_patch(Circle((x, y), length, facecolor=colour, lw=0, zorder=_OBJECTS))
+        ax.add_patch(Circle((x, y), half_length, facecolor=colour, lw=0, zorder=_OBJECTS))
     else:
         east, south = cos(item.angle), -sin(item.angle)
-        corners = [(length, width), (length, -width), (-length, -width), (-length, width)]
-        points = [(x + a * east - b * south, y + a * south + b * east) for a, b in corners]
+        points = []
+        for ahead, aside in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
+            length = ahead * half_length
+            width = aside * half_width
+            corner_x = x + length * east - width * south
+            corner_y = y + length * south + width * east
+            points.append((corner_x, corner_y))
         ax.add_patch(Polygon(points, facecolor=colour, lw=0, zorder=_OBJECTS))
-        reach = length + 0.07 * scale
+        reach = half_length + 0.07 * scale
         tip = (x + reach * east, y + reach * south)
         _arrow(ax, (x, y), tip, "-|>", colour, zorder=_ARROWS)
     _write(
@@ -303,9 +306,12 @@ def _bill_of_objects(plan: Plan) -> list[str]:
     counts = Counter(item.kind for item in plan.objects)
     for kind in sorted(counts):
         words = f"{counts[kind]} x {_object_name(kind)}"
-        tags = sorted(item.tag for item in plan.objects if item.kind == kind and item.tag is not None)
+        tags = []
+        for item in plan.objects:
+            if item.kind == kind and item.tag is not None:
+                tags.append(item.tag)
         if tags:
-            words += f", tag {', '.join(map(str, tags))}"
+            words += f", tag {', '.join(map(str, sorted(tags)))}"
         lines += wrap(words, 38, subsequent_indent="      ")
     return lines
 
@@ -346,21 +352,26 @@ def _tapes_to_cut(kind: str, tile_size: float) -> list[str]:
         strips[tape.colour, f"{100 * tape.length:.1f}", len(tape.points) - 1] += 1
     lines = []
     for (colour, length, pieces), count in strips.items():
-        cut = f" in {pieces} pieces" if colour == "white" and pieces > 1 else ""
-        lines.append(f"      {count} x {colour} of {length}{cut}")
+        line = f"      {count} x {colour} of {length}"
+        if colour == "white" and pieces > 1:
+            line += f" in {pieces} pieces"
+        lines.append(line)
     return lines
 
 
 def _object_to_place(item: MapObject, number: int, tile_size: float) -> list[str]:
-    tag = "" if item.tag is None else f", tag {item.tag}"
-    east, south = round(item.x * tile_size, 2), round(item.y * tile_size, 2)
+    """Returns the lines of an object: its name, and its position and direction."""
+    name = f"{_BOX} {number}  {_object_name(item.kind)}"
+    if item.tag is not None:
+        name += f", tag {item.tag}"
+    east = round(item.x * tile_size, 2)
+    south = round(item.y * tile_size, 2)
     across = "west" if east < 0 else "east"
     down = "north" if south < 0 else "south"
-    faces = "" if item.is_round else f", faces {_direction(item.angle)}"
-    return [
-        f"{_BOX} {number}  {_object_name(item.kind)}{tag}",
-        f"      {abs(east):.2f} {across}, {abs(south):.2f} {down}{faces}",
-    ]
+    position = f"      {abs(east):.2f} {across}, {abs(south):.2f} {down}"
+    if not item.is_round:
+        position += f", faces {_direction(item.angle)}"
+    return [name, position]
 
 
 def _tile_name(kind: str, quarter_turns: int | None = None) -> str:

@@ -179,20 +179,23 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
     """
     where = tuple(where)
     bounds = _with(bounds, _least_tiles(where, bounds.shape))
-    before = ""  # the ranges that the bounds contain, for messages
+    # What messages call the maps in the ranges that the bounds contain.
+    ranged_maps = maps
     for item in where:
-        if item.name not in (*FEATURES, *TOWN_FEATURES):
-            continue  # a user's feature has no bounds
-        _check_range(item, bounds, f"{maps}{before}")
+        if item.name not in FEATURES and item.name not in TOWN_FEATURES:
+            # A feature of the user has no bounds.
+            continue
+        _check_range(item, bounds, ranged_maps)
         inequalities = []
         if item.name in FEATURES or item.name in COUNTED.values():
             inequalities = _within(item)
         try:
             bounds = _narrowed(_with(bounds, inequalities))
         except _ContradictionError as error:
-            words = f"expected a range that {maps}{before} can be in, got one where {error}"
-            raise InputError(f"where {str(item)!r}: {words}") from None
-        before += f" and {item}" if before else f" with {item}"
+            expected = f"a range that {ranged_maps} can be in"
+            raise InputError(f"where {str(item)!r}: expected {expected}, got one where {error}") from None
+        conjunction = "with" if ranged_maps == maps else "and"
+        ranged_maps += f" {conjunction} {item}"
 
 
 def _least_tiles(where: Iterable[Range], shape: tuple[int, int]) -> list[_Inequality]:
