@@ -75,19 +75,27 @@ class RoadMap:
     def __post_init__(self) -> None:
         """Checks all fields; raises `InputError`."""
         codes = np.array(check_grid(self.codes))
-        codes.flags.writeable = False  # a change would contradict the metrics
+        # A change would contradict the metrics.
+        codes.flags.writeable = False
+        height, width = codes.shape
+        fields: dict[str, UserValue] = {"codes": codes}
         for name, (fits, expected) in _FIELDS.items():
             value = _plain(getattr(self, name))
             if value is not None and not fits(value):
-                raise InputError(f"{name}: expected {expected}, got {shorten(json.dumps(value, default=repr))}")
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "codes", codes)
-        object.__setattr__(self, "seed", self.seed and tuple(self.seed))
-        object.__setattr__(self, "drawn", self.drawn and Drawn(**self.drawn))  # type: ignore[arg-type]
-        if self.drawn and any((len(table), *set(map(len, table))) != codes.shape for table in self.drawn[1:]):
-            raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
+                got = shorten(json.dumps(value, default=repr))
+                raise InputError(f"{name}: expected {expected}, got {got}")
+            fields[name] = value
+        if fields["seed"]:
+            fields["seed"] = tuple(fields["seed"])
+        if fields["drawn"]:
+            drawn = Drawn(**fields["drawn"])
+            if not _has_shape(drawn.tiles, codes.shape) or not _has_shape(drawn.quarter_turns, codes.shape):
+                raise InputError(f"drawn: expected tables of {height} x {width}, like the codes")
+            fields["drawn"] = drawn
         if self.objects is not None:
-            object.__setattr__(self, "objects", check_objects(self.objects, *codes.shape))
+            fields["objects"] = check_objects(self.objects, height, width)
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
 
     def save(self, file: str | Path) -> None:
         """Writes a map file for `read_map`. An existing file is replaced; after an error it is unchanged.
@@ -108,9 +116,11 @@ class RoadMap:
         """Returns the size and a few metrics in one line."""
         height, width = np.shape(self.codes)
         figures = {"fitness": self.fitness} | dict(self.metrics or {})
-        shown = ("fitness", "cyclomatic", "crossings", "turns", "bridges")
-        words = [f"{name} {figures[name]}" for name in shown if figures.get(name) is not None]
-        return f"RoadMap({', '.join([f'{height} x {width}', *words])})"
+        parts = [f"{height} x {width}"]
+        for name in ("fitness", "cyclomatic", "crossings", "turns", "bridges"):
+            if figures.get(name) is not None:
+                parts.append(f"{name} {figures[name]}")
+        return f"RoadMap({', '.join(parts)})"
 
     def _repr_svg_(self) -> str:
         return draw_svg(self.codes)
@@ -123,25 +133,31 @@ def map_to_json(road_map: UserValue) -> str:
     Takes one map in any form that `as_maps` takes; raises `InputError` for anything else.
     """
     road_map = as_map(road_map)
-    codes, objects = road_map.codes, road_map.objects
     values: dict[str, Plain] = {
         "format": _FORMAT,
-        "shape": list(codes.shape),
-        "codes": codes.tolist(),
+        "shape": list(road_map.codes.shape),
+        "codes": road_map.codes.tolist(),
     }
-    values |= {name: getattr(road_map, name) for name in _FIELDS}
-    values["drawn"] = road_map.drawn and road_map.drawn._asdict()
-    values["objects"] = None if objects is None else [object_values(item) for item in objects]
-    return _lines({key: value for key, value in values.items() if value is not None}, "") + "\n"
+    for name in _FIELDS:
+        value = getattr(road_map, name)
+        if value is not None:
+            values[name] = value
+    if road_map.drawn:
+        values["drawn"] = road_map.drawn._asdict()
+    if road_map.objects is not None:
+        values["objects"] = [object_values(item) for item in road_map.objects]
+    return _json_lines(values, "") + "\n"
 
 
-def _lines(value: Plain, indent: str) -> str:
+def _json_lines(value: Plain, indent: str) -> str:
+    """Returns JSON with a line for each key of a mapping, and for each row of a table."""
     inner = indent + "  "
     if isinstance(value, Mapping):
-        rows = [f"{inner}{json.dumps(key)}: {_lines(item, inner)}" for key, item in value.items()]
-        return "{\n" + ",\n".join(rows) + f"\n{indent}}}"
+        lines = [f"{inner}{json.dumps(key)}: {_json_lines(item, inner)}" for key, item in value.items()]
+        return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
     if isinstance(value, list) and value and isinstance(value[0], list | dict):
-        return "[\n" + ",\n".join(f"{inner}{json.dumps(row)}" for row in value) + f"\n{indent}]"
+        lines = [f"{inner}{json.dumps(row)}" for row in value]
+        return "[\n" + ",\n".join(lines) + f"\n{indent}]"
     return json.dumps(value)
 
 
@@ -181,17 +197,21 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
     Raises:
       InputError: for a bad grid or file, or anything else.
     """
-    is_single = isinstance(sources, str | Path) or _dimensions(sources) == 2
+    if isinstance(sources, str | Path):
+        return read_maps(sources)
+    if isinstance(sources, RoadMap):
+        return [sources]
+    is_single = _dimensions(sources) == 2
     if isinstance(sources, Mapping) or not (is_single or isinstance(sources, Iterable)):
         raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
+    if is_single:
+        return [RoadMap(sources)]
     maps: list[RoadMap] = []
-    for index, source in enumerate([sources] if is_single else sources):
+    for index, source in enumerate(sources):
         if isinstance(source, str | Path):
             maps += read_maps(source)
         elif isinstance(source, RoadMap):
             maps.append(source)
-        elif is_single:
-            maps.append(RoadMap(source))
         else:
             maps.append(check_named(f"map {index}", RoadMap, source))
     return maps
@@ -213,9 +233,11 @@ def as_map(source: UserValue) -> RoadMap:
 
 def _dimensions(value: UserValue) -> int:
     value = getattr(value, "codes", value)
-    if isinstance(value, list | tuple):
-        return 1 + (_dimensions(value[0]) if value else 0)
-    return getattr(value, "ndim", 0)
+    if not isinstance(value, list | tuple):
+        return getattr(value, "ndim", 0)
+    if not value:
+        return 1
+    return 1 + _dimensions(value[0])
 
 
 def refresh(road_map: RoadMap, name: str) -> RoadMap:
@@ -227,52 +249,68 @@ def refresh(road_map: RoadMap, name: str) -> RoadMap:
     """
     if road_map.metrics is None:
         return road_map
-    measured = plain_measure(road_map.codes)
-    compared = measured | {name: value / 1000 for name, value in plain_town(road_map.codes).items()}
+    metrics = plain_measure(road_map.codes)
+    town_features = plain_town(road_map.codes)
+    measured = metrics | {feature: value / 1000 for feature, value in town_features.items()}
+    # Whether a code is outside the alphabet depends on the search.
+    del measured["off_alphabet"]
     for metric, value in road_map.metrics.items():
-        if metric in compared and metric != "off_alphabet" and abs(value - compared[metric]) > _ROUNDED:
-            change = f"{metric} {compared[metric]:g} instead of {value:g}"
+        if metric in measured and abs(value - measured[metric]) > _ROUNDED:
+            change = f"{metric} {measured[metric]:g} instead of {value:g}"
             announce_at_end(name, f"measured again, because its codes were changed: {change}")
-            return RoadMap(road_map.codes, metrics=measured, objects=road_map.objects)
+            return RoadMap(road_map.codes, metrics=metrics, objects=road_map.objects)
     return road_map
 
 
 def _read(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]]) -> list[RoadMap]:
     """Reads the maps of a file; of a map of Duckietown, its codes and objects."""
     maps = _parse(file, most, parse)
-    names = [str(file)] if len(maps) == 1 else [f"{file}: map {index}" for index in range(len(maps))]
-    return [refresh(road_map, name) for road_map, name in zip(maps, names, strict=True)]
+    if len(maps) == 1:
+        return [refresh(maps[0], str(file))]
+    return [refresh(road_map, f"{file}: map {index}") for index, road_map in enumerate(maps)]
 
 
 def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]]) -> list[RoadMap]:
     suffix = check_named("file", path, file).suffix.lower()
     if suffix == ".npz":
-        raise InputError(f"{file}: expected a file of maps, got an archive of a search; pick chooses maps from it")
+        got = "an archive of a search; pick chooses maps from it"
+        raise InputError(f"{file}: expected a file of maps, got {got}")
     if Path(file).is_dir():
-        return parse(dict(zip(("codes", "objects"), _read_folder(Path(file)), strict=True)))
+        return parse(_values_of_folder(Path(file)))
     is_yaml = suffix in (".yaml", ".yml")
     text = read_input(file, most, "YAML" if is_yaml else "JSON")
     try:
-        return parse(dict(zip(("codes", "objects"), read_duckietown(text), strict=True)) if is_yaml else _json_of(text))
+        if is_yaml:
+            return parse(_values_of_yaml(text))
+        return parse(_values_of_json(text))
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except RecursionError:
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
 
 
-def _read_folder(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] | None]:
+def _values_of_folder(folder: Path) -> Plain:
     """Reads the codes and objects of a folder of Duckietown's layers."""
     if not is_layers(folder):
-        raise InputError(f"{folder}: expected a file of a map, or a folder with tiles.yaml, got a folder without")
-    return read_layers(folder)
+        expected = "a file of a map, or a folder with tiles.yaml"
+        raise InputError(f"{folder}: expected {expected}, got a folder without")
+    codes, objects = read_layers(folder)
+    return {"codes": codes, "objects": objects}
 
 
-def _json_of(text: str) -> Plain:
+def _values_of_yaml(text: str) -> Plain:
+    """Reads the codes and objects of a Duckietown map."""
+    codes, objects = read_duckietown(text)
+    return {"codes": codes, "objects": objects}
+
+
+def _values_of_json(text: str) -> Plain:
     try:
         return parse_json(text)
     except InputError:
         raise
-    except ValueError as error:  # of JSON, or of a number with too many digits
+    except ValueError as error:
+        # The error of JSON, or of a number with too many digits.
         raise InputError(f"expected a readable JSON file, got: {error}") from None
 
 
@@ -295,8 +333,10 @@ def _map_of(values: Plain) -> RoadMap:
     codes = _grid(values["codes"])
     shape = values.get("shape", list(codes.shape))
     if shape != list(codes.shape):
-        raise InputError(f"shape: expected {list(codes.shape)}, like the codes, got {shorten(json.dumps(shape))}")
-    return RoadMap(codes, **{name: values[name] for name in (*_FIELDS, "objects") if name in values})
+        expected = f"{list(codes.shape)}, like the codes"
+        raise InputError(f"shape: expected {expected}, got {shorten(json.dumps(shape))}")
+    fields = {name: value for name, value in values.items() if name in _FIELDS or name == "objects"}
+    return RoadMap(codes, **fields)
 
 
 def _plain(value: UserValue) -> Plain:
@@ -322,42 +362,69 @@ def _grid(rows: Plain) -> NDArray[np.int8]:
     return np.array(check_grid(rows))
 
 
-def _all(fits: Callable[[Plain], bool], values: Plain) -> bool:
+def _has_shape(table: list[list[Plain]], shape: tuple[int, ...]) -> bool:
+    height, width = shape
+    return len(table) == height and all(len(row) == width for row in table)
+
+
+def _is_list(values: Plain, fits: Callable[[Plain], bool]) -> bool:
+    """Returns whether a value is a list whose items all pass a test."""
     return isinstance(values, list) and all(map(fits, values))
 
 
+def _is_table(rows: Plain, fits: Callable[[Plain], bool]) -> bool:
+    """Returns whether a value is a list of lists whose items all pass a test."""
+    return _is_list(rows, lambda row: _is_list(row, fits))
+
+
 def _is_drawn(value: Plain) -> bool:
-    return (
-        isinstance(value, dict)
-        and set(value) == set(Drawn._fields)
-        and isinstance(value["tile_set"], str)
-        and _all(lambda row: _all(lambda name: isinstance(name, str), row), value["tiles"])
-        and _all(
-            lambda row: _all(lambda turns: is_whole(turns) and 0 <= turns < 4, row),
-            value["quarter_turns"],
-        )
-    )
+    if not isinstance(value, dict) or set(value) != set(Drawn._fields):
+        return False
+    if not isinstance(value["tile_set"], str):
+        return False
+    return _is_table(value["tiles"], _is_text) and _is_table(value["quarter_turns"], _is_quarter_turn)
+
+
+def _is_text(value: Plain) -> bool:
+    return isinstance(value, str)
+
+
+def _is_quarter_turn(value: Plain) -> bool:
+    return is_whole(value) and 0 <= value < 4
 
 
 def _are_cells(value: Plain) -> bool:
-    return _all(lambda cell: _all(is_whole, cell) and len(cell) == 2 and min(cell) >= 0, value)
+    return _is_list(value, _is_cell)
+
+
+def _is_cell(value: Plain) -> bool:
+    return _is_list(value, is_whole) and len(value) == 2 and min(value) >= 0
 
 
 def _is_number(value: Plain) -> bool:
-    return is_real(value) and abs(value) <= sys.float_info.max  # `isfinite` fails for whole numbers over that
+    # `isfinite` fails for whole numbers that are larger.
+    return is_real(value) and abs(value) <= sys.float_info.max
 
 
-def _numbers_by_name(value: Plain) -> bool:
+def _are_numbers_by_name(value: Plain) -> bool:
     return isinstance(value, dict) and all(map(_is_number, value.values()))
+
+
+def _are_whole(value: Plain) -> bool:
+    return _is_list(value, is_whole)
+
+
+def _are_two_whole(value: Plain) -> bool:
+    return _are_whole(value) and len(value) == 2
 
 
 # The fields of a map beside the codes: a test of the value, and what is expected, for messages.
 _FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
-    "metrics": (_numbers_by_name, "numbers by name"),
+    "metrics": (_are_numbers_by_name, "numbers by name"),
     "fitness": (_is_number, "a number"),
-    "descriptor": (_numbers_by_name, "numbers by name"),
-    "niche": (lambda value: _all(is_whole, value), "whole numbers"),
-    "seed": (lambda value: _all(is_whole, value) and len(value) == 2, "two whole numbers"),
+    "descriptor": (_are_numbers_by_name, "numbers by name"),
+    "niche": (_are_whole, "whole numbers"),
+    "seed": (_are_two_whole, "two whole numbers"),
     "unsure": (_are_cells, "a list of cells, each a row and a column"),
     "drawn": (_is_drawn, f"a record of {', '.join(Drawn._fields)}, turns 0 to 3"),
 }
