@@ -87,28 +87,38 @@ class Problem:
           InputError: for a bad shape or alphabet, an axis whose feature is no column, a repair without these arguments,
             fixed cells of another shape, or initial grids of another shape or with other codes.
         """
-        shape, alphabet = check_shape(self.shape, new=True), check_alphabet(self.alphabet)
+        shape = check_shape(self.shape, new=True)
+        alphabet = check_alphabet(self.alphabet)
         names = tuple(check_named("feature_names", listed(str), self.feature_names))
         check_unique("feature_names", "name", names)
-        for part in ("evaluate", "repair", "penalties"):
-            check_named(part, function if part == "evaluate" else none_or(function), getattr(self, part))
-        for check in (function_of("grid", "dirty", raster=False), function_of("grid", raster=False)):
-            check_named("repair", none_or(check), self.repair)
+        check_named("evaluate", function, self.evaluate)
+        check_named("repair", none_or(function), self.repair)
+        check_named("penalties", none_or(function), self.penalties)
+        # A repair is called with and without a dirty mask.
+        check_named("repair", none_or(function_of("grid", "dirty", raster=False)), self.repair)
+        check_named("repair", none_or(function_of("grid", raster=False)), self.repair)
         check_named("initial", none_or(_check_initial), self.initial, shape)
         if self.fixed is not None and np.shape(self.fixed) != shape:
-            raise InputError(f"fixed: expected bool [{shape[0]}, {shape[1]}], got {shorten(repr(self.fixed))}")
-        axes = resolve_axes(self.axes, shape, None) if not isinstance(self.axes, tuple | list) or self.axes else ()
-        known = {*names, *(share for share, (part, whole) in SHARES.items() if {part, *whole} <= set(names))}
-        for axis in axes:
-            if axis.metric not in known:
-                hint = suggest(axis.metric, known)
-                raise InputError(f"axes: expected features of the problem, {', '.join(names)}, got {axis.metric}{hint}")
-        for field, value in (("shape", shape), ("alphabet", alphabet), ("axes", axes), ("feature_names", names)):
-            object.__setattr__(self, field, value)
+            height, width = shape
+            got = shorten(repr(self.fixed))
+            raise InputError(f"fixed: expected bool [{height}, {width}], got {got}")
+        axes: tuple[Axis, ...] = ()
+        if not _is_empty(self.axes):
+            axes = resolve_axes(self.axes, shape, None)
+            _check_axes_are_features(axes, names)
+
+        fields: dict[str, UserValue] = {
+            "shape": shape,
+            "alphabet": alphabet,
+            "axes": axes,
+            "feature_names": names,
+        }
         if self.repair is None:
-            object.__setattr__(self, "repair", partial(_to_alphabet, alphabet))
+            fields["repair"] = partial(_to_alphabet, alphabet)
         if self.penalties is None:
-            object.__setattr__(self, "penalties", lambda features: jnp.zeros(features.shape[:-1], jnp.int32))
+            fields["penalties"] = _no_penalties
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
 
     @property
     def niches(self) -> int:
@@ -128,13 +138,18 @@ class Problem:
         Raises:
           InputError: for a dtype that does not hold the fitness of vacant slots, or if there are no axes.
         """
-        slots, kind = copies * self.niches, jnp.dtype(dtype)
-        whole = jnp.issubdtype(kind, jnp.integer) and jnp.iinfo(kind).max >= VACANT
-        if not (whole or jnp.issubdtype(kind, jnp.floating)):
-            raise InputError(f"dtype: expected that of a fitness, int32 or float32, got {kind}")
+        slots = copies * self.niches
+        fitness_dtype = jnp.dtype(dtype)
+        is_float = jnp.issubdtype(fitness_dtype, jnp.floating)
+        is_integer = jnp.issubdtype(fitness_dtype, jnp.integer)
+        holds_vacant = is_float or (is_integer and jnp.iinfo(fitness_dtype).max >= VACANT)
+        if not holds_vacant:
+            expected = "that of a fitness, int32 or float32"
+            raise InputError(f"dtype: expected {expected}, got {fitness_dtype}")
+        height, width = self.shape
         return Population(
-            grids=jnp.zeros((slots, *self.shape), jnp.int8),
-            fitness=jnp.full(slots, vacant_fitness(kind), kind),
+            grids=jnp.zeros((slots, height, width), jnp.int8),
+            fitness=jnp.full(slots, vacant_fitness(fitness_dtype), fitness_dtype),
             features=jnp.zeros((slots, len(self.feature_names)), jnp.int32),
         )
 
@@ -158,14 +173,18 @@ class Problem:
         grids = random_grids(key, count, self.shape, alphabet=self.alphabet)
         if self.initial is None:
             return grids
-        given = len(self.initial)
-        if given > count:
-            raise InputError(f"initial: expected at most {count} grids, the number a run starts from, got {given}")
-        return grids.at[:given].set(jnp.asarray(self.initial, jnp.int8))
+        initial_count = len(self.initial)
+        if initial_count > count:
+            expected = f"at most {count} grids, the number a run starts from"
+            raise InputError(f"initial: expected {expected}, got {initial_count}")
+        return grids.at[:initial_count].set(jnp.asarray(self.initial, jnp.int8))
 
     def drawn(self, count: int) -> Bool[np.ndarray, " count"]:
         """Returns which of the grids that a run starts from are random ones. The initial ones come first."""
-        return np.arange(count) >= (0 if self.initial is None else len(self.initial))
+        initial_count = 0
+        if self.initial is not None:
+            initial_count = len(self.initial)
+        return np.arange(count) >= initial_count
 
     def repair_raster(self, grid: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
         """Repairs a grid whose tiles are all new: each tile decides over those after it, row by row."""
@@ -173,13 +192,37 @@ class Problem:
 
     @runs_jax
     def descriptor(self, features: Int32[Array, "... F"]) -> Int32[Array, "... D"]:
-        if np.shape(features)[-1:] != (len(self.feature_names),):
-            raise InputError(f"features: expected shape [..., {len(self.feature_names)}], got {[*np.shape(features)]}")
+        columns = len(self.feature_names)
+        if np.shape(features)[-1:] != (columns,):
+            got = list(np.shape(features))
+            raise InputError(f"features: expected shape [..., {columns}], got {got}")
         return compute_descriptor(features, self.feature_names, self.axes)
 
     @runs_jax
     def niche(self, features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
         return niche_index(self.descriptor(features), self.axes)
+
+
+def _is_empty(axes: UserValue) -> bool:
+    """Returns whether there are no axes. An empty text or mapping is left to `resolve_axes`, which refuses it."""
+    return isinstance(axes, tuple | list) and not axes
+
+
+def _check_axes_are_features(axes: tuple[Axis, ...], names: tuple[str, ...]) -> None:
+    """Checks that the metric of each axis is a column of the features, or a share that follows from the columns."""
+    known = set(names)
+    for share, (part, whole) in SHARES.items():
+        if part in names and set(whole) <= set(names):
+            known.add(share)
+    for axis in axes:
+        if axis.metric not in known:
+            hint = suggest(axis.metric, known)
+            expected = f"features of the problem, {', '.join(names)}"
+            raise InputError(f"axes: expected {expected}, got {axis.metric}{hint}")
+
+
+def _no_penalties(features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
+    return jnp.zeros(features.shape[:-1], jnp.int32)
 
 
 def _check_initial(initial: UserValue, shape: tuple[int, int]) -> None:
@@ -191,10 +234,13 @@ def _check_initial(initial: UserValue, shape: tuple[int, int]) -> None:
         raise InputError(f"expected {expected}, got {shorten(repr(initial))}") from None
     if not array.size:
         return
-    if array.ndim != 3 or array.shape[1:] != shape or not jnp.issubdtype(array.dtype, jnp.integer):
-        raise InputError(f"expected {expected}, got {array.dtype} {[*array.shape]}")
-    codes = np.arange(0) if isinstance(array, jax.core.Tracer) else np.asarray(array)
-    if codes.size and not 0 <= codes.min() <= codes.max() <= 15:
+    has_shape = array.ndim == 3 and array.shape[1:] == shape
+    if not has_shape or not jnp.issubdtype(array.dtype, jnp.integer):
+        raise InputError(f"expected {expected}, got {array.dtype} {list(array.shape)}")
+    if isinstance(array, jax.core.Tracer):
+        return
+    codes = np.asarray(array)
+    if not 0 <= codes.min() <= codes.max() <= 15:
         raise InputError(f"expected tile codes 0 to 15, got {codes.min()} to {codes.max()}")
 
 
@@ -204,5 +250,11 @@ def _to_alphabet(
     dirty: Bool[Array, "H W"] | None = None,
     raster: Bool[ArrayLike, ""] = False,
 ) -> Int8[Array, "H W"]:
-    codes = [code if code in alphabet else alphabet[code % len(alphabet)] for code in range(16)]
-    return grid if codes == list(range(16)) else jnp.array(codes, jnp.int8)[grid]
+    """Replaces each code outside the alphabet by one of its K codes, the one at index code mod K."""
+    if set(alphabet) == set(range(16)):
+        return grid
+    code_by_code = list(range(16))
+    for code in range(16):
+        if code not in alphabet:
+            code_by_code[code] = alphabet[code % len(alphabet)]
+    return jnp.array(code_by_code, jnp.int8)[grid]
