@@ -5,8 +5,9 @@ environment i of a batch does the same, bit for bit, as an environment alone wit
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial
+from operator import itemgetter
 from typing import NamedTuple
 
 import jax
@@ -40,22 +41,26 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
     leaves = jax.tree.leaves(observation)
     if not leaves or not all(map(_has_numbers, leaves)):
         raise InputError(f"observation: expected arrays of numbers, got {shorten(repr(observation))}")
-    parts = [jnp.asarray(part) for part in leaves]
-    if len(parts) == 1 and parts[0].dtype == jnp.uint8:
-        return parts[0]
+    arrays = [jnp.asarray(leaf) for leaf in leaves]
+    if len(arrays) == 1 and arrays[0].dtype == jnp.uint8:
+        return arrays[0]
+    return jnp.concatenate([_to_vector(array) for array in arrays])
 
-    def numbers(part: Array) -> Array:
-        if part.dtype == jnp.int8:
-            bits = np.array([8, 4, 2, 1], np.int8).reshape(*(1,) * part.ndim, 4)
-            part = part[..., None] & bits > 0
-        return part.astype(jnp.float32).reshape(-1)
 
-    return jnp.concatenate([numbers(part) for part in parts])
+def _to_vector(array: Array) -> Float[Array, " N"]:
+    """Returns the numbers of an array, or the four bits of each tile code, in one axis."""
+    if array.dtype == jnp.int8:
+        bits = np.array([8, 4, 2, 1], np.int8)
+        # With as many axes as the codes and their bits, see `xla.align`.
+        bits = np.expand_dims(bits, tuple(range(array.ndim)))
+        array = array[..., None] & bits > 0
+    return array.astype(jnp.float32).reshape(-1)
 
 
 def _has_numbers(leaf: Pytree) -> bool:
-    dtype = getattr(leaf, "dtype", None)
-    return dtype is not None and (jnp.issubdtype(dtype, jnp.bool_) or jnp.issubdtype(dtype, jnp.number))
+    if not hasattr(leaf, "dtype"):
+        return False
+    return jnp.issubdtype(leaf.dtype, jnp.bool_) or jnp.issubdtype(leaf.dtype, jnp.number)
 
 
 @lru_cache(maxsize=32)  # so that batches of one environment share compiled functions
@@ -66,29 +71,41 @@ def flattened(environment: Environment, *, channels_first: bool = False) -> Envi
     """
     check_named("environment", instance(Environment), environment)
     if environment.actions is None and environment.action_size < 1:
-        raise InputError(f"environment: expected actions, or action_size of 1 or more, got {environment.action_size}")
+        got = environment.action_size
+        raise InputError(f"environment: expected actions, or action_size of 1 or more, got {got}")
 
-    def see(observation: Pytree) -> Array:
-        seen = flatten(observation)
-        return jnp.moveaxis(seen, -1, 0) if channels_first and seen.dtype == jnp.uint8 else seen
+    def to_array(observation: Pytree) -> Array:
+        array = flatten(observation)
+        if channels_first and array.dtype == jnp.uint8:
+            return jnp.moveaxis(array, -1, 0)
+        return array
 
-    def seeing(reset: Callable[..., tuple[Pytree, Pytree]]) -> Callable[..., tuple[Array, Pytree]]:
-        def see_first(*arguments: Pytree) -> tuple[Array, Pytree]:
-            observation, state = reset(*arguments)
-            return see(observation), state
+    def reset(key: Key[Array, ""], params: Pytree) -> tuple[Array, Pytree]:
+        observation, state = environment.reset(key, params)
+        return to_array(observation), state
 
-        return see_first
+    def reset_to_level(key: Key[Array, ""], level: Pytree, params: Pytree) -> tuple[Array, Pytree]:
+        observation, state = environment.reset_to_level(key, level, params)
+        return to_array(observation), state
 
     def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
-        done = environment.step(key, state, action, params)
-        metrics = {name: metric for name, metric in done.info._asdict().items() if metric is not None}
-        return done._replace(observation=see(done.observation), reached=see(done.reached), info=metrics)
+        transition = environment.step(key, state, action, params)
+        info = transition.info._asdict()
+        metrics = {name: metric for name, metric in info.items() if metric is not None}
+        return transition._replace(
+            observation=to_array(transition.observation),
+            reached=to_array(transition.reached),
+            info=metrics,
+        )
+
+    def observe(state: Pytree, params: Pytree) -> Array:
+        return to_array(environment.observe(state, params))
 
     return Environment(
-        reset=seeing(environment.reset),
-        reset_to_level=seeing(environment.reset_to_level),
+        reset=reset,
+        reset_to_level=reset_to_level,
         step=step,
-        observe=lambda state, params: see(environment.observe(state, params)),
+        observe=observe,
         actions=environment.actions,
         action_size=environment.action_size,
     )
@@ -96,10 +113,10 @@ def flattened(environment: Environment, *, channels_first: bool = False) -> Envi
 
 def check_module(params: Pytree, module: Untyped, name: str, argument: str, needed: str) -> None:
     """Checks the options of an environment, and that a module has a class or module, such as ``vector.VectorEnv``."""
-    part = module
-    for word in needed.split("."):
-        part = getattr(part, word, None)
-    if part is None:
+    attribute = module
+    for attribute_name in needed.split("."):
+        attribute = getattr(attribute, attribute_name, None)
+    if attribute is None:
         raise InputError(f"{argument}: expected the module {name}, got {shorten(repr(module))}")
     if not isinstance(params, Record):
         raise InputError(f"params: expected RoadNavParams or LaneDriveParams, got {shorten(repr(params))}")
@@ -114,10 +131,10 @@ def action_space(environment: Environment, spaces: Untyped) -> Untyped:
 
 def observation_space(environment: Environment, params: Pytree, spaces: Untyped) -> Untyped:
     """Returns the space of observations of a flattened environment, from a module with `Box`."""
-    seen = jax.eval_shape(lambda: environment.reset(jax.random.key(0), params)[0])
-    if seen.dtype == jnp.uint8:
-        return spaces.Box(0, 255, seen.shape, np.uint8)
-    return spaces.Box(-np.inf, np.inf, seen.shape)
+    observation, _ = jax.eval_shape(lambda: environment.reset(jax.random.key(0), params))
+    if observation.dtype == jnp.uint8:
+        return spaces.Box(0, 255, observation.shape, np.uint8)
+    return spaces.Box(-np.inf, np.inf, observation.shape)
 
 
 class Outcome(NamedTuple):
@@ -165,15 +182,23 @@ class Batch:
         """
         self.envs = check_named("envs", whole(1), envs)
         self.environment = flattened(environment, channels_first=channels_first)
-        self.params = jax.device_put(params)  # once, because each number would be transferred in every step
-        self._mode, self._begun = mode, False
+        # Puts the numbers on the device once, because each would be transferred in every step.
+        self.params = jax.device_put(params)
+        self._action = _action_shape(self.environment)
+        self._mode = mode
+        self._begun = False
         # XLA simplifies a batch of one row to other arithmetic, with other last bits. Therefore there are at least two.
-        self._rows = rows = max(self.envs, 2)
-        states, result = _shapes(self.environment, self.params, rows)
-        self._states, self._result = _Layout.of(states), _Layout.of(result)
-        random_seeds = np.random.default_rng().integers(_SEEDS, size=rows, dtype=np.uint64)
-        blank = jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), states)
-        self._carry = _Carry(jnp.asarray(_to_streams(random_seeds)), self._states.pack(blank), jnp.zeros(rows, bool))
+        self._rows = max(self.envs, 2)
+        states, result = _shapes(self.environment, self.params, self._rows)
+        self._states = _Layout.of(states)
+        self._result = _Layout.of(result)
+        random_seeds = np.random.default_rng().integers(_SEEDS, size=self._rows, dtype=np.uint64)
+        blank_states = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), states)
+        self._carry = _Carry(
+            streams=jnp.asarray(_to_streams(random_seeds)),
+            state=self._states.pack(blank_states),
+            over=jnp.zeros(self._rows, bool),
+        )
 
     @runs_jax
     def reset(self, seeds: Sequence[UserValue] | None = None, chosen: NDArray[np.bool_] | None = None) -> np.ndarray:
@@ -190,21 +215,27 @@ class Batch:
             chosen = np.ones(self.envs, bool)
         if seeds is not None:
             self._seed(seeds, chosen)
-        self._carry, observation = _reset(
-            self._carry, np.resize(chosen, self._rows), self.params, environment=self.environment
-        )
+        chosen_rows = np.resize(chosen, self._rows)
+        self._carry, observation = _reset(self._carry, chosen_rows, self.params, environment=self.environment)
         self._begun = True
         return _writable(observation)[: self.envs]
 
     def _seed(self, seeds: Sequence[UserValue], chosen: NDArray[np.bool_]) -> None:
+        """Starts the streams of keys of the chosen environments that have a seed."""
         if not hasattr(seeds, "__len__") or len(seeds) != self.envs:
-            raise InputError(f"seed: expected a whole number, or {self.envs} of them, got {shorten(repr(seeds))}")
-        seeded = [index for index, seed in enumerate(seeds) if seed is not None and chosen[index]]
-        for index in seeded:
-            if not is_whole(seeds[index]) or not 0 <= seeds[index] < _SEEDS:
-                raise InputError(f"seed: expected a whole number, 0 to {_SEEDS - 1}, got {seeds[index]!r}")
+            expected = f"a whole number, or {self.envs} of them"
+            raise InputError(f"seed: expected {expected}, got {shorten(repr(seeds))}")
+        indices = []
+        numbers = []
+        for index, seed in enumerate(seeds):
+            if seed is None or not chosen[index]:
+                continue
+            if not is_whole(seed) or not 0 <= seed < _SEEDS:
+                raise InputError(f"seed: expected a whole number, 0 to {_SEEDS - 1}, got {seed!r}")
+            indices.append(index)
+            numbers.append(seed)
         streams = np.array(self._carry.streams)
-        streams[seeded] = _to_streams(np.array([seeds[index] for index in seeded], np.uint64))
+        streams[indices] = _to_streams(np.array(numbers, np.uint64))
         self._carry = self._carry._replace(streams=jnp.asarray(streams))
 
     @runs_jax
@@ -214,19 +245,29 @@ class Batch:
         array = self._check_actions(actions)
         if self.envs < self._rows:
             array = np.repeat(array, self._rows, axis=0)
-        step = _step(self._carry, array, self.params, environment=self.environment, mode=self._mode)
-        self._carry, *self._sent = step
+        self._carry, self._observations, self._packed_result = _step(
+            self._carry,
+            array,
+            self.params,
+            environment=self.environment,
+            mode=self._mode,
+        )
 
     @runs_jax
     def receive(self) -> Outcome:
         """Waits for the outcome of the step that was sent."""
-        (observation, reached), (stacks, others) = self._sent
-        seen = _writable(observation)
-        before_reset = seen if reached is None else _writable(reached)
-        copied = {name: np.array(stack) for name, stack in stacks.items()}, [np.array(part) for part in others]
-        reward, terminated, truncated, metrics = self._result.unpack(copied)
-        outcome = Outcome(seen, reward, terminated, truncated, metrics, before_reset)
-        return jax.tree.map(lambda part: part[:1], outcome) if self.envs < self._rows else outcome
+        observation = _writable(self._observations[0])
+        reached = observation
+        if self._observations[1] is not None:
+            reached = _writable(self._observations[1])
+        stacks, others = self._packed_result
+        copied_stacks = {dtype: np.array(stack) for dtype, stack in stacks.items()}
+        copied_others = [np.array(array) for array in others]
+        reward, terminated, truncated, metrics = self._result.unpack((copied_stacks, copied_others))
+        outcome = Outcome(observation, reward, terminated, truncated, metrics, reached)
+        if self.envs < self._rows:
+            outcome = jax.tree.map(lambda array: array[:1], outcome)
+        return outcome
 
     def step(self, actions: UserValue) -> Outcome:
         """Makes a step; see `send` and `receive`."""
@@ -238,52 +279,67 @@ class Batch:
         """Returns the states, as arrays of NumPy. Before a reset, an error says that `name` needs it."""
         self._check_begun(name)
         states = self._states.unpack(jax.device_get(self._carry.state))
-        return [jax.tree.map(lambda part, index=index: part[index], states) for index in range(self.envs)]
+        return [jax.tree.map(itemgetter(index), states) for index in range(self.envs)]
 
     def spaces(self, spaces: Untyped) -> tuple[Untyped, Untyped]:
         """Returns the spaces of the actions and of the observations of one environment, from a module of spaces."""
-        return action_space(self.environment, spaces), observation_space(self.environment, self.params, spaces)
+        actions = action_space(self.environment, spaces)
+        observations = observation_space(self.environment, self.params, spaces)
+        return actions, observations
 
     def _check_begun(self, name: str) -> None:
         if not self._begun:
             raise InputError(f"{name}: expected a reset before the first {name}, got none")
 
     def _check_actions(self, actions: UserValue) -> np.ndarray:
+        """Returns actions as an array of one dtype, so that JAX compiles one program."""
         array = np.asarray(actions)
-        discrete = self.environment.actions is not None
-        shape = (self.envs,) if discrete else (self.envs, self.environment.action_size)
-        kinds, words = ("iu", "whole numbers") if discrete else ("iuf", "numbers")
-        if array.shape != shape or array.dtype.kind not in kinds:
-            raise InputError(f"actions: expected {words} {list(shape)}, got {array.dtype} {list(array.shape)}")
-        # One dtype, so that JAX compiles one program.
-        return array.astype(np.int32 if discrete else np.float32, copy=False)
+        action = self._action
+        shape = (self.envs, *action.shape)
+        is_discrete = self.environment.actions is not None
+        allowed_kinds = "iu" if is_discrete else "iuf"
+        if array.shape != shape or array.dtype.kind not in allowed_kinds:
+            numbers = "whole numbers" if is_discrete else "numbers"
+            got = f"{array.dtype} {list(array.shape)}"
+            raise InputError(f"actions: expected {numbers} {list(shape)}, got {got}")
+        return array.astype(action.dtype, copy=False)
+
+
+def _action_shape(environment: Environment) -> jax.ShapeDtypeStruct:
+    """Returns the shape and dtype of one action."""
+    if environment.actions is not None:
+        return jax.ShapeDtypeStruct((), jnp.int32)
+    return jax.ShapeDtypeStruct((environment.action_size,), jnp.float32)
 
 
 def _shapes(environment: Environment, params: Pytree, envs: int) -> tuple[Pytree, Pytree]:
     """Returns the shapes and dtypes of the states, and of what `_result` returns."""
-    shape, dtype = ((), jnp.int32) if environment.actions is not None else ((environment.action_size,), jnp.float32)
+    action = _action_shape(environment)
 
     def step(key: Array) -> tuple[Pytree, Pytree]:
         _, state = environment.reset(key, params)
-        return state, _result(environment.step(key, state, jnp.zeros(shape, dtype), params))
+        no_action = jnp.zeros(action.shape, action.dtype)
+        return state, _result(environment.step(key, state, no_action, params))
 
     keys = jax.eval_shape(lambda: jax.random.split(jax.random.key(0), envs))
     return jax.eval_shape(jax.vmap(step), keys)
 
 
-def _result(done: Transition) -> Pytree:
-    return done.reward, done.terminated, done.truncated, done.info
+def _result(transition: Transition) -> Pytree:
+    return transition.reward, transition.terminated, transition.truncated, transition.info
 
 
 @partial(jax.jit, static_argnames="environment", donate_argnames="carry")
 def _reset(carry: _Carry, chosen: Array, params: Pytree, *, environment: Environment) -> tuple[_Carry, Array]:
     """Starts new episodes in the chosen environments; returns the carry and the observations of all."""
-    states = _Layout.of(_shapes(environment, params, len(chosen))[0])
-    keys, after = _next_keys(carry.streams)
-    state = _renew(environment, chosen, keys, states.unpack(carry.state), params)
-    streams = jnp.where(chosen[:, None], after, carry.streams)
-    observation = jax.vmap(environment.observe, (0, None))(state, params)
-    return _Carry(streams, states.pack(state), carry.over & ~chosen), jax.lax.optimization_barrier(observation)
+    state_shapes, _ = _shapes(environment, params, len(chosen))
+    layout = _Layout.of(state_shapes)
+    keys, later_streams = _next_keys(carry.streams)
+    states = _renew(environment, chosen, keys, layout.unpack(carry.state), params)
+    streams = jnp.where(chosen[:, None], later_streams, carry.streams)
+    observation = jax.vmap(environment.observe, (0, None))(states, params)
+    carry = _Carry(streams, layout.pack(states), carry.over & ~chosen)
+    return carry, jax.lax.optimization_barrier(observation)
 
 
 @partial(jax.jit, static_argnames=("environment", "mode"), donate_argnames="carry")
@@ -292,26 +348,37 @@ def _step(
 ) -> tuple[_Carry, tuple[Array, Array | None], _Packed]:
     """Makes a step; returns the carry, the observations as `Outcome` has them, and the packed result."""
     observe = jax.vmap(environment.observe, (0, None))
-    states = _Layout.of(_shapes(environment, params, len(actions))[0])
+    step = jax.vmap(environment.step, (0, 0, 0, None))
+    state_shapes, _ = _shapes(environment, params, len(actions))
+    layout = _Layout.of(state_shapes)
     keys, streams = _next_keys(carry.streams)
-    done = jax.vmap(environment.step, (0, 0, 0, None))(keys, states.unpack(carry.state), actions, params)
-    state, result, over, reached = done.state, _result(done), done.terminated | done.truncated, None
+    transition = step(keys, layout.unpack(carry.state), actions, params)
+    states = transition.state
+    result = _result(transition)
+    over = transition.terminated | transition.truncated
     if mode == NEXT_STEP:
-        waiting = carry.over
-        state = _renew(environment, waiting, keys, state, params)
-        result = jax.tree.map(lambda part: jnp.where(waiting, jnp.zeros((), part.dtype), part), result)
-        over &= ~waiting
+        # An environment whose episode ended in the last step is reset instead of this step.
+        was_over = carry.over
+        states = _renew(environment, was_over, keys, states, params)
+        result = jax.tree.map(partial(_zero_where, was_over), result)
+        over &= ~was_over
     if mode == SAME_STEP:
-        reset_keys, after = _next_keys(streams)
-        state = _renew(environment, over, reset_keys, state, params)
-        streams = jnp.where(over[:, None], after, streams)
-    observation = observe(state, params)
+        reset_keys, later_streams = _next_keys(streams)
+        states = _renew(environment, over, reset_keys, states, params)
+        streams = jnp.where(over[:, None], later_streams, streams)
+    observation = observe(states, params)
+    reached = None
     if mode == SAME_STEP:
         # Unless an episode has ended, the pictures of a camera are rendered once.
-        reached = jax.lax.cond(over.any(), lambda: observe(done.state, params), lambda: observation)
+        reached = jax.lax.cond(over.any(), lambda: observe(transition.state, params), lambda: observation)
     # `_writable` needs arrays of their own. Without the barrier JAX may return an array of the carry twice.
-    seen = jax.lax.optimization_barrier((observation, reached))
-    return _Carry(streams, states.pack(state), over), seen, _Layout.of(result).pack(result)
+    observations = jax.lax.optimization_barrier((observation, reached))
+    carry = _Carry(streams, layout.pack(states), over)
+    return carry, observations, _Layout.of(result).pack(result)
+
+
+def _zero_where(condition: Bool[Array, " N"], array: Array) -> Array:
+    return jnp.where(condition, jnp.zeros((), array.dtype), array)
 
 
 def _renew(environment: Environment, chosen: Array, keys: Array, state: Pytree, params: Pytree) -> Pytree:
@@ -327,17 +394,21 @@ def _renew(environment: Environment, chosen: Array, keys: Array, state: Pytree, 
 
 def _to_streams(seeds: NDArray[np.uint64]) -> NDArray[np.uint32]:
     """Returns streams ``[N, 3]`` that begin with the keys of the seeds; below 2**32 they are those of `seed_key`."""
-    words = seeds >> np.uint64(32), seeds & np.uint64(0xFFFFFFFF), np.zeros_like(seeds)
-    return np.stack(words, axis=-1).astype(np.uint32)
+    upper_word = seeds >> np.uint64(32)
+    lower_word = seeds & np.uint64(0xFFFFFFFF)
+    used_keys = np.zeros_like(seeds)
+    return np.stack([upper_word, lower_word, used_keys], axis=-1).astype(np.uint32)
 
 
 def _next_keys(streams: Array) -> tuple[Array, Array]:
     """Returns the next key of each stream, and the streams after it."""
+    return jax.vmap(_next_key)(streams), streams.at[:, 2].add(1)
 
-    def next_key(stream: Array) -> Array:
-        return fold_in(jax.random.wrap_key_data(stream[:2], impl=THREEFRY), stream[2].astype(jnp.int32))
 
-    return jax.vmap(next_key)(streams), streams.at[:, 2].add(1)
+def _next_key(stream: Array) -> Array:
+    key = jax.random.wrap_key_data(stream[:2], impl=THREEFRY)
+    used_keys = stream[2].astype(jnp.int32)
+    return fold_in(key, used_keys)
 
 
 class _Layout(NamedTuple):
@@ -357,30 +428,47 @@ class _Layout(NamedTuple):
         counts: Counter[str] = Counter()
         rows: list[tuple[str, int] | None] = []
         for leaf in jax.tree.leaves(tree):
-            stacked = leaf.ndim == 1
-            rows.append((leaf.dtype.name, counts[leaf.dtype.name]) if stacked else None)
-            counts[leaf.dtype.name] += stacked
+            if leaf.ndim != 1:
+                rows.append(None)
+                continue
+            dtype = leaf.dtype.name
+            rows.append((dtype, counts[dtype]))
+            counts[dtype] += 1
         return cls(jax.tree.structure(tree), rows)
 
     def pack(self, tree: Pytree) -> _Packed:
         """Returns the stacks by dtype, and all other leaves."""
-        leaves = list(zip(self.rows, jax.tree.leaves(tree), strict=True))
-        dtypes = {row[0] for row in self.rows if row}
-        stacks = {name: jnp.stack([leaf for row, leaf in leaves if row and row[0] == name]) for name in dtypes}
-        return stacks, [leaf for row, leaf in leaves if row is None]
+        leaves_by_dtype: dict[str, list[AnyArray]] = {}
+        others = []
+        for row, leaf in zip(self.rows, jax.tree.leaves(tree), strict=True):
+            if row is None:
+                others.append(leaf)
+            else:
+                dtype, _ = row
+                leaves_by_dtype.setdefault(dtype, []).append(leaf)
+        stacks = {dtype: jnp.stack(leaves) for dtype, leaves in leaves_by_dtype.items()}
+        return stacks, others
 
     def unpack(self, packed: _Packed) -> Pytree:
         """Returns the pytree of packed arrays of JAX or NumPy."""
         stacks, others = packed
-        other = iter(others)
-        return self.structure.unflatten([stacks[row[0]][row[1]] if row else next(other) for row in self.rows])
+        remaining = iter(others)
+        leaves = []
+        for row in self.rows:
+            if row is None:
+                leaves.append(next(remaining))
+            else:
+                dtype, index = row
+                leaves.append(stacks[dtype][index])
+        return self.structure.unflatten(leaves)
 
 
 class _Memory:
     """Shows NumPy the memory of an array that nothing else reads, as memory to read and write."""
 
     def __init__(self, array: np.ndarray) -> None:
-        self._array = array  # which keeps the memory
+        # Keeps the memory, which the interface alone would not.
+        self._array = array
         address, _ = array.__array_interface__["data"]
         self.__array_interface__ = array.__array_interface__ | {"data": (address, False)}
 
