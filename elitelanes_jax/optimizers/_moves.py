@@ -455,8 +455,9 @@ def _apply_change(
     if window is not None:
         written = jnp.where(change.code == _REFITTED, window, written)
     is_toggled = change.code == _TOGGLED
-    changed = jnp.where(inside, written, grid)
-    varied = jnp.where(is_toggled, grid ^ links.astype(jnp.int8), changed)
+    toggled_grid = grid ^ links.astype(jnp.int8)
+    written_grid = jnp.where(inside, written, grid)
+    varied = jnp.where(is_toggled, toggled_grid, written_grid)
     dirty = jnp.where(is_toggled, links != 0, inside)
     return materialize_variation(Variation(varied, dirty))
 
@@ -472,9 +473,9 @@ def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -
     height, width = grid.shape
     rows = _source_indices(change, 0, height, backwards=flipped, rotated=rotated)
     columns = _source_indices(change, 1, width, backwards=mirrored, rotated=rotated)
-    row_stride = jnp.where(transposed, 1, width)
-    column_stride = jnp.where(transposed, width, 1)
-    indices = rows[:, None] * row_stride + columns[None] * column_stride
+    row_indices = rows[:, None] * jnp.where(transposed, 1, width)
+    column_indices = columns[None] * jnp.where(transposed, width, 1)
+    indices = row_indices + column_indices
 
     source = materialize(jnp.where(from_mate, mate, grid).reshape(-1))
     tiles = materialize(lookup(source, indices))
@@ -611,15 +612,10 @@ def _plan_mate_block(draws: _Draws, offset: Int[ArrayLike, " 2"]) -> _Change:
     mirrored = symmetry & 1 > 0
     flipped = symmetry & 2 > 0
     transposed = symmetry & 4 > 0
-    how = _FROM_MATE + sum(
-        [
-            jnp.where(mirrored, _MIRRORED, 0),
-            jnp.where(flipped, _FLIPPED, 0),
-            jnp.where(transposed, _TRANSPOSED, 0),
-        ]
-    )
-    first, last = draws.block
+    flags = ((mirrored, _MIRRORED), (flipped, _FLIPPED), (transposed, _TRANSPOSED))
+    how = _FROM_MATE + sum(jnp.where(is_chosen, flag, 0) for is_chosen, flag in flags)
     backwards = jnp.stack([flipped, mirrored])
+    first, last = draws.block
     return _Change(first, last, _COPIED, how, jnp.where(backwards, draws.shape - 1 - offset, offset))
 
 
