@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from traceback import extract_tb
 from typing import NamedTuple, TypeAlias
@@ -37,7 +38,7 @@ from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import seed_key, split, uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
-from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render, scale_tiles
+from elitelanes_jax.tiles.rendering import Picture, check_tile_px, choose_tiles, render, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 POLICIES = ("route", "random")
@@ -110,46 +111,68 @@ def make_rides(
     if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     check_named("seed", SEED, seed)
+    level_key, ride_key = split(seed_key(seed))
     furthest = max(int(_PACE * seconds), 1)
-    drawing, driving = split(seed_key(seed))
-    levels = make_levels(drawing, check_grid(grid)[None], count, least=min(4, furthest), most=furthest)
-    steps = max(round(seconds * _RATE), 1)
+    nearest = min(4, furthest)
+    grids = check_grid(grid)[None]
+    levels = make_levels(level_key, grids, count, least=nearest, most=furthest)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
     params = LaneDriveParams(levels, lane_offset=lane_offset)
-    if (camera := getattr(policy, "camera", None)) is not None:
-        tiles = load_tiles() if tiles is None else tiles
-        scaled = scale_tiles(tiles, _SIGHT_PX)
-        camera = check_named("policy", instance(Camera), camera)
-        sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, camera)
-        params = params.replace(observe="camera", sight=sight)
-    poses, lengths, success = _drive(policy, driving, params, steps)
-    return Rides(jax.device_get(levels), poses[:, 0], poses[:, 1], poses[:, 2], lengths, success)
+    camera = getattr(policy, "camera", None)
+    if camera is not None:
+        params = _with_camera(params, camera, tiles)
+    steps = max(round(seconds * _RATE), 1)
+    return _drive(policy, ride_key, params, steps)
 
 
-def _drive(
-    policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
-) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.bool_]]:
-    """Returns the poses ``[N, 3, steps + 1]``, the numbers of steps, and which rides reached their goals."""
-    keys = split(key, params.levels.grid.shape[0])
-    seen, states = _begin(keys, params.levels, params)
-    poses = np.repeat(np.stack(jax.device_get(states.pose), axis=1)[:, :, None], steps + 1, axis=2)
-    over, lengths, success = (np.zeros(len(keys), kind) for kind in (bool, np.int32, bool))
-    actions = np.zeros((len(keys), 2), np.float32)
+def _with_camera(params: LaneDriveParams, camera: UserValue, tiles: TileSet | None) -> LaneDriveParams:
+    """Returns options of an environment whose observations are a camera's pictures."""
+    if tiles is None:
+        tiles = load_tiles()
+    scaled = scale_tiles(tiles, _SIGHT_PX)
+    camera = check_named("policy", instance(Camera), camera)
+    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, camera)
+    return params.replace(observe="camera", sight=sight)
+
+
+def _drive(policy: str | Policy, key: Array, params: LaneDriveParams, steps: int) -> Rides:
+    """Drives on all levels, side by side, for a number of steps at most."""
+    count = params.levels.grid.shape[0]
+    keys = split(key, count)
+    observations, states = _begin(keys, params.levels, params)
+    first_poses = np.stack(jax.device_get(states.pose), axis=1)
+    poses = np.repeat(first_poses[:, :, None], steps + 1, axis=2)
+    lengths = np.zeros(count, np.int32)
+    success = np.zeros(count, bool)
+    is_over = np.zeros(count, bool)
+    actions = np.zeros((count, 2), np.float32)
+    driver = None if callable(policy) else policy
     for step in range(1, steps + 1):
-        if over.all():
+        if is_over.all():
             break
         if callable(policy):
-            listed = jax.device_get(seen)
-            for one in np.flatnonzero(~over):
-                actions[one] = _ask(policy, jax.tree.map(lambda part, one=one: part[one], listed))
-        done = _go(keys, step, states, actions, params, None if callable(policy) else policy)
-        seen, states = done.observation, done.state
-        pose, reached, ended = jax.device_get((done.state.pose, done.info.success, done.terminated))
-        poses[~over, :, step:] = np.stack(pose, axis=1)[~over, :, None]
-        success |= reached & ~over
-        lengths += ~over
-        over |= ended
-    return poses, lengths, success
+            observed = jax.device_get(observations)
+            for index in np.flatnonzero(~is_over):
+                observation = jax.tree.map(itemgetter(index), observed)
+                actions[index] = _ask(policy, observation)
+        transitions = _go(keys, step, states, actions, params, driver)
+        observations = transitions.observation
+        states = transitions.state
+        # One transfer for all that the loop reads.
+        pose, reaches_goal, ends = jax.device_get((states.pose, transitions.info.success, transitions.terminated))
+        is_driving = ~is_over
+        poses[is_driving, :, step:] = np.stack(pose, axis=1)[is_driving, :, None]
+        success |= reaches_goal & is_driving
+        lengths += is_driving
+        is_over |= ends
+    return Rides(
+        levels=jax.device_get(params.levels),
+        x=poses[:, 0],
+        y=poses[:, 1],
+        theta=poses[:, 2],
+        steps=lengths,
+        success=success,
+    )
 
 
 @jax.jit
@@ -204,8 +227,11 @@ def load_policy(file: Path) -> Policy:
 
 def _describe(error: BaseException, file: str) -> str:
     """Returns the text of an error, with the last line of the file that it came through."""
+    words = f"{type(error).__name__}: {error}"
     lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
-    return f"{type(error).__name__}: {error}" + (f" (line {lines[-1]} of {file})" if lines else "")
+    if lines:
+        words += f" (line {lines[-1]} of {file})"
+    return words
 
 
 @name_wrong_arguments
@@ -231,8 +257,9 @@ def trails(
 def _map_of(rides: Rides, source: UserValue) -> RoadMap:
     """Returns the map of rides; raises `InputError` if the rides are on another one."""
     road_map = as_map(source)
-    driven, links = np.asarray(rides.levels.grid), linked_codes(road_map.codes)
-    if driven.shape[1:] != links.shape or (driven != links).any():
+    driven_codes = np.asarray(rides.levels.grid)
+    map_codes = linked_codes(road_map.codes)
+    if driven_codes.shape[1:] != map_codes.shape or (driven_codes != map_codes).any():
         raise InputError("rides: expected rides on the map, got rides on another one")
     return road_map
 
@@ -252,48 +279,90 @@ def film(
       InputError: for a map that the tiles cannot draw (see `render`), a ride that does not exist, or rides on another
         map.
     """
-    count = len(check_named("rides", instance(Rides), rides).steps)
+    check_named("rides", instance(Rides), rides)
+    count = len(rides.steps)
     check_named("index", whole(0, count - 1), index)
     road_map = _map_of(rides, source)
-    codes, size = road_map.codes, check_tile_px(tile_px)
-    chosen = choose_tiles(codes, tiles) if chosen is None else chosen
-    picture = render(codes, tiles, tile_px=size, chosen=chosen)
-    # Each cell has its own picture, because blended tiles all differ.
-    atlas = make_atlas(*(_cells(layer, size) for layer in (picture.image, picture.labels)))
-    cells = jnp.arange(codes.size, dtype=jnp.int32).reshape(codes.shape)
-    camera = Camera(rows=_HEIGHT, columns=640, objects=_MOST_SEEN)
-    things = billboards = None
+    size = check_tile_px(tile_px)
+    if chosen is None:
+        chosen = choose_tiles(road_map.codes, tiles)
+    picture = render(road_map.codes, tiles, tile_px=size, chosen=chosen)
+    scene = _make_scene(road_map, picture, size)
     if road_map.objects:
         picture = render(road_map, tiles, tile_px=size, chosen=chosen)
-        things, billboards = make_objects([road_map]), make_billboards(load_objects().views)
-        things = jax.tree.map(lambda part: part[0], things)
-    side = min(_HEIGHT / codes.shape[0], _WIDEST / codes.shape[1])
-    shape = max(round(side * codes.shape[1]) // 2 * 2, 2), round(side * codes.shape[0])  # films have even sides
-    shrunk = np.asarray(cv2.resize(picture.image, shape, interpolation=cv2.INTER_AREA), np.uint8)
-    background = np.pad(shrunk, [(0, _HEIGHT - shape[1]), (0, 0), (0, 0)])
-    last, goal = int(rides.steps[index]), _goals(rides.levels, tiles.lane_offset)[index]
+    background, side = _shrink(picture.image, road_map.codes.shape)
+    goal = _goals(rides.levels, tiles.lane_offset)[index]
+    x, y, theta = rides.x[index], rides.y[index], rides.theta[index]
+    last = int(rides.steps[index])
     for start in range(0, last + 1, _BATCH):
+        # The last batch repeats the last frame, so that all batches have one size, and run one program.
         steps = np.minimum(np.arange(start, start + _BATCH), last)
-        poses = Pose(*(part[index][steps] for part in (rides.x, rides.y, rides.theta)))
-        views = np.asarray(_look(poses, cells, atlas, camera, things, billboards))
+        poses = Pose(x[steps], y[steps], theta[steps])
+        views = np.asarray(_look(poses, scene))
         for step, view in zip(range(start, last + 1), views, strict=False):
             plan = background.copy()
             _draw_trail(plan, rides, index, step, goal, side)
-            _draw_robot(plan, rides.x[index, step], rides.y[index, step], rides.theta[index, step], side)
+            _draw_robot(plan, x[step], y[step], theta[step], side)
             yield np.concatenate([view, plan], axis=1)
+
+
+class _Scene(NamedTuple):
+    """What the camera of a film looks at; the last four fields are arguments of `look`."""
+
+    cells: Pytree
+    atlas: Pytree
+    camera: Camera
+    objects: Pytree
+    billboards: Pytree
+
+
+def _make_scene(road_map: RoadMap, picture: Picture, size: int) -> _Scene:
+    """Returns the scene of a map. `picture` is of the map without its objects, which stand on it."""
+    codes = road_map.codes
+    # Each cell has its own picture, because blended tiles all differ.
+    atlas = make_atlas(_cells(picture.image, size), _cells(picture.labels, size))
+    cells = jnp.arange(codes.size, dtype=jnp.int32).reshape(codes.shape)
+    camera = Camera(rows=_HEIGHT, columns=640, objects=_MOST_SEEN)
+    objects = None
+    billboards = None
+    if road_map.objects:
+        objects = jax.tree.map(itemgetter(0), make_objects([road_map]))
+        billboards = make_billboards(load_objects().views)
+    return _Scene(cells, atlas, camera, objects, billboards)
+
+
+def _shrink(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> tuple[NDArray[np.uint8], float]:
+    """Shrinks the picture of a map to a film's height, and returns the side of a tile in pixels too."""
+    rows, columns = shape
+    side = min(_HEIGHT / rows, _WIDEST / columns)
+    # Films have even sides.
+    width = max(round(side * columns) // 2 * 2, 2)
+    height = round(side * rows)
+    shrunk = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    below = _HEIGHT - height
+    return np.pad(np.asarray(shrunk, np.uint8), [(0, below), (0, 0), (0, 0)]), side
 
 
 def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
     """Cuts a layer ``[H·P, W·P, ...]`` of a map into the pictures of its cells, ``[H·W, P, P, ...]``."""
-    height, width = layer.shape[0] // size, layer.shape[1] // size
-    cells = layer.reshape(height, size, width, size, *layer.shape[2:]).swapaxes(1, 2)
-    return cells.reshape(height * width, size, size, *layer.shape[2:])
+    height = layer.shape[0] // size
+    width = layer.shape[1] // size
+    channels = layer.shape[2:]
+    cells = layer.reshape(height, size, width, size, *channels).swapaxes(1, 2)
+    return cells.reshape(height * width, size, size, *channels)
 
 
 @runs_jax
 @jax.jit
-def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera, things: Pytree, billboards: Pytree) -> Pytree:
-    return jax.vmap(lambda pose: look(seed_key(0), pose, cells, atlas, camera, things, billboards).image)(poses)
+def _look(poses: Pose, scene: _Scene) -> Pytree:
+    """Returns the camera's picture at each pose. A film has no noise, so the key does not matter."""
+
+    def look_from(pose: Pose) -> Pytree:
+        key = seed_key(0)
+        view = look(key, pose, scene.cells, scene.atlas, scene.camera, scene.objects, scene.billboards)
+        return view.image
+
+    return jax.vmap(look_from)(poses)
 
 
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
@@ -301,44 +370,62 @@ def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
 
     A GIF has every third frame, half as large. An `OSError` names the file.
     """
-    with new_file(file) as part:
-        return (_write_gif if file.suffix.lower() == ".gif" else _write_mp4)(part, frames)
+    with new_file(file) as unfinished_file:
+        if file.suffix.lower() == ".gif":
+            return _write_gif(unfinished_file, frames)
+        return _write_mp4(unfinished_file, frames)
 
 
 def _write_mp4(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
-    count, writer = 0, None
+    count = 0
+    writer = None
     for frame in frames:
         if writer is None:
-            writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, frame.shape[1::-1])
+            codec = cv2.VideoWriter.fourcc("m", "p", "4", "v")
+            height, width = frame.shape[:2]
+            writer = cv2.VideoWriter(str(file), codec, _RATE, (width, height))
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
         count += 1
     if writer is not None:
         writer.release()
     # The writer reports no failure, such as a full disk.
-    if sum(1 for _ in iter(cv2.VideoCapture(str(file)).grab, False)) != count:
+    if _count_frames(file) != count:
         with file.open("ab") as stream:
             stream.write(bytes(_ROOM))
         raise OSError(errno.EIO, "cannot be written as a film")
     return count
 
 
-def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
-    def halved(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        small = cv2.resize(frame, None, fx=_GIF_SCALE, fy=_GIF_SCALE, interpolation=cv2.INTER_AREA)
-        return np.ascontiguousarray(small[..., ::-1])
+def _count_frames(file: Path) -> int:
+    film = cv2.VideoCapture(str(file))
+    count = 0
+    while film.grab():
+        count += 1
+    return count
 
+
+def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
+    shown_frames = islice(frames, 0, None, _GIF_STEP)
     animation = cv2.Animation()
-    animation.frames = [halved(frame) for frame in islice(frames, 0, None, _GIF_STEP)]
+    animation.frames = [_half_as_large(frame) for frame in shown_frames]
     animation.durations = [1000 * _GIF_STEP // _RATE] * len(animation.frames)
-    file.write_bytes(cv2.imencodeanimation(".gif", animation)[1].tobytes())
+    _, content = cv2.imencodeanimation(".gif", animation)
+    file.write_bytes(content.tobytes())
     return len(animation.frames)
+
+
+def _half_as_large(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Shrinks a frame to the size of a GIF, in OpenCV's order of colours."""
+    small = cv2.resize(frame, None, fx=_GIF_SCALE, fy=_GIF_SCALE, interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(small[..., ::-1])
 
 
 @runs_jax
 def _goals(levels: Level, lane_offset: float) -> NDArray[np.float32]:
     """Returns where lanes enter the goals' tiles, ``[N, 2]``, x and y."""
     entering = Movement(*levels.goal, turn=jnp.int32(1))
-    return np.stack(lane_point(entering, 0.0, lane_offset=lane_offset)[:2], axis=1)
+    goal = lane_point(entering, 0.0, lane_offset=lane_offset)
+    return np.stack(goal[:2], axis=1)
 
 
 def _draw_trail(
@@ -355,13 +442,19 @@ def _draw_trail(
 
 
 def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, side: float) -> None:
-    length, half = 0.18 / TILE, 0.075 / TILE
-    ahead, left = np.array([np.cos(theta), -np.sin(theta)]), np.array([-np.sin(theta), -np.cos(theta)])
+    """Draws a robot as a triangle, whose tip is ahead."""
+    length = 0.18 / TILE
+    half_width = 0.075 / TILE
+    ahead = np.array([np.cos(theta), -np.sin(theta)])
+    left = np.array([-np.sin(theta), -np.cos(theta)])
     middle = np.array([x, y])
-    corners = [middle + a * ahead + b * left for a, b in ((-length / 2, half), (-length / 2, -half), (length / 2, 0))]
-    shape = _dots(np.array(corners), side)
+    rear_left = middle + -length / 2 * ahead + half_width * left
+    rear_right = middle + -length / 2 * ahead + -half_width * left
+    tip = middle + length / 2 * ahead
+    shape = _dots(np.array([rear_left, rear_right, tip]), side)
+    thickness = max(round(side / 40), 1)
     cv2.fillPoly(picture, [shape], (255, 255, 255), cv2.LINE_AA, _BITS)
-    cv2.polylines(picture, [shape], True, (20, 20, 20), max(round(side / 40), 1), cv2.LINE_AA, _BITS)
+    cv2.polylines(picture, [shape], True, (20, 20, 20), thickness, cv2.LINE_AA, _BITS)
 
 
 def _dots(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
