@@ -55,30 +55,40 @@ def from_result(result: "Result", name: str) -> ShownRun:
     """Returns the elites and the history of a result."""
     elites = result.elites
     valid = np.asarray(elites.valid)
-    descriptor = np.asarray(elites.descriptor)[valid]
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
     search = result.search
     alphabet = search.settings.alphabet
     if alphabet is not None:
-        alphabet = (*alphabet, *KINDS["end"], *KINDS["empty"])
-    has_seeds = valid.ndim > 1
-    features = {feature: np.asarray(values)[valid] for feature, values in elites.features.items()}
-    is_usual = _has_usual_fitness(result)
+        alphabet = alphabet + KINDS["end"] + KINDS["empty"]
+    if valid.ndim > 1:
+        seed_of_elites = np.nonzero(valid)[0]
+        seeds = len(valid)
+    else:
+        seed_of_elites = np.zeros(valid.sum(), int)
+        seeds = 1
+    features = {}
+    for feature, values in elites.features.items():
+        features[feature] = np.asarray(values)[valid]
+    descriptor = np.asarray(elites.descriptor)[valid]
+    has_usual_fitness = _has_usual_fitness(result)
+    floors = None
+    if has_usual_fitness:
+        floors = _floors(search)
     return ShownRun(
         name,
         grids=np.asarray(elites.grids)[valid],
         fitness=np.asarray(elites.fitness)[valid],
-        seed=np.nonzero(valid)[0] if has_seeds else np.zeros(valid.sum(), int),
-        seeds=len(valid) if has_seeds else 1,
+        seed=seed_of_elites,
+        seeds=seeds,
         axes=search.axes,
         weights=search.weights._asdict() | dict(search.settings.weights),
         alphabet=alphabet,
         niche=np.asarray(niche_index(descriptor, search.axes), np.int32),
         features=features,
         history=result.history,
-        usual_fitness=is_usual,
-        floors=_floors(search) if is_usual else None,
+        usual_fitness=has_usual_fitness,
+        floors=floors,
         record={"settings": {"search": search.to_plain()}},
     )
 
@@ -89,32 +99,39 @@ def _has_usual_fitness(result: "Result") -> bool:
     A result does not say whether a user gave the fitness, so the function computes the sum and
     compares it.
     """
-    elites, search = result.elites, result.search
-    valid, names = np.asarray(elites.valid), search.feature_names
-    measured = elites.metrics._asdict() | dict(elites.features)
-    features = np.stack([np.asarray(measured[name], np.int32) for name in names], axis=-1)
-    usual = np.asarray(weighted_sum(elites.metrics, search.weights))
+    elites = result.elites
+    search = result.search
+    names = search.feature_names
+    measured = elites.by_name()
+    columns = [np.asarray(measured[name], np.int32) for name in names]
+    features = np.stack(columns, axis=-1)
+    usual_fitness = np.asarray(weighted_sum(elites.metrics, search.weights))
     if search.feature_weights is not None:
-        usual = usual + features[..., len(METRIC_NAMES) :] @ np.array(search.feature_weights, np.int32)
-    usual = usual + range_penalty(features, names, range_limits(search.ranges, names), search.shape)
-    return bool((np.asarray(elites.fitness) == usual)[valid].all())
+        feature_weights = np.array(search.feature_weights, np.int32)
+        usual_fitness = usual_fitness + features[..., len(METRIC_NAMES) :] @ feature_weights
+    limits = range_limits(search.ranges, names)
+    usual_fitness = usual_fitness + range_penalty(features, names, limits, search.shape)
+    is_usual = np.asarray(elites.fitness) == usual_fitness
+    return bool(is_usual[np.asarray(elites.valid)].all())
 
 
 def _floors(search: "Search") -> dict[int, int] | None:
     """Returns the certified optima of flawless networks by cyclomatic number, if they apply to a search."""
     height, width = search.shape
-    name = f"{height}x{width}{'A' if search.fills else 'B'}"
-    if name not in SIZES or search.settings.rules is not None:
+    track = "A" if search.fills else "B"
+    size = f"{height}x{width}{track}"
+    if size not in SIZES or search.settings.rules is not None:
         return None
     if search.weights != Weights() or search.feature_weights:
         return None
-    task = find_task(f"{name}-10000")
+    task = find_task(f"{size}-10000")
     return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
 
 
 def of_maps(maps: Iterable[RoadMap], group: str) -> list[ShownRun]:
     """Returns maps by their sizes. `group` is the name of all, or ""."""
-    runs = by_size([(f"map {index}", road_map) for index, road_map in enumerate(maps)])
+    named_maps = [(f"map {index}", road_map) for index, road_map in enumerate(maps)]
+    runs = by_size(named_maps)
     if not group:
         return runs
     if len(runs) == 1:
@@ -122,37 +139,52 @@ def of_maps(maps: Iterable[RoadMap], group: str) -> list[ShownRun]:
     return [run._replace(name=f"{group}, {run.name}") for run in runs]
 
 
-def by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[ShownRun]:
-    sizes: dict[tuple[int, ...], list[tuple[str, RoadMap]]] = {}
-    for name, road_map in maps:
-        sizes.setdefault(road_map.codes.shape, []).append((name, road_map))
+def by_size(named_maps: Sequence[tuple[str, RoadMap]]) -> list[ShownRun]:
+    """Returns maps with their names as a run for each size."""
+    maps_by_size: dict[tuple[int, ...], list[tuple[str, RoadMap]]] = {}
+    for name, road_map in named_maps:
+        maps_by_size.setdefault(road_map.codes.shape, []).append((name, road_map))
     runs = []
-    for (height, width), listed in sizes.items():
-        known = [road_map.fitness for _, road_map in listed if road_map.fitness is not None]
-        is_whole = all(isinstance(value, int) for value in known)
-        chosen = []
-        for index, (name, road_map) in enumerate(listed):
-            chosen.append((index, name, road_map))
-        runs.append(
-            ShownRun(
-                name=f"maps of {height} x {width}" if len(sizes) > 1 else "maps",
-                grids=np.stack([road_map.codes for _, road_map in listed]),
-                fitness=_fitness_array(known, is_whole) if len(known) == len(listed) else None,
-                seed=np.zeros(len(listed), int),
-                seeds=1,
-                axes=tuned_axes((height, width)),
-                weights=Weights()._asdict(),
-                alphabet=None,
-                usual_fitness=is_whole,
-                labels=tuple(name for name, _ in listed),
-                maps=tuple(chosen),
-            )
-        )
+    for (height, width), maps_of_size in maps_by_size.items():
+        run = _run_of_maps(maps_of_size, (height, width))
+        if len(maps_by_size) > 1:
+            run = run._replace(name=f"maps of {height} x {width}")
+        runs.append(run)
     return runs
+
+
+def _run_of_maps(named_maps: Sequence[tuple[str, RoadMap]], shape: tuple[int, int]) -> ShownRun:
+    """Returns a run of maps of one shape."""
+    known_fitness = []
+    labels = []
+    chosen = []
+    for index, (name, road_map) in enumerate(named_maps):
+        labels.append(name)
+        chosen.append((index, name, road_map))
+        if road_map.fitness is not None:
+            known_fitness.append(road_map.fitness)
+    is_whole = all(isinstance(value, int) for value in known_fitness)
+    fitness = None
+    if len(known_fitness) == len(named_maps):
+        fitness = _fitness_array(known_fitness, is_whole)
+    return ShownRun(
+        name="maps",
+        grids=np.stack([road_map.codes for _, road_map in named_maps]),
+        fitness=fitness,
+        seed=np.zeros(len(named_maps), int),
+        seeds=1,
+        axes=tuned_axes(shape),
+        weights=Weights()._asdict(),
+        alphabet=None,
+        usual_fitness=is_whole,
+        labels=tuple(labels),
+        maps=tuple(chosen),
+    )
 
 
 def _fitness_array(values: Sequence[float], is_whole: bool) -> Int32[np.ndarray, " E"] | Float32[np.ndarray, " E"]:
     """Returns fitness values of files, limited to what 32 bits can hold."""
+    # In Python's numbers, because NumPy refuses whole numbers that are longer than 64 bits.
     if is_whole:
         most = np.iinfo(np.int32).max
         return np.array([min(max(value, -most), most) for value in values], np.int32)
@@ -164,19 +196,22 @@ def read_run(folder: Path) -> ShownRun:
     """Reads the folder of a run: its record, and its archive, its chosen maps or both."""
     file = folder / "run.json"
     record = _read_record(file)
-    chosen = [(path.parent.name, read_map(path)) for path in sorted(folder.glob("maps/*/map.json"))]
+    chosen_maps = []
+    for path in sorted(folder.glob("maps/*/map.json")):
+        chosen_maps.append((path.parent.name, read_map(path)))
     name = folder.resolve().name
     if (folder / "archive.npz").exists():
-        run = _with_chosen(read_archive(folder / "archive.npz", name), chosen)
-    elif chosen:
-        run, *others = by_size(chosen)
-        if others:
-            raise InputError(f"{folder}: expected maps of one size, as a run writes them, got several")
-        run = run._replace(name=name)
+        run = _with_chosen(read_archive(folder / "archive.npz", name), chosen_maps)
+    elif chosen_maps:
+        runs = by_size(chosen_maps)
+        if len(runs) > 1:
+            expected = "maps of one size, as a run writes them"
+            raise InputError(f"{folder}: expected {expected}, got several")
+        run = runs[0]._replace(name=name)
     else:
         raise InputError(f"{folder}: expected an archive.npz or maps beside run.json, got neither")
-    shown = {key: record[key] for key in _RECORDED if key in record}
-    run = run._replace(record=shown)
+    shown_record = {key: record[key] for key in _RECORDED if key in record}
+    run = run._replace(record=shown_record)
     size = setting(run, "size")
     if size is not None and size != list(run.grids.shape[1:]):
         got = "{} x {}".format(*run.grids.shape[1:])
