@@ -33,13 +33,15 @@ def divide_batches(function: Callable[P, R], *, rows: Pytree = None) -> Callable
         if _explicit_mesh((args, kwargs)) is None:
             return function(*args, **kwargs)
         bound = inspect.signature(function).bind(*args, **kwargs)
-        result: R = _divided(partial(function, **bound.kwargs), rows)(*bound.args)
-        return result
+        divided = _divided(partial(function, **bound.kwargs), rows)
+        return divided(*bound.args)
 
     return call
 
 
 def _divided(function: Callable[..., R], rows: Pytree = None) -> Callable[..., R]:
+    """Returns the function with a rule for batches: each device computes its part of a batch."""
+
     @jax.custom_batching.custom_vmap
     def alone(*args: Pytree) -> Pytree:
         if rows is None:
@@ -49,9 +51,11 @@ def _divided(function: Callable[..., R], rows: Pytree = None) -> Callable[..., R
 
     @alone.def_vmap
     def _(_: int, batched: list[Pytree], *args: Pytree) -> tuple[Pytree, Pytree]:
-        axes = jax.tree.map(lambda has_axis: 0 if has_axis else None, tuple(batched))
+        is_batched = tuple(batched)
+        axes = jax.tree.map(lambda has_axis: 0 if has_axis else None, is_batched)
         # Divided again, because another axis of the batch may be sharded over another axis of the mesh.
-        result = _on_shards(_divided(jax.vmap(function, axes)), args, tuple(batched), 0, leaves_others=True)
+        batch_function = _divided(jax.vmap(function, axes))
+        result = _on_shards(batch_function, args, is_batched, 0, leaves_others=True)
         return result, jax.tree.map(lambda _: True, result)
 
     return alone
@@ -63,7 +67,8 @@ def _in_one_part(function: Callable[..., R], *args: Pytree) -> R:
     if mesh is None:
         return function(*args)
     whole = NamedSharding(mesh, PartitionSpec())
-    result: R = jax.sharding.auto_axes(function, axes=_explicit_axes(mesh), out_sharding=whole)(*args)
+    auto_function = jax.sharding.auto_axes(function, axes=_explicit_axes(mesh), out_sharding=whole)
+    result: R = auto_function(*args)
     return result
 
 
@@ -74,29 +79,44 @@ def _on_shards(
 
     `rows` is the axis of the batch in each result, `leaves_others` says whether the function divides a batch further.
     """
-    leaves = zip(jax.tree.leaves(args), jax.tree.leaves(batched), strict=True)
-    axis = next((_spec(leaf)[0] for leaf, has_axis in leaves if has_axis and _spec(leaf)[0] is not None), None)
-    if axis is None:
-        return _in_one_part(function, *args) if not leaves_others else function(*args)
+    mesh_axis = _mesh_axis_of_batch(args, batched)
+    if mesh_axis is None and leaves_others:
+        return function(*args)
+    if mesh_axis is None:
+        return _in_one_part(function, *args)
     mesh = _explicit_mesh(args)
-    specs = jax.tree.map(lambda has_axis: PartitionSpec(axis) if has_axis else PartitionSpec(), batched)
-    args = jax.tree.map(lambda leaf, spec: jax.sharding.reshard(leaf, NamedSharding(mesh, spec)), args, specs)
-    out_specs = jax.tree.map(lambda before: PartitionSpec(*[None] * before, axis), rows)
-    names = {*axis} if isinstance(axis, tuple) else {axis}
+    specs = jax.tree.map(lambda has_axis: PartitionSpec(mesh_axis) if has_axis else PartitionSpec(), batched)
+    sharded_args = jax.tree.map(lambda leaf, spec: jax.sharding.reshard(leaf, NamedSharding(mesh, spec)), args, specs)
+    out_specs = jax.tree.map(lambda row_axis: PartitionSpec(*[None] * row_axis, mesh_axis), rows)
+    if not leaves_others:
+        divided_axes = set(_explicit_axes(mesh))
+    elif isinstance(mesh_axis, tuple):
+        divided_axes = set(mesh_axis)
+    else:
+        divided_axes = {mesh_axis}
     # Unchecked, because no device needs another one.
-    result: R = jax.shard_map(
+    on_shards = jax.shard_map(
         function,
         mesh=mesh,
         in_specs=specs,
         out_specs=out_specs,
-        axis_names=names if leaves_others else {*_explicit_axes(mesh)},
+        axis_names=divided_axes,
         check_vma=False,
-    )(*args)
+    )
+    result: R = on_shards(*sharded_args)
     return result
 
 
-def _spec(leaf: Pytree) -> PartitionSpec:
-    return jax.typeof(leaf).sharding.spec
+def _mesh_axis_of_batch(args: tuple[Pytree, ...], batched: Pytree) -> Pytree:
+    """Returns the axis of the mesh, or the axes, that the batch is sharded over; None if it is whole."""
+    leaves = jax.tree.leaves(args)
+    for leaf, has_axis in zip(leaves, jax.tree.leaves(batched), strict=True):
+        if not has_axis:
+            continue
+        mesh_axis = jax.typeof(leaf).sharding.spec[0]
+        if mesh_axis is not None:
+            return mesh_axis
+    return None
 
 
 def _explicit_mesh(tree: Pytree) -> Pytree:
@@ -110,5 +130,8 @@ def _explicit_mesh(tree: Pytree) -> Pytree:
 
 
 def _explicit_axes(mesh: Pytree) -> tuple[str, ...]:
-    kinds = zip(mesh.axis_names, mesh.axis_types, strict=True)
-    return tuple(name for name, kind in kinds if kind == AxisType.Explicit)
+    explicit_names = []
+    for name, axis_type in zip(mesh.axis_names, mesh.axis_types, strict=True):
+        if axis_type == AxisType.Explicit:
+            explicit_names.append(name)
+    return tuple(explicit_names)
