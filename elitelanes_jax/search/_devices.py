@@ -1,6 +1,7 @@
 """Spreads the seeds of a search over all local devices: the cores of the processor, GPUs, TPU cores."""
 
 from collections.abc import Sequence
+from itertools import cycle, islice
 from operator import itemgetter
 
 import jax
@@ -33,10 +34,11 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
         devices = len(local)
         if local[0].platform == "cpu":
             devices = max(devices, count_cores())
-    if isinstance(devices, Sequence) and devices and all(isinstance(device, jax.Device) for device in devices):
-        return list(devices)
-    if not isinstance(devices, Sequence) and is_whole(devices) and devices > 0:
-        return [local[index % len(local)] for index in range(devices)]
+    if isinstance(devices, Sequence):
+        if devices and all(isinstance(device, jax.Device) for device in devices):
+            return list(devices)
+    elif is_whole(devices) and devices > 0:
+        return list(islice(cycle(local), devices))
     raise InputError(f"devices: expected JAX's devices, or their number, at least 1, got {devices!r}")
 
 
@@ -66,30 +68,39 @@ def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
     size, count = part_rows(rows, devices)
     if count == 1:
         return [_put(tree, devices[0])]
-    indices = np.minimum(np.arange(count * size), rows - 1).reshape(count, size)
-    # Indexing in NumPy compiles nothing, but NumPy has no arrays of keys.
-    tree = jax.tree.map(lambda array: array if _is_key(array) else np.asarray(array), tree)
+    indices = np.minimum(np.arange(count * size), rows - 1)
+    tree = jax.tree.map(_to_numpy, tree)
     parts = []
-    for part, device in zip(indices, devices, strict=False):
-        rows_of_part = jax.tree.map(itemgetter(part), tree)
-        parts.append(_put(rows_of_part, device))
+    for indices_of_part, device in zip(indices.reshape(count, size), devices, strict=False):
+        part = jax.tree.map(itemgetter(indices_of_part), tree)
+        parts.append(_put(part, device))
     return parts
+
+
+def _to_numpy(array: Pytree) -> Pytree:
+    """Returns an array of NumPy, whose indexing compiles nothing; but NumPy has no arrays of keys."""
+    if _is_key(array):
+        return array
+    return np.asarray(array)
 
 
 def join(parts: Sequence[Pytree], rows: int) -> Pytree:
     """Joins the parts that `cut` made to arrays ``[rows, ...]``, for the default device."""
-    home = jax.local_devices()[0]
+    default_device = jax.local_devices()[0]
     if len(parts) == 1:
-        devices = [getattr(array, "device", home) for array in jax.tree.leaves(parts[0])]
-        if all(device == home for device in devices):
+        leaves = jax.tree.leaves(parts[0])
+        devices = [getattr(array, "device", default_device) for array in leaves]
+        if all(device == default_device for device in devices):
             return parts[0]
+    return jax.tree.map(lambda *arrays: _concatenate(arrays)[:rows], *parts)
 
-    def joined(*arrays: Pytree) -> Pytree:
-        if _is_key(arrays[0]):
-            return jnp.concatenate([jax.device_put(array, home) for array in arrays])[:rows]
-        return np.concatenate(arrays)[:rows]
 
-    return jax.tree.map(joined, *parts)
+def _concatenate(arrays: Sequence[Pytree]) -> Pytree:
+    """Joins arrays in NumPy, or arrays of keys on the default device."""
+    if not _is_key(arrays[0]):
+        return np.concatenate(arrays)
+    default_device = jax.local_devices()[0]
+    return jnp.concatenate([jax.device_put(array, default_device) for array in arrays])
 
 
 def _is_key(array: Pytree) -> bool:

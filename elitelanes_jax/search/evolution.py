@@ -16,7 +16,7 @@ from jaxtyping import Array, Key, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, flag, instance, none_or, real
-from elitelanes_jax._util.engine import Engine, check_pool
+from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten, warn_user
 from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
@@ -55,8 +55,6 @@ _SECONDS_A_CALL = 0.2
 
 # With less free memory, in bytes, the compiler ends the whole process. At 12 x 12, 0.1 GB are too few, 0.3 GB enough.
 _COMPILER = 200_000_000
-
-_OF_SEEDS = ("best_fitness", "elite_count", "refused")  # the arrays of a history with an axis of seeds
 
 
 @name_wrong_arguments
@@ -128,7 +126,6 @@ def evolve(
     """
     shape = check_shape(shape, new=True)
     kernels = check_kernels(features, shape)
-    spec = _with_options(spec, options if features is None else {**options, "features": tuple(kernels)})
     extensions = Extensions(
         config=config,
         optimizer=optimizer,
@@ -136,6 +133,10 @@ def evolve(
         fitness=fitness,
         moves=moves,
     )
+    all_options: dict[str, UserValue] = dict(options)
+    if features is not None:
+        all_options["features"] = tuple(kernels)
+    spec = _with_options(spec, all_options)
     spec = ask_for_method(spec, options, extensions)
     # The user's optimiser may make any grids.
     room_for: Room = "grids" if optimizer is None else "anything"
@@ -143,13 +144,8 @@ def evolve(
     keys = check_keys(key, seeds)
     pool = check_pool(executor, parts)
     if pool is not None:
-        from elitelanes_jax.search.parts import evolve_parts, join_parts  # they call this module
-
-        for name, value in (("state", state), ("checkpoint", checkpoint), ("devices", devices)):
-            if value is not None:
-                raise InputError(f"{name}: expected none with an executor, got {shorten(repr(value), 60)}")
-        functions = plan_run(search, keys._replace(data=keys.data[:1]), extensions, choose_devices(1)).setup.digests
-        return join_parts(evolve_parts(search, keys, pool, extensions, functions=functions, progress=progress))
+        _check_none_with_executor(state=state, checkpoint=checkpoint, devices=devices)
+        return _evolve_in_pool(search, keys, extensions, pool, progress)
     return evolve_search(
         search,
         keys,
@@ -160,6 +156,29 @@ def evolve(
         progress=progress,
         devices=devices,
     )
+
+
+def _check_none_with_executor(**arguments: UserValue) -> None:
+    """Checks that the arguments, which an executor's workers cannot use, are not given."""
+    for name, value in arguments.items():
+        if value is not None:
+            got = shorten(repr(value), 60)
+            raise InputError(f"{name}: expected none with an executor, got {got}")
+
+
+def _evolve_in_pool(
+    search: Search, keys: SearchKeys, extensions: Extensions, pool: Pool, progress: bool | None
+) -> Result:
+    """Runs a search on an executor's workers."""
+    # The module of the parts imports this one.
+    from elitelanes_jax.search.parts import evolve_parts, join_parts
+
+    # Planning a run of one seed checks the user's functions here, before they travel. Workers
+    # compare their functions with the digests.
+    first_key = keys._replace(data=keys.data[:1])
+    functions = plan_run(search, first_key, extensions, choose_devices(1)).setup.digests
+    results = evolve_parts(search, keys, pool, extensions, functions=functions, progress=progress)
+    return join_parts(results)
 
 
 def evolve_search(
@@ -177,15 +196,17 @@ def evolve_search(
     check_named("progress", none_or(flag), progress)
     every = check_named("every", real(0), every)
     run = plan_run(search, keys, extensions, choose_devices(devices))
-    done, states = 0, None
+    generation = 0
+    states = None
     if state is not None:
-        done, states = _restore(state, run)
+        generation, states = _restore(state, run)
     if checkpoint is None:
-        return _evolve(run, done, states, None, progress)
+        return _evolve(run, generation, states, None, progress)
     folder = Path(checkpoint)
     check_can_save(run.programs.states)
     with locked(folder, folder):
-        return _evolve(run, done, states, Checkpoint(folder, _identity(run, done), every), progress)
+        file = Checkpoint(folder, _identity(run, generation), every)
+        return _evolve(run, generation, states, file, progress)
 
 
 @runs_jax
@@ -207,11 +228,15 @@ def compile_search(search: Search, keys: SearchKeys) -> None:
 def _with_options(spec: UserValue, options: Mapping[str, UserValue]) -> SearchSpec:
     """Returns a specification with the options of a call."""
     spec = check_named("spec", instance(SearchSpec), spec)
-    for option, argument in (("size", "shape"), ("seed", "key")):  # as the command calls them
+    # The command calls these arguments otherwise.
+    argument_of_option = {"size": "shape", "seed": "key"}
+    for option, argument in argument_of_option.items():
         if option in options:
             value = options[option]
             raise InputError(f"{option}: expected it as {argument}={value!r}, got {option}=")
-    return spec.replace(**options) if options else spec
+    if not options:
+        return spec
+    return spec.replace(**options)
 
 
 @dataclass(frozen=True)
@@ -258,7 +283,11 @@ class Run:
         history = history._replace(best_fitness=history.best_fitness.astype(elites.fitness.dtype))
         generation = np.array(first + history.generation.size, np.int32)
         if self.keys.single:
-            history = history._replace(**{name: getattr(history, name)[0] for name in _OF_SEEDS})
+            history = history._replace(
+                best_fitness=history.best_fitness[0],
+                elite_count=history.elite_count[0],
+                refused=history.refused[0],
+            )
         state = RunState(generation, inner, self.fingerprint)
         return Result(elites, history, state, self.search, self.config, self.setup.digests)
 
@@ -276,13 +305,17 @@ def plan_run(search: Search, keys: SearchKeys, extensions: Extensions, devices: 
         fitness=extensions.fitness,
     )
     digests = digest_functions(setup)
-    setup = replace(setup, digests=tuple((name, digest.digits) for name, digest in digests.items()))
-    if len(keys.data) == 1 or keys.kind != THREEFRY:  # the bits of other keys depend on the whole batch
-        devices = parts = [devices[0]]
-    else:
-        parts = divide(devices, len(keys.data))
+    digits = [(name, digest.digits) for name, digest in digests.items()]
+    setup = replace(setup, digests=tuple(digits))
     uses_floats = any(digest.uses_floats for digest in digests.values())
-    programs = find_programs(setup, keys.data, keys.single, parts, uses_floats)
+    # The bits of keys of other kinds depend on the whole batch.
+    is_one_part = len(keys.data) == 1 or keys.kind != THREEFRY
+    if is_one_part:
+        devices = [devices[0]]
+        devices_of_parts = [devices[0]]
+    else:
+        devices_of_parts = divide(devices, len(keys.data))
+    programs = find_programs(setup, keys.data, keys.single, devices_of_parts, uses_floats)
     fingerprint = zlib.crc32(_describe(setup).encode() + keys.data.tobytes())
     return Run(
         search=name_what_makes(search, config, extensions),
@@ -292,7 +325,7 @@ def plan_run(search: Search, keys: SearchKeys, extensions: Extensions, devices: 
         fingerprint=np.array(fingerprint, np.uint32),
         programs=programs,
         numbers=programs.put_numbers(setup, fingerprint),
-        devices=parts,
+        devices=devices_of_parts,
         workers=len(devices),
     )
 
@@ -306,35 +339,40 @@ def _describe(setup: Setup) -> str:
 def _evolve(run: Run, first: int, inner: States | None, checkpoint: Checkpoint | None, progress: bool | None) -> Result:
     """Runs a search from generation `first`, or from its checkpoint; `inner` is None at generation 0."""
     last = first + run.search.steps(run.programs.facts.evaluations_per_step)
-    done = first
+    generation = first
     histories: list[History] = []
     if checkpoint is not None:
         earlier = checkpoint.load()
         if earlier is not None:
-            done, inner = _restore(earlier.state, run)
-            _check_budget(run, checkpoint, done, last)
-            seeded = {name: np.atleast_2d(getattr(earlier.history, name)) for name in _OF_SEEDS}
-            histories.append(earlier.history._replace(**seeded))
-    was_complete = bool(histories) and done == last
-    count = len(histories)  # those that belong to `states`
+            generation, inner = _restore(earlier.state, run)
+            _check_budget(run, checkpoint, generation, last)
+            histories.append(_with_seed_axis(earlier.history))
+    was_complete = bool(histories) and generation == last
+    # The number of histories that belong to `states`.
+    count = len(histories)
     height, width = run.search.shape
-    with Progress(f"{run.search.optimizer} {height}x{width}", last, "generations", done=done, shown=progress) as bar:
+    label = f"{run.search.optimizer} {height}x{width}"
+    with Progress(label, last, "generations", done=generation, shown=progress) as bar:
+        states: list[States] | None = None
         if inner is None:
             _check_memory(run.programs.memory, run.seeds, run.search.shape)
-            done = run.programs.facts.first_generation - 1  # -1 if the first step is generation 0
-        states = None if inner is None else cut(inner, run.devices)
+            # -1 if the first step is generation 0.
+            generation = run.programs.facts.first_generation - 1
+        else:
+            states = cut(inner, run.devices)
         try:
             with bar.doing("compiling"):
-                run.programs.prepare(starts=states is None, generations=last - done)
+                run.programs.prepare(starts=states is None, generations=last - generation)
                 if states is None:
                     states = _start(run)
-            for after, history in _advance(run, states, done, last, bar):
+            for later_states, history in _advance(run, states, generation, last, bar):
                 histories.append(history)
-                states, count = after, count + 1  # one statement, so that an interruption cannot split it
+                # One statement, so that an interruption cannot split it.
+                states, count = later_states, count + 1
                 if checkpoint is not None and checkpoint.due:
                     checkpoint.save(run.result(states, histories, first))
         except KeyboardInterrupt:
-            has_no_grids = done < 0 and not count
+            has_no_grids = generation < 0 and not count
             if states is None or has_no_grids:
                 raise
             raise _interrupted(run, states, histories[:count], first, last, checkpoint) from None
@@ -345,10 +383,19 @@ def _evolve(run: Run, first: int, inner: States | None, checkpoint: Checkpoint |
     return result
 
 
+def _with_seed_axis(history: History) -> History:
+    """Returns a history with an axis of seeds, which the history of one key lacks."""
+    return history._replace(
+        best_fitness=np.atleast_2d(history.best_fitness),
+        elite_count=np.atleast_2d(history.elite_count),
+        refused=np.atleast_2d(history.refused),
+    )
+
+
 def _start(run: Run) -> list[States]:
     """Returns the first states of all seeds, by device."""
-    keys = cut(run.keys.data, run.devices)
-    return run.on_parts(run.programs.start, [(part,) for part in keys])
+    keys_by_part = cut(run.keys.data, run.devices)
+    return run.on_parts(run.programs.start, [(keys,) for keys in keys_by_part])
 
 
 def _interrupted(
@@ -371,44 +418,55 @@ def _warn_of_refused(result: Result) -> None:
     """Warns the user if no grid became an elite because grids were refused."""
     refused = int(result.history.refused.sum())
     if refused and not np.asarray(result.elites.valid).any():
-        warn_user(
-            f"the result has no elites: {refused:,} grids were refused, because their fitness or a feature is not a "
-            "finite number or is too large"
-        )
+        reason = "their fitness or a feature is not a finite number or is too large"
+        warn_user(f"the result has no elites: {refused:,} grids were refused, because {reason}")
 
 
-def _check_budget(run: Run, checkpoint: Checkpoint, done: int, last: int) -> None:
+def _check_budget(run: Run, checkpoint: Checkpoint, generation: int, last: int) -> None:
     """Raises `InputError` if a checkpoint has more generations than the budget."""
-    if done <= last:
+    if generation <= last:
         return
     per_step = run.programs.facts.evaluations_per_step
-    expected, got = (f"{steps * per_step:,} evaluations ({steps} generations)" for steps in (done, last))
+    expected = f"{generation * per_step:,} evaluations ({generation} generations)"
+    got = f"{last * per_step:,} evaluations ({last} generations)"
     raise InputError(f"{checkpoint.folder}: expected {expected} or more, as many as are done, got {got}")
 
 
 def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
     """Checks that the compiler, and the states before and after a step, fit into the free memory."""
-    stats = jax.local_devices()[0].memory_stats()  # of an accelerator
-    free = stats["bytes_limit"] - stats["bytes_in_use"] if stats and "bytes_limit" in stats else free_memory()
+    free = _free_memory_of_device()
     needed = 2 * states + _COMPILER
     if needed <= free:
         return
-    fitting = max(free - _COMPILER, 0) * seeds // (2 * states)
-    fewer = f"{pluralize(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
-    raise NotEnoughMemoryError(
-        f"not enough memory: {pluralize(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} "
-        f"or more, and {in_gigabytes(free)} are free; {fewer} would fit"
-    )
+    height, width = shape
+    search = f"{pluralize(seeds, 'seed')} of {height} x {width} tiles"
+    fitting_seeds = max(free - _COMPILER, 0) * seeds // (2 * states)
+    hint = "smaller maps or fewer niches would fit"
+    if fitting_seeds:
+        hint = f"{pluralize(fitting_seeds, 'seed')} at most would fit"
+    figures = f"{search} take {in_gigabytes(needed)} or more, and {in_gigabytes(free)} are free"
+    raise NotEnoughMemoryError(f"not enough memory: {figures}; {hint}")
+
+
+def _free_memory_of_device() -> int:
+    """Returns the free bytes of the default device: of an accelerator its own memory, otherwise the machine's."""
+    stats = jax.local_devices()[0].memory_stats()
+    if stats and "bytes_limit" in stats:
+        return stats["bytes_limit"] - stats["bytes_in_use"]
+    return free_memory()
 
 
 def _identity(run: Run, first: int) -> dict[str, Plain]:
     """Returns all that a search depends on except its budget, plain values for JSON."""
     options = run.search.to_plain()
     del options["evaluations"], options["generations"], options["style"]
+    config = None
+    if run.config is not None:
+        config = config_to_plain(run.config)
     return {
         "search": options,
         "size": run.search.shape,
-        "config": None if run.config is None else config_to_plain(run.config),
+        "config": config,
         "functions": dict(run.setup.digests),
         "seeds": run.seeds,
         "keys": sha256(run.keys.data.tobytes()).hexdigest()[:16],
@@ -424,18 +482,17 @@ def _restore(state: Pytree, run: Run) -> tuple[int, States]:
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
     if not jax.tree.leaves(state.inner):
         raise InputError("state: expected one to continue from, got that of a result that was saved without its state")
-    arrays = tuple(jnp.asarray(leaf) for leaf in jax.tree.leaves(state.inner))
+    arrays = [jnp.asarray(leaf) for leaf in jax.tree.leaves(state.inner)]
     if run.keys.single:
-        arrays = tuple(array[None] for array in arrays)
-    kinds = [(leaf.shape, leaf.dtype) for leaf in arrays]
-    expected = [(leaf.shape, leaf.dtype) for leaf in run.programs.states]
-    if int(state.fingerprint) != int(run.fingerprint) or kinds != expected:
+        arrays = [array[None] for array in arrays]
+    state_kinds = [(array.shape, array.dtype) for array in arrays]
+    run_kinds = [(leaf.shape, leaf.dtype) for leaf in run.programs.states]
+    if int(state.fingerprint) != int(run.fingerprint) or state_kinds != run_kinds:
         rows, columns = run.search.shape
-        raise InputError(
-            f"state: expected one of this run ({rows} x {columns}, seeds: {run.seeds}), "
-            "got one of a run with another key, other options or functions"
-        )
-    return int(state.generation), arrays
+        expected = f"one of this run ({rows} x {columns}, seeds: {run.seeds})"
+        got = "one of a run with another key, other options or functions"
+        raise InputError(f"state: expected {expected}, got {got}")
+    return int(state.generation), tuple(arrays)
 
 
 class _Rows(NamedTuple):
@@ -447,49 +504,56 @@ class _Rows(NamedTuple):
 
 
 def _advance(
-    run: Run, states: list[States], done: int, last: int, bar: Progress
+    run: Run, states: list[States], generation: int, last: int, bar: Progress
 ) -> Iterator[tuple[list[States], History]]:
-    """Runs the generations after `done` call by call; yields the states by device and the history, seeds first."""
-    keys = cut(run.keys.data, run.devices)
+    """Runs the generations after `generation` call by call; yields states by device and the history, seeds first."""
+    keys_by_part = cut(run.keys.data, run.devices)
     per_step = run.programs.facts.evaluations_per_step
     stretch = MOST_GENERATIONS // 2
-    while done < last:
-        count = min(stretch, last - done)
+    while generation < last:
+        count = min(stretch, last - generation)
+        arguments = []
+        for keys, part_states in zip(keys_by_part, states, strict=True):
+            arguments.append((keys, part_states, generation + 1, generation + count))
         began = time.perf_counter()
-        parts = [(key, state, done + 1, done + count) for key, state in zip(keys, states, strict=True)]
-        advanced = run.on_parts(run.programs.advance, parts)
+        advanced = run.on_parts(run.programs.advance, arguments)
         seconds = time.perf_counter() - began
         states = [part_states for part_states, _ in advanced]
-        rows = _join_rows([info for _, info in advanced], count, run.seeds)
-        generation = np.arange(done + 1, done + count + 1)
+        infos = [info for _, info in advanced]
+        rows = _join_rows(infos, count, run.seeds)
+        numbers = np.arange(generation + 1, generation + count + 1)
         speed = count * per_step * run.seeds / seconds
-        done += count
-        bar.update(done, _describe_rows(rows, speed))
-        counted = generation > 0  # generation 0 evaluates the initial grids
-        yield (
-            states,
-            History(
-                generation=generation[counted],
-                evaluations=generation[counted] * per_step,
-                best_fitness=rows.best_fitness[counted].T,
-                elite_count=rows.elite_count[counted].T,
-                evaluations_per_second=np.full(counted.sum(), speed),
-                refused=rows.refused[counted].T,
-            ),
+        generation += count
+        bar.update(generation, _describe_rows(rows, speed))
+        # Generation 0 evaluates the initial grids, and is no part of a history.
+        is_counted = numbers > 0
+        history = History(
+            generation=numbers[is_counted],
+            evaluations=numbers[is_counted] * per_step,
+            best_fitness=rows.best_fitness[is_counted].T,
+            elite_count=rows.elite_count[is_counted].T,
+            evaluations_per_second=np.full(is_counted.sum(), speed),
+            refused=rows.refused[is_counted].T,
         )
-        longer = count * _SECONDS_A_CALL / seconds
-        stretch = int(min(max(longer, 1), 2 * stretch, MOST_GENERATIONS))
+        yield states, history
+        fitting = count * _SECONDS_A_CALL / seconds
+        stretch = int(min(max(fitting, 1), 2 * stretch, MOST_GENERATIONS))
 
 
 def _join_rows(infos: Sequence[Pytree], count: int, seeds: int) -> _Rows:
     """Joins the reports of all parts. The last parts may repeat a seed, and calls have room for more generations."""
-    return _Rows(
-        *(np.concatenate([getattr(info, name) for info in infos], axis=1)[:count, :seeds] for name in _Rows._fields)
-    )
+    fields = []
+    for name in _Rows._fields:
+        rows = np.concatenate([getattr(info, name) for info in infos], axis=1)
+        fields.append(rows[:count, :seeds])
+    return _Rows._make(fields)
 
 
 def _describe_rows(rows: _Rows, speed: float) -> str:
-    words = f"best {rows.best_fitness[-1].min():,}, {rows.elite_count[-1].mean():,.0f} elites, "
-    words += f"{speed:,.0f} evaluations/s"
+    best = rows.best_fitness[-1].min()
+    elites = rows.elite_count[-1].mean()
     refused = rows.refused[-1].sum()
-    return f"{words}, {refused:,} refused" if refused else words
+    words = f"best {best:,}, {elites:,.0f} elites, {speed:,.0f} evaluations/s"
+    if refused:
+        words += f", {refused:,} refused"
+    return words

@@ -71,7 +71,9 @@ class Search:
     @property
     def optimizer(self) -> str:
         """The name of the method, or in results the module and name of the user's own optimiser."""
-        return self.settings.preset if self.settings.method == CUSTOM else self.settings.method
+        if self.settings.method == CUSTOM:
+            return self.settings.preset
+        return self.settings.method
 
     @property
     def fills_all_cells(self) -> bool:
@@ -121,8 +123,11 @@ def resolve(
     if settings.alphabet is None:
         settings = replace(settings, alphabet=alphabet)
     search = replace(_complete(settings, shape), inputs=spec.inputs)
-    limited = [item.name for item in search.ranges if item not in settings.where]
-    with naming_origins(merged.origins | {f"where {name}": "inventory" for name in limited}):
+    origins = dict(merged.origins)
+    for item in search.ranges:
+        if item not in settings.where:
+            origins[f"where {item.name}"] = "inventory"
+    with naming_origins(origins):
         _check_choices(settings)
         _check_shape(search, shape_name)
         _check_room(search, room_for)
@@ -155,8 +160,9 @@ def spec_from_plain(plain: Plain) -> SearchSpec:
         return spec
     if not isinstance(large, Mapping):
         raise InputError(f"large: expected options by their names, got {shorten(repr(large))}")
-    all_of_large = settings_from_plain({**options, **large}).values()
-    return spec.replace(large={name: all_of_large[name] for name in all_of_large if name not in NOT_OF_LARGE})
+    values = settings_from_plain(options | dict(large)).values()
+    options_of_large = {name: value for name, value in values.items() if name not in NOT_OF_LARGE}
+    return spec.replace(large=options_of_large)
 
 
 def search_from_plain(plain: Plain, shape: tuple[int, int]) -> Search:
@@ -213,8 +219,9 @@ def resolve_again(search: Search, options: Mapping[str, UserValue], alphabet: tu
 
 def with_ranges(search: Search, ranges: Sequence[Range]) -> Search:
     """Returns a search with more ranges, which override those of the same feature."""
-    by_name = {item.name: item for item in (*search.ranges, *ranges)}
-    settings = replace(search.settings, where=tuple(by_name.values()))
+    range_by_name = {item.name: item for item in search.ranges}
+    range_by_name |= {item.name: item for item in ranges}
+    settings = replace(search.settings, where=tuple(range_by_name.values()))
     return replace(_complete(settings, search.shape), axes=search.axes)
 
 
@@ -229,11 +236,7 @@ def _complete(settings: Settings, shape: tuple[int, int]) -> Search:
     ranges = settings.where
     if settings.inventory is not None:
         ranges = within_inventory(settings.where, settings.inventory)
-    axes = _axes(settings, shape)
     measured = _measured(settings, ranges)
-    usual = Weights() if settings.rules is None else RULES[settings.rules].weights
-    asked = dict(settings.weights)
-    feature_weights = tuple(asked.get(name, 0) for name in measured)
     fills = settings.fill
     if fills is None:
         fills = settings.rules is None and settings.inventory is None
@@ -242,12 +245,30 @@ def _complete(settings: Settings, shape: tuple[int, int]) -> Search:
         settings=settings,
         alphabet=settings.alphabet or ROAD_ALPHABET,
         fills=fills,
-        axes=axes,
+        axes=_axes(settings, shape),
         ranges=ranges,
         measured=measured,
-        weights=usual._replace(**{name: asked[name] for name in Weights._fields if name in asked}),
-        feature_weights=feature_weights if any(feature_weights) else None,
+        weights=_metric_weights(settings),
+        feature_weights=_feature_weights(settings, measured),
     )
+
+
+def _metric_weights(settings: Settings) -> Weights:
+    """Returns the weights of the metrics: those asked for, otherwise those of the rules."""
+    weights = Weights()
+    if settings.rules is not None:
+        weights = RULES[settings.rules].weights
+    asked = {name: weight for name, weight in settings.weights if name in Weights._fields}
+    return weights._replace(**asked)
+
+
+def _feature_weights(settings: Settings, measured: tuple[str, ...]) -> tuple[int, ...] | None:
+    """Returns the weights of the measured features; None if all are 0."""
+    asked = dict(settings.weights)
+    weights = tuple(asked.get(name, 0) for name in measured)
+    if not any(weights):
+        return None
+    return weights
 
 
 def _axes(settings: Settings, shape: tuple[int, int]) -> tuple[Axis, ...]:
@@ -260,13 +281,11 @@ def _axes(settings: Settings, shape: tuple[int, int]) -> tuple[Axis, ...]:
 
 def _measured(settings: Settings, ranges: tuple[Range, ...]) -> tuple[str, ...]:
     """Returns the features that are measured besides the metrics: all that the settings name, and the user's."""
-    columns = columns_for(
-        [axis.metric for axis in settings.axes or ()],
-        [item.name for item in ranges],
-        [name for name, _ in settings.weights if name not in Weights._fields],
-        settings.features,
-        [target.name for target in settings.targets],
-    )
+    axis_names = [axis.metric for axis in settings.axes or ()]
+    range_names = [item.name for item in ranges]
+    weighed_names = [name for name, _ in settings.weights if name not in Weights._fields]
+    target_names = [target.name for target in settings.targets]
+    columns = columns_for(axis_names, range_names, weighed_names, settings.features, target_names)
     return columns[len(METRIC_NAMES) :]
 
 
@@ -334,5 +353,6 @@ def _check_room(search: Search, room_for: Room) -> None:
 @lru_cache(maxsize=32)
 def _check_ranges(ranges: tuple[Range, ...], shape: tuple[int, int], filled: bool) -> None:
     """Checks ranges against the bounds of the metrics of repaired grids. A search may be repeated for other seeds."""
-    certain = dict.fromkeys(("dead_ends", "empty_cells"), 0) if filled else {}
-    check_ranges(ranges, find_bounds(shape, certain), f"repaired grids of {shape[0]} x {shape[1]}")
+    certain = {"dead_ends": 0, "empty_cells": 0} if filled else {}
+    height, width = shape
+    check_ranges(ranges, find_bounds(shape, certain), f"repaired grids of {height} x {width}")
