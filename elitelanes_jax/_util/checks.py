@@ -18,10 +18,12 @@ Check = Callable[[UserValue], UserValue]
 LARGEST = 2**30
 """The largest whole number of a user, so that the difference of two fits 32 bits."""
 
-_FILES: tuple[str, ...] = (".csv", ".gif", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log", ".md")
-_FILES += (".glb", ".map", ".osm", ".scen")
-_FILES += (".npy", ".npz", ".pdf", ".png", ".py", ".svg", ".tar", ".toml", ".txt", ".xml", ".xodr", ".yaml", ".yml")
-_FILES += (".zip",)
+# The suffixes of files, which the name of a folder hardly has.
+_FILES = (
+    ".csv", ".gif", ".glb", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log", ".map", ".md",
+    ".npy", ".npz", ".osm", ".pdf", ".png", ".py", ".scen", ".svg", ".tar", ".toml", ".txt",
+    ".xml", ".xodr", ".yaml", ".yml", ".zip",
+)  # fmt: skip
 
 _LARGEST_INT32 = 2**31 - 1
 
@@ -38,19 +40,27 @@ def is_real(value: UserValue) -> bool:
 
 def whole(least: int, most: int = _LARGEST_INT32) -> Check:
     """Makes a check for a whole number from `least` to `most`."""
-    open_limit = f"{least} or more" if most == _LARGEST_INT32 else f"{least} to {most}"
 
     def check(value: UserValue) -> int:
-        number = value
-        if isinstance(value, str) and value.isascii() and "_" not in value:
-            with suppress(ValueError):
-                number = int(value)
-        if not is_whole(number) or not least <= number <= most:
-            limit = f"{least} to {most}" if is_whole(number) and number > most else open_limit
-            raise InputError(f"expected a whole number, {limit}, got {shorten(repr(value), 40)}")
-        return int(number)
+        number = _parse(value, int)
+        if is_whole(number) and least <= number <= most:
+            return int(number)
+        limits = f"{least} to {most}"
+        is_too_large = is_whole(number) and number > most
+        # Nobody needs to know the largest int32, unless the number is larger.
+        if most == _LARGEST_INT32 and not is_too_large:
+            limits = f"{least} or more"
+        raise InputError(f"expected a whole number, {limits}, got {shorten(repr(value), 40)}")
 
     return check
+
+
+def _parse(value: UserValue, kind: Callable[[str], int | float]) -> UserValue:
+    """Returns the number that a text says, or else the value unchanged. Texts such as 1_000 are no numbers."""
+    if isinstance(value, str) and value.isascii() and "_" not in value:
+        with suppress(ValueError):
+            return kind(value)
+    return value
 
 
 SEED = whole(0, 2**32 - 1)
@@ -68,19 +78,20 @@ FLOOR_SIDE = whole(1, MOST_FLOOR_SIDE)
 
 def real(least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False) -> Check:
     """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`."""
-    limit = f" over {least:g}" if exclusive else f", {least:g}"
-    if most < float("inf"):
-        limit += f"{', up' if exclusive else ''} to {most:g}"
-    elif not exclusive:
-        limit += " or more"
+    has_most = most < float("inf")
+    if exclusive and has_most:
+        limit = f" over {least:g}, up to {most:g}"
+    elif exclusive:
+        limit = f" over {least:g}"
+    elif has_most:
+        limit = f", {least:g} to {most:g}"
+    else:
+        limit = f", {least:g} or more"
 
     def check(value: UserValue) -> float:
-        number = value
-        if isinstance(value, str) and value.isascii() and "_" not in value:
-            with suppress(ValueError):
-                number = float(value)
-        within = is_real(number) and least <= number <= most and abs(number) < float("inf")
-        if not within or (exclusive and number == least):
+        number = _parse(value, float)
+        is_within = is_real(number) and least <= number <= most and abs(number) < float("inf")
+        if not is_within or (exclusive and number == least):
             raise InputError(f"expected {unit}{limit}, got {shorten(repr(value), 40)}")
         return float(number)
 
@@ -100,7 +111,13 @@ def one_of(*names: str) -> Check:
 
 def none_or(check: Callable[..., UserValue]) -> Callable[..., UserValue]:
     """Makes a check for None, or a value that passes another check."""
-    return lambda value, *beside: None if value is None else check(value, *beside)
+
+    def check_unless_none(value: UserValue, *further: UserValue) -> UserValue:
+        if value is None:
+            return None
+        return check(value, *further)
+
+    return check_unless_none
 
 
 def name(value: UserValue) -> str:
@@ -136,12 +153,14 @@ def path(value: UserValue) -> Path:
 
 def paths(value: UserValue) -> list[Path]:
     """Checks for a path or several, at least one."""
-    several = [value] if isinstance(value, str | Path) else value
-    if not isinstance(several, Iterable):
+    if isinstance(value, str | Path):
+        return [path(value)]
+    if not isinstance(value, Iterable):
         raise InputError(f"expected paths, got {shorten(repr(value), 40)}")
-    if not (found := [path(one) for one in several]):
+    checked = [path(item) for item in value]
+    if not checked:
         raise InputError("expected at least one, got none")
-    return found
+    return checked
 
 
 def instance(kind: type) -> Check:
@@ -159,7 +178,7 @@ def listed(kind: type) -> Check:
     """Makes a check for a list or tuple of objects of a type."""
 
     def check(values: UserValue) -> UserValue:
-        if type(values) not in (list, tuple) or not all(isinstance(one, kind) for one in values):
+        if type(values) not in (list, tuple) or not all(isinstance(value, kind) for value in values):
             raise InputError(f"expected a list of {kind.__name__}, got {shorten(repr(values))}")
         return values
 
@@ -180,10 +199,13 @@ def function_of(*arguments: str, **named: UserValue) -> Check:
         try:
             signature(value).bind(*arguments, **named)
         except TypeError:
-            expected = ", ".join((*arguments, *(f"{name}={given}" for name, given in named.items())))
+            expected = list(arguments)
+            for argument_name, argument in named.items():
+                expected.append(f"{argument_name}={argument}")
             got = shorten(str(signature(value)))
-            raise InputError(f"expected a function of {expected}, got one of {got}") from None
-        except ValueError:  # some built-in functions do not say
+            raise InputError(f"expected a function of {', '.join(expected)}, got one of {got}") from None
+        except ValueError:
+            # Some built-in functions do not say what they take.
             pass
         return value
 
@@ -202,7 +224,8 @@ def file_named(suffix: str) -> Check:
         file = path(value)
         if ends_as_file(file) and file.suffix.lower() != suffix:
             raise InputError(f"expected a name that ends in {suffix}, got {file}")
-        with suppress(OSError):  # of a text that is too long for a path
+        # A text may be too long for a path.
+        with suppress(OSError):
             if file.is_dir():
                 raise InputError(f"expected a file, got a folder, {file}")
         return file
@@ -225,13 +248,15 @@ def flag(value: UserValue) -> bool:
     return value
 
 
-def check_named(name: str, check: Callable[..., UserValue], value: UserValue, *beside: UserValue) -> UserValue:
+def check_named(name: str, check: Callable[..., UserValue], value: UserValue, *further: UserValue) -> UserValue:
     """Checks a value with the further arguments of the check; the error's message starts with `name`."""
     try:
-        return check(value, *beside)
+        return check(value, *further)
     except InputError as error:
-        words = str(error)
-        raise InputError(words if words.startswith((f"{name}:", f"{name} ")) else f"{name}: {words}") from None
+        message = str(error)
+        if not message.startswith((f"{name}:", f"{name} ")):
+            message = f"{name}: {message}"
+        raise InputError(message) from None
 
 
 def split_settings(text: str) -> list[str]:
@@ -244,8 +269,10 @@ def check_unique(record: str, kind: str, names: Iterable[str]) -> list[str]:
 
     The error's message starts with `record`, which has the names, and calls each a `kind`.
     """
-    listed = list(names)
-    name, times = max(Counter(listed).items(), key=lambda item: item[1], default=("", 0))
-    if times > 1:
-        raise InputError(f"{record}: expected each {kind} once, got {name} {times} times")
-    return listed
+    all_names = list(names)
+    counts = Counter(all_names)
+    if counts:
+        name, times = counts.most_common(1)[0]
+        if times > 1:
+            raise InputError(f"{record}: expected each {kind} once, got {name} {times} times")
+    return all_names

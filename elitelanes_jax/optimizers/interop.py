@@ -48,10 +48,11 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
 
     def score(genotypes: Array, key: Key[Array, ""]) -> tuple[Array, Array, dict[str, Array]]:
         _check_genotypes(problem, genotypes)
-        found = evaluate_all(problem, genotypes)
-        bins = niche_bins(problem.descriptor(found.features), problem.axes)
-        fitness = jnp.where(found.valid, (-found.fitness).astype(jnp.float32), -jnp.inf)
-        return fitness, bins.astype(jnp.float32), {"features": found.features}
+        population = evaluate_all(problem, genotypes)
+        bins = niche_bins(problem.descriptor(population.features), problem.axes)
+        negative_fitness = (-population.fitness).astype(jnp.float32)
+        fitness = jnp.where(population.valid, negative_fitness, -jnp.inf)
+        return fitness, bins.astype(jnp.float32), {"features": population.features}
 
     return score
 
@@ -69,9 +70,8 @@ def _count_niches(problem: Problem) -> int:
 def _check_genotypes(problem: Problem, genotypes: Array) -> None:
     if genotypes.shape[1:] != problem.shape or genotypes.dtype != jnp.int8:
         height, width = problem.shape
-        raise InputError(
-            f"genotypes: expected int8 grids [B, {height}, {width}], got {genotypes.dtype} {genotypes.shape}"
-        )
+        got = f"{genotypes.dtype} {genotypes.shape}"
+        raise InputError(f"genotypes: expected int8 grids [B, {height}, {width}], got {got}")
 
 
 @name_wrong_arguments
@@ -111,12 +111,14 @@ def qdax_moves(
 
     @divide_batches
     def move_and_repair(bits: Array, grid: Array, mate: Array) -> Array:
-        return problem.repair(*move.apply(bits, grid, mate))
+        moved_grid, dirty = move.apply(bits, grid, mate)
+        return problem.repair(moved_grid, dirty)
 
     def vary(genotypes: Array, mates: Array, key: Key[Array, ""]) -> Array:
         _check_genotypes(problem, genotypes)
         _check_genotypes(problem, mates)
-        return jax.vmap(move_and_repair)(random_bits(key, (len(genotypes), move.bits)), genotypes, mates)
+        bits = random_bits(key, (len(genotypes), move.bits))
+        return jax.vmap(move_and_repair)(bits, genotypes, mates)
 
     def mutate(genotypes: Array, key: Key[Array, ""]) -> Array:
         return vary(genotypes, genotypes, key)
@@ -162,7 +164,9 @@ def evosax_task(problem: Problem) -> EvosaxTask:
     """Makes the task that evosax's strategies solve. Its `eval` and `decode` refuse solutions of another length."""
     check_named("problem", instance(Problem), problem)
     codes = jnp.array(problem.alphabet, jnp.int8)
-    shape = (*problem.shape, len(problem.alphabet))
+    height, width = problem.shape
+    shape = (height, width, len(problem.alphabet))
+    length = prod(shape)
 
     @runs_jax
     def init(key: Key[Array, ""]) -> EvosaxState:
@@ -170,21 +174,29 @@ def evosax_task(problem: Problem) -> EvosaxTask:
 
     @runs_jax
     def sample(key: Key[Array, ""]) -> Array:
-        return normal(key, (prod(shape),))
+        return normal(key, (length,))
 
     @divide_batches
     def decode(solution: Array) -> Array:
-        if solution.shape != (prod(shape),):
-            raise InputError(f"solution: expected logits [{prod(shape)}], got shape {solution.shape}")
-        return problem.repair_raster(codes[solution.reshape(shape).argmax(axis=-1)])
+        if solution.shape != (length,):
+            raise InputError(f"solution: expected logits [{length}], got shape {solution.shape}")
+        indices = solution.reshape(shape).argmax(axis=-1)
+        return problem.repair_raster(codes[indices])
 
     def evaluate(
         key: Key[Array, ""], solutions: Array, state: EvosaxState
     ) -> tuple[Array, EvosaxState, dict[str, Array]]:
-        fitness, features = problem.evaluate(jax.vmap(decode)(solutions))
+        grids = jax.vmap(decode)(solutions)
+        fitness, features = problem.evaluate(grids)
         return fitness.astype(jnp.float32), EvosaxState(state.counter + 1), {"features": features}
 
-    return EvosaxTask(prod(shape), init, runs_jax(jax.jit(evaluate)), sample, runs_jax(jax.jit(decode)))
+    return EvosaxTask(
+        num_dims=length,
+        init=init,
+        eval=runs_jax(jax.jit(evaluate)),
+        sample=sample,
+        decode=runs_jax(jax.jit(decode)),
+    )
 
 
 def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
@@ -195,11 +207,12 @@ def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
       of the last one.
     """
     _check_niches(problem)
-    return {
-        "solution_dim": prod(problem.shape),
-        "dims": [axis.bins for axis in problem.axes],
-        "ranges": [(axis.start, axis.start + axis.bins * axis.width) for axis in problem.axes],
-    }
+    dims = []
+    ranges = []
+    for axis in problem.axes:
+        dims.append(axis.bins)
+        ranges.append((axis.start, axis.start + axis.bins * axis.width))
+    return {"solution_dim": prod(problem.shape), "dims": dims, "ranges": ranges}
 
 
 def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
@@ -211,11 +224,12 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
       raises `InputError` for solutions of another shape, numbers that are not finite, or codes outside 0..15.
     """
     check_named("problem", instance(Problem), problem)
-    size, last = prod(problem.shape), len(problem.alphabet) - 1
+    height, width = problem.shape
+    size = height * width
     codes = np.array(problem.alphabet, np.int8)
-    settle = runs_jax(jax.jit(jax.vmap(problem.repair_raster)))
+    repair_all = runs_jax(jax.jit(jax.vmap(problem.repair_raster)))
 
-    def grids(solutions: AnyArray) -> NDArray[np.int8]:
+    def to_grids(solutions: AnyArray) -> NDArray[np.int8]:
         try:
             array = np.asarray(solutions)
         except ValueError as error:
@@ -225,12 +239,15 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
         if array.dtype.kind == "f":
             if not np.isfinite(array).all():
                 raise InputError("solutions: expected finite numbers, got NaN or infinity")
-            array = codes[np.floor(array).clip(0, last).astype(int)]
+            indices = np.floor(array).clip(0, len(codes) - 1).astype(int)
+            array = codes[indices]
         elif array.size and (array.min() < 0 or array.max() > 15):
-            raise InputError(f"solutions: expected tile codes 0 to 15, got {array.min()} to {array.max()}")
-        return np.asarray(settle(array.astype(np.int8).reshape(-1, *problem.shape)))
+            got = f"{array.min()} to {array.max()}"
+            raise InputError(f"solutions: expected tile codes 0 to 15, got {got}")
+        grids = array.astype(np.int8).reshape(-1, height, width)
+        return np.asarray(repair_all(grids))
 
-    return grids
+    return to_grids
 
 
 def ribs_evaluate(problem: Problem) -> Callable[[Untyped], tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -241,18 +258,19 @@ def ribs_evaluate(problem: Problem) -> Callable[[Untyped], tuple[NDArray[np.floa
       ``[B, D]``, the values of the axes' features). pyribs cannot refuse a grid: a refused one has the lowest
       objective, -2147483647 or that of float32.
     """
-    grids = ribs_grids(problem)
+    to_grids = ribs_grids(problem)
 
     @runs_jax
     @jax.jit
-    def scored(batch: Array) -> tuple[Array, Array]:
-        found = evaluate_all(problem, batch)
-        is_float = jnp.issubdtype(found.fitness.dtype, jnp.floating)
+    def score(grids: Array) -> tuple[Array, Array]:
+        population = evaluate_all(problem, grids)
+        is_float = jnp.issubdtype(population.fitness.dtype, jnp.floating)
         lowest = np.finfo(np.float32).min if is_float else -(2**31 - 1)
-        return jnp.where(found.valid, -found.fitness, lowest), problem.descriptor(found.features)
+        objective = jnp.where(population.valid, -population.fitness, lowest)
+        return objective, problem.descriptor(population.features)
 
     def evaluate(solutions: AnyArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        objective, descriptor = scored(grids(solutions))
+        objective, descriptor = score(to_grids(solutions))
         return np.asarray(objective, np.float64), np.asarray(descriptor, np.float64)
 
     return evaluate
