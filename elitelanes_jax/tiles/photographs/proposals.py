@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.tiles.photographs.borders import contrasts
 from elitelanes_jax.tiles.photographs.kinds import MARGIN_PX, READ_PX, Kinds, read_kinds
 from elitelanes_jax.tiles.photographs.outline import find_corners
 from elitelanes_jax.tiles.photographs.reading import Photograph
 from elitelanes_jax.tiles.photographs.registration import Fit, fit_view, largest_spread
-from elitelanes_jax.tiles.photographs.single import contrasts, fit_tile
+from elitelanes_jax.tiles.photographs.single import SIDES_OF_TILE, fit_tile
 from elitelanes_jax.tiles.photographs.views import Points, View, flatten, places_of, view_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -247,7 +248,7 @@ def _proposal(
         "margin": float(kinds.margins.min()),
     }
     if laid.size == 1:
-        evidence["contrast"] = float(contrasts(photograph.image, fit.view).min())
+        evidence["contrast"] = float(contrasts(photograph.image, fit.view, SIDES_OF_TILE).min())
     else:
         evidence["border"] = float(fit.border.min()) if len(fit.border) else 0.0
     sure = np.where(laid == kinds.codes, np.vectorize(_sigmoid)((kinds.margins - 0.06) / 0.02), 0.0)
@@ -276,7 +277,9 @@ def _judge(evidence: dict[str, float], kind: str, told: Collection[str]) -> tupl
     limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in told}
     sures = {name: _sigmoid((evidence[name] - limit) / width) for name, (limit, width, _) in limits.items()}
     weakest = min(sures, key=lambda name: sures[name])
-    return float(np.prod(list(sures.values()))), limits[weakest][2]
+    # Nothing else counts where there are no tiles at all.
+    reason = "alike" if sures["alike"] < SURE else weakest
+    return float(np.prod(list(sures.values()))), limits[reason][2]
 
 
 def _sigmoid(value: float) -> float:

@@ -15,6 +15,15 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import KIND_OF, KINDS, SIDES, rotate_codes
 from elitelanes_jax.tiles._light import ground_of
+from elitelanes_jax.tiles.photographs.borders import (
+    ALONG,
+    Border,
+    Sides,
+    colour_border,
+    contrasts,
+    outer_sides,
+    shadow_width,
+)
 from elitelanes_jax.tiles.photographs.views import Points, View, flatten, places_of
 
 Field = NDArray[np.float32]
@@ -28,6 +37,11 @@ _EDGE_NOISE = 0.0015  # tiles by which points of a sharp border deviate from a l
 _GRAIN = 1000.0  # pixels that count as one measurement, because texture and tape are larger than a pixel
 _VAGUE = 0.01  # tiles: cells that tell the corners with a larger standard deviation do not judge the border
 _CONFLICT = 0.011  # tiles between a border and where cells have it, from which it is none: cells are right within 0.007
+_EXACT = 0.003  # tiles: the standard deviation of the corners to which the border by colours adds nothing
+_COLOUR_STEPS = ((0.04, False), (0.02, True), (0.02, True))  # reach in tiles, whether a shadow is taken off
+_COLOUR_NOISE = 0.01  # tiles by which a border by colours deviates: six points of a side count as independent
+_COLOUR_ROUNDS = 3  # of Gauss and Newton's method at each reach
+_CLEAR_COLOURS = 2.5  # of 6: the least contrast of a side whose border is looked for by colours
 _WEAK = 25.0  # holds what nothing measures within a fifth of the floor
 _STILL = 3e-4  # a change, in tiles, after which no further one is made at the same size
 _BEND = 0.06  # the usual radial distortion of a lens
@@ -35,7 +49,6 @@ _STEP = 1 / 160  # tiles between two places across the border
 _ON_BORDER = 0.008  # tiles within which a point is on the border
 _LEAST_PX = 16  # pixels of a tile in a photograph, below which nothing is seen
 _RIGHT, _DOWN = np.eye(2)
-_ALONG = 24  # points along a side of a tile at which the border is measured
 
 
 class Fit(NamedTuple):
@@ -69,12 +82,59 @@ def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], *, b
     for tile_px, reach, rounds in _STEPS:
         fit = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.ones(4, bool), bends)
     alone = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.zeros(4, bool), bends)
-    if largest_spread(alone, *codes.shape) > _VAGUE:
+    cells_tell = largest_spread(alone, *codes.shape) <= _VAGUE
+    if cells_tell:
+        # Tape along the border of a floor that is as dark as asphalt looks like a border, but cells say where it is.
+        offsets = _border_offsets(image, alone.view, codes, reach).offsets
+        trusted = _agree(_by_direction(codes, offsets))
+        fit = _refine(image, alone, codes, groups, tile_px, reach, rounds, trusted, bends)
+    if largest_spread(fit, *codes.shape) <= _EXACT:
         return fit
-    # Tape along the border of a floor that is as dark as asphalt looks like a border, but the cells say where it is.
-    offsets = _border_offsets(image, alone.view, codes, reach).offsets
-    side_offsets = [np.nanmedian(part) if np.isfinite(part).any() else 0.0 for part in _by_direction(codes, offsets)]
-    return _refine(image, alone, codes, groups, tile_px, reach, rounds, np.abs(side_offsets) < _CONFLICT, bends)
+    coloured = _fit_colours(image, fit, codes, groups, bends)
+    return min(fit, coloured, key=lambda candidate: largest_spread(candidate, *codes.shape))
+
+
+def _agree(side_offsets: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Returns for each side's offsets in tiles whether the border is where cells have it, or is not seen."""
+    medians = [np.nanmedian(offsets) if np.isfinite(offsets).any() else 0.0 for offsets in side_offsets]
+    return np.abs(medians) < _CONFLICT
+
+
+def _fit_colours(
+    image: NDArray[np.uint8], fit: Fit, codes: NDArray[np.int8], groups: list[list["_Seen"]], bends: bool
+) -> Fit:
+    """Fits the border by colours, where no edge is seen at single points: on floors nearly as dark as asphalt."""
+    rows, columns = codes.shape
+    tile_px = _STEPS[-1][0]
+    places = places_of(rows, columns, tile_px, 0)
+    for reach, has_shadow in _COLOUR_STEPS:
+        sides = _clear_sides(image, fit.view, codes)
+        if not sides:
+            return fit
+        shadow = shadow_width(image, fit.view, sides, reach) if has_shadow else 0.0
+        for _ in range(_COLOUR_ROUNDS):
+            matrix, vector = begin_equations(fit.view, bends=bends)
+            alike = fit.alike
+            if groups:
+                tape = tape_of(flatten(image, fit.view, places, tile_px), tile_px)
+                alike = _add_cells(matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px)
+            border = colour_border(image, fit.view, sides, reach)
+            border = border._replace(offsets=border.offsets - shadow)
+            add_offsets(matrix, vector, fit.view, border, rows, columns, noise=_COLOUR_NOISE)
+            step = solve_equations(fit.view, matrix, vector, rows, columns)
+            if step is None:
+                return fit
+            fit = fit._replace(view=step.view, spread=step.spread, alike=alike)
+            if step.size < _STILL:
+                break
+    return fit
+
+
+def _clear_sides(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8]) -> Sides:
+    """Returns the outer sides whose colours tell the tile from the floor."""
+    sides = outer_sides(codes)
+    clear = contrasts(image, view, sides) >= _CLEAR_COLOURS
+    return [side for side, is_clear in zip(sides, clear, strict=True) if is_clear]
 
 
 def _refine(
@@ -241,19 +301,11 @@ def _add_cells(
     return float(np.clip(1 - rest[0].var() / max(mean.var() + rest[0].var() / 2, 1e-6), 0, 1))
 
 
-class Border(NamedTuple):
-    """Points ``[S, A, 2]`` in tiles on the outer sides, the directions ``[S, 1, 2]`` out, and the border's offsets."""
-
-    points: Points
-    outwards: Points
-    offsets: NDArray[np.float64]  # [S, A], in tiles outwards; NaN where no border is seen
-
-
 def _border_offsets(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], reach: float) -> Border:
     """Returns where the border is seen on both sides of where a view has it."""
-    sides = _outer_sides(codes)
+    sides = outer_sides(codes)
     outwards = np.array([normal for _, normal in sides], float)[:, None]
-    along = (np.arange(_ALONG) + 0.5)[None, :, None] / _ALONG - 0.5
+    along = (np.arange(ALONG) + 0.5)[None, :, None] / ALONG - 0.5
     points = np.array([middle for middle, _ in sides])[:, None] + along * outwards[..., ::-1]
     steps = np.arange(_MARGIN, -reach - 0.06, -_STEP)
     profile = points[:, :, None] + steps[:, None] * outwards[:, :, None]  # from outside to inside
@@ -265,7 +317,7 @@ def _border_offsets(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8
 def _directions(codes: NDArray[np.int8]) -> NDArray[np.int_]:
     """Returns the direction of each outer side: 0 to 3 for north, east, south and west."""
     order = [(side.right, side.down) for side in SIDES]
-    return np.array([order.index(normal) for _, normal in _outer_sides(codes)], int)
+    return np.array([order.index(normal) for _, normal in outer_sides(codes)], int)
 
 
 def _by_direction(codes: NDArray[np.int8], values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
@@ -310,22 +362,11 @@ def add_offsets(
     seen = np.isfinite(border.offsets)
     offsets = np.where(seen, border.offsets, 1.0)
     scale = max(1.48 * float(np.median(np.abs(offsets[seen]))) if seen.any() else 1.0, noise)
-    weight = trust * seen * _tukey(offsets / (4 * scale)) / (scale**2 * _ALONG / 6)
+    weight = trust * seen * _tukey(offsets / (4 * scale)) / (scale**2 * ALONG / 6)
     basis = (_basis(view, border.points, rows, columns) * border.outwards).sum(axis=-1).reshape(9, -1)
     weighted = basis * weight.ravel()
     matrix += weighted @ basis.T
     vector += weighted @ offsets.ravel()
-
-
-def _outer_sides(codes: NDArray[np.int8]) -> list[tuple[tuple[float, float], tuple[int, int]]]:
-    """Returns the middle of each side of a tile that has no neighbour, and the direction out of the tile."""
-    around, sides = np.pad(codes, 1), []
-    for row, column in np.argwhere(codes > 0).tolist():
-        for side in SIDES:
-            if not around[row + 1 + side.down, column + 1 + side.right]:
-                middle = column + 0.5 + side.right / 2, row + 0.5 + side.down / 2
-                sides.append((middle, (side.right, side.down)))
-    return sides
 
 
 def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:

@@ -1,32 +1,21 @@
 """Fits a single tile to a photograph by the colours that tell its ground from the floor around it.
 
-A single tile has no other cells to be compared with, so that its four sides alone say where it is. On a floor that is
-nearly as dark as asphalt, no edge is seen at most points of a side. So each side is first the line that separates the
-colours inside from those outside best: all pixels near the side count, as in a region-based active contour (Chan and
-Vese 2001). Then it is the line at which colours change most on the average along a part of the side.
+A single tile has no other cells to be compared with, so that its four sides alone say where it is.
 """
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.tiles.photographs.registration import Border, Fit, add_offsets, begin_equations, solve_equations
-from elitelanes_jax.tiles.photographs.views import Points, View, flatten
+from elitelanes_jax.tiles.photographs.borders import colour_border, outer_sides, sharpest_border
+from elitelanes_jax.tiles.photographs.registration import Fit, add_offsets, begin_equations, solve_equations
+from elitelanes_jax.tiles.photographs.views import View
+
+SIDES_OF_TILE = outer_sides(np.ones((1, 1), np.int8))
+"""The sides of a single tile, to the north, east, south and west."""
 
 _REACHES = (0.1, 0.05, 0.03)  # tiles in which a side is looked for by colours, one after the other
-_SHARP_REACH = 0.015  # tiles between the border by colours, which a shadow under the tile shifts, and the sharpest edge
 _ROUNDS = 4  # of Gauss and Newton's method at each reach
 _STILL = 3e-4  # a change, in tiles, after which no further one is made at the same reach
-_RING = 0.18  # tiles beyond the reach from which the colours of the floor and of the tile are taken
-_STEP = 1 / 320  # tiles between two places across a side
-_ALONG = 24  # points along a side at which its border is measured
-_FINE = 4  # places along a side for each point
-_PART = 8  # points of a side over which the sharpest edge is averaged
-_TAPE_DENSITY = -3.0  # the logarithm of the density of tape, and of all else on a tile that is not asphalt
-_MOST_LIKELY = 3.0  # the largest logarithm of a ratio of likelihoods that one pixel counts for
-_BESIDE = 0.04  # tiles on both sides of a border whose colours are compared
-_GRAIN = 0.01  # the least standard deviation of a floor's colours, in logarithms
-_DARK = 8  # added to colours before their logarithm is taken: noise is as large in dark pixels
 
 
 def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
@@ -41,10 +30,17 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
         for _ in range(_ROUNDS):
             matrix, vector = begin_equations(fit.view, bends=True)
             if reach is None:
-                add_offsets(matrix, vector, fit.view, _sharpest_border(image, fit.view), 1, 1)
+                add_offsets(
+                    matrix,
+                    vector,
+                    fit.view,
+                    sharpest_border(image, fit.view, SIDES_OF_TILE),
+                    1,
+                    1,
+                )
             else:
                 # One side may be off by the whole reach, and the others by nothing.
-                border = _colour_border(image, fit.view, reach)
+                border = colour_border(image, fit.view, SIDES_OF_TILE, reach)
                 add_offsets(matrix, vector, fit.view, border, 1, 1, noise=reach / 3)
             step = solve_equations(fit.view, matrix, vector, 1, 1)
             if step is None:
@@ -53,120 +49,3 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
             if step.size < _STILL:
                 break
     return fit
-
-
-def contrasts(image: NDArray[np.uint8], view: View) -> NDArray[np.float64]:
-    """Returns how far the colours beside each side of a single tile ``[4]`` are the tile's inside and not outside.
-
-    It is the difference of the logarithms of likelihoods within 4 % of a tile, the median along the side: 6 if all
-    colours tell the tile from the floor, 0 if none does, or if the same colours are on both sides.
-    """
-    reach = _REACHES[1]
-    steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
-    inside, outside = (steps < 0) & (steps > -_BESIDE), (steps > 0) & (steps < _BESIDE)
-    medians = []
-    for side in _point_colours(image, view, steps)[2]:
-        likely = _likelihoods(side, steps, reach)
-        medians.append(np.median(likely[:, inside].mean(axis=1) - likely[:, outside].mean(axis=1)))
-    return np.array(medians)
-
-
-def _profiles(
-    image: NDArray[np.uint8], view: View, steps: NDArray[np.float64]
-) -> tuple[Points, Points, NDArray[np.float64]]:
-    """Returns points ``[4, A, 2]`` on the sides, the directions ``[4, 1, 2]`` out, and colours ``[4, F, T, 3]``.
-
-    The colours are logarithms, at the distances `steps` outwards, of `_FINE` places for each point.
-    """
-    outwards = np.array([[0, -1], [1, 0], [0, 1], [-1, 0]], float)[:, None]
-    count = _FINE * _ALONG
-    along = (np.arange(count) + 0.5)[None, :, None] / count - 0.5
-    places = 0.5 + outwards / 2 + along * outwards[..., ::-1]
-    across = places[:, :, None] + steps[:, None] * outwards[:, :, None]
-    pixels = flatten(image, view, across.reshape(-1, len(steps), 2), 1 / _STEP).reshape(4, count, len(steps), 3)
-    points = places.reshape(4, _ALONG, _FINE, 2).mean(axis=2)
-    return points, outwards, np.log(pixels.astype(float) + _DARK)
-
-
-def _point_colours(
-    image: NDArray[np.uint8], view: View, steps: NDArray[np.float64]
-) -> tuple[Points, Points, NDArray[np.float64]]:
-    """Returns points, directions, and the mean colours ``[4, A, T, 3]`` at each point, as `_profiles` does."""
-    points, outwards, colours = _profiles(image, view, steps)
-    return points, outwards, colours.reshape(4, _ALONG, _FINE, len(steps), 3).mean(axis=2)
-
-
-def _colour_border(image: NDArray[np.uint8], view: View, reach: float) -> Border:
-    """Returns where the colours of the sides of a view separate, within a reach."""
-    steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
-    points, outwards, colours = _point_colours(image, view, steps)
-    return Border(
-        points, outwards, np.stack([_separate(_likelihoods(side, steps, reach), steps, reach) for side in colours])
-    )
-
-
-def _likelihoods(colours: NDArray[np.float64], steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
-    """Returns the logarithm of how much likelier each colour ``[A, T, 3]`` of a side is the tile's than the floor's."""
-    floor = colours[:, steps > reach].reshape(-1, 3)
-    tile = colours[:, steps < -reach].reshape(-1, 3)
-    value = tile.max(axis=1)
-    asphalt = tile[value < np.percentile(value, 25) + 0.35]
-    inside = np.logaddexp(_log_density(colours, asphalt), _TAPE_DENSITY)
-    return np.clip(inside - _log_density(colours, floor), -_MOST_LIKELY, _MOST_LIKELY)
-
-
-def _log_density(colours: NDArray[np.float64], sample: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the logarithm of the normal density of a sample ``[N, 3]`` at colours ``[..., 3]``."""
-    mean = np.median(sample, axis=0)
-    distance = np.abs(sample - mean).sum(axis=1)
-    core = sample[distance <= np.percentile(distance, 90)]
-    covariance = np.cov(core.T) * 1.3 + np.eye(3) * _GRAIN**2
-    away = colours - mean
-    square = np.einsum("...i,ij,...j->...", away, np.linalg.inv(covariance), away)
-    return np.asarray(-0.5 * square - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1])
-
-
-def _separate(likely: NDArray[np.float64], steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
-    """Returns the offset outwards of the border at each point ``[A]`` of a side, near the line that separates it best.
-
-    NaN where nothing separates near the line.
-    """
-    points = np.arange(len(likely))
-    inner = np.flatnonzero(np.abs(steps) <= reach)
-    # A border before a step has the likelihoods after it inside. A constant is left out.
-    gain = -np.cumsum(likely, axis=1)[:, inner - 1]
-    share = (points + 0.5) / len(points)
-    ends = np.arange(0, len(inner), 2)
-    lines = np.rint(ends[:, None, None] * (1 - share) + ends[:, None] * share).astype(int)
-    best_line = np.unravel_index(int(gain[points, lines].sum(axis=-1).argmax()), lines.shape[:2])
-    smooth = cv2.GaussianBlur(gain, (1, 5), 0, borderType=cv2.BORDER_REPLICATE)
-    width = max(2, round(0.01 / _STEP))
-    window = np.clip(lines[best_line][:, None] + np.arange(-width, width + 1), 0, len(inner) - 1)
-    near = np.take_along_axis(smooth, window, 1)
-    best = near.argmax(axis=1)
-    place = window[points, best]
-    # A side that is off by more than the reach moves by the reach, and is looked for again.
-    is_seen = ((best > 0) & (best < 2 * width)) | (place == 0) | (place == len(inner) - 1)
-    return np.where(is_seen, steps[inner[place]] + _STEP, np.nan)
-
-
-def _sharpest_border(image: NDArray[np.uint8], view: View) -> Border:
-    """Returns where colours change most near the sides of a view, on the average along a third of a side."""
-    steps = np.arange(_SHARP_REACH + _RING, -_SHARP_REACH - 4.5 * _STEP, -_STEP)
-    points, outwards, colours = _profiles(image, view, steps)
-    inner = np.flatnonzero(np.abs(steps - _STEP / 2) <= _SHARP_REACH)
-    index = np.arange(_ALONG)
-    offsets = np.empty((4, _ALONG))
-    for side in range(4):
-        # Changes are measured in standard deviations of the floor's colours.
-        floor = colours[side][:, steps > _SHARP_REACH + 0.02].reshape(-1, 3)
-        plain = colours[side] @ np.linalg.cholesky(np.linalg.inv(np.cov(floor.T) + np.eye(3) * _GRAIN**2))
-        mean = cv2.blur(plain, (1, _FINE * _PART + 1), borderType=cv2.BORDER_REPLICATE)[_FINE // 2 :: _FINE]
-        # The change between a step and the next one, over three steps.
-        change = np.pad(np.linalg.norm(mean[:, 3:] - mean[:, :-3], axis=2), ((0, 0), (1, 2)))
-        best = inner[change[:, inner].argmax(axis=1)]
-        left, here, right = (change[index, best + shift] for shift in (-1, 0, 1))
-        bow = np.maximum(2 * here - left - right, 1e-6)
-        place = steps[best] - _STEP / 2 - np.clip((right - left) / (2 * bow), -1, 1) * _STEP
-        offsets[side] = np.where((best > inner[0]) & (best < inner[-1]), place, np.nan)
-    return Border(points, outwards, offsets)

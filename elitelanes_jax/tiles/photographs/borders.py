@@ -1,0 +1,200 @@
+"""Measures where the border of tiles is seen, by the colours that tell their ground from the floor around them.
+
+On a floor that is nearly as dark as asphalt, no edge is seen at most points of a side. So each side is first the line
+that separates the colours inside from those outside best: all pixels near the side count, as in a region-based active
+contour (Chan and Vese 2001). Then it is the line at which colours change most on the average along a part of the side.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.tiles.photographs.views import Points, View, flatten
+
+Sides = list[tuple[tuple[float, float], tuple[int, int]]]
+"""The middle of each side of a tile in tiles, x and y, and the direction out of the tile."""
+
+ALONG = 24
+"""Points along a side of a tile at which the border is measured."""
+
+MOST_CONTRAST = 6.0
+"""The contrast of a side whose colours all tell the tile from the floor."""
+
+_SHARP_REACH = 0.015  # tiles between the border by colours, which a shadow under the tile shifts, and the sharpest edge
+_PART = 8  # points of a side over which the sharpest edge is averaged
+_RING = 0.18  # tiles beyond the reach from which the colours of the floor and of the tile are taken
+_STEP = 1 / 320  # tiles between two places across a side
+_FINE = 4  # places along a side for each point
+_TAPE_DENSITY = -3.0  # the logarithm of the density of tape, and of all else on a tile that is not asphalt
+_MOST_LIKELY = MOST_CONTRAST / 2  # the largest logarithm of a ratio of likelihoods that one pixel counts for
+_BESIDE = 0.04  # tiles on both sides of a border whose colours are compared
+_BESIDE_REACH = 0.05  # tiles on both sides of a border whose colours are no sample of the floor's or the tile's
+_GRAIN = 0.01  # the least standard deviation of a floor's colours, in logarithms
+_DARK = 8  # added to colours before their logarithm is taken: noise is as large in dark pixels
+
+
+class Border(NamedTuple):
+    """Points ``[S, A, 2]`` in tiles on the outer sides, the directions ``[S, 1, 2]`` out, and the border's offsets."""
+
+    points: Points
+    outwards: Points
+    offsets: NDArray[np.float64]  # [S, A], in tiles outwards; NaN where no border is seen
+
+
+def outer_sides(codes: NDArray[np.int8]) -> Sides:
+    """Returns the middle of each side of a tile that has no neighbour, and the direction out of the tile."""
+    around, sides = np.pad(codes, 1), []
+    for row, column in np.argwhere(codes > 0).tolist():
+        for side in SIDES:
+            if not around[row + 1 + side.down, column + 1 + side.right]:
+                middle = column + 0.5 + side.right / 2, row + 0.5 + side.down / 2
+                sides.append((middle, (side.right, side.down)))
+    return sides
+
+
+def contrasts(image: NDArray[np.uint8], view: View, sides: Sides) -> NDArray[np.float64]:
+    """Returns how far the colours beside each side ``[S]`` are the tile's inside and not outside.
+
+    It is the difference of the logarithms of likelihoods within 4 % of a tile, the median along the side: 6 if all
+    colours tell the tile from the floor, 0 if none does, or if the same colours are on both sides.
+    """
+    reach = _BESIDE_REACH
+    steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
+    inside, outside = (steps < 0) & (steps > -_BESIDE), (steps > 0) & (steps < _BESIDE)
+    medians = []
+    for side in _point_colours(image, view, sides, steps)[2]:
+        likely = _likelihoods(side, steps, reach)
+        medians.append(np.median(likely[:, inside].mean(axis=1) - likely[:, outside].mean(axis=1)))
+    return np.array(medians)
+
+
+def _profiles(
+    image: NDArray[np.uint8], view: View, sides: Sides, steps: NDArray[np.float64]
+) -> tuple[Points, Points, NDArray[np.float64]]:
+    """Returns points ``[S, A, 2]`` on the sides, the directions ``[S, 1, 2]`` out, and colours ``[S, F, T, 3]``.
+
+    The colours are logarithms, at the distances `steps` outwards, of `_FINE` places for each point.
+    """
+    middles, outwards = (np.array(part, float)[:, None] for part in zip(*sides, strict=True))
+    count = _FINE * ALONG
+    along = (np.arange(count) + 0.5)[None, :, None] / count - 0.5
+    places = middles + along * outwards[..., ::-1]
+    across = places[:, :, None] + steps[:, None] * outwards[:, :, None]
+    pixels = flatten(image, view, across.reshape(-1, len(steps), 2), 1 / _STEP).reshape(
+        len(sides), count, len(steps), 3
+    )
+    points = places.reshape(len(sides), ALONG, _FINE, 2).mean(axis=2)
+    return points, outwards, np.log(pixels.astype(float) + _DARK)
+
+
+def _point_colours(
+    image: NDArray[np.uint8], view: View, sides: Sides, steps: NDArray[np.float64]
+) -> tuple[Points, Points, NDArray[np.float64]]:
+    """Returns points, directions, and the mean colours ``[4, A, T, 3]`` at each point, as `_profiles` does."""
+    points, outwards, colours = _profiles(image, view, sides, steps)
+    return points, outwards, colours.reshape(len(sides), ALONG, _FINE, len(steps), 3).mean(axis=2)
+
+
+def colour_border(image: NDArray[np.uint8], view: View, sides: Sides, reach: float) -> Border:
+    """Returns where the colours of sides separate, within a reach in tiles of where a view has them."""
+    steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
+    points, outwards, colours = _point_colours(image, view, sides, steps)
+    return Border(
+        points, outwards, np.stack([_separate(_likelihoods(side, steps, reach), steps, reach) for side in colours])
+    )
+
+
+def _likelihoods(colours: NDArray[np.float64], steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+    """Returns the logarithm of how much likelier each colour ``[A, T, 3]`` of a side is the tile's than the floor's."""
+    floor = colours[:, steps > reach].reshape(-1, 3)
+    tile = colours[:, steps < -reach].reshape(-1, 3)
+    value = tile.max(axis=1)
+    asphalt = tile[value < np.percentile(value, 25) + 0.35]
+    inside = np.logaddexp(_log_density(colours, asphalt), _TAPE_DENSITY)
+    return np.clip(inside - _log_density(colours, floor), -_MOST_LIKELY, _MOST_LIKELY)
+
+
+def _log_density(colours: NDArray[np.float64], sample: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the logarithm of the normal density of a sample ``[N, 3]`` at colours ``[..., 3]``."""
+    mean = np.median(sample, axis=0)
+    distance = np.abs(sample - mean).sum(axis=1)
+    core = sample[distance <= np.percentile(distance, 90)]
+    covariance = np.cov(core.T) * 1.3 + np.eye(3) * _GRAIN**2
+    away = colours - mean
+    square = np.einsum("...i,ij,...j->...", away, np.linalg.inv(covariance), away)
+    return np.asarray(-0.5 * square - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1])
+
+
+def _separate(likely: NDArray[np.float64], steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+    """Returns the offset outwards of the border at each point ``[A]`` of a side, near the line that separates it best.
+
+    NaN where nothing separates near the line.
+    """
+    points = np.arange(len(likely))
+    inner = np.flatnonzero(np.abs(steps) <= reach)
+    # A border before a step has the likelihoods after it inside. A constant is left out.
+    gain = -np.cumsum(likely, axis=1)[:, inner - 1]
+    share = (points + 0.5) / len(points)
+    ends = np.arange(0, len(inner), 2)
+    lines = np.rint(ends[:, None, None] * (1 - share) + ends[:, None] * share).astype(int)
+    best_line = np.unravel_index(int(gain[points, lines].sum(axis=-1).argmax()), lines.shape[:2])
+    smooth = cv2.GaussianBlur(gain, (1, 5), 0, borderType=cv2.BORDER_REPLICATE)
+    width = max(2, round(0.01 / _STEP))
+    window = np.clip(lines[best_line][:, None] + np.arange(-width, width + 1), 0, len(inner) - 1)
+    near = np.take_along_axis(smooth, window, 1)
+    best = near.argmax(axis=1)
+    place = window[points, best]
+    # A side that is off by more than the reach moves by the reach, and is looked for again.
+    is_seen = ((best > 0) & (best < 2 * width)) | (place == 0) | (place == len(inner) - 1)
+    return np.where(is_seen, steps[inner[place]] + _STEP, np.nan)
+
+
+def sharpest_border(image: NDArray[np.uint8], view: View, sides: Sides) -> Border:
+    """Returns where colours change most near the sides of a view, on the average along a third of a side."""
+    points, outwards, steps, contrasting = _contrasting_profiles(image, view, sides)
+    part = (1, _FINE * _PART + 1)
+    offsets = []
+    for colours in contrasting:
+        mean = cv2.blur(colours, part, borderType=cv2.BORDER_REPLICATE)[_FINE // 2 :: _FINE]
+        offsets.append(_sharpest(mean, steps))
+    return Border(points, outwards, np.array(offsets))
+
+
+def shadow_width(image: NDArray[np.uint8], view: View, sides: Sides, reach: float) -> float:
+    """Returns how far outside of the sharpest edge the border by colours is, in tiles, on the average of all sides.
+
+    A shadow under the tiles moves the border by colours outwards. 0 where no change of colours is the largest nearby.
+    """
+    _, _, steps, contrasting = _contrasting_profiles(image, view, sides)
+    edge = _sharpest(contrasting.mean(axis=(0, 1))[None], steps)[0]
+    offsets = colour_border(image, view, sides, reach).offsets
+    seen = np.isfinite(offsets)
+    return float(offsets[seen].mean() - edge) if np.isfinite(edge) and seen.any() else 0.0
+
+
+def _contrasting_profiles(
+    image: NDArray[np.uint8], view: View, sides: Sides
+) -> tuple[Points, Points, NDArray[np.float64], NDArray[np.float64]]:
+    """Returns points, directions, steps, and colours ``[S, F, T, 3]`` in standard deviations of the floor's colours."""
+    steps = np.arange(_SHARP_REACH + _RING, -_SHARP_REACH - 4.5 * _STEP, -_STEP)
+    points, outwards, colours = _profiles(image, view, sides, steps)
+    for side in range(len(sides)):
+        floor = colours[side][:, steps > _SHARP_REACH + 0.02].reshape(-1, 3)
+        colours[side] = colours[side] @ np.linalg.cholesky(np.linalg.inv(np.cov(floor.T) + np.eye(3) * _GRAIN**2))
+    return points, outwards, steps, colours
+
+
+def _sharpest(colours: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the offset outwards of the largest change in each row of colours ``[A, T, 3]``; NaN at the reach."""
+    inner = np.flatnonzero(np.abs(steps - _STEP / 2) <= _SHARP_REACH)
+    # The change between a step and the next one, over three steps.
+    change = np.pad(np.linalg.norm(colours[:, 3:] - colours[:, :-3], axis=2), ((0, 0), (1, 2)))
+    best = inner[change[:, inner].argmax(axis=1)]
+    index = np.arange(len(colours))
+    left, here, right = (change[index, best + shift] for shift in (-1, 0, 1))
+    bow = np.maximum(2 * here - left - right, 1e-6)
+    place = steps[best] - _STEP / 2 - np.clip((right - left) / (2 * bow), -1, 1) * _STEP
+    return np.where((best > inner[0]) & (best < inner[-1]), place, np.nan)
