@@ -20,7 +20,7 @@ from elitelanes_jax.tiles import (
     read_photograph,
     turn_floor,
 )
-from elitelanes_jax.tiles.photographs import reading
+from elitelanes_jax.tiles.photographs import borders, reading
 from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_to_plan
 from elitelanes_jax.tiles.photographs.reading import read_lens
 from elitelanes_jax.tiles.photographs.views import View, places_of, view_of
@@ -124,6 +124,44 @@ def test_one_side_of_a_single_tile_may_be_off_by_a_twelfth():
     for proposal in (propose_tiles(photo), propose_tiles(photo, corners=guess)):
         assert proposal.codes == [[6]] and proposal.score > SURE
         assert off(proposal, corners) < 0.01
+
+
+def square_on_a_dark_floor(shadow):
+    """A square of asphalt, 200 pixels wide, on a floor nearly as dark, which the square shades by a share."""
+    y, x = np.mgrid[:400, :400]
+    away = np.maximum(np.abs(x - 199.5), np.abs(y - 199.5)) - 100
+    floor = np.array([76, 79, 86]) * (1 - shadow * np.exp(-np.maximum(away, 0) / 6))[..., None]
+    picture = cv2.GaussianBlur(np.where((away < 0)[..., None], photographed.ASPHALT, floor), (0, 0), 0.8)
+    noise = np.random.default_rng(0).normal(0, 6, picture.shape)
+    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def square_view(off=0.0):
+    """The view of that square, with each side `off` tiles outside of where it is."""
+    half = 100 + 200 * off
+    corners = 199.5 + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    return view_of(corners, 1, 1, 400, 400)
+
+
+def test_a_border_is_seen_by_colours_where_no_edge_is():
+    picture = square_on_a_dark_floor(0.0)
+    sides = borders.outer_sides(np.ones((1, 1), np.int8))
+    for off in (0.0, 0.015):
+        offsets = borders.colour_border(picture, square_view(off), sides, 0.04).offsets
+        np.testing.assert_allclose(np.nanmean(offsets, axis=1), -off, atol=0.003)
+    assert (borders.contrasts(picture, square_view(), sides) > 5).all()
+    assert (borders.contrasts(picture, square_view(0.04), sides) < 3).all()
+
+
+def test_a_shadow_under_tiles_moves_the_border_by_colours_but_not_the_sharpest_edge():
+    picture = square_on_a_dark_floor(0.1)
+    sides = borders.outer_sides(np.ones((1, 1), np.int8))
+    by_colours = borders.colour_border(picture, square_view(), sides, 0.04).offsets
+    assert np.nanmean(by_colours) > 0.007
+    shadow = borders.shadow_width(picture, square_view(), sides, 0.04)
+    np.testing.assert_allclose(np.nanmean(by_colours) - shadow, 0, atol=0.002)
+    # An edge beyond the reach is not seen: nothing says how wide the shadow is.
+    assert np.isnan(borders.shadow_width(picture, square_view(0.03), sides, 0.04))
 
 
 def test_cells_without_a_tile_are_no_tiles():

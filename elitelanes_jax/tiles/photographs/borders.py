@@ -166,13 +166,13 @@ def sharpest_border(image: NDArray[np.uint8], view: View, sides: Sides) -> Borde
 def shadow_width(image: NDArray[np.uint8], view: View, sides: Sides, reach: float) -> float:
     """Returns how far outside of the sharpest edge the border by colours is, in tiles, on the average of all sides.
 
-    A shadow under the tiles moves the border by colours outwards. 0 where no change of colours is the largest nearby.
+    A shadow under the tiles moves the border by colours outwards. NaN if no change of colours is the largest nearby.
     """
     _, _, steps, contrasting = _contrasting_profiles(image, view, sides)
     edge = _sharpest(contrasting.mean(axis=(0, 1))[None], steps)[0]
     offsets = colour_border(image, view, sides, reach).offsets
     seen = np.isfinite(offsets)
-    return float(offsets[seen].mean() - edge) if np.isfinite(edge) and seen.any() else 0.0
+    return float(offsets[seen].mean() - edge) if seen.any() else np.nan
 
 
 def _contrasting_profiles(

@@ -103,15 +103,19 @@ def _agree(side_offsets: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
 def _fit_colours(
     image: NDArray[np.uint8], fit: Fit, codes: NDArray[np.int8], groups: list[list["_Seen"]], bends: bool
 ) -> Fit:
-    """Fits the border by colours, where no edge is seen at single points: on floors nearly as dark as asphalt."""
+    """Fits the border by colours, where no edge is seen at single points: on floors nearly as dark as asphalt.
+
+    Returns the fit as it is if the colours do not say where the border is.
+    """
+    before = fit
     rows, columns = codes.shape
     tile_px = _STEPS[-1][0]
     places = places_of(rows, columns, tile_px, 0)
     for reach, has_shadow in _COLOUR_STEPS:
         sides = _clear_sides(image, fit.view, codes)
-        if not sides:
-            return fit
-        shadow = shadow_width(image, fit.view, sides, reach) if has_shadow else 0.0
+        shadow = shadow_width(image, fit.view, sides, reach) if sides and has_shadow else 0.0
+        if not sides or np.isnan(shadow):
+            return before
         for _ in range(_COLOUR_ROUNDS):
             matrix, vector = begin_equations(fit.view, bends=bends)
             alike = fit.alike
@@ -123,7 +127,7 @@ def _fit_colours(
             add_offsets(matrix, vector, fit.view, border, rows, columns, noise=_COLOUR_NOISE)
             step = solve_equations(fit.view, matrix, vector, rows, columns)
             if step is None:
-                return fit
+                return before
             fit = fit._replace(view=step.view, spread=step.spread, alike=alike)
             if step.size < _STILL:
                 break
