@@ -22,6 +22,7 @@ from elitelanes_jax.tiles import (
 )
 from elitelanes_jax.tiles.photographs import borders, reading
 from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_to_plan
+from elitelanes_jax.tiles.photographs.cutting import mask_cut
 from elitelanes_jax.tiles.photographs.reading import read_lens
 from elitelanes_jax.tiles.photographs.views import View, places_of, view_of
 from elitelanes_jax.tiles.sides import measure_sides
@@ -95,6 +96,17 @@ def test_cuts_are_squares_of_their_kind_and_copies_are_named(shot, proposal):
     assert all(cut.copy_of for cut in again)
     unsure = proposal._replace(sure=np.zeros((3, 3)).tolist())
     assert cut_tiles(shot, unsure) == []
+
+
+def test_the_stop_line_of_a_neighbour_leaves_no_notch_in_the_road_of_a_turn(shot, proposal):
+    turn = next(cut for cut in cut_tiles(shot, proposal) if cut.code == 6)
+    size = len(turn.image)
+    stained = turn.image.copy()
+    # Mixed with asphalt, on a part of the side E where the road leaves the tile.
+    stained[size // 2 : round(0.85 * size), -3:] = (150, 96, 95)
+    masks, plain = (mask_cut(turn._replace(image=image)) for image in (stained, turn.image))
+    np.testing.assert_array_equal(masks["road"][:, -1], plain["road"][:, -1])
+    assert not masks["red"].any()
 
 
 def test_a_single_tile_may_lie_in_any_direction():

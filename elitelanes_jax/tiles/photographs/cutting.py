@@ -23,6 +23,9 @@ from elitelanes_jax.tiles.tileset import MASKS
 _SIZES = (128, 512)  # the least and the largest side of a picture; between them, what the photograph has
 _COMPARED_PX = 96  # the side of a tile at which pictures are compared
 _COPY = 0.2  # the correlation of the ground from which two pictures show the same tile
+_RIM = 0.03  # tiles from a side within which the tape of a neighbour lies
+_RED_HUES = (165, 10)  # of red tape, as OpenCV counts them
+_REDDISH = 70  # the saturation of red tape that is mixed with what is beside it
 
 
 class Cut(NamedTuple):
@@ -106,10 +109,22 @@ def _turns_to_first(code: int) -> list[int]:
 
 def mask_cut(cut: Cut) -> dict[str, NDArray[np.bool_]]:
     """Proposes the masks of a tile. Stop lines are on crossings alone."""
-    masks = propose_masks(cut.image)
-    if CONNECTIONS[cut.code] < 3:
-        masks["red"] = np.zeros_like(masks["red"])
+    if CONNECTIONS[cut.code] >= 3:
+        return propose_masks(cut.image)
+    masks = propose_masks(_without_red_rim(cut.image))
+    masks["red"] = np.zeros_like(masks["red"])
     return masks
+
+
+def _without_red_rim(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Replaces what is red near the sides by the pixels inside of it: a neighbour's stop line lies over the border."""
+    rim = round(len(image) * _RIM)
+    inside = cv2.copyMakeBorder(image[rim:-rim, rim:-rim], rim, rim, rim, rim, cv2.BORDER_REPLICATE)
+    hue, saturation, _ = np.moveaxis(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), -1, 0)
+    is_red = ((hue >= _RED_HUES[0]) | (hue <= _RED_HUES[1])) & (saturation >= _REDDISH)
+    is_red = cv2.dilate(is_red.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    is_red[rim:-rim, rim:-rim] = False
+    return np.where(is_red[..., None], inside, image)
 
 
 @name_wrong_arguments
