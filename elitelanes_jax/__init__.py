@@ -1,7 +1,8 @@
 """Elite Lanes JAX: evolutionary generation of road networks for a miniature city.
 
-The kernels work on one grid and are pure: `jax.jit` and `jax.vmap` them. `evolve` runs whole searches. `__init__.pyi`
-lists all names. Each name is imported at its first use, so that code without JAX does not wait for JAX.
+The kernels work on one grid and are pure: `jax.jit` and `jax.vmap` them. `evolve` runs whole
+searches. `__init__.pyi` lists all names. Each name is imported at its first use, so that code
+without JAX does not wait for JAX.
 """
 
 

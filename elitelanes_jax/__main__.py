@@ -1,7 +1,7 @@
 """The console script ``elitelanes``, and ``python -m elitelanes_jax``.
 
-Signals are caught before modules are imported, because Python ends a program that is interrupted earlier with a
-traceback.
+Signals are caught before modules are imported, because Python ends a program that is interrupted
+earlier with a traceback.
 """
 
 import gc
@@ -16,11 +16,12 @@ def run() -> None:
         number = getattr(signal, name, None)  # not on every system
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: os._exit(130))  # until `leave` has its own
-    # Most objects made while modules load and JAX traces are kept. Looking for garbage took a fifth of that time. The
-    # modules have some 200,000 objects.
+    # Most objects made while modules load and JAX traces are kept. Looking for garbage took a fifth
+    # of that time. The modules have some 200,000 objects.
     gc.set_threshold(400_000)
     for name, level in (("OPENCV_LOG_LEVEL", "SILENT"), ("OPENCV_FFMPEG_LOGLEVEL", "-8")):
-        os.environ.setdefault(name, level)  # on a full disk OpenCV prints a line per frame; the command prints one
+        # On a full disk OpenCV prints a line per frame; the command prints one.
+        os.environ.setdefault(name, level)
     from elitelanes_jax.cli.program import leave
 
     leave(_main)

@@ -1,6 +1,7 @@
 """Plots: a map as lines, an archive as a heat map, runs over seeds.
 
-Each draws on `ax`, by default on a new figure, and returns the Axes. All need matplotlib, the extra `plots`.
+Each draws on `ax`, by default on a new figure, and returns the Axes. All need matplotlib, the extra
+`plots`.
 """
 
 from collections.abc import Sequence
@@ -24,7 +25,14 @@ if TYPE_CHECKING:
     from elitelanes_jax.problem.descriptor import Axis
     from elitelanes_jax.search.result import History, Result
 
-_GROUND, _KERB, _ROAD, _LANE, _END, _VACANT = "#eef0ea", "#b9bdb4", "#4a4f5a", "#f5c842", "#d7263d", "#e9e9e6"
+_GROUND, _KERB, _ROAD, _LANE, _END, _VACANT = (
+    "#eef0ea",
+    "#b9bdb4",
+    "#4a4f5a",
+    "#f5c842",
+    "#d7263d",
+    "#e9e9e6",
+)
 
 _HARD_SPACE = "\N{NO-BREAK SPACE}"
 
@@ -37,12 +45,18 @@ _KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
 
 @name_wrong_arguments
 def road_map(
-    grid: ArrayLike, *, width: float = 0.5, lanes: bool = True, marked: UserValue = None, ax: "Axes | None" = None
+    grid: ArrayLike,
+    *,
+    width: float = 0.5,
+    lanes: bool = True,
+    marked: UserValue = None,
+    ax: "Axes | None" = None,
 ) -> "Axes":
     """Draws a map in lines: roads as ribbons, turns round, north at the top, one unit per tile.
 
-    Each link is one ribbon from the middle of a tile to the middle of the next; an unmatched connection reaches the
-    tile's side. A red bar marks where a road ends: in a tile with a single connection, or at such a side.
+    Each link is one ribbon from the middle of a tile to the middle of the next; an unmatched
+    connection reaches the tile's side. A red bar marks where a road ends: in a tile with a single
+    connection, or at such a side.
 
     Args:
       grid: integer codes ``[H, W]``, repaired or not.
@@ -91,7 +105,9 @@ def _draw_marked_cells(ax: "Axes", is_marked: NDArray[np.bool_]) -> None:
     ax.add_collection(PolyCollection(squares, facecolors="#ffdf9e", label="marked"))
 
 
-def _draw_ribbons(ax: "Axes", lines: Sequence[_Line], width: float, colour: str, label: str) -> None:
+def _draw_ribbons(
+    ax: "Axes", lines: Sequence[_Line], width: float, colour: str, label: str
+) -> None:
     """Draws each line as a ribbon of a width in tiles."""
     from matplotlib.collections import PolyCollection
 
@@ -108,8 +124,13 @@ def _draw_ribbons(ax: "Axes", lines: Sequence[_Line], width: float, colour: str,
     ax.add_collection(ribbons)
 
 
-def _draw_lane_lines(ax: "Axes", lines: Sequence[_Line], width: float, shape: tuple[int, int]) -> None:
-    """Draws the dashed lines between the lanes. Matplotlib wants their width in points instead of tiles."""
+def _draw_lane_lines(
+    ax: "Axes", lines: Sequence[_Line], width: float, shape: tuple[int, int]
+) -> None:
+    """Draws the dashed lines between the lanes.
+
+    Matplotlib wants their width in points instead of tiles.
+    """
     from matplotlib.collections import LineCollection
 
     rows, columns = shape
@@ -117,7 +138,9 @@ def _draw_lane_lines(ax: "Axes", lines: Sequence[_Line], width: float, shape: tu
     pixels_per_tile = min(box.width / columns, box.height / rows)
     points = width * 72 / ax.figure.dpi * pixels_per_tile
     dashes = (0, (2.2, 1.5))
-    lane_lines = LineCollection(lines, colors=_LANE, linewidths=points, linestyles=dashes, label="lanes")
+    lane_lines = LineCollection(
+        lines, colors=_LANE, linewidths=points, linestyles=dashes, label="lanes"
+    )
     ax.add_collection(lane_lines)
 
 
@@ -141,24 +164,25 @@ def archive_map(
 ) -> "Axes":
     """Draws an archive as a heat map: one axis of the descriptor across, one or several others down.
 
-    Each cell shows the lowest fitness over the axes that are not named, and over all seeds. A cell without filled
-    niches is hatched.
+    Each cell shows the lowest fitness over the axes that are not named, and over all seeds. A cell
+    without filled niches is hatched.
 
     Args:
-      fitness: a `Result` or its elites; or numbers ``[..., N]``, lower is better, in the order of `niche_index`: the
-        fitness of a `Population`, or of a QDax repertoire with its sign changed and one axis. The largest int32 and
-        numbers that are not finite mean vacant.
+      fitness: a `Result` or its elites; or numbers ``[..., N]``, lower is better, in the order of
+        `niche_index`: the fitness of a `Population`, or of a QDax repertoire with its sign changed
+        and one axis. The largest int32 and numbers that are not finite mean vacant.
       axes: of the descriptor space; by default those of the result.
       across: the metric of an axis, by default the first of those with most bins.
-      down: the metrics of one axis or of several, of which the last changes fastest from row to row; by default all
-        others.
+      down: the metrics of one axis or of several, of which the last changes fastest from row to
+        row; by default all others.
       label: of the colour bar.
       ax: to draw on.
-      image: further arguments of matplotlib's `imshow`, such as ``vmax`` if a few bad niches hide the differences of
-        others.
+      image: further arguments of matplotlib's `imshow`, such as ``vmax`` if a few bad niches hide
+        the differences of others.
 
     Raises:
-      InputError: for another number of niches, for a name that is not an axis' or occurs twice, or without matplotlib.
+      InputError: for another number of niches, for a name that is not an axis' or occurs twice, or
+        without matplotlib.
     """
     from elitelanes_jax.problem.descriptor import parse_axes
 
@@ -169,10 +193,14 @@ def archive_map(
     elif hasattr(source, "fitness"):  # elites
         fitness = source.fitness
     if axes is None:
-        raise InputError("axes: expected the axes of the niches, or a Result instead of its fitness, got none")
+        raise InputError(
+            "axes: expected the axes of the niches, or a Result instead of its fitness, got none"
+        )
     axes = parse_axes(axes, features=None)
     if not all(axis.width for axis in axes):
-        raise InputError("axes: expected ones with a width, such as result.search.axes, got one without")
+        raise InputError(
+            "axes: expected ones with a width, such as result.search.axes, got one without"
+        )
     shown_names = _names_of(axes, across, down)
     axis_by_name = {axis.metric: axis for axis in axes}
     shown_axes = [axis_by_name[name] for name in shown_names]
@@ -192,7 +220,9 @@ def archive_map(
     return ax
 
 
-def _names_of(axes: "Sequence[Axis]", across: str | None, down: Sequence[str] | str | None) -> list[str]:
+def _names_of(
+    axes: "Sequence[Axis]", across: str | None, down: Sequence[str] | str | None
+) -> list[str]:
     """Returns the names of the shown axes: first the axes down, then the axis across."""
     names = [axis.metric for axis in axes]
     if across is None:
@@ -213,12 +243,16 @@ def _names_of(axes: "Sequence[Axis]", across: str | None, down: Sequence[str] | 
     return shown_names
 
 
-def _niche_table(fitness: NDArray[np.float64], axes: "Sequence[Axis]", shown: Sequence[str]) -> NDArray[np.float64]:
+def _niche_table(
+    fitness: NDArray[np.float64], axes: "Sequence[Axis]", shown: Sequence[str]
+) -> NDArray[np.float64]:
     """Returns the lowest fitness ``[rows, columns]`` over seeds and hidden axes; infinite where no niche is filled."""
     names = [axis.metric for axis in axes]
     bins = [axis.bins for axis in axes]
     if not fitness.size or fitness.shape[-1] != prod(bins):
-        raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {fitness.shape}")
+        raise InputError(
+            f"fitness: expected {prod(bins)} niches on the last axis, got shape {fitness.shape}"
+        )
     is_filled = np.isfinite(fitness) & (fitness < np.iinfo(np.int32).max)
     by_seed = np.where(is_filled, fitness, np.inf).reshape(-1, *bins)
     lowest = by_seed.min(axis=0)
@@ -321,7 +355,9 @@ def seed_band(
     samples = np.atleast_2d(np.asarray(values, float))
     is_table = samples.ndim == 2 and len(samples) > 0
     if x_values.ndim != 1 or not is_table or samples.shape[1] != x_values.size:
-        raise InputError(f"values: expected [S, {x_values.size}] like x, got shape {np.shape(values)}")
+        raise InputError(
+            f"values: expected [S, {x_values.size}] like x, got shape {np.shape(values)}"
+        )
     limits = np.asarray(quantiles)
     is_pair = limits.shape == (2,) and limits.dtype.kind in "fiu"
     if not is_pair or not 0 <= limits[0] <= limits[1] <= 1:

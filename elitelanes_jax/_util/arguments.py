@@ -1,8 +1,8 @@
 """Names the wrong argument of a public function.
 
-A function that fails for an argument of another type would raise an error from deep within. Its decorator compares the
-arguments with the annotations after such an error, so that calls that succeed cost nothing and may be given whatever
-works.
+A function that fails for an argument of another type would raise an error from deep within. Its
+decorator compares the arguments with the annotations after such an error, so that calls that
+succeed cost nothing and may be given whatever works.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -22,10 +22,16 @@ from elitelanes_jax._util.types import UserValue
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_WORDS: dict[UserValue, str] = {int: "a whole number", float: "a number", np.number: "a number", bool: "True or False"}
+_WORDS: dict[UserValue, str] = {
+    int: "a whole number",
+    float: "a number",
+    np.number: "a number",
+    bool: "True or False",
+}
 _WORDS |= {str: "a text", Path: "a path", NoneType: "None", Callable: "a function", Any: "no key"}
 
-_ARRAYS = (Annotated, np.ndarray, get_origin(NDArray[np.int8]))  # from NumPy 2.5 on `NDArray` is a type alias
+# From NumPy 2.5 on `NDArray` is a type alias.
+_ARRAYS = (Annotated, np.ndarray, get_origin(NDArray[np.int8]))
 
 # The errors that arguments of another type cause.
 _CAUSED = (ArithmeticError, AttributeError, LookupError, SystemError, TypeError, ValueError)
@@ -38,8 +44,8 @@ class WrongArgumentError(InputError):
 def name_wrong_arguments(function: Callable[P, R]) -> Callable[P, R]:
     """Decorates a public function: an argument of another type causes a `WrongArgumentError` that names it.
 
-    Public functions call each other. The outermost one with a wrong argument names it, because this is the one that
-    the user has called.
+    Public functions call each other. The outermost one with a wrong argument names it, because this
+    is the one that the user has called.
     """
 
     @wraps(function)
@@ -64,7 +70,9 @@ def name_wrong_arguments(function: Callable[P, R]) -> Callable[P, R]:
     return named
 
 
-def _find_wrong(function: Callable[..., UserValue], args: UserValue, kwargs: UserValue, error: Exception) -> str | None:
+def _find_wrong(
+    function: Callable[..., UserValue], args: UserValue, kwargs: UserValue, error: Exception
+) -> str | None:
     """Returns a message about the arguments that caused an error; None if it may have another cause."""
     try:
         bound = signature(function).bind(*args, **kwargs)
@@ -76,7 +84,11 @@ def _find_wrong(function: Callable[..., UserValue], args: UserValue, kwargs: Use
     values = bound.arguments
     if "broadcast" not in str(error) or any(map(callable, values.values())):
         return None
-    arrays = {name: value for name, value in values.items() if hasattr(value, "shape") or isinstance(value, list)}
+    arrays = {
+        name: value
+        for name, value in values.items()
+        if hasattr(value, "shape") or isinstance(value, list)
+    }
     if len(arrays) < 2:
         return None
     shapes = ", ".join(str(list(np.shape(array))) for array in arrays.values())
@@ -128,7 +140,11 @@ def _fits(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
 
 
 def _is_iterable(origin: UserValue) -> bool:
-    return isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping)
+    return (
+        isinstance(origin, type)
+        and issubclass(origin, Iterable)
+        and not issubclass(origin, Mapping)
+    )
 
 
 def _is_list_of(value: UserValue, origin: UserValue, parts: tuple[UserValue, ...]) -> bool:
@@ -202,7 +218,9 @@ def _describe(annotation: UserValue) -> str:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return "values by name"
     if _is_iterable(origin):
-        return f"a list of {' and '.join(_distinct_words(part for part in parts if part is not ...))}"
+        return (
+            f"a list of {' and '.join(_distinct_words(part for part in parts if part is not ...))}"
+        )
     kind = origin or annotation
     return _WORDS.get(kind) or str(getattr(kind, "__name__", kind))
 

@@ -56,7 +56,10 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
 
 
 def _parse(value: UserValue, kind: Callable[[str], int | float]) -> UserValue:
-    """Returns the number that a text says, or else the value unchanged. Texts such as 1_000 are no numbers."""
+    """Returns the number that a text says, or else the value unchanged.
+
+    Texts such as 1_000 are no numbers.
+    """
     if isinstance(value, str) and value.isascii() and "_" not in value:
         with suppress(ValueError):
             return kind(value)
@@ -76,7 +79,9 @@ FLOOR_SIDE = whole(1, MOST_FLOOR_SIDE)
 """Checks for the rows or columns of a photographed floor."""
 
 
-def real(least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False) -> Check:
+def real(
+    least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False
+) -> Check:
     """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`."""
     has_most = most < float("inf")
     if exclusive and has_most:
@@ -140,7 +145,9 @@ def text_name(value: UserValue) -> str:
 def xml_name(value: UserValue) -> str:
     """Checks for a text that is not blank, of characters that XML 1.0 allows (section 2.2)."""
     if re.search(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name(value)):
-        raise InputError(f"expected a name without control characters, as in XML, got {shorten(repr(value))}")
+        raise InputError(
+            f"expected a name without control characters, as in XML, got {shorten(repr(value))}"
+        )
     return str(value)
 
 
@@ -178,7 +185,9 @@ def listed(kind: type) -> Check:
     """Makes a check for a list or tuple of objects of a type."""
 
     def check(values: UserValue) -> UserValue:
-        if type(values) not in (list, tuple) or not all(isinstance(value, kind) for value in values):
+        if type(values) not in (list, tuple) or not all(
+            isinstance(value, kind) for value in values
+        ):
             raise InputError(f"expected a list of {kind.__name__}, got {shorten(repr(values))}")
         return values
 
@@ -203,7 +212,9 @@ def function_of(*arguments: str, **named: UserValue) -> Check:
             for argument_name, argument in named.items():
                 expected.append(f"{argument_name}={argument}")
             got = shorten(str(signature(value)))
-            raise InputError(f"expected a function of {', '.join(expected)}, got one of {got}") from None
+            raise InputError(
+                f"expected a function of {', '.join(expected)}, got one of {got}"
+            ) from None
         except ValueError:
             # Some built-in functions do not say what they take.
             pass
@@ -237,7 +248,9 @@ def folder(value: UserValue) -> Path:
     """Checks for the path of a folder to write to; an existing folder may have any name."""
     out = path(value)
     if ends_as_file(out) and not out.is_dir():
-        raise InputError(f"expected a folder, got the name of a file, {shorten(repr(str(out)), 40)}")
+        raise InputError(
+            f"expected a folder, got the name of a file, {shorten(repr(str(out)), 40)}"
+        )
     return out
 
 
@@ -248,7 +261,9 @@ def flag(value: UserValue) -> bool:
     return value
 
 
-def check_named(name: str, check: Callable[..., UserValue], value: UserValue, *further: UserValue) -> UserValue:
+def check_named(
+    name: str, check: Callable[..., UserValue], value: UserValue, *further: UserValue
+) -> UserValue:
     """Checks a value with the further arguments of the check; the error's message starts with `name`."""
     try:
         return check(value, *further)

@@ -10,7 +10,12 @@ from functools import lru_cache
 from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from elitelanes_jax._util.checks import check_named, none_or, whole
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, NotEnoughMemoryError, shorten
+from elitelanes_jax._util.errors import (
+    InputError,
+    NotEnoughMapsError,
+    NotEnoughMemoryError,
+    shorten,
+)
 from elitelanes_jax._util.interruption import raise_if_interrupted
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.types import Untyped, UserValue
@@ -21,8 +26,8 @@ R = TypeVar("R")
 # The parts that an executor has at once. It keeps their results in memory until they are written.
 _AT_ONCE = 1000
 
-# The shortest and the longest time between two questions whether parts are done, in seconds. Submitit reads files to
-# answer.
+# The shortest and the longest time between two questions whether parts are done, in seconds.
+# Submitit reads files to answer.
 _SOON, _LATER = 0.02, 1.0
 
 # The errors of executors that lost a worker or a job, besides those of Python, by module and name.
@@ -34,7 +39,8 @@ _LOST = {
     ("submitit", "FailedSubmissionError"),
 }
 
-# What a worker returns in place of a result, because executors change errors: Submitit makes a text of them.
+# What a worker returns in place of a result, because executors change errors: Submitit makes a text
+# of them.
 _OURS = (InputError, NotEnoughMapsError, NotEnoughMemoryError, OSError)
 
 
@@ -87,14 +93,18 @@ class _Outcome(NamedTuple):
     error: Exception | None
 
 
-def call_on_workers(executor: Engine, function: Callable[[A], R], arguments: Sequence[A]) -> Iterator[tuple[int, R]]:
+def call_on_workers(
+    executor: Engine, function: Callable[[A], R], arguments: Sequence[A]
+) -> Iterator[tuple[int, R]]:
     """Calls a function with each argument on an executor's workers; yields (index, result) as the calls end.
 
-    The function, the arguments and the results travel by pickle, the function by cloudpickle where it is installed. A
-    worker loads the function once. When the iterator ends early, calls that have not started are cancelled.
+    The function, the arguments and the results travel by pickle, the function by cloudpickle where
+    it is installed. A worker loads the function once. When the iterator ends early, calls that have
+    not started are cancelled.
 
     Raises:
-      InputError: if the function cannot be pickled, a worker has other versions, or the function raised it.
+      InputError: if the function cannot be pickled, a worker has other versions, or the function
+        raised it.
       ConnectionError: if the executor lost a call.
     """
     payload, versions = _dump(function), installed_versions()
@@ -106,7 +116,9 @@ def call_on_workers(executor: Engine, function: Callable[[A], R], arguments: Seq
             if fresh := range(first, min(first + _AT_ONCE - len(running), len(arguments))):
                 with _naming_loss(first, len(arguments)), together():
                     for index in fresh:
-                        running[index] = executor.submit(_call, versions, payload, pickle.dumps(arguments[index]))
+                        running[index] = executor.submit(
+                            _call, versions, payload, pickle.dumps(arguments[index])
+                        )
                 first = fresh.stop
             raise_if_interrupted()
             ended = [index for index, future in running.items() if future.done()]
@@ -127,18 +139,26 @@ def _dump(function: Callable[..., Untyped]) -> bytes:
     try:
         import cloudpickle
     except ImportError:
-        dumps, hint = pickle.dumps, "; pip install cloudpickle, or define functions at the top level of a module"
+        dumps, hint = (
+            pickle.dumps,
+            "; pip install cloudpickle, or define functions at the top level of a module",
+        )
     else:
         dumps, hint = cloudpickle.dumps, ""
     try:
         return bytes(dumps(function))
     except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise InputError(f"executor: expected functions that can be sent to workers, got {error}{hint}") from None
+        raise InputError(
+            f"executor: expected functions that can be sent to workers, got {error}{hint}"
+        ) from None
 
 
 @lru_cache(maxsize=8)
 def _load(payload: bytes) -> Callable[..., Untyped]:
-    """Loads a function once in a worker. JAX would compile again for the functions of another copy."""
+    """Loads a function once in a worker.
+
+    JAX would compile again for the functions of another copy.
+    """
     try:
         return pickle.loads(payload)
     except ImportError as error:
@@ -148,7 +168,10 @@ def _load(payload: bytes) -> Callable[..., Untyped]:
 
 
 def _call(versions: dict[str, str], payload: bytes, argument: bytes) -> _Outcome:
-    """Runs on a worker. The versions come first, because those of another version may not load the rest."""
+    """Runs on a worker.
+
+    The versions come first, because those of another version may not load the rest.
+    """
     try:
         for name, version in installed_versions().items():
             if version != versions.get(name):
@@ -179,7 +202,11 @@ def _naming_loss(index: int, count: int) -> Iterator[None]:
     except Exception as error:
         kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(error).__mro__}
         is_shut_down = isinstance(error, RuntimeError) and "after shutdown" in str(error)
-        if not is_shut_down and not isinstance(error, BrokenExecutor | CancelledError) and kinds.isdisjoint(_LOST):
+        if (
+            not is_shut_down
+            and not isinstance(error, BrokenExecutor | CancelledError)
+            and kinds.isdisjoint(_LOST)
+        ):
             raise
         words = shorten(f"{type(error).__name__}: {error}", 200)
         raise ConnectionError(

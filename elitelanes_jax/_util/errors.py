@@ -13,11 +13,13 @@ from elitelanes_jax._util.types import UserValue
 class InputError(ValueError):
     """A wrong argument, file or folder. The message names it, what was expected and what came.
 
-    The command line prints the message alone. Any other error, also a plain `ValueError`, is a bug with a traceback.
+    The command line prints the message alone. Any other error, also a plain `ValueError`, is a bug
+    with a traceback.
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(re.sub(r"\n\s+|\n(?=\[)", " ", message))  # an array in it has several lines
+        # An array in it has several lines.
+        super().__init__(re.sub(r"\n\s+|\n(?=\[)", " ", message))
 
 
 class MissingPackageError(InputError):
@@ -35,7 +37,9 @@ class NotEnoughMemoryError(MemoryError):
 def warn_user(message: str) -> None:
     """Warns at the line of the user's code that called the package."""
     level, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith(f"{__package__.split('.')[0]}."):
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith(
+        f"{__package__.split('.')[0]}."
+    ):
         level, frame = level + 1, frame.f_back
     warnings.warn(message, stacklevel=level)
 
@@ -65,5 +69,8 @@ def shorten(text: str, limit: int = 80) -> str:
 
 
 def brief(value: UserValue, limit: int = 80) -> str:
-    """Returns a value of a file as a message shows it. YAML's aliases may unfold to a text longer than the memory."""
+    """Returns a value of a file as a message shows it.
+
+    YAML's aliases may unfold to a text longer than the memory.
+    """
     return shorten(reprlib.repr(value), limit)

@@ -63,7 +63,8 @@ def read_json(file: str | Path) -> Plain:
 def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
     """Reads a file of TOML, at most 1 MiB.
 
-    Other files are an `InputError`. It starts with the source, or with the path of a file that is too large.
+    Other files are an `InputError`. It starts with the source, or with the path of a file that is
+    too large.
     """
     try:
         text = read_text(file, MIB)
@@ -103,9 +104,9 @@ def _finite(number: str) -> float:
 def new_file(file: Path) -> Iterator[Path]:
     """Provides a path next to a file for the block to write to; at the end it is renamed to the file.
 
-    A reader finds the whole file or none, even after a kill. Two processes may write the same file at once. Missing
-    folders are made. An existing file is replaced and keeps its permissions; a symbolic link is followed. An `OSError`
-    names `file`, and no part of the file is left.
+    A reader finds the whole file or none, even after a kill. Two processes may write the same file
+    at once. Missing folders are made. An existing file is replaced and keeps its permissions; a
+    symbolic link is followed. An `OSError` names `file`, and no part of the file is left.
     """
     target = Path(os.path.realpath(file)) if file.is_symlink() else file
     # "." has no parent to write a part in. A link that leads to itself stays one.
@@ -151,7 +152,13 @@ def free_name(path: Path, name: str) -> Path:
 def check_new(file: Path) -> None:
     """Raises `InputError` if a file of this name exists, or a symbolic link that leads nowhere."""
     if file.exists() or file.is_symlink():
-        got = "a folder" if file.is_dir() else "an existing one" if file.exists() else "a link that leads nowhere"
+        got = (
+            "a folder"
+            if file.is_dir()
+            else "an existing one"
+            if file.exists()
+            else "a link that leads nowhere"
+        )
         raise InputError(f"{file}: expected a new file, got {got}")
 
 

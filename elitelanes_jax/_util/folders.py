@@ -1,14 +1,14 @@
 """Output folders that are complete or do not exist, written by runs that can be killed at any moment and resumed.
 
-Unfinished work is kept in a hidden folder next to the output folder, ``.NAME-unfinished``. Of a name longer than 243
-bytes, the start and a digest are in the hidden name. The hidden folder has:
+Unfinished work is kept in a hidden folder next to the output folder, ``.NAME-unfinished``. Of a
+name longer than 243 bytes, the start and a digest are in the hidden name. The hidden folder has:
 
 - ``lock`` is held by the process that works. The system releases it when the process ends.
 - ``settings.json`` has what the work depends on.
 - ``kept`` has what the next run resumes from.
 - ``files`` has the files so far. At the end the folder is renamed to the output folder.
-- ``replaced`` is the output folder that was there before; ``files`` gets its permissions. If the process is killed
-  before ``files`` has its name, the next run does the rest.
+- ``replaced`` is the output folder that was there before; ``files`` gets its permissions. If the
+  process is killed before ``files`` has its name, the next run does the rest.
 """
 
 import json
@@ -31,7 +31,8 @@ class Unfinished(NamedTuple):
     """The folders of unfinished work."""
 
     files: Path  # a folder for the files; it becomes the output folder
-    kept: Path  # a folder for what the next run resumes from; it is deleted when the output folder is complete
+    # A folder for what the next run resumes from; it is deleted when the output folder is complete.
+    kept: Path
 
 
 @contextmanager
@@ -46,21 +47,26 @@ def output_folder(
 ) -> Iterator[Unfinished]:
     """Provides folders to work in. When the block ends, its files are the output folder.
 
-    If the block raises an error, the output folder does not change. After an error with files in `kept`, or a kill, the
-    next run resumes the work. Only one process at a time works for an output folder.
+    If the block raises an error, the output folder does not change. After an error with files in
+    `kept`, or a kill, the next run resumes the work. Only one process at a time works for an output
+    folder.
 
     Args:
       out: the output folder, new or empty.
-      settings: what the work depends on, plain values for JSON. Work is resumed only with equal settings.
+      settings: what the work depends on, plain values for JSON. Work is resumed only with equal
+        settings.
       inputs: paths that the work reads. A folder that contains one of them is not replaced.
-      foreign: returns the first file in a folder that no earlier run wrote, or another reason not to replace the
-        folder, and None if it may be replaced.
-      force: whether a folder is replaced if `foreign` returns None, and unfinished work with other settings deleted.
-      resume_files: whether the work resumes with the files of an earlier run; by default it starts without files.
+      foreign: returns the first file in a folder that no earlier run wrote, or another reason not
+        to replace the folder, and None if it may be replaced.
+      force: whether a folder is replaced if `foreign` returns None, and unfinished work with other
+        settings deleted.
+      resume_files: whether the work resumes with the files of an earlier run; by default it starts
+        without files.
 
     Raises:
-      InputError: if the output folder is a file, a mount or the current folder, is not empty and may not be replaced,
-        cannot be written to, or has unfinished work with other settings or of another process.
+      InputError: if the output folder is a file, a mount or the current folder, is not empty and
+        may not be replaced, cannot be written to, or has unfinished work with other settings or of
+        another process.
       OSError: of the block. It names a file as if it were in the output folder already.
     """
     try:
@@ -74,10 +80,13 @@ def output_folder(
     missing = [parent for parent in out.parents if not parent.exists()]
     mine = done = False
     try:
-        with suppress(FileNotFoundError, NotADirectoryError):  # the system refuses a name that is too long
+        # The system refuses a name that is too long.
+        with suppress(FileNotFoundError, NotADirectoryError):
             if (mounted := os.path.ismount(out)) or out.samefile(os.curdir):
                 got = "a mount" if mounted else "the current one"
-                raise InputError(f"{asked}: expected a folder that can be renamed, got {got}; name a new folder in it")
+                raise InputError(
+                    f"{asked}: expected a folder that can be renamed, got {got}; name a new folder in it"
+                )
         with locked(hidden, asked):
             _settle(hidden, out)
             _check_replaceable(asked, out, inputs, foreign, force)
@@ -116,7 +125,8 @@ def settle(out: str | Path) -> None:
     out = Path(os.path.realpath(out))
     hidden = _hidden(out)
     if hidden.is_dir():
-        with suppress(InputError), locked(hidden, out):  # another process that holds it does the rest
+        # Another process that holds it does the rest.
+        with suppress(InputError), locked(hidden, out):
             _settle(hidden, out)
         with suppress(OSError):  # there is other work
             hidden.rmdir()
@@ -143,18 +153,23 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     finally:
         with suppress(OSError, Timeout):
             if folder.is_dir():
-                lock.acquire(blocking=False)  # an interruption may have come between the file and its lock
+                # An interruption may have come between the file and its lock.
+                lock.acquire(blocking=False)
                 try:
-                    with suppress(OSError):  # Windows deletes no open file; there the release deletes it
+                    # Windows deletes no open file; there the release deletes it.
+                    with suppress(OSError):
                         (folder / _LOCK).unlink()
                 finally:
-                    lock.release(force=True)  # an interruption of this process, which may go on, leaves no lock
+                    # An interruption of this process, which may go on, leaves no lock.
+                    lock.release(force=True)
         if new:
             with suppress(OSError):  # it is not empty
                 folder.rmdir()
 
 
-def compare_settings(folder: str | Path, file: Path, settings: Mapping[str, Plain], hint: str) -> None:
+def compare_settings(
+    folder: str | Path, file: Path, settings: Mapping[str, Plain], hint: str
+) -> None:
     """Compares settings with those in a JSON file of an earlier run.
 
     The `InputError` names `folder` and the first setting that differs, and ends with `hint`.
@@ -164,15 +179,21 @@ def compare_settings(folder: str | Path, file: Path, settings: Mapping[str, Plai
     except (OSError, ValueError, RecursionError):
         earlier = None
     if not isinstance(earlier, dict):
-        raise InputError(f"{folder}: expected settings of an earlier run in {file}, got none; {hint}")
+        raise InputError(
+            f"{folder}: expected settings of an earlier run in {file}, got none; {hint}"
+        )
     earlier = {name: earlier.get(name) for name in settings}
     if (difference := first_difference(json.loads(json.dumps(settings)), earlier)) is not None:
         name, mine, found = difference
         expected, got = shorten(repr(mine)), shorten(repr(found))
-        raise InputError(f"{folder}: expected results with {name} {expected}, got results with {got}; {hint}")
+        raise InputError(
+            f"{folder}: expected results with {name} {expected}, got results with {got}; {hint}"
+        )
 
 
-def first_difference(one: Mapping[str, Plain], other: Mapping[str, Plain]) -> tuple[str, Plain, Plain] | None:
+def first_difference(
+    one: Mapping[str, Plain], other: Mapping[str, Plain]
+) -> tuple[str, Plain, Plain] | None:
     """Returns the name and both values of the first difference between tables, or between tables in them."""
     for name in {**one, **other}:
         mine, found = one.get(name), other.get(name)
@@ -189,8 +210,12 @@ def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
     for path in inputs:
         if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
             if not Path(folder).is_dir():
-                raise InputError(f"{folder}: expected a file to replace that is no input, got {path}")
-            raise InputError(f"{folder}: expected a folder to replace that contains no input, got one with {path}")
+                raise InputError(
+                    f"{folder}: expected a file to replace that is no input, got {path}"
+                )
+            raise InputError(
+                f"{folder}: expected a folder to replace that contains no input, got one with {path}"
+            )
 
 
 def foreign_file(folder: Path, own: Callable[[str], Plain]) -> str | None:
@@ -237,10 +262,14 @@ def _check_replaceable(
         return
     found = foreign and foreign(out)
     if force and found:
-        raise InputError(f"{asked}: expected a folder with files of an earlier run alone, got one with {found}")
+        raise InputError(
+            f"{asked}: expected a folder with files of an earlier run alone, got one with {found}"
+        )
     if not force or foreign is None:
         hint = "; force=True replaces it" if foreign and not found else ""
-        raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it{hint}")
+        raise InputError(
+            f"{asked}: expected a folder that is new or empty, got one with files in it{hint}"
+        )
     check_apart(asked, inputs)
 
 
@@ -249,12 +278,19 @@ def _has_work(hidden: Path) -> bool:
     return (hidden / _FILES).is_dir() and any(True for _ in kept)
 
 
-def _resume(asked: str | Path, hidden: Path, settings: Mapping[str, Plain], force: bool, resume_files: bool) -> None:
+def _resume(
+    asked: str | Path, hidden: Path, settings: Mapping[str, Plain], force: bool, resume_files: bool
+) -> None:
     files, kept = hidden / _FILES, hidden / _KEPT
     same = _has_work(hidden)
     if same:
         try:
-            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden}, or use force=True, to start anew")
+            compare_settings(
+                asked,
+                hidden / _SETTINGS,
+                settings,
+                f"delete {hidden}, or use force=True, to start anew",
+            )
         except InputError:
             if not force:
                 raise

@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_SIGNALS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
 
 _interrupted = False  # since the current block of `catch_interrupts` began
 
@@ -15,8 +17,9 @@ _interrupted = False  # since the current block of `catch_interrupts` began
 def catch_interrupts() -> Iterator[None]:
     """Makes SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in its block. Signals that are ignored stay ignored.
 
-    A signal that comes while the exception is handled raises nothing, so that cleaning up is not disturbed. Nor does
-    one that comes while a module loads, because native modules crash: `raise_if_interrupted` raises it later.
+    A signal that comes while the exception is handled raises nothing, so that cleaning up is not
+    disturbed. Nor does one that comes while a module loads, because native modules crash:
+    `raise_if_interrupted` raises it later.
     """
     global _interrupted
     _interrupted = False
@@ -33,15 +36,18 @@ def catch_interrupts() -> Iterator[None]:
 
 
 def was_interrupted() -> bool:
-    """Returns whether a signal came in the block of `catch_interrupts`. Native code may make another error of it."""
+    """Returns whether a signal came in the block of `catch_interrupts`.
+
+    Native code may make another error of it.
+    """
     return _interrupted
 
 
 def raise_if_interrupted() -> None:
     """Raises `KeyboardInterrupt` if a signal came whose exception was lost.
 
-    Python drops an exception in a callback of the garbage collector, and JAX's native code one in a comparison. So work
-    that counts its steps calls this function.
+    Python drops an exception in a callback of the garbage collector, and JAX's native code one in a
+    comparison. So work that counts its steps calls this function.
     """
     if _interrupted and not _is_handled():
         raise KeyboardInterrupt

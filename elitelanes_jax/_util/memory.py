@@ -24,7 +24,11 @@ def free_memory() -> int:
 def is_out_of_memory(error: BaseException) -> bool:
     """Returns whether an error of Python or XLA means too little memory."""
     words = str(error)
-    return isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in words or "out of memory" in words.lower()
+    return (
+        isinstance(error, MemoryError)
+        or "RESOURCE_EXHAUSTED" in words
+        or "out of memory" in words.lower()
+    )
 
 
 def in_gigabytes(size: float) -> str:
@@ -35,12 +39,22 @@ def _of_groups() -> Iterator[int]:
     """Yields the free bytes of the process's control groups, by which containers and cluster jobs limit memory."""
     with suppress(OSError, ValueError, StopIteration):
         lines = Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines()
-        group = _GROUPS / next(line for line in lines if line.startswith("0::")).removeprefix("0::/")
+        group = _GROUPS / next(line for line in lines if line.startswith("0::")).removeprefix(
+            "0::/"
+        )
         for folder in (group, *group.parents):
             if not folder.is_relative_to(_GROUPS):
                 break
             with suppress(OSError, ValueError, StopIteration):  # "max" is no limit
-                limit, taken = (int((folder / f"memory.{name}").read_text()) for name in ("max", "current"))
+                limit, taken = (
+                    int((folder / f"memory.{name}").read_text()) for name in ("max", "current")
+                )
                 stat = (folder / "memory.stat").read_text().splitlines()
                 # The system frees pages of files when memory is needed.
-                yield limit - taken + int(next(line for line in stat if line.startswith("inactive_file ")).split()[1])
+                yield (
+                    limit
+                    - taken
+                    + int(
+                        next(line for line in stat if line.startswith("inactive_file ")).split()[1]
+                    )
+                )

@@ -16,14 +16,21 @@ from elitelanes_jax._util.memory import free_memory
 from elitelanes_jax._util.types import Plain
 
 _SETTINGS = "settings"
-# The limit of unpacked bytes is the largest of 512 MiB, 64 times the file's size and a quarter of the free memory.
-# Elites are packed to a tenth of their size, vacant slots to a thousandth.
+# The limit of unpacked bytes is the largest of 512 MiB, 64 times the file's size and a quarter of
+# the free memory. Elites are packed to a tenth of their size, vacant slots to a thousandth.
 _MOST_BYTES, _MOST_RATIO = 512 * MIB, 64
 
 # Errors of NumPy, JSON and ZIP for a damaged file, an encrypted one or an unknown compression.
 _DAMAGES = (
     *(ValueError, TypeError, KeyError, EOFError, OverflowError, MemoryError, RecursionError),
-    *(zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, SyntaxError, tokenize.TokenError),
+    *(
+        zipfile.BadZipFile,
+        zlib.error,
+        NotImplementedError,
+        RuntimeError,
+        SyntaxError,
+        tokenize.TokenError,
+    ),
 )
 
 
@@ -53,4 +60,6 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
         raise InputError(f"{path}: {reason(error)}") from None
     except _DAMAGES as error:
         words = shorten(str(error).partition("\n")[0] or type(error).__name__)
-        raise InputError(f"{path}: expected NumPy's .npz, got a file that cannot be read as such: {words}") from None
+        raise InputError(
+            f"{path}: expected NumPy's .npz, got a file that cannot be read as such: {words}"
+        ) from None

@@ -10,7 +10,12 @@ from elitelanes_jax._util.errors import MissingPackageError
 __version__ = "0.1.0"
 
 # The names of packages with OpenCV; the first one that is installed counts.
-_OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless", "opencv-contrib-python")
+_OPENCV = (
+    "opencv-python-headless",
+    "opencv-python",
+    "opencv-contrib-python-headless",
+    "opencv-contrib-python",
+)
 
 
 def installed_versions() -> dict[str, str]:
@@ -30,8 +35,8 @@ def _version(name: str) -> str | None:
 def import_optional(module: str, need: str, package: str | None = None) -> ModuleType:
     """Imports a module that may not be installed.
 
-    The error has the text `need`, which ends with the package's name, and how to install `package`, by default the
-    module.
+    The error has the text `need`, which ends with the package's name, and how to install `package`,
+    by default the module.
     """
     try:
         return import_module(module)

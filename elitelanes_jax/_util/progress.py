@@ -1,7 +1,8 @@
 """Progress of long work: a line that changes in a terminal or a notebook, and lines in a log.
 
-Work opens a `Progress` and counts. A thread draws, so that the display moves while XLA compiles. The display of the
-outermost work also names the work within it. Where work begins or counts, it ends after an interruption.
+Work opens a `Progress` and counts. A thread draws, so that the display moves while XLA compiles.
+The display of the outermost work also names the work within it. Where work begins or counts, it
+ends after an interruption.
 """
 
 import os
@@ -16,18 +17,23 @@ from typing import TextIO
 
 from elitelanes_jax._util.interruption import raise_if_interrupted
 
-# Seconds between two drawings in a terminal, between two lines in a log, and before the first drawing in a terminal.
+# Seconds between two drawings in a terminal, between two lines in a log, and before the first
+# drawing in a terminal.
 _REDRAW, _LINES, _DELAY = 0.2, 30.0, 1.0
 
 _quiet: bool | None = None  # whether the running command is quiet; None outside of commands
 _running: list["Progress"] = []  # the outermost work first
 _last_line = 0.0  # the time when the last line was printed
-_at_end: dict[str, list[str]] = {}  # what the running command says of files at its end, by their names
+# What the running command says of files at its end, by their names.
+_at_end: dict[str, list[str]] = {}
 
 
 @contextmanager
 def reporting(*, quiet: bool) -> Iterator[None]:
-    """Makes the block a command. Unless it is quiet, its progress without a terminal is a line every 30 seconds."""
+    """Makes the block a command.
+
+    Unless it is quiet, its progress without a terminal is a line every 30 seconds.
+    """
     global _quiet, _last_line
     before, _quiet, _last_line = _quiet, quiet, time.monotonic()
     _at_end.clear()
@@ -48,7 +54,10 @@ def announce(text: str) -> None:
     """Prints a line on standard error, in commands that are not quiet; raises after an interruption."""
     raise_if_interrupted()
     if _quiet is False and sys.stderr is not None:
-        drawn = any(work.display is not None and work.display.redraws and work.display.drawn for work in _running)
+        drawn = any(
+            work.display is not None and work.display.redraws and work.display.drawn
+            for work in _running
+        )
         with suppress(OSError, ValueError):  # a closed stream must not stop the work
             print(("\r\x1b[K" if drawn else "") + text, file=sys.stderr, flush=True)
 
@@ -71,12 +80,18 @@ class Progress:
       total: the final count; None if it is unknown.
       unit: the unit of the count, a plural.
       done: the count at the start.
-      shown: whether the work is shown, at once. By default, a terminal or notebook shows work that takes over a
-        second, and a command prints a line every 30 seconds elsewhere.
+      shown: whether the work is shown, at once. By default, a terminal or notebook shows work that
+        takes over a second, and a command prints a line every 30 seconds elsewhere.
     """
 
     def __init__(
-        self, name: str, total: int | None = None, unit: str = "", *, done: int = 0, shown: bool | None = None
+        self,
+        name: str,
+        total: int | None = None,
+        unit: str = "",
+        *,
+        done: int = 0,
+        shown: bool | None = None,
     ) -> None:
         self.display: _Display | None = None
         self._name, self._total, self._unit, self._done = name, total, unit, done
@@ -123,7 +138,10 @@ class Progress:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if self.display is not None:
             self.display.end(finished=error is None)

@@ -20,21 +20,28 @@ def static(default: UserValue, check: Check) -> UserValue:
 
 
 def traced(default: UserValue, check: Check) -> UserValue:
-    """Declares a field with a number or an array. One program serves all values. Arrays are not checked."""
-    return option(default, lambda value: value if isinstance(value, jax.Array | np.ndarray) else check(value))
+    """Declares a field with a number or an array.
+
+    One program serves all values. Arrays are not checked.
+    """
+    return option(
+        default, lambda value: value if isinstance(value, jax.Array | np.ndarray) else check(value)
+    )
 
 
 def pytree(kind: type[R]) -> type[R]:
     """Registers a record as a pytree: its static fields belong to the structure, all others are children.
 
-    `jax.tree_util.register_dataclass` would call the constructor, which checks the fields. But transformations make
-    records of tracers, axes and None.
+    `jax.tree_util.register_dataclass` would call the constructor, which checks the fields. But
+    transformations make records of tracers, axes and None.
     """
     structure = [item.name for item in fields(kind) if item.metadata.get("static")]  # type: ignore[arg-type]
     children = [name for name in kind.options() if name not in structure]
 
     def flatten(record: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
-        return [getattr(record, name) for name in children], tuple(getattr(record, name) for name in structure)
+        return [getattr(record, name) for name in children], tuple(
+            getattr(record, name) for name in structure
+        )
 
     def flatten_with_keys(record: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
         values, values_of_structure = flatten(record)
@@ -43,7 +50,9 @@ def pytree(kind: type[R]) -> type[R]:
 
     def unflatten(values_of_structure: tuple[UserValue, ...], values: Iterable[UserValue]) -> R:
         record = object.__new__(kind)
-        vars(record).update(zip((*structure, *children), (*values_of_structure, *values), strict=True))
+        vars(record).update(
+            zip((*structure, *children), (*values_of_structure, *values), strict=True)
+        )
         return record
 
     jax.tree_util.register_pytree_with_keys(kind, flatten_with_keys, unflatten, flatten)

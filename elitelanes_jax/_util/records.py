@@ -1,7 +1,8 @@
 """Records of options: frozen dataclasses that check each field when they are created.
 
-A field is one line: its default and its check. The command line makes its options from the same lines
-(`elitelanes_jax.cli.arguments`). Records that JAX traces are in `elitelanes_jax._util.pytrees`.
+A field is one line: its default and its check. The command line makes its options from the same
+lines (`elitelanes_jax.cli.arguments`). Records that JAX traces are in
+`elitelanes_jax._util.pytrees`.
 """
 
 import inspect
@@ -26,10 +27,11 @@ class Option(NamedTuple):
 
     Attributes:
       check: checks the value.
-      metavar: the name of the value in the command line's help; None if the field is no option of the command line.
+      metavar: the name of the value in the command line's help; None if the field is no option of
+        the command line.
       flag: the option's name on the command line, if it is not the field's.
-      many: whether the option takes several values. "*" also accepts none; "once" refuses a repeated option, which
-        otherwise overrides the first one.
+      many: whether the option takes several values. "*" also accepts none; "once" refuses a
+        repeated option, which otherwise overrides the first one.
       after: the name of an earlier field, whose value the check takes as a second argument.
     """
 
@@ -41,7 +43,10 @@ class Option(NamedTuple):
 
 
 def option(
-    default: UserValue, check: Callable[..., UserValue], metavar: str | tuple[str, ...] | None = None, **more: UserValue
+    default: UserValue,
+    check: Callable[..., UserValue],
+    metavar: str | tuple[str, ...] | None = None,
+    **more: UserValue,
 ) -> UserValue:
     """Declares a field of a record: its default, and the arguments of `Option`."""
     return field(default=default, metadata={"option": Option(check, metavar, **more)})
@@ -56,11 +61,16 @@ class Record:
     """The base of frozen dataclasses whose fields are declared by `option`, `nested`, `static` and `traced`."""
 
     def __post_init__(self) -> None:
-        """Checks each field, then all together. The message of an `InputError` starts with the field's name."""
+        """Checks each field, then all together.
+
+        The message of an `InputError` starts with the field's name.
+        """
         self._keep_inputs(vars(self))
         for name, one in self.options().items():
             earlier = () if one.after is None else (getattr(self, one.after),)
-            object.__setattr__(self, name, check_named(name, one.check, getattr(self, name), *earlier))
+            object.__setattr__(
+                self, name, check_named(name, one.check, getattr(self, name), *earlier)
+            )
         self.check_together()
 
     def check_together(self) -> None:
@@ -102,7 +112,8 @@ def inputs_among(values: Iterable[UserValue]) -> Iterator[str]:
         for one in value if isinstance(value, list | tuple) else [value]:
             if isinstance(one, Record):
                 yield from one.inputs
-            elif isinstance(one, str | Path):  # `exists` is False for a text that is too long for a path
+            elif isinstance(one, str | Path):
+                # `exists` is False for a text that is too long for a path.
                 yield from filter(os.path.exists, dict.fromkeys([str(one), *str(one).split()]))
 
 
@@ -111,7 +122,9 @@ def check_names(names: Iterable[str], known: Iterable[str]) -> None:
     known = list(known)
     for name in names:
         if name not in known:
-            raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{suggest(name, known)}")
+            raise InputError(
+                f"{name}: expected one of {', '.join(known)}, got {name!r}{suggest(name, known)}"
+            )
 
 
 def descriptions(kind: type) -> dict[str, str]:

@@ -22,8 +22,8 @@ _forked = False  # whether this process was forked from one in which JAX had sta
 def runs_jax(function: Callable[P, R]) -> Callable[P, R]:
     """Declares that a function runs JAX: in its calls transfers are allowed, see `transfers`.
 
-    In a process that was forked after JAX started, the function raises `InputError`. JAX would wait there for threads
-    that only the parent has.
+    In a process that was forked after JAX started, the function raises `InputError`. JAX would wait
+    there for threads that only the parent has.
     """
 
     @wraps(function)
@@ -42,8 +42,8 @@ def runs_jax(function: Callable[P, R]) -> Callable[P, R]:
 def transfers() -> AbstractContextManager[None]:
     """Allows transfers of arrays in its block, also where JAX's setting `jax_transfer_guard` forbids them.
 
-    An array of NumPy as an argument of a compiled function is a transfer, and so is a number in an operation on arrays
-    of JAX.
+    An array of NumPy as an argument of a compiled function is a transfer, and so is a number in an
+    operation on arrays of JAX.
     """
     jax = sys.modules.get("jax")
     return nullcontext() if jax is None else jax.transfer_guard("allow")
@@ -53,8 +53,8 @@ def _before_fork() -> None:
     global _started
     if (jax := sys.modules.get("jax")) is None:
         return
-    # JAX refuses to change this setting once it has started its threads, which tells whether it has. If it takes the
-    # change, the setting is set back.
+    # JAX refuses to change this setting once it has started its threads, which tells whether it
+    # has. If it takes the change, the setting is set back.
     devices = jax.config.jax_num_cpu_devices
     try:
         jax.config.update("jax_num_cpu_devices", 2 if devices == 1 else 1)

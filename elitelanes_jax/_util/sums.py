@@ -19,7 +19,9 @@ def write_sums(folder: Path) -> None:
 
 
 def _lines(folder: Path) -> Iterator[str]:
-    paths = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
+    paths = sorted(
+        file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file()
+    )
     for path in paths:
         if path != SUMS:
             yield f"{sha256((folder / path).read_bytes()).hexdigest()}  {path}\n"
@@ -44,7 +46,11 @@ def read_checked(folder: Path, path: str, sums: Mapping[str, str]) -> bytes:
     try:
         content = file.read_bytes()
     except FileNotFoundError:
-        raise InputError(f"{folder}: expected all its files, as {SUMS} lists them, got no {path}") from None
+        raise InputError(
+            f"{folder}: expected all its files, as {SUMS} lists them, got no {path}"
+        ) from None
     if sha256(content).hexdigest() != sums[path]:
-        raise InputError(f"{file}: expected the file whose checksum is in {SUMS}, got a damaged or another one")
+        raise InputError(
+            f"{file}: expected the file whose checksum is in {SUMS}, got a damaged or another one"
+        )
     return content

@@ -37,7 +37,10 @@ def count_cores() -> int:
 
 
 def start_thread(call: Callable[[], object]) -> Callable[[], None]:
-    """Calls a function in a thread; returns a function that waits for its end. Its errors are dropped."""
+    """Calls a function in a thread; returns a function that waits for its end.
+
+    Its errors are dropped.
+    """
 
     def work() -> None:
         with suppress(Exception):
@@ -57,11 +60,12 @@ def side_by_side(
 ) -> list[T]:
     """Calls functions in threads, and returns their results in order.
 
-    A call starts when the iterable yields it and a thread is free. After an error or an interruption no further call
-    starts; the exception is raised when the running calls have ended.
+    A call starts when the iterable yields it and a thread is free. After an error or an
+    interruption no further call starts; the exception is raised when the running calls have ended.
 
-    This thread waits at a `SimpleQueue`, because an interruption leaves it intact. A lock written in Python, as in
-    `concurrent.futures`, may stay locked if the interruption comes between acquire and release.
+    This thread waits at a `SimpleQueue`, because an interruption leaves it intact. A lock written
+    in Python, as in `concurrent.futures`, may stay locked if the interruption comes between acquire
+    and release.
 
     Args:
       calls: the functions.

@@ -1,4 +1,7 @@
-"""Names for types that a checker cannot see, each with the reason. The package has no other `Any`."""
+"""Names for types that a checker cannot see, each with the reason.
+
+The package has no other `Any`.
+"""
 
 from typing import Annotated, Any, TypeAlias
 
@@ -9,13 +12,19 @@ Plain: TypeAlias = Any
 """A value of JSON, YAML or TOML. The function that reads it checks its type."""
 
 AnyArray: TypeAlias = Annotated[Any, "an array"]
-"""An array of NumPy or JAX, or rows of numbers. A function of it returns an array of the same library."""
+"""An array of NumPy or JAX, or rows of numbers.
+
+A function of it returns an array of the same library.
+"""
 
 Numeric: TypeAlias = Annotated[Any, "a number"]
 """A number, an array of numbers, or a tracer of `jax.jit` or `jax.vmap`."""
 
 Pytree: TypeAlias = Any
-"""A pytree of arrays, such as a state or an observation. Only the optimiser or environment knows its structure."""
+"""A pytree of arrays, such as a state or an observation.
+
+Only the optimiser or environment knows its structure.
+"""
 
 Untyped: TypeAlias = Any
 """A module, object or keyword arguments of a library that has no types or is optional."""

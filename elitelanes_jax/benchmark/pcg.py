@@ -38,16 +38,18 @@ def register_pcg_problems() -> list[str]:
     Content is a grid of tile codes. `pcg_benchmark.make` then makes the problems by name.
 
     - Quality is 1 / (1 + flaws), see `Measured.flaws`. A flawless network passes.
-    - Diversity compares two networks at the same place, in the rotation or reflection that is most alike. They pass if
-      `DIVERSITY` of the cells differ.
-    - The control is a cyclomatic number for which a flawless network exists, which is proven. A network passes if it
-      has this number.
+    - Diversity compares two networks at the same place, in the rotation or reflection that is most
+      alike. They pass if `DIVERSITY` of the cells differ.
+    - The control is a cyclomatic number for which a flawless network exists, which is proven. A
+      network passes if it has this number.
 
     Raises:
       MissingPackageError: without pcg_benchmark.
     """
     repository = "git+https://github.com/amidos2006/pcg_benchmark"
-    benchmark = import_optional("pcg_benchmark", "problems of the PCG Benchmark need pcg_benchmark", repository)
+    benchmark = import_optional(
+        "pcg_benchmark", "problems of the PCG Benchmark need pcg_benchmark", repository
+    )
     for name in VARIANTS.keys() - set(benchmark.list()):
         benchmark.register(name, _problem_class(), {"size": VARIANTS[name]})
     return list(VARIANTS)
@@ -88,8 +90,14 @@ class RoadNetworks:
         metrics = Metrics(**plain_measure(codes))
         cut = cut_to_roads(codes)
         side = max(codes.shape)
-        images = [np.pad(image, [(0, side - length) for length in image.shape]) for image in images_of(cut)]
-        return metrics._asdict() | {"flaws": int(count_flaws(metrics, self.fill)), "images": np.stack(images)}
+        images = [
+            np.pad(image, [(0, side - length) for length in image.shape])
+            for image in images_of(cut)
+        ]
+        return metrics._asdict() | {
+            "flaws": int(count_flaws(metrics, self.fill)),
+            "images": np.stack(images),
+        }
 
     def quality(self, info: _Info) -> float:
         """Returns 1 for a flawless network, and less the more flaws there are."""

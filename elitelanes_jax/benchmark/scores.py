@@ -17,7 +17,8 @@ _RESAMPLES = 10_000
 class Scores(NamedTuple):
     """The scores of archives ``[...]``, floats in [0, 1].
 
-    The nearness of an elite is its fitness divided by its niche's optimum, or 0 if the fitness is positive.
+    The nearness of an elite is its fitness divided by its niche's optimum, or 0 if the fitness is
+    positive.
 
     Attributes:
       coverage: the share of feasible niches that are filled.
@@ -36,20 +37,24 @@ class Scores(NamedTuple):
 def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     """Computes the scores of archives on a task with F feasible niches.
 
-    `best` is ``[..., F]`` with at least one more axis, the lowest fitness in each niche; infinite, or that of a vacant
-    slot, if it is vacant. Raises `InputError` for another shape, NaN, or a fitness below the proven optimum of its
-    niche.
+    `best` is ``[..., F]`` with at least one more axis, the lowest fitness in each niche; infinite,
+    or that of a vacant slot, if it is vacant. Raises `InputError` for another shape, NaN, or a
+    fitness below the proven optimum of its niche.
     """
     check_named("task", instance(Task), task)
     best = np.asarray(best)
     if best.ndim < 2 or best.shape[-1] != len(task.optimum):
-        raise InputError(f"best: expected shape [..., {len(task.optimum)}] for {task.name}, got {list(best.shape)}")
+        raise InputError(
+            f"best: expected shape [..., {len(task.optimum)}] for {task.name}, got {list(best.shape)}"
+        )
     if np.isnan(best).any():
         raise InputError("best: expected numbers, infinite in vacant niches, got nan")
     if (beyond := best < task.optimum).any():
         (*_, niche) = np.argwhere(beyond)[0]
         value, least = best[beyond][0], task.optimum[niche]
-        raise InputError(f"best: expected no fitness below the optimum, {least} in niche {niche}, got {value:g}")
+        raise InputError(
+            f"best: expected no fitness below the optimum, {least} in niche {niche}, got {value:g}"
+        )
     filled = best < VACANT
     nearness = _nearness(task, best)
     total, count = nearness.sum(axis=-1), filled.sum(axis=-1)
@@ -70,7 +75,8 @@ def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> 
     Args:
       task: with F feasible niches.
       best: float ``[..., F]``, as in `compute_scores`.
-      flaws: float ``[..., F]``, the smallest number of flaws of a grid in each niche; infinite if the niche is vacant.
+      flaws: float ``[..., F]``, the smallest number of flaws of a grid in each niche; infinite if
+        the niche is vacant.
     """
     flawless = best < VACANT
     return np.where(flawless, (1 + _nearness(task, best)) / 2, 1 / (2 + 2 * flaws)).mean(axis=-1)
@@ -80,11 +86,14 @@ def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> 
 def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``; equal values give equal limits.
 
-    Runs with NaN are ignored. If all runs are NaN, both limits are NaN. Raises `InputError` for another shape.
+    Runs with NaN are ignored. If all runs are NaN, both limits are NaN. Raises `InputError` for
+    another shape.
     """
     values = np.atleast_1d(np.asarray(values, float))
     if values.ndim != 1:
-        raise InputError(f"values: expected one score for each run, shape [R], got shape {list(values.shape)}")
+        raise InputError(
+            f"values: expected one score for each run, shape [R], got shape {list(values.shape)}"
+        )
     known = values[~np.isnan(values)]
     if not len(known):
         return float("nan"), float("nan")

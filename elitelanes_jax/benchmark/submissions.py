@@ -34,8 +34,9 @@ class Submission(NamedTuple):
 
     Attributes:
       task: of the runs.
-      grids: int8 ``[R, T, N, H, W]``, up to N elites of each archive, in any order; a vacant slot is all zeros. Grids
-        that are not flawless, or have an empty cell although the task fills every cell, do not count.
+      grids: int8 ``[R, T, N, H, W]``, up to N elites of each archive, in any order; a vacant slot
+        is all zeros. Grids that are not flawless, or have an empty cell although the task fills
+        every cell, do not count.
     """
 
     task: Task
@@ -47,7 +48,8 @@ def write_submission(file: str | Path, submission: Submission) -> None:
     """Writes a raw archive as an ``.npz``.
 
     Raises:
-      InputError: if the grids do not fit the task, for another type, or a file with the suffix of another format.
+      InputError: if the grids do not fit the task, for another type, or a file with the suffix of
+        another format.
     """
     _check_fields(submission)
     out, grids = check_named("file", file_named(".npz"), file), np.asarray(submission.grids)
@@ -62,7 +64,9 @@ def read_submission(file: str | Path) -> Submission:
     names = ("version", "task", "grids")
     _, stored = unpack(file)
     if len(there := [name for name in names if name in stored]) < len(names):
-        raise InputError(f"{file}: expected arrays {', '.join(names)}, got {', '.join(there) or 'none'}")
+        raise InputError(
+            f"{file}: expected arrays {', '.join(names)}, got {', '.join(there) or 'none'}"
+        )
     version, task, grids = (stored[name] for name in names)
     if version.tolist() != VERSION:
         raise InputError(f"{file}: expected version {VERSION}, got {version.tolist()!r}")
@@ -81,11 +85,15 @@ def _check_fields(submission: UserValue) -> None:
 
 def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) -> None:
     if grids.nbytes > _MOST_BYTES:
-        raise InputError(f"{source}: expected grids of at most {_MOST_BYTES:,} bytes, got {grids.nbytes:,}")
+        raise InputError(
+            f"{source}: expected grids of at most {_MOST_BYTES:,} bytes, got {grids.nbytes:,}"
+        )
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
     if grids.ndim != 5 or grids.shape[1] != budgets or grids.shape[3:] != task.shape:
-        raise InputError(f"{source}: expected grids {shape} for {task.name}, got {list(grids.shape)}")
+        raise InputError(
+            f"{source}: expected grids {shape} for {task.name}, got {list(grids.shape)}"
+        )
     if len(grids) < least:
         raise InputError(f"{source}: expected at least {pluralize(least, 'run')}, got {len(grids)}")
     if not grids.size:
@@ -93,7 +101,9 @@ def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) 
     if not np.issubdtype(grids.dtype, np.integer):
         raise InputError(f"{source}: expected whole numbers in grids, got {grids.dtype}")
     if not 0 <= grids.min() <= grids.max() <= 15:
-        raise InputError(f"{source}: expected tile codes 0 to 15 in grids, got {grids.min()} to {grids.max()}")
+        raise InputError(
+            f"{source}: expected tile codes 0 to 15 in grids, got {grids.min()} to {grids.max()}"
+        )
 
 
 @name_wrong_arguments
@@ -101,11 +111,12 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
     """Measures all grids of a raw archive, and scores them.
 
     Returns:
-      float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite if it is vacant; and the scores, each
-      ``[R, T]``.
+      float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite if it is vacant; and
+      the scores, each ``[R, T]``.
 
     Raises:
-      InputError: for grids that do not fit the task, or one that is better than its niche's certificate.
+      InputError: for grids that do not fit the task, or one that is better than its niche's
+        certificate.
     """
     _check_fields(submission)
     task, grids = submission.task, np.asarray(submission.grids)
@@ -116,7 +127,9 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
     if len(beyond):
         index = tuple(beyond[0].tolist())
         got = f"one at {measured['cyclomatic'][index]}, {_slot(index)}"
-        raise InputError(f"grids: expected none in niches that are certified to be empty, got {got}: please report it")
+        raise InputError(
+            f"grids: expected none in niches that are certified to be empty, got {got}: please report it"
+        )
     best = np.full((*grids.shape[:2], len(task.cyclomatic)), np.inf)
     for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
         here = flawless & (measured["cyclomatic"] == cyclomatic)
@@ -125,7 +138,9 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
         if len(better):
             index = tuple(better[0].tolist())
             got = f"{measured['fitness'][index]} at cyclomatic number {cyclomatic}, {_slot(index)}"
-            raise InputError(f"grids: expected none better than the certified {optimum}, got {got}: please report it")
+            raise InputError(
+                f"grids: expected none better than the certified {optimum}, got {got}: please report it"
+            )
     return best, compute_scores(task, best)
 
 
@@ -133,8 +148,8 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
 def grade_submission(submission: Submission) -> NDArray[np.float64]:
     """Computes the graded score of each run at each budget, which gives flawed grids partial credit.
 
-    A niche with a flawless network scores (1 + nearness) / 2, see `Scores`. A niche whose best grid has n flaws, see
-    `Measured`, scores 1 / (2 + 2n). A vacant niche scores 0.
+    A niche with a flawless network scores (1 + nearness) / 2, see `Scores`. A niche whose best grid
+    has n flaws, see `Measured`, scores 1 / (2 + 2n). A vacant niche scores 0.
 
     Returns:
       float ``[R, T]`` in [0, 1], the means over feasible niches.
@@ -167,7 +182,10 @@ def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> dict[str, 
     batches = []
     for start in range(0, len(grids), _BATCH):
         batch = grids[start : start + _BATCH].astype(np.int8)
-        filler = np.zeros((min(_BATCH, 1 << (len(batch) - 1).bit_length()) - len(batch), *batch.shape[1:]), np.int8)
+        filler = np.zeros(
+            (min(_BATCH, 1 << (len(batch) - 1).bit_length()) - len(batch), *batch.shape[1:]),
+            np.int8,
+        )
         part = _measurer()(np.concatenate([batch, filler]), fill)
         batches.append({name: np.asarray(values)[: len(batch)] for name, values in part.items()})
     return {name: np.concatenate([part[name] for part in batches]) for name in batches[0]}
@@ -175,7 +193,12 @@ def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> dict[str, 
 
 def count_flaws(metrics: "Metrics", fill: AnyArray) -> AnyArray:
     """Counts flaws: see `Measured.flaws`. `fill` says whether every cell has to be filled."""
-    at_cells = metrics.dead_ends + metrics.boundary_violations + metrics.mismatches + fill * metrics.empty_cells
+    at_cells = (
+        metrics.dead_ends
+        + metrics.boundary_violations
+        + metrics.mismatches
+        + fill * metrics.empty_cells
+    )
     between_cells = metrics.adjacent_crossings + metrics.adjacent_turns
     return at_cells + between_cells + abs(metrics.components - 1)
 

@@ -30,15 +30,16 @@ SIZES = (
 class Task(NamedTuple):
     """A task: for each cyclomatic number, find the flawless network of lowest fitness.
 
-    A network is flawless if it has one component and no dead end, boundary violation, mismatch, adjacent crossings or
-    adjacent turns. The fitness is that of `elitelanes_jax.Weights()`.
+    A network is flawless if it has one component and no dead end, boundary violation, mismatch,
+    adjacent crossings or adjacent turns. The fitness is that of `elitelanes_jax.Weights()`.
 
     Attributes:
       name: size and budget, such as ``8x8A-100000``.
       shape: (height, width).
       fill: whether every cell has to be filled.
       evaluations: the budget of a run.
-      cyclomatic: int ``[F]``, the feasible niches. No network has another cyclomatic number, which is proven.
+      cyclomatic: int ``[F]``, the feasible niches. No network has another cyclomatic number, which
+        is proven.
       optimum: int ``[F]``, the lowest fitness of each, proven.
       networks: int ``[F]``, the number of flawless networks of each; -1 if they are not counted.
       witnesses: int8 ``[F, H, W]``, an optimal network of each.
@@ -74,7 +75,9 @@ def find_task(name: str) -> Task:
         evaluations=int(budget),
         cyclomatic=np.array([niche["cyclomatic"] for niche in niches]),
         optimum=np.array([niche["optimum"] for niche in niches]),
-        networks=np.array([-1 if niche["networks"] is None else niche["networks"] for niche in niches]),
+        networks=np.array(
+            [-1 if niche["networks"] is None else niche["networks"] for niche in niches]
+        ),
         witnesses=np.array([_read_grid(niche["witness"]) for niche in niches]),
     )
 

@@ -32,17 +32,24 @@ class _Once(argparse.Action):
     def __call__(self, *given: Untyped) -> None:
         namespace, value = given[1:3]
         if hasattr(namespace, self.dest):
-            raise argparse.ArgumentError(self, f"expected one, got {getattr(namespace, self.dest)} and {value}")
+            raise argparse.ArgumentError(
+                self, f"expected one, got {getattr(namespace, self.dest)} and {value}"
+            )
         setattr(namespace, self.dest, value)
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line with exit code 2. For an unknown option it suggests a known one."""
+    """A parser whose errors are one line with exit code 2.
+
+    For an unknown option it suggests a known one.
+    """
 
     def parse_known_args(self, *given: Untyped, **named: Untyped) -> Untyped:
         found, left = super().parse_known_args(*given, **named)
         if left:
-            meant = suggest(left[0], self._option_string_actions) if left[0].startswith("--") else ""
+            meant = (
+                suggest(left[0], self._option_string_actions) if left[0].startswith("--") else ""
+            )
             self.error(f"unrecognized arguments: {' '.join(left)}{meant}")
         return found, left
 
@@ -76,10 +83,19 @@ def file_ending(*suffixes: str) -> Callable[[str], UserValue]:
 
 
 def add_command(
-    commands: Commands, name: str, action: Callable[[argparse.Namespace], int], notes: str = "", **words: Untyped
+    commands: Commands,
+    name: str,
+    action: Callable[[argparse.Namespace], int],
+    notes: str = "",
+    **words: Untyped,
 ) -> Parser:
-    """Adds a command that runs `action`. `notes` are shown after its help, line by line; `words` are for argparse."""
-    as_it_is = {"epilog": notes, "formatter_class": argparse.RawDescriptionHelpFormatter} if notes else {}
+    """Adds a command that runs `action`.
+
+    `notes` are shown after its help, line by line; `words` are for argparse.
+    """
+    as_it_is = (
+        {"epilog": notes, "formatter_class": argparse.RawDescriptionHelpFormatter} if notes else {}
+    )
     command = commands.add_parser(name, **{**words, **as_it_is})
     command.set_defaults(action=action)
     return command
@@ -88,10 +104,16 @@ def add_command(
 def add_options(command: argparse.ArgumentParser, defaults: Record) -> None:
     """Adds an option for each field of a record that has a metavar, also in nested records.
 
-    The option's help is the field's description in the record's docstring, with the default: the field's value.
+    The option's help is the field's description in the record's docstring, with the default: the
+    field's value.
     """
     for name, option, default, description in _listed(defaults):
-        command.add_argument(_flag(name, option), **_kind(option, default), help=_help(description, default), dest=name)
+        command.add_argument(
+            _flag(name, option),
+            **_kind(option, default),
+            help=_help(description, default),
+            dest=name,
+        )
 
 
 def _listed(defaults: Record | SearchSpec) -> Iterator[tuple[str, Option, UserValue, str]]:
@@ -141,14 +163,21 @@ _SHARED: dict[str, dict[str, Untyped]] = {
         "metavar": "DIR",
         "help": "folder to write to, new or empty",
     },
-    "--tiles": {"type": checked_by(path), "metavar": "DIR", "help": "tile pictures; by default the package's own"},
+    "--tiles": {
+        "type": checked_by(path),
+        "metavar": "DIR",
+        "help": "tile pictures; by default the package's own",
+    },
     "--tile-px": {
         "type": checked_by(TILE_PX),
         "default": 64,
         "metavar": "N",
         "help": "side of a tile in pixels; by default %(default)s",
     },
-    "--force": {"action": "store_true", "help": "replace the folder, if an earlier run wrote all files in it"},
+    "--force": {
+        "action": "store_true",
+        "help": "replace the folder, if an earlier run wrote all files in it",
+    },
     "--quiet": {"action": "store_true", "help": "print nothing but errors"},
     "--cores": {
         "action": _Cores,
@@ -161,7 +190,10 @@ _SHARED: dict[str, dict[str, Untyped]] = {
 
 
 def add_shared(command: argparse.ArgumentParser, *names: str, **changes: Untyped) -> None:
-    """Adds arguments that several commands share. `changes` replace keyword arguments of `add_argument`."""
+    """Adds arguments that several commands share.
+
+    `changes` replace keyword arguments of `add_argument`.
+    """
     for name in names:
         command.add_argument(name, **_SHARED[name] | changes)
 
@@ -193,19 +225,25 @@ def read_options(given: argparse.Namespace, defaults: Record | SearchSpec) -> Us
 def naming_options(defaults: Record | SearchSpec, *only: str, **more: str) -> Iterator[None]:
     """Makes errors in its block that start with the name of a field start with the option's name.
 
-    Those of all fields, or of some alone, because a file in a message may have the name of another field. `more` has
-    options by other names.
+    Those of all fields, or of some alone, because a file in a message may have the name of another
+    field. `more` has options by other names.
     """
     try:
         yield
     except InputError as error:
-        flags = {name: _flag(name, option) for name, option, *_ in _listed(defaults) if not only or name in only}
+        flags = {
+            name: _flag(name, option)
+            for name, option, *_ in _listed(defaults)
+            if not only or name in only
+        }
         raise type(error)(_name_flag(str(error), flags | more)) from None
 
 
 def _name_flag(message: str, flags: Mapping[str, str]) -> str:
     """Replaces a field's name at the start of a message by its option, and settings such as field='value' in it."""
-    message = re.sub(r"\b(\w+)='(\w+)'", lambda found: f"{flags.get(found[1], found[1])} {found[2]}", message)
+    message = re.sub(
+        r"\b(\w+)='(\w+)'", lambda found: f"{flags.get(found[1], found[1])} {found[2]}", message
+    )
     name = re.match(r"\w+(?=[: ])", message)
     return flags[name[0]] + message[name.end() :] if name and name[0] in flags else message
 
@@ -222,7 +260,11 @@ def _kind(option: Option, default: UserValue) -> dict[str, Untyped]:
         return kind | {"nargs": len(option.metavar)}
     if option.many == "once":
         return kind | {"action": _Once}
-    return kind | {"nargs": "*" if option.many == "*" else "+", "action": "extend"} if option.many else kind
+    return (
+        kind | {"nargs": "*" if option.many == "*" else "+", "action": "extend"}
+        if option.many
+        else kind
+    )
 
 
 def _help(description: str, default: UserValue) -> str:

@@ -62,8 +62,12 @@ def describe_dataset(about: dict[str, Plain], out: Path) -> str:
     """Returns a table of a dataset's classes in each split, from its record."""
     table = {"": about["pictures"], "pictures": about["pictures"].values()}
     for one in about["classes"]:
-        shares = (pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values())
+        shares = (
+            pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values()
+        )
         table[one["name"]] = [f"{share:.2%}" for share in shares]
-    lines = [f"{head:14}  " + "  ".join(f"{cell:>10}" for cell in cells) for head, cells in table.items()]
+    lines = [
+        f"{head:14}  " + "  ".join(f"{cell:>10}" for cell in cells) for head, cells in table.items()
+    ]
     pictures = pluralize(sum(about["pictures"].values()), "picture")
     return "\n".join([*lines, f"{pictures} in {out}; how to load them: {out / 'README.md'}"])

@@ -74,7 +74,9 @@ def _drive(options: argparse.Namespace) -> int:
     kind, rides_shown = options.out.suffix.lower(), options.rides or 6
     if kind in (".mp4", ".gif"):
         if options.rides is not None:
-            raise InputError(f"--rides: expected none with a film, which shows one ride, got {options.rides}")
+            raise InputError(
+                f"--rides: expected none with a film, which shows one ride, got {options.rides}"
+            )
         rides_shown = 1
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     warn_of_faults(str(options.map), road_map)
@@ -87,12 +89,21 @@ def _drive(options: argparse.Namespace) -> int:
         rides = make_rides(road_map.codes, rides_shown, tiles=tiles, **settings)
     except InputError as error:
         message = str(error)
-        raise InputError(f"--{message}" if message.startswith("policy:") else f"{options.map}: {message}") from None
+        raise InputError(
+            f"--{message}" if message.startswith("policy:") else f"{options.map}: {message}"
+        ) from None
     with never_replacing(options.out):
         if kind == ".png":
-            write_atomic(options.out, png_of(trails(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)))
+            write_atomic(
+                options.out,
+                png_of(trails(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)),
+            )
         else:
-            write_film(options.out, film(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen))
+            write_film(
+                options.out, film(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)
+            )
     reached, count = int(rides.success.sum()), len(rides.success)
-    say(f"{reached} of {count} goals reached, {rides.steps.sum() / 30:.1f} s driven, in {options.out}")
+    say(
+        f"{reached} of {count} goals reached, {rides.steps.sum() / 30:.1f} s driven, in {options.out}"
+    )
     return 0

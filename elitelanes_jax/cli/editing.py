@@ -26,7 +26,9 @@ def add_edit(commands: Commands) -> None:
   elitelanes tiles edit my-tiles --photos floor.jpg --size 3 4 --open
 """,
     )
-    command.add_argument("folder", type=checked_by(folder), metavar="DIR", help="folder of a tile set, or a new one")
+    command.add_argument(
+        "folder", type=checked_by(folder), metavar="DIR", help="folder of a tile set, or a new one"
+    )
     command.add_argument(
         "--photos",
         type=checked_by(path),
@@ -43,7 +45,9 @@ def add_edit(commands: Commands) -> None:
         metavar=("ROWS", "COLUMNS"),
         help="tiles of the floor on each photograph; by default 1 1",
     )
-    command.add_argument("--port", type=checked_by(whole(1, 65535)), metavar="N", help="by default any free one")
+    command.add_argument(
+        "--port", type=checked_by(whole(1, 65535)), metavar="N", help="by default any free one"
+    )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
 
 
@@ -57,7 +61,9 @@ def _edit(options: argparse.Namespace) -> int:
     try:
         server = HandServer(work, options.port or 0)
     except OSError as error:
-        raise InputError(f"--port: expected a free port, got {options.port}: {reason(error)}") from None
+        raise InputError(
+            f"--port: expected a free port, got {options.port}: {reason(error)}"
+        ) from None
     try:
         with server:
             _serve(server, options)

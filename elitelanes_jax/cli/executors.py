@@ -23,7 +23,10 @@ def add_executors(command: argparse.ArgumentParser) -> None:
     """Adds the options of a command whose work a cluster may share."""
     either = command.add_mutually_exclusive_group()
     either.add_argument(
-        "--dask", type=checked_by(name), metavar="ADDRESS", help="share the work among the workers of a Dask scheduler"
+        "--dask",
+        type=checked_by(name),
+        metavar="ADDRESS",
+        help="share the work among the workers of a Dask scheduler",
     )
     either.add_argument(
         "--slurm",
@@ -65,7 +68,9 @@ def _open_dask(address: str) -> Iterator[Engine]:
         client = distributed.Client(address, timeout=_ANSWER)
     except (OSError, ValueError, TypeError) as error:
         expected = "expected the address of a Dask scheduler that answers, such as tcp://host:8786"
-        raise InputError(f"--dask: {expected}, got {address!r}: {shorten(str(error), 100)}") from None
+        raise InputError(
+            f"--dask: {expected}, got {address!r}: {shorten(str(error), 100)}"
+        ) from None
     with client:
         yield client.get_executor()
 
@@ -76,14 +81,20 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
     for word in text.split():
         option, equals, value = word.partition("=")
         if not option.isidentifier() or not equals:
-            raise InputError(f"--slurm: expected options of Submitit such as timeout_min=60, got {word!r}")
+            raise InputError(
+                f"--slurm: expected options of Submitit such as timeout_min=60, got {word!r}"
+            )
         values[option] = int(value) if re.fullmatch(r"\d+", value) else value
     cluster = values.pop("cluster", "slurm")
     if cluster == "slurm" and which("sbatch") is None:
-        raise InputError("--slurm: expected SLURM's program sbatch on the PATH, got none; cluster=local needs none")
+        raise InputError(
+            "--slurm: expected SLURM's program sbatch on the PATH, got none; cluster=local needs none"
+        )
     try:
         executor = submitit.AutoExecutor(jobs, cluster=cluster)
         executor.update_parameters(**values)
     except (NameError, TypeError, ValueError, AssertionError) as error:
-        raise InputError(f"--slurm: expected options of Submitit, got {shorten(str(error), 200)}") from None
+        raise InputError(
+            f"--slurm: expected options of Submitit, got {shorten(str(error), 200)}"
+        ) from None
     return executor

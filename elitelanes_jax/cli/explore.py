@@ -40,7 +40,9 @@ def add_explore(commands: Commands) -> None:
     )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_shared(
-        command, "--tiles", help="tile pictures; by default the first run's, or if they are not found the package's own"
+        command,
+        "--tiles",
+        help="tile pictures; by default the first run's, or if they are not found the package's own",
     )
     add_shared(command, "--tile-px")
     add_shared(command, "--force", help="replace an earlier page")
@@ -56,7 +58,9 @@ def _explore(options: argparse.Namespace) -> int:
     from elitelanes_jax.explorer.page import explore
 
     first = options.sources[0]
-    out = options.out or (first / _PAGE if len(options.sources) == 1 and _is_run(first) else Path(_PAGE))
+    out = options.out or (
+        first / _PAGE if len(options.sources) == 1 and _is_run(first) else Path(_PAGE)
+    )
     size = explore(
         options.sources,
         out,

@@ -26,7 +26,14 @@ from elitelanes_jax.cli.arguments import (
 )
 from elitelanes_jax.cli.program import say
 from elitelanes_jax.formats.road_map import RoadMap, read_map
-from elitelanes_jax.maps.exporting import FORMATS, LOOP, Format, FormatOptions, as_bytes, without_ends
+from elitelanes_jax.maps.exporting import (
+    FORMATS,
+    LOOP,
+    Format,
+    FormatOptions,
+    as_bytes,
+    without_ends,
+)
 from elitelanes_jax.maps.faults import warn_of_faults
 
 _TABLE = "csv"  # the format of a table of metrics, which has one file for all maps
@@ -48,7 +55,11 @@ def add_export(commands: Commands) -> None:
         help="a map.json, or a map of Duckietown: .yaml, or a folder of layers",
     )
     command.add_argument(
-        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*FORMATS, _TABLE))
+        "--to",
+        type=checked_by(name),
+        required=True,
+        metavar="FORMAT",
+        help=", ".join((*FORMATS, _TABLE)),
     )
     command.add_argument(
         "--out",
@@ -62,7 +73,9 @@ def add_export(commands: Commands) -> None:
 
 def _export(options: argparse.Namespace) -> int:
     if options.to not in (*FORMATS, _TABLE):
-        raise InputError(f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got {shorten(repr(options.to))}")
+        raise InputError(
+            f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got {shorten(repr(options.to))}"
+        )
     settings = read_options(options, FormatOptions())
     with naming_options(FormatOptions()):
         settings.check_taken_by(options.to)
@@ -108,7 +121,9 @@ def _say_left_out(grids: Sequence[Int8[np.ndarray, "H W"]]) -> None:
     say(f"{tiles - written} of {tiles} tiles left out: roads that lead nowhere")
 
 
-def _write_maps(maps: Mapping[Path, RoadMap], target: Format, settings: Mapping[str, UserValue], out: Path) -> None:
+def _write_maps(
+    maps: Mapping[Path, RoadMap], target: Format, settings: Mapping[str, UserValue], out: Path
+) -> None:
     """Writes the files of maps, to a file or a folder."""
 
     def contents(file: Path, name: str) -> tuple[str | bytes, ...]:
@@ -191,6 +206,8 @@ def _pack(options: argparse.Namespace) -> int:
         about = pack(spec, options.sources, options.out, force=options.force)
     splits = []
     for split, part in about["splits"].items():
-        splits.append(f"{split} {pluralize(part['maps'], 'map')} of {pluralize(part['niches'], 'niche')}")
+        splits.append(
+            f"{split} {pluralize(part['maps'], 'map')} of {pluralize(part['niches'], 'niche')}"
+        )
     say(f"{pluralize(about['maps']['number'], 'map')} in {options.out}: {', '.join(splits)}")
     return 0

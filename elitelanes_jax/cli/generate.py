@@ -90,11 +90,16 @@ def _generate(options: argparse.Namespace) -> int:
     except NotEnoughMapsError as error:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:
-        explore = f"{program_name()} explore {shlex.quote(str(options.out))} --open shows all elites"
+        explore = (
+            f"{program_name()} explore {shlex.quote(str(options.out))} --open shows all elites"
+        )
         lines = [describe_maps(maps, spec.maps, options.out), explore]
         if options.floor is not None:
             width, depth = options.floor
-            lines.insert(1, f"{spec.size[0]} x {spec.size[1]} tiles each, for a floor of {width:g} x {depth:g} m")
+            lines.insert(
+                1,
+                f"{spec.size[0]} x {spec.size[1]} tiles each, for a floor of {width:g} x {depth:g} m",
+            )
         say("\n".join(lines))
     else:
         index, count = spec.part
@@ -125,7 +130,11 @@ def add_merge(commands: Commands) -> None:
         "without parts.",
     )
     command.add_argument(
-        "parts", type=checked_by(path), nargs="+", metavar="PART", help="folders of all parts, in any order"
+        "parts",
+        type=checked_by(path),
+        nargs="+",
+        metavar="PART",
+        help="folders of all parts, in any order",
     )
     add_shared(command, "--out", "--force", "--quiet")
 
@@ -135,7 +144,11 @@ def _merge(options: argparse.Namespace) -> int:
         from elitelanes_jax.cli.dataset import describe_dataset
         from elitelanes_jax.dataset.joining import merge_dataset
 
-        say(describe_dataset(merge_dataset(options.parts, options.out, force=options.force), options.out))
+        say(
+            describe_dataset(
+                merge_dataset(options.parts, options.out, force=options.force), options.out
+            )
+        )
         return 0
     from elitelanes_jax.maps.parts import merge
 
@@ -160,7 +173,11 @@ def add_pick(commands: Commands) -> None:
 """,
     )
     command.add_argument(
-        "archives", type=checked_by(path), nargs="+", metavar="ARCHIVE", help="an archive.npz, of maps of one size"
+        "archives",
+        type=checked_by(path),
+        nargs="+",
+        metavar="ARCHIVE",
+        help="an archive.npz, of maps of one size",
     )
     add_shared(command, "--out")
     add_options(command, PickSpec())
@@ -183,7 +200,11 @@ def _pick(options: argparse.Namespace) -> int:
 
     with naming_options(PickSpec(), "furnish", "axes", "where"):
         maps = pick(
-            spec, options.archives, options.out, force=bool(options.force), force_archive=options.force == "archive"
+            spec,
+            options.archives,
+            options.out,
+            force=bool(options.force),
+            force_archive=options.force == "archive",
         )
     say(describe_maps(maps, spec.maps, options.out))
     return 0
@@ -196,7 +217,9 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     for index, road_map in enumerate(maps):
         figures = {"fitness": road_map.fitness} | dict(road_map.metrics or {})
         row = [f"{index:04d}", *(str(figures[name]) for name in _COLUMNS)]
-        lines.append("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
+        lines.append(
+            "  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True))
+        )
     of = f" of {wanted:,}" if len(maps) < wanted else ""
     sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
     lines.append(f"{pluralize(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")

@@ -1,4 +1,7 @@
-"""The command ``elitelanes``. Commands import what they need when they run, because JAX and OpenCV load slowly."""
+"""The command ``elitelanes``.
+
+Commands import what they need when they run, because JAX and OpenCV load slowly.
+"""
 
 import argparse
 from collections.abc import Sequence
@@ -45,12 +48,16 @@ def _act(options: argparse.Namespace) -> int:
             raise
         if isinstance(error, KeyboardInterrupt):
             return fail("elitelanes", f"interrupted; {_RESUMES}", INTERRUPTED)
-        return fail("elitelanes", f"{error.filename or out}: {error.strerror or error}; {_RESUMES}", 2)
+        return fail(
+            "elitelanes", f"{error.filename or out}: {error.strerror or error}; {_RESUMES}", 2
+        )
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Makes the parser of all commands; a parsed command has its function in ``action``."""
-    parser = Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
+    parser = Parser(
+        prog="elitelanes", description="Evolves road maps of a miniature city and draws them."
+    )
     parser.set_defaults(quiet=False)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")

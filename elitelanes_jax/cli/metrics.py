@@ -22,7 +22,9 @@ def add_metrics(commands: Commands) -> None:
         description="Lists all metrics, shares and features of a town that --where, --axes and --weights name, with "
         "known ranges on maps of 12 x 12 tiles; or shows one, with maps at both ends of its range.",
     )
-    command.add_argument("name", nargs="?", type=checked_by(name), metavar="NAME", help="what to show")
+    command.add_argument(
+        "name", nargs="?", type=checked_by(name), metavar="NAME", help="what to show"
+    )
 
 
 def _metrics(options: argparse.Namespace) -> int:
@@ -47,7 +49,10 @@ def _list(listed: dict[str, tuple[str, str]]) -> str:
         for part in wrap(meaning, _WIDTH - indent):
             lines.append(head + part)
             head = " " * indent
-    lines += ["", f"--where NAME=LOW..HIGH sets a range; elitelanes metrics NAME shows one metric. {_NOTE}"]
+    lines += [
+        "",
+        f"--where NAME=LOW..HIGH sets a range; elitelanes metrics NAME shows one metric. {_NOTE}",
+    ]
     return "\n".join(lines)
 
 

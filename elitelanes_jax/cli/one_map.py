@@ -17,7 +17,9 @@ _SEED = checked_by(SEED)
 
 
 def add_show(commands: Commands) -> None:
-    command = add_command(commands, "show", _show, help="draw a map in the terminal, with its metrics")
+    command = add_command(
+        commands, "show", _show, help="draw a map in the terminal, with its metrics"
+    )
     add_shared(command, "map", metavar="MAP")
 
 
@@ -33,16 +35,25 @@ def _show(options: argparse.Namespace) -> int:
     except UnicodeEncodeError:
         drawn = draw_text(codes, ascii_only=True)
     words = [f"{figures.pop('height')} x {figures.pop('width')} tiles"]
-    words += [f"{key.replace('_', ' ')} {round(value, 3)}" for key, value in figures.items() if key != "file"]
+    words += [
+        f"{key.replace('_', ' ')} {round(value, 3)}"
+        for key, value in figures.items()
+        if key != "file"
+    ]
     say(drawn + "\n\n" + "\n".join(textwrap.wrap(", ".join(words), 100)), asked=True)
     return 0
 
 
 def add_render(commands: Commands) -> None:
-    command = add_command(commands, "render", _render, help="draw a map file again: other tiles, another size")
+    command = add_command(
+        commands, "render", _render, help="draw a map file again: other tiles, another size"
+    )
     add_shared(command, "map")
     add_shared(
-        command, "--out", required=False, help="folder to write to, new or empty; by default map/ next to map.json"
+        command,
+        "--out",
+        required=False,
+        help="folder to write to, new or empty; by default map/ next to map.json",
     )
     add_shared(command, "--tiles", "--tile-px")
     command.add_argument(
@@ -63,7 +74,9 @@ def add_render(commands: Commands) -> None:
         metavar="HOW",
         help="grass: remove roads that lead nowhere; by default they are drawn with the set's tiles of kind end",
     )
-    command.add_argument("--overlay", action="store_true", help="also write the picture with the labels over it")
+    command.add_argument(
+        "--overlay", action="store_true", help="also write the picture with the labels over it"
+    )
     add_shared(command, "--force")
 
 
@@ -77,15 +90,21 @@ def _render(options: argparse.Namespace) -> int:
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     if options.out is None and options.map.is_dir():
-        raise InputError(f"--out: expected a folder for the pictures of {options.map}, which is a folder too, got none")
+        raise InputError(
+            f"--out: expected a folder for the pictures of {options.map}, which is a folder too, got none"
+        )
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     warn_of_faults(str(options.map), road_map)
     out = options.out or options.map.with_suffix("")
     with naming(options.map):
-        picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects)
-    with output_folder(out, {"command": "render"}, foreign=foreign_to_picture, force=options.force) as work:
+        picture = render(
+            road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects
+        )
+    with output_folder(
+        out, {"command": "render"}, foreign=foreign_to_picture, force=options.force
+    ) as work:
         write_picture(work.files, picture)
         if options.overlay:
             write_png(work.files / "overlay.png", overlay(picture))
@@ -176,11 +195,17 @@ def add_furnish(commands: Commands) -> None:
         "road, and a file .toml, .json or .yaml with objects of your own",
     )
     command.add_argument(
-        "--unique-tags", action="store_true", help="refuse to use a tag number twice; the same as the word unique_tags"
+        "--unique-tags",
+        action="store_true",
+        help="refuse to use a tag number twice; the same as the word unique_tags",
     )
     named = checked_by(file_named(".json"))
-    command.add_argument("--out", type=named, required=True, metavar="FILE", help="a new map file, .json")
-    command.add_argument("--seed", type=_SEED, default=0, metavar="N", help="seed of the places; by default 0")
+    command.add_argument(
+        "--out", type=named, required=True, metavar="FILE", help="a new map file, .json"
+    )
+    command.add_argument(
+        "--seed", type=_SEED, default=0, metavar="N", help="seed of the places; by default 0"
+    )
     tiles = "tile pictures in whose lanes lane_robots and lane_duckies are; by default the package's own"
     command.add_argument("--tiles", type=checked_by(path), metavar="DIR", help=tiles)
 
@@ -191,14 +216,18 @@ def _furnish(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.furnishing.placing import furnish
     from elitelanes_jax.maps.furnishing.spec import parse_furnish
 
-    spec = check_named("furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags)
+    spec = check_named(
+        "furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags
+    )
     check_new(options.out)
     road_map, lane_offset = read_map(options.map), LANE_OFFSET
     if options.tiles is not None:
         from elitelanes_jax.tiles.tileset import load_tiles
 
         lane_offset = load_tiles(options.tiles).lane_offset
-    check_named(f"furnish {' '.join(options.furnish)}", check_objects, spec.objects, *road_map.codes.shape)
+    check_named(
+        f"furnish {' '.join(options.furnish)}", check_objects, spec.objects, *road_map.codes.shape
+    )
     with naming(options.map):
         furnished = furnish(road_map, spec, seed=options.seed, lane_offset=lane_offset)
     with never_replacing(options.out):

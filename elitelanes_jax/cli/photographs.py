@@ -9,6 +9,7 @@ from elitelanes_jax._util.checks import FLOOR_SIDE, file_named, folder, path, re
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, free_name, never_replacing
 from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
 from elitelanes_jax.cli.program import say
 from elitelanes_jax.formats.road_map import RoadMap, read_map
@@ -39,14 +40,24 @@ def add_cut(commands: Commands) -> None:
   elitelanes tiles cut floor.jpg --map town.json --corners 210 330 1710 290 1890 1310 90 1250 --out my-tiles
 """,
     )
-    command.add_argument("photos", type=checked_by(path), nargs="+", metavar="PHOTO", help="JPEG or PNG files")
     command.add_argument(
-        "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder of the tile set, new or empty"
+        "photos", type=checked_by(path), nargs="+", metavar="PHOTO", help="JPEG or PNG files"
+    )
+    command.add_argument(
+        "--out",
+        type=checked_by(folder),
+        required=True,
+        metavar="DIR",
+        help="folder of the tile set, new or empty",
     )
     _add_floor(command)
-    command.add_argument("--map", type=checked_by(path), metavar="MAP", help="the map that is laid, in any direction")
     command.add_argument(
-        "--overwrite", action="store_true", help="also replace an existing tile set, which is kept next to it"
+        "--map", type=checked_by(path), metavar="MAP", help="the map that is laid, in any direction"
+    )
+    command.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="also replace an existing tile set, which is kept next to it",
     )
 
 
@@ -62,14 +73,20 @@ def add_read(commands: Commands) -> None:
     command.add_argument("photo", type=checked_by(path), metavar="PHOTO", help="a JPEG or PNG file")
     add_shared(command, "--tiles")
     _add_floor(command)
-    command.add_argument("--against", type=checked_by(path), metavar="MAP", help="the map that was planned")
+    command.add_argument(
+        "--against", type=checked_by(path), metavar="MAP", help="the map that was planned"
+    )
     named = checked_by(file_named(".json"))
     command.add_argument("--out", type=named, metavar="FILE", help="a new map file, .json")
 
 
 def _add_floor(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--size", type=checked_by(FLOOR_SIDE), nargs=2, metavar=("ROWS", "COLUMNS"), help="tiles of the floor"
+        "--size",
+        type=checked_by(FLOOR_SIDE),
+        nargs=2,
+        metavar=("ROWS", "COLUMNS"),
+        help="tiles of the floor",
     )
     command.add_argument(
         "--corners",
@@ -81,10 +98,15 @@ def _add_floor(command: argparse.ArgumentParser) -> None:
         "by default they are found. Repeat it for each photograph",
     )
     command.add_argument(
-        "--exact", action="store_true", help="take --corners as they are; by default they are fitted to the photograph"
+        "--exact",
+        action="store_true",
+        help="take --corners as they are; by default they are fitted to the photograph",
     )
     command.add_argument(
-        "--camera", type=checked_by(path), metavar="FILE", help="calibration of the camera, .yaml as ROS writes it"
+        "--camera",
+        type=checked_by(path),
+        metavar="FILE",
+        help="calibration of the camera, .yaml as ROS writes it",
     )
 
 
@@ -101,7 +123,9 @@ def _cut(options: argparse.Namespace) -> int:
     out: Path = options.out
     existing = out.is_dir() and any(out.iterdir())
     if existing and not options.overwrite:
-        raise InputError(f"{out}: expected a folder that is new or empty, got one with files; --overwrite replaces it")
+        raise InputError(
+            f"{out}: expected a folder that is new or empty, got one with files; --overwrite replaces it"
+        )
     cuts: list[Cut] = []
     proposals, pictures = [], []
     lens = _lens(options)
@@ -112,18 +136,25 @@ def _cut(options: argparse.Namespace) -> int:
         pictures.append(draw_proposal(photograph, proposal))
         if proposal.score >= SURE:
             cuts += cut_tiles(photograph, proposal, cuts)
-    refused = [f"{proposal.photo}: {proposal.advice}" for proposal in proposals if proposal.score < SURE]
+    refused = [
+        f"{proposal.photo}: {proposal.advice}" for proposal in proposals if proposal.score < SURE
+    ]
     if not cuts:
         more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
         raise InputError(
-            refused[0] + more if refused else f"{options.photos[0]}: expected tiles of a sure kind, got none"
+            refused[0] + more
+            if refused
+            else f"{options.photos[0]}: expected tiles of a sure kind, got none"
         )
     # Renamed, so that nothing in it is lost.
     kept = out.rename(free_name(out, f"{out.name}.before")) if existing else None
     try:
         with output_folder(out, {"command": "tiles cut"}) as work:
             tiles = proposal_sheet("Tiles and their masks", write_cuts(work.files, cuts))
-            write_png(work.files / "sheet.png", draw_sheet(f"Tiles cut into {out.name}", pictures, proposals, tiles))
+            write_png(
+                work.files / "sheet.png",
+                draw_sheet(f"Tiles cut into {out.name}", pictures, proposals, tiles),
+            )
     except BaseException:
         if kept is not None and not out.exists():
             kept.rename(out)
@@ -131,7 +162,9 @@ def _cut(options: argparse.Namespace) -> int:
     lines = _summary(cuts, proposals, out) + [f"refused: {line}" for line in refused]
     lines += [] if kept is None else [f"the earlier set is kept as {kept}"]
     problems = inspect_tiles(out, lines=True)[1]
-    lines += [f"to correct: {problem}" for problem in problems] or [f"checked: no problems in {out}"]
+    lines += [f"to correct: {problem}" for problem in problems] or [
+        f"checked: no problems in {out}"
+    ]
     say("\n".join(lines))
     return 0
 
@@ -142,13 +175,16 @@ def _summary(cuts: "list[Cut]", proposals: "list[Proposal]", out: Path) -> list[
     kinds = Counter(KIND_OF[cut.code] for cut in cuts)
     listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
     used = sum(proposal.score >= SURE for proposal in proposals)
-    lines = [f"{pluralize(len(cuts), 'tile')} of {pluralize(used, 'photograph')} in {out}: {listed}"]
+    lines = [
+        f"{pluralize(len(cuts), 'tile')} of {pluralize(used, 'photograph')} in {out}: {listed}"
+    ]
     lines += [f"look at the outlines and masks on {out / 'sheet.png'}"]
     lines += [f"{cut.name} is nearly a copy of {cut.copy_of}" for cut in cuts if cut.copy_of]
     for proposal in proposals:
         if proposal.score >= SURE:
             lines += [
-                f"{proposal.photo}: left out the tile at {place}, its kind is unsure" for place in _unsure(proposal)
+                f"{proposal.photo}: left out the tile at {place}, its kind is unsure"
+                for place in _unsure(proposal)
             ]
     return lines
 
@@ -166,7 +202,11 @@ def _unsure(proposal: "Proposal") -> list[str]:
 
 def _read(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.sketch import draw_text
-    from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_floor, turn_to_plan
+    from elitelanes_jax.tiles.photographs.comparison import (
+        find_differences,
+        turn_floor,
+        turn_to_plan,
+    )
     from elitelanes_jax.tiles.photographs.proposals import SURE
     from elitelanes_jax.tiles.tileset import load_tiles
 
@@ -195,7 +235,9 @@ def _read(options: argparse.Namespace) -> int:
     if plan is not None:
         differences = find_differences(codes, plan)
         lines += [str(difference) for difference in differences]
-        lines.append(f"{pluralize(len(differences), 'tile')} of {codes.size} differ from {options.against}")
+        lines.append(
+            f"{pluralize(len(differences), 'tile')} of {codes.size} differ from {options.against}"
+        )
     if options.out is not None:
         with never_replacing(options.out):
             RoadMap(codes, unsure=unsure or None).save(options.out)
@@ -234,7 +276,11 @@ def _photograph(file: Path, lens: "Lens | None") -> "Photograph":
 
 
 def _propose(
-    photograph: "Photograph", options: argparse.Namespace, index: int, shape: tuple[int, int], **given: object
+    photograph: "Photograph",
+    options: argparse.Namespace,
+    index: int,
+    shape: tuple[int, int],
+    **given: UserValue,
 ) -> "Proposal":
     import numpy as np
 
@@ -249,9 +295,11 @@ def _propose(
     if corners is None and options.exact:
         raise InputError("--exact: expected --corners, got none")
     if corners is None:
-        return propose_tiles(photograph, shape=shape, **given)  # type: ignore[arg-type]
+        return propose_tiles(photograph, shape=shape, **given)
     points = photograph.pixels_of(np.array(corners[index], float).reshape(4, 2))
     try:
-        return propose_tiles(photograph, shape=shape, corners=points, fit=not options.exact, **given)  # type: ignore[arg-type]
+        return propose_tiles(
+            photograph, shape=shape, corners=points, fit=not options.exact, **given
+        )
     except InputError as error:
         raise InputError(str(error).replace("corners: ", "--corners: ", 1)) from None

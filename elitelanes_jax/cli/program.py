@@ -1,7 +1,7 @@
 """The frame of all programs of the project: messages, exit codes, signals.
 
-A user's mistake ends in one line on standard error and exit code 2, too few maps or too little memory in exit code 1,
-an interruption in 130. A fault of the program keeps its traceback.
+A user's mistake ends in one line on standard error and exit code 2, too few maps or too little
+memory in exit code 1, an interruption in 130. A fault of the program keeps its traceback.
 """
 
 import os
@@ -40,7 +40,9 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, quiet: bo
         words = as_option.sub(lambda found: "--" + found[1].replace("_", "-"), str(error))
         return fail(program, words, 2 if isinstance(error, InputError) else 1)
     except OSError as error:
-        return fail(program, f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
+        return fail(
+            program, f"{error.filename}: {error.strerror}" if error.filename else str(error), 2
+        )
     except KeyboardInterrupt:
         return fail(program, f"interrupted; {interrupted}", INTERRUPTED)
     except Exception as error:
@@ -48,9 +50,17 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, quiet: bo
             return fail(program, str(error), 1)
         platforms = os.environ.get("JAX_PLATFORMS")
         if platforms and not _has_devices():
-            return fail(program, f"JAX_PLATFORMS: expected a platform that JAX finds here, got {platforms!r}", 2)
+            return fail(
+                program,
+                f"JAX_PLATFORMS: expected a platform that JAX finds here, got {platforms!r}",
+                2,
+            )
         if is_out_of_memory(error):
-            return fail(program, "not enough memory; fewer seeds, smaller maps or smaller tiles need less", 1)
+            return fail(
+                program,
+                "not enough memory; fewer seeds, smaller maps or smaller tiles need less",
+                1,
+            )
         raise
 
 
@@ -64,7 +74,10 @@ def _has_devices() -> bool:
 
 
 def leave(main: Callable[[], int]) -> NoReturn:
-    """Runs a program's main function as the program. An interruption outside of `guarded` prints nothing."""
+    """Runs a program's main function as the program.
+
+    An interruption outside of `guarded` prints nothing.
+    """
     _complete_streams()
     try:
         with catch_interrupts():
@@ -86,7 +99,11 @@ def leave(main: Callable[[], int]) -> NoReturn:
 def program_name() -> str:
     """Returns the word that starts the program: a path if its folder is not on the PATH."""
     started = Path(sys.argv[0])
-    return str(started) if started.name == "elitelanes" and which("elitelanes") is None else "elitelanes"
+    return (
+        str(started)
+        if started.name == "elitelanes" and which("elitelanes") is None
+        else "elitelanes"
+    )
 
 
 def fail(program: str, message: str, code: int) -> int:
@@ -104,7 +121,8 @@ def warn(text: str) -> None:
 def say(text: str, *, asked: bool = False) -> None:
     """Prints what was done, unless the command is quiet. A failure to print is ignored.
 
-    If the text was `asked` for, a failure raises `OSError`, except for a pipe whose reader has stopped.
+    If the text was `asked` for, a failure raises `OSError`, except for a pipe whose reader has
+    stopped.
     """
     if is_quiet():
         return
@@ -115,12 +133,17 @@ def say(text: str, *, asked: bool = False) -> None:
     except (OSError, ValueError) as error:  # ValueError from a closed stream
         if asked:
             raise OSError(
-                getattr(error, "errno", None), getattr(error, "strerror", str(error)), "standard output"
+                getattr(error, "errno", None),
+                getattr(error, "strerror", str(error)),
+                "standard output",
             ) from None
 
 
 def _print(stream: TextIO | None, text: str) -> None:
-    """Prints to a stream, if there is one, and escapes characters that it lacks. A stream that fails is given up."""
+    """Prints to a stream, if there is one, and escapes characters that it lacks.
+
+    A stream that fails is given up.
+    """
     if stream is None:
         return
     encoding = stream.encoding or "utf-8"

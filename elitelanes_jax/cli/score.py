@@ -20,12 +20,20 @@ def add_score(commands: Commands) -> None:
         description="Measures the grids of raw archives again and prints their scores, with 95 % intervals over runs.",
     )
     command.add_argument(
-        "archives", type=checked_by(path), nargs="+", metavar="ARCHIVE", help="an .npz of runs on a task"
+        "archives",
+        type=checked_by(path),
+        nargs="+",
+        metavar="ARCHIVE",
+        help="an .npz of runs on a task",
     )
 
 
 def _score(options: argparse.Namespace) -> int:
-    from elitelanes_jax.benchmark.submissions import grade_submission, read_submission, score_submission
+    from elitelanes_jax.benchmark.submissions import (
+        grade_submission,
+        read_submission,
+        score_submission,
+    )
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     use_compile_cache()
@@ -34,7 +42,10 @@ def _score(options: argparse.Namespace) -> int:
         with naming(file):
             _, scores = score_submission(submission)
             of_runs = scores._asdict() | {"graded": grade_submission(submission)}
-        say(f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(of_runs)}", asked=True)
+        say(
+            f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(of_runs)}",
+            asked=True,
+        )
     return 0
 
 

@@ -25,7 +25,9 @@ _MASKED = ("road", "red", "yellow")
 
 
 def add_tiles(commands: Commands) -> None:
-    tiles = commands.add_parser("tiles", help="cut tiles out of photographs, check tile sets, and propose masks")
+    tiles = commands.add_parser(
+        "tiles", help="cut tiles out of photographs, check tile sets, and propose masks"
+    )
     below = tiles.add_subparsers(title="commands", required=True, metavar="COMMAND")
     add_cut(below)
     add_read(below)
@@ -42,7 +44,9 @@ def add_tiles(commands: Commands) -> None:
     )
     masks.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
     for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
-        masks.add_argument(f"--{mask}", type=checked_by(name), metavar="RANGE", help=f"colours of {what}")
+        masks.add_argument(
+            f"--{mask}", type=checked_by(name), metavar="RANGE", help=f"colours of {what}"
+        )
     masks.add_argument(
         "--overwrite",
         action="store_true",
@@ -86,7 +90,11 @@ def _masks(options: argparse.Namespace) -> int:
     say(
         f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')} in {options.folder}"
         + (f", {kept} existing ones unchanged" if kept else "")
-        + (f", {len(replaced)} replaced and kept as {kept_as[0].name} and the like" if replaced else "")
+        + (
+            f", {len(replaced)} replaced and kept as {kept_as[0].name} and the like"
+            if replaced
+            else ""
+        )
         + f"; all are on {sheet}\n"
         f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
     )

@@ -51,7 +51,9 @@ _OBJECTS = """
 views from a robot, `distance` in metres. Objects are background in labels and masks."""
 
 
-def write_card(about: dict[str, Plain], loading: str, arrays: str, guide: str, data_files: Mapping[str, str]) -> str:
+def write_card(
+    about: dict[str, Plain], loading: str, arrays: str, guide: str, data_files: Mapping[str, str]
+) -> str:
     """Returns the README of a dataset, Markdown with the front matter that Hugging Face reads.
 
     Args:

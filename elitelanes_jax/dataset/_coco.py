@@ -1,8 +1,8 @@
 """COCO's annotations of a dataset, and YOLO's text.
 
-The classes of pixels are annotated as in COCO-Stuff: one annotation of a picture for each class, run-length encoded.
-Objects are annotated as in COCO: one annotation for each object, with polygons. No annotation is of a crowd, because
-pycocotools scores no crowds and most loaders skip them.
+The classes of pixels are annotated as in COCO-Stuff: one annotation of a picture for each class,
+run-length encoded. Objects are annotated as in COCO: one annotation for each object, with polygons.
+No annotation is of a crowd, because pycocotools scores no crowds and most loaders skip them.
 """
 
 import json
@@ -32,10 +32,14 @@ def annotate(sample: Sample) -> Record:
     """Returns the annotations of a sample's classes, and of its objects if it has any."""
     labels = sample.layers["labels"]
     present = [label for label in range(1, len(LABELS)) if (labels == label).any()]
-    note: Record = {"classes": [{"category_id": label} | _runs(labels == label) for label in present]}
+    note: Record = {
+        "classes": [{"category_id": label} | _runs(labels == label) for label in present]
+    }
     if "objects" in sample.record:
         instances = sample.layers["instances"]
-        note["outlines"] = [_polygons(instances == thing["instance"]) for thing in sample.record["objects"]]
+        note["outlines"] = [
+            _polygons(instances == thing["instance"]) for thing in sample.record["objects"]
+        ]
     return note
 
 
@@ -46,7 +50,9 @@ def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
     _write_coco(folder / "annotations" / f"{name}.json", read, _class_annotations, classes)
     if "outlines" in next(iter(read()), {}):  # all records have them, or none has
         kinds = [{"id": index, "name": kind} for index, kind in enumerate(OBJECT_KINDS, 1)]
-        _write_coco(folder / "annotations" / f"objects_{name}.json", read, _object_annotations, kinds)
+        _write_coco(
+            folder / "annotations" / f"objects_{name}.json", read, _object_annotations, kinds
+        )
         for record in read():
             _write_yolo(folder / "labels" / name / f"{record['number']:06d}.txt", record)
         _write_data(folder)
@@ -55,14 +61,21 @@ def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
 
 
 def _class_annotations(record: Record) -> list[Record]:
-    return [{"image_id": _image_id(record), "iscrowd": 0} | annotation for annotation in record["classes"]]
+    return [
+        {"image_id": _image_id(record), "iscrowd": 0} | annotation
+        for annotation in record["classes"]
+    ]
 
 
 def _object_annotations(record: Record) -> list[Record]:
     annotations = []
     for thing, outline in zip(record["objects"], record["outlines"], strict=True):
         about = {name: thing[name] for name in ("visible", "distance") if name in thing}
-        annotation = {"image_id": _image_id(record), "category_id": _kind_number(thing) + 1, "iscrowd": 0} | about
+        annotation = {
+            "image_id": _image_id(record),
+            "category_id": _kind_number(thing) + 1,
+            "iscrowd": 0,
+        } | about
         annotations.append(annotation | outline | {"bbox": thing["box"]})
     return annotations
 
@@ -77,7 +90,10 @@ def _kind_number(thing: Record) -> int:
 
 
 def _write_coco(
-    file: Path, read: Records, annotations_of: Callable[[Record], list[Record]], categories: Sequence[Record]
+    file: Path,
+    read: Records,
+    annotations_of: Callable[[Record], list[Record]],
+    categories: Sequence[Record],
 ) -> None:
     def images() -> Iterator[Record]:
         for record in read():
@@ -120,14 +136,17 @@ def _write_yolo(file: Path, record: Record) -> None:
     for thing in record["objects"]:
         x, y, wide, high = thing["box"]
         shares = (x + wide / 2) / width, (y + high / 2) / height, wide / width, high / height
-        lines.append(" ".join([str(_kind_number(thing)), *(f"{share:.6f}" for share in shares)]) + "\n")
+        lines.append(
+            " ".join([str(_kind_number(thing)), *(f"{share:.6f}" for share in shares)]) + "\n"
+        )
     write_atomic(file, "".join(lines).encode())
 
 
 def _write_data(folder: Path) -> None:
     """Writes the file that Ultralytics reads. Paths in it are relative to it, because it names no other folder.
 
-    Ultralytics asks for `train` and `val`. Without pictures of its own, each has those of another split.
+    Ultralytics asks for `train` and `val`. Without pictures of its own, each has those of another
+    split.
     """
     splits = [name for name in SHORT_NAMES if (folder / "images" / name).is_dir()]
     lines = []
@@ -145,16 +164,23 @@ def _runs(mask: Bool[NDArray, "h w"]) -> Record:
 
     runs = masks.encode(np.asfortranarray(mask, np.uint8))
     counts = {"counts": runs["counts"].decode()}
-    return {"segmentation": runs | counts, "area": int(masks.area(runs)), "bbox": masks.toBbox(runs).tolist()}
+    return {
+        "segmentation": runs | counts,
+        "area": int(masks.area(runs)),
+        "bbox": masks.toBbox(runs).tolist(),
+    }
 
 
 def _polygons(mask: Bool[NDArray, "h w"]) -> Record:
     """Returns polygons that cover exactly the pixels of a mask, and their area.
 
-    Each piece of pixels with common sides has a polygon along the pixels' sides. COCO's polygons have no holes, so the
-    polygon visits each hole along a line to it and back, which encloses nothing.
+    Each piece of pixels with common sides has a polygon along the pixels' sides. COCO's polygons
+    have no holes, so the polygon visits each hole along a line to it and back, which encloses
+    nothing.
     """
-    count, pieces, boxes, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    count, pieces, boxes, _ = cv2.connectedComponentsWithStats(
+        mask.astype(np.uint8), connectivity=4
+    )
     polygons = []
     for piece in range(1, count):
         left, top, wide, high = boxes[piece, :4]
@@ -169,9 +195,9 @@ def _polygons(mask: Bool[NDArray, "h w"]) -> Record:
 def _loops(mask: Bool[NDArray, "h w"]) -> list[list[list[int]]]:
     """Returns the borders of one piece of pixels: loops of corners (x, y), the outer one first.
 
-    A border turns at a corner of pixels if one or three of the four pixels around it are in the mask. It turns twice,
-    in two visits, if two opposite ones are. Along each row and each column of corners, the first turn is joined with
-    the second, the third with the fourth, and so on.
+    A border turns at a corner of pixels if one or three of the four pixels around it are in the
+    mask. It turns twice, in two visits, if two opposite ones are. Along each row and each column of
+    corners, the first turn is joined with the second, the third with the fourth, and so on.
     """
     padded = np.pad(mask, 1)
     northwest, northeast = padded[:-1, :-1], padded[:-1, 1:]
@@ -181,7 +207,8 @@ def _loops(mask: Bool[NDArray, "h w"]) -> list[list[list[int]]]:
     row, column = np.nonzero(once | twice)
     corner = np.repeat(np.arange(len(row)), 1 + twice[row, column])
     second = np.append(False, corner[1:] == corner[:-1])
-    # Of two visits, one leads up and one down, so that pixels that touch at a corner alone are not joined there.
+    # Of two visits, one leads up and one down, so that pixels that touch at a corner alone are not
+    # joined there.
     rises = (twice & northeast)[row, column][corner]
     by_column = np.lexsort((second ^ rises, row[corner], column[corner]))
     neighbour = np.arange(len(corner)) ^ 1

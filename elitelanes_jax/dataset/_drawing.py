@@ -39,8 +39,9 @@ class Block(NamedTuple):
       number: of the block in its split, from 0.
       total: the number of blocks in the split.
       indices: of the samples, in order.
-      records: the file with a line for each sample: its index, a tab, and its record. A sample is complete when its
-        line is written. A run that is killed may leave a part of a line at the end.
+      records: the file with a line for each sample: its index, a tab, and its record. A sample is
+        complete when its line is written. A run that is killed may leave a part of a line at the
+        end.
     """
 
     split: int
@@ -102,14 +103,23 @@ class Samples(NamedTuple):
     def blocks_of(self, split: int) -> Iterator[Block]:
         """Yields the samples of a split, in order."""
         maps, views = (
-            self.maps.start + np.flatnonzero(self.splits[self.maps.start : self.maps.stop] == split),
+            self.maps.start
+            + np.flatnonzero(self.splits[self.maps.start : self.maps.stop] == split),
             self.views,
         )
         count = len(maps) * views
         for number, start in enumerate(range(0, count, _BLOCK)):
             positions = range(start, min(start + _BLOCK, count))
-            indices = [int(maps[position // views]) * views + position % views for position in positions]
-            yield Block(split, number, -(-count // _BLOCK), indices, self.records / f"{SPLITS[split]}-{number}.jsonl")
+            indices = [
+                int(maps[position // views]) * views + position % views for position in positions
+            ]
+            yield Block(
+                split,
+                number,
+                -(-count // _BLOCK),
+                indices,
+                self.records / f"{SPLITS[split]}-{number}.jsonl",
+            )
 
     def split_of(self, index: int) -> int:
         """Returns the split of a sample."""
@@ -126,7 +136,9 @@ class Samples(NamedTuple):
         """Writes the records of a split's samples, which come in order."""
         following = iter(records)
         for block in self.blocks_of(split):
-            write_atomic(block.records, [record_line(index, next(following)) for index in block.indices])
+            write_atomic(
+                block.records, [record_line(index, next(following)) for index in block.indices]
+            )
 
     def count_drawn(self) -> int:
         """Counts the samples that an earlier run has drawn."""
@@ -165,7 +177,9 @@ class Drawing(NamedTuple):
         spec, road_map = self.spec, self.maps[index // self.spec.views]
         if spec.furnish is not None:
             seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
-            place = partial(furnish, spec=spec.furnish, seed=seed, lane_offset=self.tiles.lane_offset)
+            place = partial(
+                furnish, spec=spec.furnish, seed=seed, lane_offset=self.tiles.lane_offset
+            )
             road_map = check_named(f"furnish: map {index // spec.views}", place, road_map)
         return draw_sample(
             road_map,
@@ -194,7 +208,9 @@ def draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> Non
     """Draws the missing samples on an executor's workers, and writes the files that return."""
     tasks = _tasks(pool, drawing, samples)
     common = drawing._replace(spec=drawing.spec.without_given(), maps={})
-    for number, (files, records) in call_on_workers(pool.executor, partial(_draw_task, common), tasks):
+    for number, (files, records) in call_on_workers(
+        pool.executor, partial(_draw_task, common), tasks
+    ):
         for name, content in files.items():
             write_atomic(samples.files / name, content)
         for portion, lines in zip(tasks[number].portions, records, strict=True):
@@ -230,7 +246,9 @@ def _tasks(pool: Pool, drawing: Drawing, samples: Samples) -> list[_Task]:
         by_part: dict[int, list[int]] = {}
         for offset, index in enumerate(block.indices):
             if index in missing:
-                part = part_with(samples.total, position if has_shards else position + offset, count)
+                part = part_with(
+                    samples.total, position if has_shards else position + offset, count
+                )
                 by_part.setdefault(part, []).append(index)
         for part, indices in by_part.items():
             parts[part].append(_Portion(block, indices))
@@ -251,7 +269,8 @@ def _draw_task(common: Drawing, task: _Task) -> tuple[dict[str, bytes], list[byt
     """Runs on a worker: draws samples in a temporary folder.
 
     Returns:
-      The content of each file, by its path in the dataset, and the lines of the records of each portion.
+      The content of each file, by its path in the dataset, and the lines of the records of each
+      portion.
     """
     drawing, records = common._replace(maps=task.maps), []
     with TemporaryDirectory() as folder:
@@ -273,14 +292,18 @@ def _append(file: Path, content: bytes) -> None:
         stream.write(content)
 
 
-def _draw_block(drawing: Drawing, block: Block, indices: list[int], files: Path, workers: int, ended: Ended) -> None:
+def _draw_block(
+    drawing: Drawing, block: Block, indices: list[int], files: Path, workers: int, ended: Ended
+) -> None:
     """Draws samples of a block, in threads."""
     draw = _draw_pictures if drawing.layout.open_shard is None else _draw_shard
     with _one_thread_each():
         draw(drawing, block, indices, files, workers, ended)
 
 
-def _draw_pictures(drawing: Drawing, block: Block, indices: list[int], files: Path, workers: int, ended: Ended) -> None:
+def _draw_pictures(
+    drawing: Drawing, block: Block, indices: list[int], files: Path, workers: int, ended: Ended
+) -> None:
     """Draws samples as files, each of which is followed by its record."""
     layout = drawing.layout
     block.records.parent.mkdir(parents=True, exist_ok=True)
@@ -299,8 +322,13 @@ def _draw_pictures(drawing: Drawing, block: Block, indices: list[int], files: Pa
         side_by_side((partial(draw, index) for index in indices), workers=workers, ended=complete)
 
 
-def _draw_shard(drawing: Drawing, block: Block, indices: list[int], files: Path, workers: int, ended: Ended) -> None:
-    """Draws a block as a shard, which is written whole or not at all. The records of its samples are written last."""
+def _draw_shard(
+    drawing: Drawing, block: Block, indices: list[int], files: Path, workers: int, ended: Ended
+) -> None:
+    """Draws a block as a shard, which is written whole or not at all.
+
+    The records of its samples are written last.
+    """
     layout, lines = drawing.layout, []
     assert layout.open_shard is not None
     # Samples that are drawn before an earlier one of the shard. They are about as many as workers.
@@ -324,7 +352,9 @@ def _draw_shard(drawing: Drawing, block: Block, indices: list[int], files: Path,
                     ended(1)
                     due = next(following, -1)
 
-            side_by_side((partial(draw, index) for index in indices), workers=workers, ended=complete)
+            side_by_side(
+                (partial(draw, index) for index in indices), workers=workers, ended=complete
+            )
     write_atomic(block.records, lines)
 
 

@@ -41,16 +41,20 @@ _DESCRIBING = (
 class Layout(NamedTuple):
     """A layout.
 
-    In `path`, `metadata` and `program` the words SPLIT and SHORT stand for a split's name and its usual short name.
+    In `path`, `metadata` and `program` the words SPLIT and SHORT stand for a split's name and its
+    usual short name.
 
     Attributes:
-      path: of a picture, with LAYER for its layer, and NUMBER for the sample; or of a shard, with SHARD for its number
-        in the split, and COUNT for the number of shards.
+      path: of a picture, with LAYER for its layer, and NUMBER for the sample; or of a shard, with
+        SHARD for its number in the split, and COUNT for the number of shards.
       program: lines of Python that load a split from the folder ``DIR``.
-      metadata: the file with a line of JSON for each sample of a split; None if shards have the metadata.
-      rows: (folder, split, reader of the records of its samples in order) -> the lines; may write further files.
+      metadata: the file with a line of JSON for each sample of a split; None if shards have the
+        metadata.
+      rows: (folder, split, reader of the records of its samples in order) -> the lines; may write
+        further files.
       open_shard: writes a shard; None for a file for each picture.
-      arrays: lines of Python that load a split of shards as NumPy arrays, with TARGETS and VALUE for what they predict.
+      arrays: lines of Python that load a split of shards as NumPy arrays, with TARGETS and VALUE
+        for what they predict.
       folders: of layers whose folder has another name.
       note: sample -> additions to its record, for `rows`.
       needs: a package that writing it needs.
@@ -79,7 +83,11 @@ class Layout(NamedTuple):
 
     def shard_file(self, split: int, number: int, count: int) -> str:
         """Returns the path of a shard in the folder; `count` is the number of the split's shards."""
-        return _in_split(self.path, split).replace("SHARD", f"{number:05d}").replace("COUNT", f"{count:05d}")
+        return (
+            _in_split(self.path, split)
+            .replace("SHARD", f"{number:05d}")
+            .replace("COUNT", f"{count:05d}")
+        )
 
     def data_files(self, splits: NDArray[np.int_]) -> dict[str, str]:
         """Returns a pattern of the shards of each split that has maps, by its name; empty without shards."""
@@ -115,13 +123,26 @@ class Layout(NamedTuple):
     def loading_arrays(self, split: int, poses: bool) -> str:
         """Returns a program that loads a split as NumPy arrays, with poses or tile codes."""
         if self.metadata is None:
-            names = ("poses", "[row['nearest']['d'], row['nearest']['phi']]") if poses else ("codes", "row['codes']")
-            return _in_split(self.arrays, split).replace("TARGETS", names[0]).replace("VALUE", names[1])
+            names = (
+                ("poses", "[row['nearest']['d'], row['nearest']['phi']]")
+                if poses
+                else ("codes", "row['codes']")
+            )
+            return (
+                _in_split(self.arrays, split)
+                .replace("TARGETS", names[0])
+                .replace("VALUE", names[1])
+            )
         metadata = _in_split(self.metadata, split)
         image, labels = (
-            self.file(split, 0, layer).replace("000000", "{row['number']:06d}") for layer in ("image", "labels")
+            self.file(split, 0, layer).replace("000000", "{row['number']:06d}")
+            for layer in ("image", "labels")
         )
-        targets = ("poses", "[row['nearest']['d'], row['nearest']['phi']]") if poses else ("codes", "row['codes']")
+        targets = (
+            ("poses", "[row['nearest']['d'], row['nearest']['phi']]")
+            if poses
+            else ("codes", "row['codes']")
+        )
         return (
             "import json\nfrom pathlib import Path\n\nimport cv2\nimport numpy as np\n\n"
             f'rows = [json.loads(line) for line in Path("DIR/{metadata}").read_text().splitlines()]\n'
@@ -202,10 +223,16 @@ def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Recor
             f"{layer}_file_name": f"{layer}/{record['number']:06d}.png"
             for layer in ("image", "labels", *(["instances"] if "objects" in record else []))
         }
-        if "objects" in record:  # in columns, by the names that Hugging Face's guides have for boxes
-            columns = {"id": "instance", "category": "kind", "bbox": "box"} | dict.fromkeys(("whole", "visible"))
+        # In columns, by the names that Hugging Face's guides have for boxes.
+        if "objects" in record:
+            columns = {"id": "instance", "category": "kind", "bbox": "box"} | dict.fromkeys(
+                ("whole", "visible")
+            )
             columns |= {"distance": None} if record.get("camera") else {}
-            listed = {name: [one[key or name] for one in record["objects"]] for name, key in columns.items()}
+            listed = {
+                name: [one[key or name] for one in record["objects"]]
+                for name, key in columns.items()
+            }
             record = record | {"objects": listed}
         yield names | {key: value for key, value in record.items() if value != {}}
 

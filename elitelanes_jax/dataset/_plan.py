@@ -24,33 +24,43 @@ from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.selection import MIN_DIFFERENCE
 
-# Each round evolves 16 seeds and returns at most 512 maps, because maps of one seed are related. After a round with
-# fewer than 8 maps, the maps of the next rounds may be more alike.
+# Each round evolves 16 seeds and returns at most 512 maps, because maps of one seed are related.
+# After a round with fewer than 8 maps, the maps of the next rounds may be more alike.
 _SEEDS, _FROM_ROUND, _FEW = 16, 512, 8
-# The number of sizes whose programs are compiled beside the search of another one: one is traced, one compiles.
+# The number of sizes whose programs are compiled beside the search of another one: one is traced,
+# one compiles.
 _AHEAD = 2
 
 
 def evolve_maps(
-    spec: DatasetSpec, searches: Mapping[tuple[int, int], Search], work: Path, pool: Pool | None = None
+    spec: DatasetSpec,
+    searches: Mapping[tuple[int, int], Search],
+    work: Path,
+    pool: Pool | None = None,
 ) -> list[RoadMap]:
     """Evolves the maps round by round, and writes a file after each round to the folder `work`.
 
     The workers of a pool evolve the rounds that are needed at least, side by side.
 
-    All are valid, and the `difference` of each from all others, of any size, is the first of `MIN_DIFFERENCE` or more.
-    If no more such maps of a size are found, the next, smaller difference applies. The maps of a round are spread
-    evenly over the niches. Raises `NotEnoughMapsError`.
+    All are valid, and the `difference` of each from all others, of any size, is the first of
+    `MIN_DIFFERENCE` or more. If no more such maps of a size are found, the next, smaller difference
+    applies. The maps of a round are spread evenly over the niches. Raises `NotEnoughMapsError`.
     """
-    sizes = [_Size(spec.seed, searches[shape], count, work) for shape, count in maps_by_shape(spec).items()]
+    sizes = [
+        _Size(spec.seed, searches[shape], count, work)
+        for shape, count in maps_by_shape(spec).items()
+    ]
     if pool is not None:
         _evolve_ahead(sizes, pool)
     maps: list[RoadMap] = []
     with Progress("evolving", spec.maps, "maps") as bar:
-        # These wait for the programs of each size, compiled beside the searches before it. The first compiles its own.
+        # These wait for the programs of each size, compiled beside the searches before it. The
+        # first compiles its own.
         compiled: list[Callable[[], None]] = [lambda: None]
         for index, size in enumerate(sizes):
-            compiled += [later.compile_aside() for later in sizes[len(compiled) : index + 1 + _AHEAD]]
+            compiled += [
+                later.compile_aside() for later in sizes[len(compiled) : index + 1 + _AHEAD]
+            ]
             compiled[index]()
             for found in size.rounds([road_map.codes for road_map in maps]):
                 maps += found
@@ -75,7 +85,10 @@ def _evolve_ahead(sizes: "Sequence[_Size]", pool: Pool) -> None:
 
 
 class _Size(NamedTuple):
-    """The search for the maps of one size. `search` is for maps that the tiles can draw, `work` the rounds' folder."""
+    """The search for the maps of one size.
+
+    `search` is for maps that the tiles can draw, `work` the rounds' folder.
+    """
 
     seed: int
     search: Search
@@ -87,7 +100,10 @@ class _Size(NamedTuple):
         return self.search.shape
 
     def rounds(self, others: Sequence[NDArray[np.int8]]) -> Iterator[list[RoadMap]]:
-        """Yields the maps of each round; evolves missing rounds. The maps differ from `others`, of any sizes."""
+        """Yields the maps of each round; evolves missing rounds.
+
+        The maps differ from `others`, of any sizes.
+        """
         found: list[NDArray[np.int8]] = []
         number = level = 0
         while len(found) < self.wanted:
@@ -96,7 +112,10 @@ class _Size(NamedTuple):
                 chosen = self._evolve(number, found, others, level)
                 lines = (vars(road_map) | {"codes": road_map.codes.tolist()} for road_map in chosen)
                 write_atomic(file, (f"{json.dumps(line)}\n".encode() for line in lines))
-            new = [RoadMap(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+            new = [
+                RoadMap(**json.loads(line))
+                for line in file.read_text(encoding="utf-8").splitlines()
+            ]
             # If few maps differ enough, the next ones may differ less.
             if len(new) < min(_FEW, self.wanted - len(found)):
                 level += 1
@@ -128,7 +147,11 @@ class _Size(NamedTuple):
         return keys_of_seeds(self.seed, range(number * _SEEDS, (number + 1) * _SEEDS))
 
     def _evolve(
-        self, number: int, found: Sequence[NDArray[np.int8]], others: Sequence[NDArray[np.int8]], level: int
+        self,
+        number: int,
+        found: Sequence[NDArray[np.int8]],
+        others: Sequence[NDArray[np.int8]],
+        level: int,
     ) -> list[RoadMap]:
         """Evolves the maps of a round, which differ from all earlier maps by at least `MIN_DIFFERENCE[level]`."""
         if self.result_file(number).exists():
@@ -137,10 +160,16 @@ class _Size(NamedTuple):
             result = evolve_search(self.search, self.keys(number))
         count = min(self.wanted - len(found), _FROM_ROUND)
         exclude = [*others, *found]
-        choice = result.choose(count, self.seed, exclude=exclude, min_difference=(MIN_DIFFERENCE[level],))
-        usable = choice.found - sum(choice.rejected.values())  # the others may be like maps of another size
+        choice = result.choose(
+            count, self.seed, exclude=exclude, min_difference=(MIN_DIFFERENCE[level],)
+        )
+        # The others may be like maps of another size.
+        usable = choice.found - sum(choice.rejected.values())
         if not usable and not found:
             hint = choice.hint(self.search.settings.method, self.shape)
             raise NotEnoughMapsError(choice.describe_shortage(self.wanted, hint, writable=False))
         first = number * _SEEDS
-        return [replace(road_map, seed=(self.seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]
+        return [
+            replace(road_map, seed=(self.seed, first + (road_map.seed or (0, 0))[1]))
+            for road_map in choice.maps
+        ]

@@ -1,8 +1,9 @@
 """Views of a map from a robot on its lanes: a pose, a pinhole camera, and the warp of a rendered map.
 
-One 3 x 3 matrix maps the ground to a picture, as for views from above; points behind the camera have a third coordinate
-of 0 or less. Picture and labels are sampled at the same points: the picture four times per pixel, from a map that is
-smaller at a larger distance, and averaged; labels once, at the nearest pixel of the map.
+One 3 x 3 matrix maps the ground to a picture, as for views from above; points behind the camera
+have a third coordinate of 0 or less. Picture and labels are sampled at the same points: the picture
+four times per pixel, from a map that is smaller at a larger distance, and averaged; labels once, at
+the nearest pixel of the map.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -43,13 +44,14 @@ class Viewpoint(NamedTuple):
     """A camera at a position on a map.
 
     Attributes:
-      matrix: float64 ``[3, 3]``, maps points (x, y) of the rendered map, in pixels, to points of the picture. The third
-        coordinate is the depth in metres; it is 0 or less behind the camera.
+      matrix: float64 ``[3, 3]``, maps points (x, y) of the rendered map, in pixels, to points of
+        the picture. The third coordinate is the depth in metres; it is 0 or less behind the camera.
       size: (rows, columns) of the picture.
       sky: its colour, RGB.
       tile_px: side of a tile of the rendered map in pixels.
       lines: the stretch of a tile at its white lines, in tiles; positive if they shift outwards.
-      about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and ``camera``.
+      about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and
+        ``camera``.
     """
 
     matrix: Float[NDArray, "3 3"]
@@ -82,9 +84,9 @@ def draw_viewpoint(
 ) -> Viewpoint:
     """Draws a pose on the lanes of a map, and its camera; raises `InputError` for a map without a lane.
 
-    The movement is drawn uniformly from all movements of the map; the position along it, the offset and the angle are
-    uniform too. If the robot would touch an object, another pose is drawn, at most 64 times. Lanes run `lane_offset`
-    tiles to the right of the road's middle.
+    The movement is drawn uniformly from all movements of the map; the position along it, the offset
+    and the angle are uniform too. If the robot would touch an object, another pose is drawn, at
+    most 64 times. Lanes run `lane_offset` tiles to the right of the road's middle.
     """
     movements = _movements_of(np.asarray(codes, np.int8).tobytes(), codes.shape)
     if not movements.row.size:
@@ -103,7 +105,12 @@ def draw_viewpoint(
     view = float(min(viewpoints.field_of_view * wide, 175))
     on_lane = {"d": place.d, "phi": place.phi, "curvature": place.curvature}
     x, y, theta = place.x, place.y, place.theta
-    camera = {"height": height, "forward": viewpoints.forward, "pitch": pitch, "field_of_view": view}
+    camera = {
+        "height": height,
+        "forward": viewpoints.forward,
+        "pitch": pitch,
+        "field_of_view": view,
+    }
     about = {
         **on_lane,
         "pose": {"x": x, "y": y, "theta": theta},
@@ -124,7 +131,9 @@ def _movements_of(codes: bytes, shape: tuple[int, int]) -> Movement:
     return movements_of(np.frombuffer(codes, np.int8).reshape(shape))
 
 
-def _draw_place(rng: np.random.Generator, viewpoints: Viewpoints, movements: Movement, lane_offset: float) -> _Place:
+def _draw_place(
+    rng: np.random.Generator, viewpoints: Viewpoints, movements: Movement, lane_offset: float
+) -> _Place:
     index = rng.integers(movements.row.size)
     movement = Movement(*(int(field[index]) for field in movements))
     row, column, heading, turn = movement
@@ -141,18 +150,26 @@ def _draw_place(rng: np.random.Generator, viewpoints: Viewpoints, movements: Mov
     y = row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
     theta = np.arctan2(-ahead_y, ahead_x) + angle + phi
     theta = float(np.pi - (np.pi - theta) % (2 * np.pi))
-    return _Place(movement._asdict(), float(d), float(phi), bend / radius, float(x), float(y), theta)
+    return _Place(
+        movement._asdict(), float(d), float(phi), bend / radius, float(x), float(y), theta
+    )
 
 
 def _touches(place: _Place, objects: Sequence[MapObject]) -> bool:
-    """Returns whether a robot touches an object, as in `LaneDrive`. Tags on the floor are not touched."""
+    """Returns whether a robot touches an object, as in `LaneDrive`.
+
+    Tags on the floor are not touched.
+    """
     return any(
-        thing.height > 0 and np.hypot(thing.x - place.x, thing.y - place.y) * TILE <= thing.radius + _ROBOT
+        thing.height > 0
+        and np.hypot(thing.x - place.x, thing.y - place.y) * TILE <= thing.radius + _ROBOT
         for thing in objects
     )
 
 
-def _nearest(movements: Movement, x: float, y: float, theta: float, lane_offset: float) -> dict[str, Plain]:
+def _nearest(
+    movements: Movement, x: float, y: float, theta: float, lane_offset: float
+) -> dict[str, Plain]:
     """Returns offset, heading error and curvature on the nearest lane of the pose's tile, as `lane_pose` chooses it.
 
     For a tile without lanes the table is empty.
@@ -166,11 +183,18 @@ def _nearest(movements: Movement, x: float, y: float, theta: float, lane_offset:
         bend = turn - 1
         radius, inward = 0.5 + lane_offset * bend, 0.5 - bend * left
         d = bend * (radius - np.hypot(forward, inward)) if bend else left + lane_offset
-        phi = theta - np.arctan2(-ahead_y, ahead_x) - (bend * np.arctan2(forward, inward) if bend else 0)
+        phi = (
+            theta
+            - np.arctan2(-ahead_y, ahead_x)
+            - (bend * np.arctan2(forward, inward) if bend else 0)
+        )
         phi = np.pi - (np.pi - phi) % (2 * np.pi)
         rank = abs(d) + 100 * (np.cos(phi) <= 0)
         if rank < best:
-            best, found = rank, {"d": float(d), "phi": float(phi), "curvature": float(bend / radius)}
+            best, found = (
+                rank,
+                {"d": float(d), "phi": float(phi), "curvature": float(bend / radius)},
+            )
     return found
 
 
@@ -183,9 +207,14 @@ def see(
     def whole_map(rank: int, x: NDArray[np.float32], y: NDArray[np.float32]) -> MapPart:
         while len(sizes) <= rank:
             half = tuple(max(side // 2, 1) for side in sizes[-1].shape[1::-1])
-            sizes.append(np.asarray(cv2.resize(sizes[-1], half, interpolation=cv2.INTER_AREA), np.uint8))
+            sizes.append(
+                np.asarray(cv2.resize(sizes[-1], half, interpolation=cv2.INTER_AREA), np.uint8)
+            )
         smaller = sizes[rank]
-        across, down = (now / before for now, before in zip(smaller.shape[1::-1], image.shape[1::-1], strict=True))
+        across, down = (
+            now / before
+            for now, before in zip(smaller.shape[1::-1], image.shape[1::-1], strict=True)
+        )
         return MapPart(smaller, x * across - _CENTRE, y * down - _CENTRE)
 
     return see_parts(whole_map, viewpoint, ground)
@@ -196,7 +225,8 @@ class MapPart(NamedTuple):
 
     Attributes:
       picture: uint8 ``[h, w, C]``, RGB and further channels that are not used.
-      x: float32 ``[rows, columns]``, columns of the picture; a whole number is the centre of a pixel.
+      x: float32 ``[rows, columns]``, columns of the picture; a whole number is the centre of a
+        pixel.
       y: float32 ``[rows, columns]``, rows of the picture; a whole number is the centre of a pixel.
     """
 
@@ -214,14 +244,18 @@ def see_parts(
     """Draws the camera's view of a map whose parts are made when they are seen.
 
     Args:
-      part_of: from the number of halvings of the map, and points of the whole map in pixels, to a part with these
-        points. It may overwrite the points. What it has beyond its part must be beyond the map.
+      part_of: from the number of halvings of the map, and points of the whole map in pixels, to a
+        part with these points. It may overwrite the points. What it has beyond its part must be
+        beyond the map.
       viewpoint: of the camera.
       ground: the colour beyond the map.
-      channels: of the parts, 3 or 4. OpenCV samples four channels in less than half the time of three.
+      channels: of the parts, 3 or 4. OpenCV samples four channels in less than half the time of
+        three.
     """
     rows, columns = viewpoint.size
-    outside, above = (np.array([*colour, 0][:channels], np.uint8) for colour in (ground, viewpoint.sky))
+    outside, above = (
+        np.array([*colour, 0][:channels], np.uint8) for colour in (ground, viewpoint.sky)
+    )
     rays = find_rays(viewpoint, _FINER)
     # Rows of pixels that show sky alone are not averaged.
     plain = rays.sky // _FINER
@@ -241,12 +275,16 @@ def see_parts(
     return view
 
 
-def see_labels(labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint) -> UInt8[NDArray, "rows columns"]:
+def see_labels(
+    labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint
+) -> UInt8[NDArray, "rows columns"]:
     """Draws the camera's view of a mask or labels, the nearest pixel; 0 beyond the map and above the horizon."""
     rays = find_rays(viewpoint, 1)
     seen = np.zeros(viewpoint.size, np.uint8)
     if len(rays.x):
-        _sample(labels, rays.x - _CENTRE, rays.y - _CENTRE, cv2.INTER_NEAREST, (0,), seen[rays.sky :])
+        _sample(
+            labels, rays.x - _CENTRE, rays.y - _CENTRE, cv2.INTER_NEAREST, (0,), seen[rays.sky :]
+        )
     return seen
 
 
@@ -254,13 +292,16 @@ def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
     """Returns the matrix from positions on the map, in tiles, to metres ahead and to the left of a pose."""
     cosine, sine = np.cos(theta), np.sin(theta)
     turn = np.array([[cosine, -sine, 0], [-sine, -cosine, 0], [0, 0, 1]])
-    return np.asarray(np.diag([TILE, TILE, 1]) @ turn @ np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1]]))
+    return np.asarray(
+        np.diag([TILE, TILE, 1]) @ turn @ np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1]])
+    )
 
 
 def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray, "3 4"]:
     """Returns the matrix from metres ahead of a camera, to the left and above the ground to points of its picture.
 
-    The camera has its height, pitch and field of view, as in a viewpoint's ``about``; `size` is (rows, columns).
+    The camera has its height, pitch and field of view, as in a viewpoint's ``about``; `size` is
+    (rows, columns).
     """
     rows, columns = size
     focal = rows / 2 / np.tan(np.radians(camera["field_of_view"]) / 2)
@@ -273,14 +314,19 @@ def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray
 
 
 def stand(
-    objects: Sequence[MapObject], pictures: Sequence[ObjectPictures], viewpoint: Viewpoint, tile_px: int
+    objects: Sequence[MapObject],
+    pictures: Sequence[ObjectPictures],
+    viewpoint: Viewpoint,
+    tile_px: int,
 ) -> tuple[list[Placed], list[int], list[float]]:
     """Places objects with their pictures in a view from a robot; `tile_px` is that of the rendered map.
 
-    Each picture stands upright, parallel to the picture's rows, so that its rows stay rows of the view. It is not
-    turned towards the camera, but its view is chosen by the direction from which the camera sees it.
+    Each picture stands upright, parallel to the picture's rows, so that its rows stay rows of the
+    view. It is not turned towards the camera, but its view is chosen by the direction from which
+    the camera sees it.
 
-    Returns the pictures from back to front, the objects' indices, and their distances from the camera in metres.
+    Returns the pictures from back to front, the objects' indices, and their distances from the
+    camera in metres.
     """
     pose, camera = viewpoint.about["pose"], viewpoint.about["camera"]
     cosine, sine = np.cos(pose["theta"]), np.sin(pose["theta"])
@@ -291,7 +337,9 @@ def stand(
         distance = float(np.hypot(ahead, left))
         if not one.height:
             flat = lay_flat(thing, one, tile_px)
-            found.append((np.inf, -index, flat._replace(matrix=viewpoint.matrix @ flat.matrix), distance))
+            found.append(
+                (np.inf, -index, flat._replace(matrix=viewpoint.matrix @ flat.matrix), distance)
+            )
         elif ahead > NEAR:
             towards = np.arctan2(-left, -ahead) + pose["theta"] - thing.angle
             pixels = one.view(towards)
@@ -299,9 +347,21 @@ def stand(
             metre = thing.height / rows
             # From (column, row) of the picture to metres ahead, to the left and upwards.
             position = np.array(
-                [[0, 0, ahead], [-metre, 0, left + columns / 2 * metre], [0, -metre, thing.height], [0, 0, 1]]
+                [
+                    [0, 0, ahead],
+                    [-metre, 0, left + columns / 2 * metre],
+                    [0, -metre, thing.height],
+                    [0, 0, 1],
+                ]
             )
-            found.append((ahead, -index, Placed(pixels, project(camera, viewpoint.size) @ position), distance))
+            found.append(
+                (
+                    ahead,
+                    -index,
+                    Placed(pixels, project(camera, viewpoint.size) @ position),
+                    distance,
+                )
+            )
     found.sort(key=lambda one: one[:2], reverse=True)
     return [one[2] for one in found], [-one[1] for one in found], [one[3] for one in found]
 
@@ -310,8 +370,8 @@ class Rays(NamedTuple):
     """Where the rays of pixels meet the ground.
 
     Attributes:
-      x: float32 ``[R, columns]``, columns of the rendered map in pixels, for the rows of the picture that meet the
-        ground. These are the last R ones, because no camera rolls.
+      x: float32 ``[R, columns]``, columns of the rendered map in pixels, for the rows of the
+        picture that meet the ground. These are the last R ones, because no camera rolls.
       y: float32 ``[R, columns]``, rows of the rendered map in pixels.
       sky: the number of rows above these, which do not meet the ground.
     """
@@ -347,7 +407,9 @@ def _shift_lines(places: NDArray[_F], tile_px: int, lines: float) -> NDArray[_F]
     """Shifts coordinates away from the middle of each tile, by `lines` tiles at the usual place of the white line."""
     if not lines:
         return places
-    sides = np.sin(places * (2 * np.pi / tile_px)) * np.float32(lines * tile_px / np.sin(2 * np.pi * _WHITE_LINE))
+    sides = np.sin(places * (2 * np.pi / tile_px)) * np.float32(
+        lines * tile_px / np.sin(2 * np.pi * _WHITE_LINE)
+    )
     return np.asarray(places - sides, places.dtype)
 
 
@@ -370,8 +432,8 @@ def _levels(rays: Rays) -> Int[NDArray, " R"]:
 def _runs(levels: Int[NDArray, " R"]) -> Iterator[tuple[int, slice]]:
     """Yields neighbouring rows of one level: the level, and the rows.
 
-    Shifted lines may mix levels. All rows between two rows of a higher level then have this level, so that its part of
-    the map is made once.
+    Shifted lines may mix levels. All rows between two rows of a higher level then have this level,
+    so that its part of the map is made once.
     """
     joined = levels.copy()
     for level in range(1, LEVELS):

@@ -9,17 +9,37 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, whole
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._robot_views import Viewpoint, draw_viewpoint, find_rays, see, see_labels, stand
+from elitelanes_jax.dataset._robot_views import (
+    Viewpoint,
+    draw_viewpoint,
+    find_rays,
+    see,
+    see_labels,
+    stand,
+)
 from elitelanes_jax.dataset._tiled_maps import TiledMap, can_tile, see_tiled_labels
 from elitelanes_jax.dataset._transforms import Transforms, Viewpoints
-from elitelanes_jax.dataset._variation import compress, varies, vary_background, vary_light, vary_motion
+from elitelanes_jax.dataset._variation import (
+    compress,
+    varies,
+    vary_background,
+    vary_light,
+    vary_motion,
+)
 from elitelanes_jax.dataset._views import draw_numbers, draw_view, photograph, warp
 from elitelanes_jax.formats.objects import NEAR
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat
 from elitelanes_jax.tiles.pasting import paste_objects
-from elitelanes_jax.tiles.rendering import LABELS, TileChoice, check_tile_px, plan_choice, render, show_paved
+from elitelanes_jax.tiles.rendering import (
+    LABELS,
+    TileChoice,
+    check_tile_px,
+    plan_choice,
+    render,
+    show_paved,
+)
 from elitelanes_jax.tiles.tileset import TileSet
 
 
@@ -27,8 +47,8 @@ class Sample(NamedTuple):
     """A drawn sample.
 
     Attributes:
-      layers: by name: image, uint8 ``[h, w, 3]``; labels, uint8 ``[h, w]``; of a map with objects also instances,
-        uint16 ``[h, w]``.
+      layers: by name: image, uint8 ``[h, w, 3]``; labels, uint8 ``[h, w]``; of a map with objects
+        also instances, uint16 ``[h, w]``.
       record: its metadata, plain values for JSON.
     """
 
@@ -61,12 +81,15 @@ def draw_sample(
       objects: whose pictures to draw the map's objects with; None to leave them out.
 
     Raises:
-      InputError: for a camera on a map without a lane, an object without a picture, or an argument of another type.
+      InputError: for a camera on a map without a lane, an object without a picture, or an argument
+        of another type.
     """
     check_named("index", whole(0), index)
     check_named("tiles", instance(TileSet), tiles)
     tile_px = check_tile_px(tile_px)
-    chosen = _plan_choice(road_map.codes.tobytes(), road_map.codes.shape, tiles).choose([seed, index])
+    chosen = _plan_choice(road_map.codes.tobytes(), road_map.codes.shape, tiles).choose(
+        [seed, index]
+    )
     rng = np.random.default_rng([seed, index, 1])
     things = (road_map.objects or ()) if objects is not None else ()
     pictures = objects.choose(things, [seed, index, 2]) if objects is not None else []
@@ -81,7 +104,9 @@ def draw_sample(
         more: list[dict[str, Plain]] = [{} for _ in order]
     else:
         numbers = draw_numbers(rng)
-        viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px, road_map.objects or (), tiles.lane_offset)
+        viewpoint = draw_viewpoint(
+            rng, camera, road_map.codes, tile_px, road_map.objects or (), tiles.lane_offset
+        )
         view = numbers.through(viewpoint.matrix, viewpoint.size, transforms)
         about, near = viewpoint.about, NEAR
         ground_view = _see_ground(road_map, tiles, chosen, tile_px, viewpoint)
@@ -98,7 +123,8 @@ def draw_sample(
         seen["image"] = vary_background(behind, seen["image"], ~paved & ~sky, sky, transforms)
     instances: dict[str, NDArray[np.uint16]] = {}
     if objects is not None:
-        seen = {name: layer.copy() for name, layer in seen.items()}  # arrays may be shared with the rendered map
+        # Arrays may be shared with the rendered map.
+        seen = {name: layer.copy() for name, layer in seen.items()}
         instances["instances"], found = paste_objects(seen, placed, order, near)
         about = about | {
             "objects": [
@@ -109,7 +135,9 @@ def draw_sample(
         }
     if varies(transforms):
         rng = np.random.default_rng([seed, index, 4])
-        seen["image"] = vary_motion(rng, vary_light(rng, seen["image"], transforms), transforms.motion)
+        seen["image"] = vary_motion(
+            rng, vary_light(rng, seen["image"], transforms), transforms.motion
+        )
     seen["image"] = photograph(seen["image"], view)
     if varies(transforms):
         seen["image"] = compress(rng, seen["image"], transforms.compression)
@@ -128,9 +156,14 @@ def draw_sample(
         "quarter_turns": chosen[..., 1].tolist(),
         "transform": transform,
         **about,
-        "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
+        "class_pixels": [
+            int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))
+        ],
     }
-    return Sample({**seen, **instances}, {name: value for name, value in metadata.items() if value is not None})
+    return Sample(
+        {**seen, **instances},
+        {name: value for name, value in metadata.items() if value is not None},
+    )
 
 
 @lru_cache(maxsize=64)

@@ -35,7 +35,9 @@ class ShardSample(NamedTuple):
 
 def encode_sample(sample: Sample) -> ShardSample:
     """Encodes the pictures of a sample, as the other layouts do."""
-    return ShardSample({name: png_of(layer) for name, layer in sample.layers.items()}, sample.record)
+    return ShardSample(
+        {name: png_of(layer) for name, layer in sample.layers.items()}, sample.record
+    )
 
 
 class ShardFields(NamedTuple):
@@ -54,14 +56,18 @@ class ShardFields(NamedTuple):
     objects: bool
 
 
-def shard_fields(spec: DatasetSpec, maps: Sequence[RoadMap], objects: ObjectSet | None) -> ShardFields:
+def shard_fields(
+    spec: DatasetSpec, maps: Sequence[RoadMap], objects: ObjectSet | None
+) -> ShardFields:
     """Returns what the samples of a dataset have in their records."""
     metrics: dict[str, bool] = {}
     for road_map in maps:
         for name, value in (road_map.metrics or {}).items():
             metrics[name] = metrics.get(name, True) and isinstance(value, int)
     camera = spec.camera
-    return ShardFields(metrics, camera is not None, camera is not None and camera.lines > 0, objects is not None)
+    return ShardFields(
+        metrics, camera is not None, camera is not None and camera.lines > 0, objects is not None
+    )
 
 
 OpenShard = Callable[[Path, ShardFields], AbstractContextManager[Callable[[ShardSample], None]]]
@@ -74,7 +80,8 @@ def open_tar(file: Path, _: ShardFields) -> Iterator[Callable[[ShardSample], Non
     with tarfile.open(file, "w", format=tarfile.USTAR_FORMAT) as archive:
 
         def add(name: str, content: bytes) -> None:
-            # Times, owners and permissions are the defaults of `TarInfo`, which are the same on all machines.
+            # Times, owners and permissions are the defaults of `TarInfo`, which are the same on all
+            # machines.
             entry = tarfile.TarInfo(name)
             entry.size = len(content)
             archive.addfile(entry, BytesIO(content))
@@ -90,7 +97,10 @@ def open_tar(file: Path, _: ShardFields) -> Iterator[Callable[[ShardSample], Non
 
 @contextmanager
 def open_parquet(file: Path, fields: ShardFields) -> Iterator[Callable[[ShardSample], None]]:
-    """Writes a Parquet file with a row for each sample. Hugging Face's datasets decodes its pictures."""
+    """Writes a Parquet file with a row for each sample.
+
+    Hugging Face's datasets decodes its pictures.
+    """
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -103,7 +113,8 @@ def open_parquet(file: Path, fields: ShardFields) -> Iterator[Callable[[ShardSam
         def write(sample: ShardSample) -> None:
             name = f"{sample.record['number']:06d}"
             pictures = {
-                layer: {"bytes": picture, "path": f"{name}.{layer}.png"} for layer, picture in sample.pictures.items()
+                layer: {"bytes": picture, "path": f"{name}.{layer}.png"}
+                for layer, picture in sample.pictures.items()
             }
             rows.append(pictures | sample.record)
             if len(rows) == _ROWS:
@@ -137,7 +148,9 @@ def _schema(fields: ShardFields) -> Untyped:
         "codes": pa.list_(pa.list_(whole)),
     }
     if fields.metrics:
-        columns["metrics"] = pa.struct({name: whole if counts else number for name, counts in fields.metrics.items()})
+        columns["metrics"] = pa.struct(
+            {name: whole if counts else number for name, counts in fields.metrics.items()}
+        )
     columns |= {
         "fitness": number,
         "niche": pa.list_(whole),
@@ -154,7 +167,9 @@ def _schema(fields: ShardFields) -> Untyped:
         ),
     }
     if fields.camera:
-        camera = dict.fromkeys(("height", "forward", "pitch", "field_of_view"), number) | {"sky": pa.list_(whole)}
+        camera = dict.fromkeys(("height", "forward", "pitch", "field_of_view"), number) | {
+            "sky": pa.list_(whole)
+        }
         columns |= dict.fromkeys(("d", "phi", "curvature"), number) | {
             "pose": numbers("x", "y", "theta"),
             "nearest": numbers("d", "phi", "curvature"),
@@ -163,7 +178,9 @@ def _schema(fields: ShardFields) -> Untyped:
         }
     if fields.objects:
         thing = {"kind": text, "instance": whole, "box": box, "whole": box, "visible": number}
-        columns["objects"] = pa.list_(pa.struct(thing | ({"distance": number} if fields.camera else {})))
+        columns["objects"] = pa.list_(
+            pa.struct(thing | ({"distance": number} if fields.camera else {}))
+        )
     columns["class_pixels"] = pa.list_(whole)
     features = {layer: {"_type": "Image"} for layer in layers}
     note = json.dumps({"info": {"features": features}})

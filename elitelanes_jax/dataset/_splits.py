@@ -19,16 +19,17 @@ _REASON = f"maps that differ in less than {100 * ALIKE:g} % of their tiles are i
 def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
     """Assigns each map to a split, an index in `SPLITS`, int ``[maps]``.
 
-    Every split has its share of every size and every niche, as evenly as possible. All maps of a group that
-    `group_alike` makes are in one split. If large groups leave too few maps for the other splits, these splits get
-    fewer maps than their shares, which is announced.
+    Every split has its share of every size and every niche, as evenly as possible. All maps of a
+    group that `group_alike` makes are in one split. If large groups leave too few maps for the
+    other splits, these splits get fewer maps than their shares, which is announced.
 
     Raises:
       InputError: if there are fewer groups than splits.
     """
     codes = [road_map.codes for road_map in maps]
     if spec.maps_from is not None:
-        # People leave any number of empty rows and columns. With these, all small maps in a large grid would be alike.
+        # People leave any number of empty rows and columns. With these, all small maps in a large
+        # grid would be alike.
         codes = [cut_to_roads(grid) for grid in codes]
     groups = group_alike(codes)
     counts = maps_by_split(spec)
@@ -53,7 +54,9 @@ def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
     return splits
 
 
-def _counts_of_others(others: Sequence[int], counts: Sequence[int], groups: NDArray[np.int_]) -> dict[int, int]:
+def _counts_of_others(
+    others: Sequence[int], counts: Sequence[int], groups: NDArray[np.int_]
+) -> dict[int, int]:
     """Returns the number of maps for each split in `others`, less than in `counts` if few groups are small enough."""
     if not others:
         return {}
@@ -64,7 +67,11 @@ def _counts_of_others(others: Sequence[int], counts: Sequence[int], groups: NDAr
 
 
 def _take_evenly(
-    splits: NDArray[np.int_], free: NDArray[np.int_], groups: NDArray[np.int_], split: int, count: int
+    splits: NDArray[np.int_],
+    free: NDArray[np.int_],
+    groups: NDArray[np.int_],
+    split: int,
+    count: int,
 ) -> None:
     """Assigns up to `count` of the maps `free` to a split, evenly spaced in their order, each with all of its group."""
     sizes, lacking = np.bincount(groups)[groups], count
@@ -83,5 +90,7 @@ def _fill_empty(splits: NDArray[np.int_], groups: NDArray[np.int_], others: Sequ
     sizes = np.bincount(groups)
     for split in others:
         if not (splits == split).any():
-            donor = max((np.unique(groups[splits == other]) for other in range(len(SPLITS))), key=len)
+            donor = max(
+                (np.unique(groups[splits == other]) for other in range(len(SPLITS))), key=len
+            )
             splits[groups == donor[np.argmin(sizes[donor])]] = split

@@ -1,8 +1,9 @@
 """Maps of tiles' pictures. Only the part that a view shows is made.
 
-A view from a robot shows few tiles in full detail. To lay out a whole map of 7 x 7 tiles of 256 pixels for each view
-takes five times as long as all else. The results are those of views of the whole map, bit for bit, because a map is
-halved by the means of four pixels, and no four pixels belong to two tiles.
+A view from a robot shows few tiles in full detail. To lay out a whole map of 7 x 7 tiles of 256
+pixels for each view takes five times as long as all else. The results are those of views of the
+whole map, bit for bit, because a map is halved by the means of four pixels, and no four pixels
+belong to two tiles.
 """
 
 from functools import lru_cache
@@ -19,7 +20,8 @@ from elitelanes_jax.tiles.tileset import TileSet
 
 _CHANNELS = 4  # of pictures, see `see_parts`
 _LABEL_BITS, _PAVED = 0x7F, 0x80  # of the bytes of surfaces
-_SMALL = 32  # pixels, the side of tiles that are laid out whole, because cutting each one takes longer
+# Pixels, the side of tiles that are laid out whole, because cutting each one takes longer.
+_SMALL = 32
 
 
 class TiledMap(NamedTuple):
@@ -35,11 +37,15 @@ class TiledMap(NamedTuple):
     tile_px: int
     picture: Int[NDArray, "H W"]
 
-    def see(self, viewpoint: Viewpoint, ground: tuple[int, int, int]) -> UInt8[NDArray, "rows columns 3"]:
+    def see(
+        self, viewpoint: Viewpoint, ground: tuple[int, int, int]
+    ) -> UInt8[NDArray, "rows columns 3"]:
         """Draws a camera's view of the map; see `see` in `_robot_views`."""
         return see_parts(self._part_of, viewpoint, ground, _CHANNELS)
 
-    def _part_of(self, rank: int, x: Float32[NDArray, "R C"], y: Float32[NDArray, "R C"]) -> MapPart:
+    def _part_of(
+        self, rank: int, x: Float32[NDArray, "R C"], y: Float32[NDArray, "R C"]
+    ) -> MapPart:
         """Makes the part of the map, halved `rank` times, that has some points; see `see_parts`."""
         images = _stack_tiles(self.tiles, self.tile_px).pictures[rank]
         size, (height, width) = images.shape[1], self.picture.shape
@@ -49,7 +55,9 @@ class TiledMap(NamedTuple):
         left, right = _pixels_between(x, width * size)
         top, bottom = _pixels_between(y, height * size)
         first_row, first_column = top // size, left // size
-        cells = self.picture[first_row : (bottom - 1) // size + 1, first_column : (right - 1) // size + 1]
+        cells = self.picture[
+            first_row : (bottom - 1) // size + 1, first_column : (right - 1) // size + 1
+        ]
         if size <= _SMALL:
             part = _lay_out(images[cells])[
                 top - first_row * size : bottom - first_row * size,
@@ -57,11 +65,18 @@ class TiledMap(NamedTuple):
             ]
         else:
             part = np.empty((bottom - top, right - left, _CHANNELS), np.uint8)
-            rows = [_overlap((first_row + row) * size, size, top, bottom) for row in range(len(cells))]
-            columns = [_overlap((first_column + column) * size, size, left, right) for column in range(cells.shape[1])]
+            rows = [
+                _overlap((first_row + row) * size, size, top, bottom) for row in range(len(cells))
+            ]
+            columns = [
+                _overlap((first_column + column) * size, size, left, right)
+                for column in range(cells.shape[1])
+            ]
             for pictures, across in zip(cells.tolist(), rows, strict=True):
                 for picture, down in zip(pictures, columns, strict=True):
-                    part[across.on_part, down.on_part] = images[picture, across.on_tile, down.on_tile]
+                    part[across.on_part, down.on_part] = images[
+                        picture, across.on_tile, down.on_tile
+                    ]
         # The points on the map stay exact, because their coordinates do not grow.
         x -= np.float32(left + 0.5)
         y -= np.float32(top + 0.5)
@@ -73,7 +88,8 @@ class SeenLabels(NamedTuple):
 
     Attributes:
       labels: uint8 ``[rows, columns]``, indices in `LABELS`.
-      paved: bool ``[rows, columns]``, whether a ray meets a tile and not the ground, see `show_paved`.
+      paved: bool ``[rows, columns]``, whether a ray meets a tile and not the ground, see
+        `show_paved`.
     """
 
     labels: UInt8[NDArray, "rows columns"]
@@ -87,11 +103,15 @@ def see_tiled_labels(tiled: TiledMap, rays: Rays) -> SeenLabels:
     height, width = (count + 2 for count in tiled.picture.shape)
     pictures = np.full((height, width), len(surfaces) - 1)
     pictures[1:-1, 1:-1] = tiled.picture
-    row, column = _pixels_with_border(rays.y, size, height), _pixels_with_border(rays.x, size, width)
+    row, column = (
+        _pixels_with_border(rays.y, size, height),
+        _pixels_with_border(rays.x, size, width),
+    )
     tile_row, tile_column = row // np.int32(size), column // np.int32(size)
     tile_row *= np.int32(width)
     tile_row += tile_column
-    # Of a cell the pixel in the first row and column of `surfaces`, if its picture had the cell's place on the map.
+    # Of a cell the pixel in the first row and column of `surfaces`, if its picture had the cell's
+    # place on the map.
     first = ((pictures - np.arange(height)[:, None]) * size - np.arange(width)) * size
     pixel = first.astype(np.int32).reshape(-1).take(tile_row)
     row *= np.int32(size)
@@ -102,11 +122,13 @@ def see_tiled_labels(tiled: TiledMap, rays: Rays) -> SeenLabels:
     return SeenLabels(seen & _LABEL_BITS, seen >= _PAVED)
 
 
-def _pixels_with_border(places: Float32[NDArray, "R C"], size: int, count: int) -> Int32[NDArray, "R C"]:
+def _pixels_with_border(
+    places: Float32[NDArray, "R C"], size: int, count: int
+) -> Int32[NDArray, "R C"]:
     """Returns the pixels nearest to coordinates on a map, along one axis.
 
-    Pixel 0 is that of a border of one tile around the map, `count` tiles with both borders. Pixels beyond the borders
-    are in them.
+    Pixel 0 is that of a border of one tile around the map, `count` tiles with both borders. Pixels
+    beyond the borders are in them.
     """
     pixel = np.rint(places - np.float32(0.5)).astype(np.int32)
     pixel += np.int32(size)
@@ -121,8 +143,8 @@ def can_tile(tiles: TileSet, tile_px: int) -> bool:
 
 def _pixels_between(places: NDArray[np.float32], count: int) -> tuple[int, int]:
     """Returns the first pixel, and the one after the last, that coordinates refer to; at least one of `count`."""
-    # Along a row the coordinates increase or decrease, also with shifted lines: the shift is less than a tile's width
-    # divided by 2 pi. Interpolation reads one pixel beyond a point.
+    # Along a row the coordinates increase or decrease, also with shifted lines: the shift is less
+    # than a tile's width divided by 2 pi. Interpolation reads one pixel beyond a point.
     ends = places[:, [0, -1]]
     first = min(max(int(ends.min()) - 2, 0), count - 1)
     last = min(max(int(ends.max()) + 2, first), count - 1)
@@ -153,7 +175,8 @@ class _Stack(NamedTuple):
 
     Attributes:
       pictures: uint8 ``[N, P, P, 4]`` for each number of halvings, with a fourth channel of zeros.
-      surfaces: uint8 ``[N + 1, P, P]``, labels, and the bit `_PAVED` where a tile is not ground. The last is ground.
+      surfaces: uint8 ``[N + 1, P, P]``, labels, and the bit `_PAVED` where a tile is not ground.
+        The last is ground.
     """
 
     pictures: list[UInt8[NDArray, "N P P 4"]]
@@ -167,7 +190,10 @@ def _stack_tiles(tiles: TileSet, size: int) -> _Stack:
     pictures = [np.pad(scaled["image"], [(0, 0)] * 3 + [(0, _CHANNELS - 3)])]
     for _ in range(1, LEVELS):
         half = pictures[-1].shape[1] // 2
-        smaller = [cv2.resize(picture, (half, half), interpolation=cv2.INTER_AREA) for picture in pictures[-1]]
+        smaller = [
+            cv2.resize(picture, (half, half), interpolation=cv2.INTER_AREA)
+            for picture in pictures[-1]
+        ]
         pictures.append(np.stack(smaller))
     surfaces = scaled["labels"] | scale_opaque(tiles, size) * np.uint8(_PAVED)
     return _Stack(pictures, np.pad(surfaces, [(0, 1), (0, 0), (0, 0)]))

@@ -14,10 +14,18 @@ R = TypeVar("R", bound=Record)
 
 
 def _parse_scale(scale: UserValue) -> tuple[float, float]:
-    pair = scale.split("..") if isinstance(scale, str) else scale if isinstance(scale, Sequence) else [scale]
+    pair = (
+        scale.split("..")
+        if isinstance(scale, str)
+        else scale
+        if isinstance(scale, Sequence)
+        else [scale]
+    )
     factors = [real(0.25, 4)(factor) for factor in pair]
     if len(factors) not in (1, 2) or factors[0] > factors[-1]:
-        raise InputError(f"expected a factor, or the smallest and the largest such as 0.5..1.5, got {scale!r}")
+        raise InputError(
+            f"expected a factor, or the smallest and the largest such as 0.5..1.5, got {scale!r}"
+        )
     return factors[0], factors[-1]
 
 
@@ -33,19 +41,22 @@ class Transforms(Record):
       quarter_turns: whether maps are rotated by quarter turns.
       rotation: largest free rotation in degrees, either way, 0 to 180.
       scale: smallest and largest factor, 0.25 to 4; its logarithm is drawn uniformly.
-      perspective: largest shift of each corner, as a share of the map's side, 0 to 0.2: a camera not quite overhead.
+      perspective: largest shift of each corner, as a share of the map's side, 0 to 0.2: a camera
+        not quite overhead.
       crop: side in pixels of a square window in the map, 16 or more, or 0 for the whole picture.
       light: largest change of brightness, either way, as a share, 0 to 1.
       contrast: largest change of contrast, either way, as a share, 0 to 1.
       colour: largest change of each channel alone, either way, as a share, 0 to 1.
       blur: largest standard deviation of a Gaussian blur in pixels, 0 to 20.
       noise: largest standard deviation of Gaussian noise in grey levels, 0 to 64.
-      background: share of the pictures with random patterns instead of plain ground and sky, 0 to 1.
+      background: share of the pictures with random patterns instead of plain ground and sky, 0 to
+        1.
       shadow: largest share of the light that a shadow takes, 0 to 1.
       vignette: largest share of the light that the corners lose, 0 to 1.
       gamma: largest change of the tone curve's exponent, either way, as a power of 2, 0 to 2.
       saturation: largest change of the colours' distance from grey, either way, as a share, 0 to 1.
-      warmth: largest change of red against blue, either way, as a share, 0 to 0.5: the colour temperature.
+      warmth: largest change of red against blue, either way, as a share, 0 to 0.5: the colour
+        temperature.
       motion: longest motion blur in pixels, 0 to 100.
       compression: lowest quality of JPEG, from 0 for no compression to 1 for a quality of 10.
     """
@@ -70,11 +81,21 @@ class Transforms(Record):
     compression: float = option(0.0, real(0, 1))
 
 
-STANDARD = Transforms(True, 5, (0.9, 1.1), 0.04, light=0.2, contrast=0.2, colour=0.06, blur=0.8, noise=2)
+STANDARD = Transforms(
+    True, 5, (0.9, 1.1), 0.04, light=0.2, contrast=0.2, colour=0.06, blur=0.8, noise=2
+)
 """Roughly the views of a camera over a real floor."""
 
 VARIED = STANDARD.replace(
-    **{"light": 0.3, "contrast": 0.4, "colour": 0.1, "noise": 8, "background": 0.8, "shadow": 0.6, "vignette": 0.5},
+    **{
+        "light": 0.3,
+        "contrast": 0.4,
+        "colour": 0.1,
+        "noise": 8,
+        "background": 0.8,
+        "shadow": 0.6,
+        "vignette": 0.5,
+    },
     **{"gamma": 0.6, "saturation": 0.5, "warmth": 0.2, "motion": 2, "compression": 0.5},
 )
 """Views that differ so much that a network that was trained on them works in other worlds."""
@@ -85,26 +106,42 @@ PRESETS = {"none": Transforms(), "standard": STANDARD, "varied": VARIED}
 GEOMETRY = ("quarter_turns", "rotation", "scale", "perspective", "crop")
 """The fields of `Transforms` for the camera's position. The others change light and pixels."""
 
-VARIATION = ("background", "shadow", "vignette", "gamma", "saturation", "warmth", "motion", "compression")
+VARIATION = (
+    "background",
+    "shadow",
+    "vignette",
+    "gamma",
+    "saturation",
+    "warmth",
+    "motion",
+    "compression",
+)
 """The fields of `Transforms` whose values are drawn after all others, so that they change no other value."""
 
 
 def parse_transforms(texts: UserValue) -> Transforms:
     """Reads transforms such as ``["standard", "noise=0"]`` or ``["quarter-turns", "scale=0.5..1.5"]``.
 
-    The words are a name in `PRESETS`, which comes first, ``quarter-turns``, or ``NAME=NUMBER`` with a field of
-    `Transforms`. Also takes a mapping of fields, or a `Transforms`. Raises `InputError`.
+    The words are a name in `PRESETS`, which comes first, ``quarter-turns``, or ``NAME=NUMBER`` with
+    a field of `Transforms`. Also takes a mapping of fields, or a `Transforms`. Raises `InputError`.
     """
-    return parse_words("transforms", Transforms(), texts, "transform", "'standard' or 'noise=0'", PRESETS)
+    return parse_words(
+        "transforms", Transforms(), texts, "transform", "'standard' or 'noise=0'", PRESETS
+    )
 
 
 def parse_words(
-    field: str, defaults: R, given: UserValue, kind: str, example: str, presets: Mapping[str, R] = MappingProxyType({})
+    field: str,
+    defaults: R,
+    given: UserValue,
+    kind: str,
+    example: str,
+    presets: Mapping[str, R] = MappingProxyType({}),
 ) -> R:
     """Reads a record from words ``NAME=VALUE`` or from a mapping of its fields. A record is returned unchanged.
 
-    The first word may be the name of a preset. A flag is a word without a value. `field`, `kind` and `example` are for
-    messages.
+    The first word may be the name of a preset. A flag is a word without a value. `field`, `kind`
+    and `example` are for messages.
     """
     if isinstance(given, type(defaults)):
         return given
@@ -116,7 +153,11 @@ def parse_words(
     check_unique(field, kind, [word.partition("=")[0] for word in words])
     if late := [word for word in words[1:] if word in presets]:
         raise InputError(f"{field}: expected {late[0]} alone or first, because it sets all {kind}s")
-    flags = {name.replace("_", "-"): name for name in defaults.options() if getattr(defaults, name) is False}
+    flags = {
+        name.replace("_", "-"): name
+        for name in defaults.options()
+        if getattr(defaults, name) is False
+    }
     numbers = [name for name in defaults.options() if name not in flags.values()]
     for word in words:
         name, equals, value = word.partition("=")
@@ -146,9 +187,9 @@ class Viewpoints(Record):
       pitch: degrees downwards, 0 to 90.
       field_of_view: degrees, from the upper to the lower edge, 1 to 170.
       wobble: largest change of height, pitch and field of view, either way, as a share, 0 to 0.5.
-      lines: largest stretch of a tile at its white lines, in tiles, 0 to 0.08. With 0.07 the lines shift outwards by up
-        to 0.04 and inwards by up to 0.13. The middle of the road and the tile's edges stay. Positions and widths of
-        lines differ between labs.
+      lines: largest stretch of a tile at its white lines, in tiles, 0 to 0.08. With 0.07 the lines
+        shift outwards by up to 0.04 and inwards by up to 0.13. The middle of the road and the
+        tile's edges stay. Positions and widths of lines differ between labs.
     """
 
     rows: int = option(480, whole(16, 4096))

@@ -1,8 +1,8 @@
 """What differs between pictures of one scene: background, shadows, lens, colours and compression.
 
-Each step takes a random state and a picture of floats, 0 to 255, RGB. Sizes of patterns are shares of the picture's
-sides, so that small and large pictures vary alike. All values are always drawn, so that a change of one range does not
-change the others.
+Each step takes a random state and a picture of floats, 0 to 255, RGB. Sizes of patterns are shares
+of the picture's sides, so that small and large pictures vary alike. All values are always drawn, so
+that a change of one range does not change the others.
 """
 
 from typing import NamedTuple
@@ -58,7 +58,9 @@ def _rows_of(mask: Bool[NDArray, "h w"]) -> slice:
     return slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 0)
 
 
-def _show(image: UInt8[NDArray, "h w 3"], other: UInt8[NDArray, "h w 3"], mask: Bool[NDArray, "h w"]) -> None:
+def _show(
+    image: UInt8[NDArray, "h w 3"], other: UInt8[NDArray, "h w 3"], mask: Bool[NDArray, "h w"]
+) -> None:
     """Copies the pixels of a mask to an image, in a tenth of the time of an assignment."""
     cv2.copyTo(other, mask.view(np.uint8), image)
 
@@ -67,10 +69,19 @@ def vary_light(
     rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], transforms: Transforms
 ) -> UInt8[NDArray, "h w 3"]:
     """Changes shadows, the light of the corners, the tone curve, saturation and colour temperature."""
-    depth, edge, level, corners = rng.uniform(size=4) * (transforms.shadow, 1, 1, transforms.vignette)
+    depth, edge, level, corners = rng.uniform(size=4) * (
+        transforms.shadow,
+        1,
+        1,
+        transforms.vignette,
+    )
     field = _noise(rng, image.shape[:2], 5)
     light = _make_light(field, depth, level, 2 ** (2 + 4 * edge), corners)
-    gamma, saturation, warmth = rng.uniform(-1, 1, 3) * (transforms.gamma, transforms.saturation, transforms.warmth)
+    gamma, saturation, warmth = rng.uniform(-1, 1, 3) * (
+        transforms.gamma,
+        transforms.saturation,
+        transforms.warmth,
+    )
     tone = _Tone(2**gamma, 1 + saturation, np.array([1 + warmth, 1, 1 - warmth]))
     return tone.apply(image, light)
 
@@ -80,8 +91,9 @@ def _make_light(
 ) -> Float[NDArray, "h w"]:
     """Returns (1 - depth * shadow) * (1 - corners * away), float64.
 
-    The shadow is a sigmoid of the field, and `away` is half the square of the distance from the middle. Each step
-    overwrites the last one, because new arrays of this size take longer than most steps.
+    The shadow is a sigmoid of the field, and `away` is half the square of the distance from the
+    middle. Each step overwrites the last one, because new arrays of this size take longer than most
+    steps.
     """
     light = np.subtract(field, level, dtype=np.float64)
     light *= -steepness
@@ -91,7 +103,9 @@ def _make_light(
     light += 1
     np.divide(depth, light, out=light)
     np.subtract(1, light, out=light)
-    rows, columns = (((np.arange(side) + 0.5) / side * 2 - 1) ** 2 / 2 * corners for side in field.shape)
+    rows, columns = (
+        ((np.arange(side) + 0.5) / side * 2 - 1) ** 2 / 2 * corners for side in field.shape
+    )
     away = 1 - rows[:, None] - columns
     light *= away
     return light
@@ -104,18 +118,23 @@ class _Tone(NamedTuple):
     saturation: float
     channels: Float[NDArray, " 3"]
 
-    def compute(self, image: UInt8[NDArray, "*n 3"], light: Float[NDArray, "*n"]) -> UInt8[NDArray, "*n 3"]:
+    def compute(
+        self, image: UInt8[NDArray, "*n 3"], light: Float[NDArray, "*n"]
+    ) -> UInt8[NDArray, "*n 3"]:
         """Applies the tone to pixels under a light, in 64 bits."""
         colours = 255 * (image * light[..., None] / 255) ** self.exponent
         grey = colours.mean(axis=-1, keepdims=True)
         return _to_bytes((grey + (colours - grey) * self.saturation) * self.channels)
 
-    def apply(self, image: UInt8[NDArray, "h w 3"], light: Float[NDArray, "h w"]) -> UInt8[NDArray, "h w 3"]:
+    def apply(
+        self, image: UInt8[NDArray, "h w 3"], light: Float[NDArray, "h w"]
+    ) -> UInt8[NDArray, "h w 3"]:
         """Returns what `compute` returns, in a fifth of the time.
 
-        Of the power of a product, one factor has 256 values. The rest is computed in 32 bits, with an error of at most
-        0.001 grey levels. Pixels that are closer than `_DOUBT` to the middle of two grey levels are computed anew.
-        Each channel is an array, because loops over the last axis would have three steps.
+        Of the power of a product, one factor has 256 values. The rest is computed in 32 bits, with
+        an error of at most 0.001 grey levels. Pixels that are closer than `_DOUBT` to the middle of
+        two grey levels are computed anew. Each channel is an array, because loops over the last
+        axis would have three steps.
         """
         curve = (255 * (np.arange(256) / 255) ** self.exponent).astype(np.float32)
         share = light.astype(np.float32) ** np.float32(self.exponent)
@@ -135,11 +154,15 @@ class _Tone(NamedTuple):
         pixels = np.flatnonzero(planes > 0.5 - _DOUBT) % light.size
         np.clip(rounded, 0, 255, out=rounded)
         shown = np.asarray(cv2.merge([*rounded.astype(np.uint8)]), np.uint8)
-        shown.reshape(-1, 3)[pixels] = self.compute(image.reshape(-1, 3)[pixels], light.reshape(-1)[pixels])
+        shown.reshape(-1, 3)[pixels] = self.compute(
+            image.reshape(-1, 3)[pixels], light.reshape(-1)[pixels]
+        )
         return shown
 
 
-def vary_motion(rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], motion: float) -> UInt8[NDArray, "h w 3"]:
+def vary_motion(
+    rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], motion: float
+) -> UInt8[NDArray, "h w 3"]:
     """Smears the picture along a random direction, by at most `motion` pixels."""
     length, angle = rng.uniform(0, motion), rng.uniform(0, np.pi)
     reach = int(np.ceil(length / 2))
@@ -154,14 +177,18 @@ def vary_motion(rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], motion
     return np.asarray(cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE), np.uint8)
 
 
-def compress(rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], most: float) -> UInt8[NDArray, "h w 3"]:
+def compress(
+    rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], most: float
+) -> UInt8[NDArray, "h w 3"]:
     """Writes and reads the picture as JPEG, of a quality between 100 and 100 - 90 `most`."""
     quality = round(100 - 90 * rng.uniform(0, most))
     if not most:
         return image
     blue_first = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     _, coded = cv2.imencode(".jpg", blue_first, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return np.asarray(cv2.cvtColor(np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR)), cv2.COLOR_BGR2RGB), np.uint8)
+    return np.asarray(
+        cv2.cvtColor(np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR)), cv2.COLOR_BGR2RGB), np.uint8
+    )
 
 
 def _to_bytes(colours: Float[NDArray, "*n"]) -> UInt8[NDArray, "*n"]:
@@ -187,8 +214,11 @@ class _Pattern(NamedTuple):
         field = self.weights[0] * first
         for weight, noise in zip(self.weights[1:], others, strict=True):
             field += weight * noise
-        # A colour at a time, because loops over the last axis would have three steps. OpenCV rounds as `np.rint` does.
-        planes = [cv2.add(field * grain, base, dtype=cv2.CV_8U) for base, grain in self.colour.T.tolist()]
+        # A colour at a time, because loops over the last axis would have three steps. OpenCV rounds
+        # as `np.rint` does.
+        planes = [
+            cv2.add(field * grain, base, dtype=cv2.CV_8U) for base, grain in self.colour.T.tolist()
+        ]
         return np.asarray(cv2.merge(planes), np.uint8)
 
 
@@ -220,5 +250,7 @@ def _draw_clutter(rng: np.random.Generator, shape: tuple[int, ...]) -> _Clutter:
     count = rng.integers(_RECTANGLES + 1)
     centres, sides = rng.uniform(size=(_RECTANGLES, 2)), rng.uniform(0.02, 0.4, (_RECTANGLES, 2))
     colours = rng.uniform(0, 255, (_RECTANGLES, 3))
-    corners = (np.stack([centres - sides / 2, centres + sides / 2], axis=1) * shape).clip(0).astype(int)
+    corners = (
+        (np.stack([centres - sides / 2, centres + sides / 2], axis=1) * shape).clip(0).astype(int)
+    )
     return _Clutter(corners[:count], _to_bytes(colours[:count]))

@@ -1,9 +1,11 @@
 """Views of a map: one transform for its picture and its masks (paper, section "Method").
 
-Geometry is one 3 x 3 matrix for all layers, applied by OpenCV's warps: the picture by linear interpolation, masks and
-labels by the nearest pixel, so that their values stay exact. Light, colour, blur and noise change the picture alone.
+Geometry is one 3 x 3 matrix for all layers, applied by OpenCV's warps: the picture by linear
+interpolation, masks and labels by the nearest pixel, so that their values stay exact. Light,
+colour, blur and noise change the picture alone.
 
-Points are (x, y) in pixels from the picture's top left corner, so that the first pixel reaches from (0, 0) to (1, 1).
+Points are (x, y) in pixels from the picture's top left corner, so that the first pixel reaches from
+(0, 0) to (1, 1).
 """
 
 from statistics import NormalDist
@@ -70,7 +72,9 @@ class ViewNumbers(NamedTuple):
     noise: float
     noise_seed: int
 
-    def through(self, matrix: NDArray[np.float64], size: tuple[int, int], transforms: Transforms) -> View:
+    def through(
+        self, matrix: NDArray[np.float64], size: tuple[int, int], transforms: Transforms
+    ) -> View:
         """Returns the view of a matrix and a size; see `View`."""
         light, contrast, *colours = self.lights
         gain = 1 + contrast * transforms.contrast
@@ -81,13 +85,18 @@ class ViewNumbers(NamedTuple):
 
 
 def draw_numbers(rng: np.random.Generator) -> ViewNumbers:
-    """Draws the numbers of a view. All are always drawn, so that a change of one range does not change the others."""
+    """Draws the numbers of a view.
+
+    All are always drawn, so that a change of one range does not change the others.
+    """
     quarters = int(rng.integers(4))
     turn, zoom = rng.uniform(-1, 1), rng.uniform()
     bends, position = rng.uniform(-1, 1, (4, 2)), rng.uniform(0, 1, 2)
     lights = rng.uniform(-1, 1, 5).tolist()
     blur, noise = rng.uniform(0, 1, 2).tolist()
-    return ViewNumbers(quarters, turn, zoom, bends, position, lights, blur, noise, int(rng.integers(2**63)))
+    return ViewNumbers(
+        quarters, turn, zoom, bends, position, lights, blur, noise, int(rng.integers(2**63))
+    )
 
 
 def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int, int]) -> View:
@@ -104,7 +113,11 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
     frame = (width, height) if turns % 2 else (height, width)
     matrix = _shift(-width / 2, -height / 2)
     matrix = _turn(90 * turns + angle) @ np.diag([scale, scale, 1]) @ matrix
-    matrix = _bend(numbers.bends * transforms.perspective, frame) @ _shift(frame[1] / 2, frame[0] / 2) @ matrix
+    matrix = (
+        _bend(numbers.bends * transforms.perspective, frame)
+        @ _shift(frame[1] / 2, frame[0] / 2)
+        @ matrix
+    )
     if transforms.crop:
         sides = np.array([frame[1], frame[0]])
         shown = sides * min(1.0, scale)  # the middle part of the frame that the map covers
@@ -118,8 +131,8 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
 def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[np.uint8]:
     """Warps a layer into the view, with a value or colour beyond the map.
 
-    A picture, uint8 ``[H, W, 3]``, by linear interpolation, or by area if it shrinks much; a mask or labels, uint8
-    ``[H, W]``, by the nearest pixel.
+    A picture, uint8 ``[H, W, 3]``, by linear interpolation, or by area if it shrinks much; a mask
+    or labels, uint8 ``[H, W]``, by the nearest pixel.
     """
     height, width = view.size
     if layer.shape[:2] == view.size and np.array_equal(view.matrix, np.eye(3)):
@@ -129,12 +142,15 @@ def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[
     if layer.ndim == 3 and scale < _SHRUNK:
         # Interpolation uses the nearest pixels only, and would skip all others between.
         before = layer.shape[:2]
-        layer = np.asarray(cv2.resize(layer, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        layer = np.asarray(
+            cv2.resize(layer, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+        )
         matrix = matrix @ np.diag([before[1] / layer.shape[1], before[0] / layer.shape[0], 1])
     return np.asarray(
         cv2.warpPerspective(
             layer,
-            _shift(-0.5, -0.5) @ matrix @ _shift(0.5, 0.5),  # OpenCV's coordinates refer to the centres of pixels
+            # OpenCV's coordinates refer to the centres of pixels.
+            _shift(-0.5, -0.5) @ matrix @ _shift(0.5, 0.5),
             (width, height),
             flags=cv2.INTER_LINEAR if layer.ndim == 3 else cv2.INTER_NEAREST,
             borderMode=cv2.BORDER_CONSTANT,
@@ -153,8 +169,10 @@ def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
     if view.blur > 0.1:  # a smaller blur changes no pixel
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), view.blur), np.uint8)
     if view.noise:
-        # Random bytes mapped to 256 quantiles of a normal distribution are four times as fast as drawing from it.
-        grain = np.frombuffer(np.random.default_rng(view.noise_seed).bytes(image.size), np.uint8).reshape(image.shape)
+        # Random bytes mapped to 256 quantiles of a normal distribution are four times as fast as
+        # drawing from it.
+        random_bytes = np.random.default_rng(view.noise_seed).bytes(image.size)
+        grain = np.frombuffer(random_bytes, np.uint8).reshape(image.shape)
         table = np.rint(_NORMAL * view.noise).astype(np.int16)
         image = np.asarray(cv2.add(image, cv2.LUT(grain, table), dtype=cv2.CV_8U), np.uint8)
     return image

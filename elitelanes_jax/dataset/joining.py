@@ -30,7 +30,8 @@ def merge_dataset(
     """Joins the parts of a dataset, and writes the folder that `make_dataset` writes without parts, byte for byte.
 
     Args:
-      parts: folders, in any order. Their pictures are copied. Files that are not of a part are left out.
+      parts: folders, in any order. Their pictures are copied. Files that are not of a part are left
+        out.
       out: the folder, new or empty.
       force: whether the folder is replaced, if an earlier run wrote all files in it.
 
@@ -38,8 +39,8 @@ def merge_dataset(
       The record in ``dataset.json``.
 
     Raises:
-      InputError: for a folder that is not a part, a part of another dataset, a part that comes twice or is missing, or
-        a file of a part that is missing or damaged.
+      InputError: for a folder that is not a part, a part of another dataset, a part that comes
+        twice or is missing, or a file of a part that is missing or damaged.
       OSError: that names the file, if a file cannot be written.
     """
     folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
@@ -48,9 +49,13 @@ def merge_dataset(
     for about in records:
         identities.append({name: value for name, value in about.items() if name != "part"})
     expected = identities[0] | {"versions": installed_versions()}
-    ordered = order_parts(folders, [about["part"] for about in records], identities, expected, "dataset")
+    ordered = order_parts(
+        folders, [about["part"] for about in records], identities, expected, "dataset"
+    )
     layout = find_layout(expected["settings"]["format"])
-    with output_folder(out, {"command": "merge"}, inputs=folders, foreign=foreign_to_dataset, force=force) as work:
+    with output_folder(
+        out, {"command": "merge"}, inputs=folders, foreign=foreign_to_dataset, force=force
+    ) as work:
         splits = _read_splits(ordered, expected["settings"])
         views = expected["settings"]["views"]
         samples = Samples(views, splits, range(len(splits)), work.files, work.kept / "records")
@@ -68,10 +73,13 @@ def _read_record(folder: Path) -> dict[str, Plain]:
         about = read_json(folder / RECORD)
         about["part"] = parse_part(about["part"])
         complete = "versions" in about and {"maps", "views"} <= set(about["settings"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # an InputError is a ValueError
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        # An InputError is a ValueError.
         complete = False
     if not complete or not (folder / PART).is_file() or not (folder / SUMS).is_file():
-        raise InputError(f"{folder}: expected a part of a dataset, made by elitelanes dataset --part, got none")
+        raise InputError(
+            f"{folder}: expected a part of a dataset, made by elitelanes dataset --part, got none"
+        )
     read_checked(folder, PART, _read_sums(folder))
     return about
 
@@ -80,7 +88,9 @@ def _read_sums(folder: Path) -> dict[str, str]:
     try:
         return read_sums(folder)
     except UnicodeDecodeError:
-        raise InputError(f"{folder / SUMS}: expected checksums, got a file that is not text") from None
+        raise InputError(
+            f"{folder / SUMS}: expected checksums, got a file that is not text"
+        ) from None
 
 
 def _copy_pictures(folder: Path, out: Path, layout: Layout) -> None:

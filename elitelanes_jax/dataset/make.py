@@ -57,31 +57,35 @@ def make_dataset(
 ) -> dict[str, Plain]:
     """Evolves maps, draws them, and writes them as a dataset.
 
-    The same specification gives the same files, byte for byte, with any number of workers. If a run was killed, the
-    same call resumes it. If the dataset is complete, the call returns its record.
+    The same specification gives the same files, byte for byte, with any number of workers. If a run
+    was killed, the same call resumes it. If the dataset is complete, the call returns its record.
 
     Args:
       spec: of the dataset.
       out: the folder, new or empty.
       workers: threads that draw; by default one for each core (see `use_cores`).
-      force: whether another dataset in the folder is replaced when this one is complete, if an earlier run wrote all
-        files in it. Until then the disk needs room for both.
-      executor: as in `evolve`; its workers search and draw, and need no access to the folder. Pictures return through
-        the executor, and are written here.
-      parts: the number of parts in which an executor's workers draw; defaults to parts of up to 250 pictures.
+      force: whether another dataset in the folder is replaced when this one is complete, if an
+        earlier run wrote all files in it. Until then the disk needs room for both.
+      executor: as in `evolve`; its workers search and draw, and need no access to the folder.
+        Pictures return through the executor, and are written here.
+      parts: the number of parts in which an executor's workers draw; defaults to parts of up to 250
+        pictures.
 
     Returns:
       The record in ``dataset.json``. That of a part says which part it is.
 
     Raises:
-      InputError: for constraints that no map can meet, given maps that cannot be drawn, maps too alike to be split, a
-        bad tile set, a folder with other files, or a worker with other versions.
+      InputError: for constraints that no map can meet, given maps that cannot be drawn, maps too
+        alike to be split, a bad tile set, a folder with other files, or a worker with other
+        versions.
       NotEnoughMapsError: if the searches return too few maps.
       OSError: that names the file, if a file cannot be written. The same call resumes.
       ConnectionError: if the executor lost a part. The same call resumes.
     """
     spec = check_named("spec", instance(DatasetSpec), spec)
-    return make_planned(plan_dataset(spec), out, workers=workers, force=force, pool=check_pool(executor, parts))
+    return make_planned(
+        plan_dataset(spec), out, workers=workers, force=force, pool=check_pool(executor, parts)
+    )
 
 
 def make_planned(
@@ -103,21 +107,30 @@ def make_planned(
     settle(out)
     if (out / RECORD).exists():
         try:
-            compare_settings(out, out / RECORD, asked, "use another folder, or force=True to replace this one")
+            compare_settings(
+                out, out / RECORD, asked, "use another folder, or force=True to replace this one"
+            )
             return read_json(out / RECORD)
         except InputError:
             if not force:
                 raise
     inputs: list[str | Path] = [*(given.paths if given else ()), *spec.inputs, *spec.search.inputs]
     with output_folder(
-        out, _of_maps(asked), inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
+        out,
+        _of_maps(asked),
+        inputs=inputs,
+        foreign=foreign_to_dataset,
+        force=force,
+        resume_files=True,
     ) as work:
         try:
             first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
             sizes = first if first == last else f"{first} to {last}"
             words = f"{pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
             announce(f"making a dataset of {words}")
-            maps = evolve_maps(spec, plan.searches, work.kept, pool) if given is None else given.maps
+            maps = (
+                evolve_maps(spec, plan.searches, work.kept, pool) if given is None else given.maps
+            )
             splits = split_maps(spec, maps)
         except (InputError, NotEnoughMapsError):  # the next run has other settings
             remove(work.kept)
@@ -150,7 +163,8 @@ def make_planned(
 def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> dict[str, Plain]:
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain() | {"tile_px": spec.pixels}
-    del plain["tiles"], plain["objects"], plain["maps_from"]  # the pictures and the maps count, not their paths
+    # The pictures and the maps count, not their paths.
+    del plain["tiles"], plain["objects"], plain["maps_from"]
     versions = installed_versions()
     if spec.format == "parquet":
         versions["pyarrow"] = version("pyarrow")
@@ -168,7 +182,9 @@ def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> d
 def _of_maps(identity: dict[str, Plain]) -> dict[str, Plain]:
     """Returns what an unfinished dataset has to have in common with the next run: all but the objects."""
     settings = {name: value for name, value in identity["settings"].items() if name != "furnish"}
-    return {name: value for name, value in identity.items() if name != "object_set"} | {"settings": settings}
+    return {name: value for name, value in identity.items() if name != "object_set"} | {
+        "settings": settings
+    }
 
 
 def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], force: bool) -> None:
@@ -188,7 +204,10 @@ def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], fo
 
 
 def _delete_pictures(work: Unfinished) -> None:
-    """Deletes the pictures so far, and keeps the maps. A picture with a record counts as drawn, so records go first."""
+    """Deletes the pictures so far, and keeps the maps.
+
+    A picture with a record counts as drawn, so records go first.
+    """
     for entry in (work.kept / "records", *work.files.iterdir(), work.kept / "pictures.json"):
         remove(entry)
 
@@ -210,7 +229,9 @@ def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
     return read_json(samples.files / RECORD)
 
 
-def finish(samples: Samples, identity: dict[str, Plain], drawing: Drawing | None = None) -> dict[str, Plain]:
+def finish(
+    samples: Samples, identity: dict[str, Plain], drawing: Drawing | None = None
+) -> dict[str, Plain]:
     """Writes the files that describe the samples of a whole dataset; returns the record of the dataset.
 
     `drawing` is what the samples were drawn from; a dataset of shards needs it.
@@ -229,7 +250,9 @@ def finish(samples: Samples, identity: dict[str, Plain], drawing: Drawing | None
                 records[record["number"]] = record
         layout.list_samples(out, split, partial(samples.read_split, split))
     about = identity | {
-        "pictures": {name: int((splits == split).sum()) * samples.views for split, name in enumerate(SPLITS)},
+        "pictures": {
+            name: int((splits == split).sum()) * samples.views for split, name in enumerate(SPLITS)
+        },
         "classes": [
             {"label": label, "name": name, "colour": colour}
             for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
@@ -239,7 +262,9 @@ def finish(samples: Samples, identity: dict[str, Plain], drawing: Drawing | None
     first, shown = int(splits.min()), [records[index] for index in on_sheet]
     guide = layout.guide(first, objects=has_objects)
     programs = layout.loading(first), layout.loading_arrays(first, poses=camera is not None)
-    write_atomic(out / "README.md", write_card(about, *programs, guide, layout.data_files(splits)).encode())
+    write_atomic(
+        out / "README.md", write_card(about, *programs, guide, layout.data_files(splits)).encode()
+    )
     pictures, pictures_layout = out, layout
     if layout.open_shard is not None:
         assert drawing is not None
@@ -261,10 +286,16 @@ def finish(samples: Samples, identity: dict[str, Plain], drawing: Drawing | None
     return read_json(out / RECORD)
 
 
-def _on_sheet(record: dict[str, Plain], samples: Samples, layout: Layout) -> tuple[str, str, tuple[str, ...]]:
+def _on_sheet(
+    record: dict[str, Plain], samples: Samples, layout: Layout
+) -> tuple[str, str, tuple[str, ...]]:
     """Returns the files of a sample's image and labels, and its lines on the sheet."""
     index, metrics = record["number"], record.get("metrics", {})
     split, (height, width) = samples.split_of(index), record["size"]
     image, labels = (layout.file(split, index, layer) for layer in ("image", "labels"))
-    figures = ", ".join(f"{name} {metrics[name]}" for name in ("cyclomatic", "crossings", "bridges") if name in metrics)
+    figures = ", ".join(
+        f"{name} {metrics[name]}"
+        for name in ("cyclomatic", "crossings", "bridges")
+        if name in metrics
+    )
     return image, labels, (f"{index:06d}, {SPLITS[split]}, {height} x {width} tiles", figures)

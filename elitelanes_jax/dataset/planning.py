@@ -34,8 +34,8 @@ def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
     """Loads the pictures of a dataset, and resolves its search on each size.
 
     Raises:
-      InputError: for constraints that no map can meet, given maps that cannot be drawn, objects that no map has room
-        for, or a bad set of tiles or objects.
+      InputError: for constraints that no map can meet, given maps that cannot be drawn, objects
+        that no map has room for, or a bad set of tiles or objects.
     """
     tiles = load_tiles(spec.tiles)
     searches = {}
@@ -55,7 +55,9 @@ def _check_fixed_cells(spec: DatasetSpec) -> None:
     fix = spec.search.options.get("fix")
     if fix is None or spec.shapes == [fix.shape]:
         return
-    got = "{} x {}".format(*spec.shapes[0]) if len(spec.shapes) == 1 else f"{len(spec.shapes)} sizes"
+    got = (
+        "{} x {}".format(*spec.shapes[0]) if len(spec.shapes) == 1 else f"{len(spec.shapes)} sizes"
+    )
     rows, columns = fix.shape
     raise InputError(f"fix: expected maps of the given cells' size, {rows} x {columns}, got {got}")
 
@@ -69,7 +71,9 @@ def _check_given(spec: DatasetSpec, given: GivenMaps, tiles: TileSet) -> None:
         if missing:
             kinds = [kind for kind, members in KINDS.items() if not missing.isdisjoint(members)]
             got = " and ".join(kinds)
-            raise InputError(f"maps_from: expected codes that the tile set has pictures for, got {got}, {name}")
+            raise InputError(
+                f"maps_from: expected codes that the tile set has pictures for, got {got}, {name}"
+            )
 
 
 def _load_objects(spec: DatasetSpec) -> ObjectSet | None:

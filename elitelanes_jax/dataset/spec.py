@@ -8,7 +8,16 @@ from math import floor, prod
 from pathlib import Path
 from typing import Self
 
-from elitelanes_jax._util.checks import SEED, TILE_PX, instance, is_whole, none_or, one_of, path, whole
+from elitelanes_jax._util.checks import (
+    SEED,
+    TILE_PX,
+    instance,
+    is_whole,
+    none_or,
+    one_of,
+    path,
+    whole,
+)
 from elitelanes_jax._util.engine import part_of
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
@@ -53,7 +62,9 @@ def parse_sides(size: UserValue) -> Sides:
     elif is_whole(size):
         ranges = [size]
     if not isinstance(ranges, Sequence) or len(ranges) not in (1, 2):
-        raise InputError(f"expected a range of sides such as 8..14, or two, of rows and columns, got {size!r}")
+        raise InputError(
+            f"expected a range of sides such as 8..14, or two, of rows and columns, got {size!r}"
+        )
     return tuple(_parse_range(each) for each in ranges)
 
 
@@ -76,22 +87,25 @@ class DatasetSpec(Record):
 
     Attributes:
       maps: number of maps
-      size: sides of the maps in tiles, such as 8..14 for squares, or 8..10 12..14 for rows and columns
+      size: sides of the maps in tiles, such as 8..14 for squares, or 8..10 12..14 for rows and
+        columns
       split: shares of the maps for training, validation and test
       views: pictures of each map, each with other tile pictures, in another view
       format: layout: imagefolder, coco, webdataset or parquet
-      transforms: how views of the maps vary: none, standard, varied, quarter-turns, rotation=DEGREES, scale=LOW..HIGH,
-        perspective=SHARE, crop=PIXELS, light=, contrast=, colour=SHARE, blur=PIXELS, noise=LEVELS, background=,
-        shadow=, vignette=, gamma=, saturation=, warmth=SHARE, motion=PIXELS, compression=SHARE; by default standard
-      camera: views from a robot on the lanes instead of views from above: alone, or with rows=PIXELS, columns=PIXELS,
-        offset=TILES, heading=DEGREES, height=METRES, forward=METRES, pitch=DEGREES, field_of_view=DEGREES,
-        wobble=SHARE, lines=TILES
+      transforms: how views of the maps vary: none, standard, varied, quarter-turns,
+        rotation=DEGREES, scale=LOW..HIGH, perspective=SHARE, crop=PIXELS, light=, contrast=,
+        colour=SHARE, blur=PIXELS, noise=LEVELS, background=, shadow=, vignette=, gamma=,
+        saturation=, warmth=SHARE, motion=PIXELS, compression=SHARE; by default standard
+      camera: views from a robot on the lanes instead of views from above: alone, or with
+        rows=PIXELS, columns=PIXELS, offset=TILES, heading=DEGREES, height=METRES, forward=METRES,
+        pitch=DEGREES, field_of_view=DEGREES, wobble=SHARE, lines=TILES
       seed: seed of everything random
-      maps_from: files or folders of maps, or lists of maps such as the explorer saves, to draw instead of evolving
-        maps; they determine the number of maps and the sizes
+      maps_from: files or folders of maps, or lists of maps such as the explorer saves, to draw
+        instead of evolving maps; they determine the number of maps and the sizes
       search: the search
       tiles: folder of the tile pictures; by default the package's own
-      furnish: objects for each view: all, signs, or amounts such as duckies=6 trees=0.2; by default those of given maps
+      furnish: objects for each view: all, signs, or amounts such as duckies=6 trees=0.2; by default
+        those of given maps
       objects: folder of the pictures of the maps' objects; by default the package's own
       tile_px: side of a tile in pixels; by default 64, with a camera 256
       part: draw only a part of the maps, such as 3/10; elitelanes merge joins the parts
@@ -99,10 +113,14 @@ class DatasetSpec(Record):
 
     maps: int = option(1000, whole(1), "N")
     size: Sides = option(((8, 14),), parse_sides, "SIDES", many=True)
-    split: tuple[float, float, float] = option((0.8, 0.1, 0.1), parse_split, ("TRAIN", "VALIDATION", "TEST"))
+    split: tuple[float, float, float] = option(
+        (0.8, 0.1, 0.1), parse_split, ("TRAIN", "VALIDATION", "TEST")
+    )
     views: int = option(1, whole(1), "N")
     format: str = option("imagefolder", one_of(*LAYOUTS), "NAME")
-    transforms: Transforms = option(STANDARD, parse_transforms, "NAME[=VALUE]", flag="transform", many=True)
+    transforms: Transforms = option(
+        STANDARD, parse_transforms, "NAME[=VALUE]", flag="transform", many=True
+    )
     camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
     seed: int = option(0, SEED, "N")
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
@@ -119,18 +137,26 @@ class DatasetSpec(Record):
             self._take_given(self.maps_from)
         shapes = self.shapes
         if self.maps < len(shapes):
-            raise InputError(f"maps: expected one of each size at least, {len(shapes)}, got {self.maps}")
+            raise InputError(
+                f"maps: expected one of each size at least, {len(shapes)}, got {self.maps}"
+            )
         for name, share, count in zip(SPLITS, self.split, maps_by_split(self), strict=True):
             if share and not count:
                 few = "maps" if self.maps_from is None else "maps_from"
                 expected = f"enough for one in the {name}, {share:g} of them"
-                raise InputError(f"{few}: expected {expected}, got {self.maps}; a split of 1 0 0 trains on all")
+                raise InputError(
+                    f"{few}: expected {expected}, got {self.maps}; a split of 1 0 0 trains on all"
+                )
         if self.camera is not None:
             self._check_camera()
         if self.part is not None and self.part[1] > self.maps:
-            raise InputError(f"part: expected at most {self.maps} parts, one for each map, got {self.part[1]}")
+            raise InputError(
+                f"part: expected at most {self.maps} parts, one for each map, got {self.part[1]}"
+            )
         if self.part is not None and self.format in _SHARDS:
-            raise InputError(f"part: expected a format with a file for each picture, got {self.format}")
+            raise InputError(
+                f"part: expected a format with a file for each picture, got {self.format}"
+            )
         self._check_pixels()
         low = min(map(min, shapes))
         smallest = low * self.pixels * min(1.0, self.transforms.scale[0])
@@ -143,7 +169,8 @@ class DatasetSpec(Record):
     def replace(self, **values: UserValue) -> Self:
         """Returns the record with new values in some fields.
 
-        If maps were given, `maps` and `size` are determined anew: by the given maps, or by the defaults without them.
+        If maps were given, `maps` and `size` are determined anew: by the given maps, or by the
+        defaults without them.
         """
         if self.maps_from is not None:
             values = {"maps": DatasetSpec.maps, "size": DatasetSpec.size} | values
@@ -155,7 +182,9 @@ class DatasetSpec(Record):
         names = [name for name, value in self.search.options.items() if usual.get(name) != value]
         if names:
             got = ", ".join(names)
-            raise InputError(f"maps_from: expected no options of a search, which given maps do not need, got {got}")
+            raise InputError(
+                f"maps_from: expected no options of a search, which given maps do not need, got {got}"
+            )
         heights, widths = zip(*given.sizes, strict=True)
         size: Sides = ((min(heights), max(heights)),)
         if heights != widths:
@@ -166,8 +195,11 @@ class DatasetSpec(Record):
     def _take(self, name: str, value: UserValue, tell: Callable[[UserValue], str]) -> None:
         """Sets an option to that of the given maps; the user may have given the same value, or none."""
         asked = getattr(self, name)
-        if asked not in (getattr(DatasetSpec, name), value):  # a class has the defaults of its fields
-            raise InputError(f"{name}: expected that of the given maps, {tell(value)}, got {tell(asked)}")
+        # A class has the defaults of its fields.
+        if asked not in (getattr(DatasetSpec, name), value):
+            raise InputError(
+                f"{name}: expected that of the given maps, {tell(value)}, got {tell(asked)}"
+            )
         object.__setattr__(self, name, value)
 
     def _check_camera(self) -> None:
@@ -186,10 +218,14 @@ class DatasetSpec(Record):
         name = "size" if self.tile_px is None else "tile_px"
         side = max(map(max, self.shapes)) * self.pixels
         if side > _LONGEST_SIDE:
-            raise InputError(f"{name}: expected maps of at most {_LONGEST_SIDE} pixels a side, got {side}")
+            raise InputError(
+                f"{name}: expected maps of at most {_LONGEST_SIDE} pixels a side, got {side}"
+            )
         area = self.transforms.crop**2 or max(map(prod, self.shapes)) * self.pixels**2
         if area > _MOST_PIXELS and self.camera is None:
-            expected = f"pictures of at most {_MOST_PIXELS} pixels, because Pillow reads no larger ones"
+            expected = (
+                f"pictures of at most {_MOST_PIXELS} pixels, because Pillow reads no larger ones"
+            )
             raise InputError(f"{name}: expected {expected}, got {area}")
 
     @property

@@ -1,7 +1,8 @@
 """Environments that step together, with arrays of NumPy: the core of all wrappers.
 
-Each environment has a stream of random keys. Its next step or reset takes the next key of the stream. Therefore
-environment i of a batch does the same, bit for bit, as an environment alone with the seed of environment i.
+Each environment has a stream of random keys. Its next step or reset takes the next key of the
+stream. Therefore environment i of a batch does the same, bit for bit, as an environment alone with
+the seed of environment i.
 """
 
 from collections import Counter
@@ -35,12 +36,14 @@ _SEEDS = 2**64  # the number of keys
 def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows columns 3"]:
     """Returns an observation as one float32 vector: its parts in order, tile codes as four bits each, N, E, S, W.
 
-    A camera's picture is returned unchanged. Raises `InputError` for an observation that is no pytree of arrays of
-    numbers.
+    A camera's picture is returned unchanged. Raises `InputError` for an observation that is no
+    pytree of arrays of numbers.
     """
     leaves = jax.tree.leaves(observation)
     if not leaves or not all(map(_has_numbers, leaves)):
-        raise InputError(f"observation: expected arrays of numbers, got {shorten(repr(observation))}")
+        raise InputError(
+            f"observation: expected arrays of numbers, got {shorten(repr(observation))}"
+        )
     arrays = [jnp.asarray(leaf) for leaf in leaves]
     if len(arrays) == 1 and arrays[0].dtype == jnp.uint8:
         return arrays[0]
@@ -119,7 +122,9 @@ def check_module(params: Pytree, module: Untyped, name: str, argument: str, need
     if attribute is None:
         raise InputError(f"{argument}: expected the module {name}, got {shorten(repr(module))}")
     if not isinstance(params, Record):
-        raise InputError(f"params: expected RoadNavParams or LaneDriveParams, got {shorten(repr(params))}")
+        raise InputError(
+            f"params: expected RoadNavParams or LaneDriveParams, got {shorten(repr(params))}"
+        )
 
 
 def action_space(environment: Environment, spaces: Untyped) -> Untyped:
@@ -141,11 +146,13 @@ class Outcome(NamedTuple):
     """What a step of a batch returns, as arrays of NumPy that the caller may write to.
 
     Attributes:
-      observation: float32 ``[N, size]`` or uint8 pictures; where an episode was reset, the first of the next one.
+      observation: float32 ``[N, size]`` or uint8 pictures; where an episode was reset, the first of
+        the next one.
       reward: float32 ``[N]``.
       terminated: bool ``[N]``.
       truncated: bool ``[N]``.
-      metrics: of the info, by name, each ``[N]``; 0 for an environment that was reset instead of a step.
+      metrics: of the info, by name, each ``[N]``; 0 for an environment that was reset instead of a
+        step.
       reached: the observation after the action, before a reset in the same step.
     """
 
@@ -163,17 +170,27 @@ _Packed = tuple[dict[str, AnyArray], list[AnyArray]]
 class _Carry(NamedTuple):
     """The state of a batch between two steps."""
 
-    streams: UInt32[Array, "N 3"]  # the two words of a key, and how many keys of the stream are used
+    # The two words of a key, and how many keys of the stream are used.
+    streams: UInt32[Array, "N 3"]
     state: _Packed
     over: Bool[Array, " N"]  # whether the episode has ended
 
 
 class Batch:
-    """A batch of environments. Two calls make a step: `send` starts it, and `receive` waits for its outcome."""
+    """A batch of environments.
+
+    Two calls make a step: `send` starts it, and `receive` waits for its outcome.
+    """
 
     @runs_jax
     def __init__(
-        self, environment: Environment, params: Pytree, envs: int, mode: str, *, channels_first: bool = False
+        self,
+        environment: Environment,
+        params: Pytree,
+        envs: int,
+        mode: str,
+        *,
+        channels_first: bool = False,
     ) -> None:
         """Makes N = `envs` environments; see `flattened` for `channels_first`.
 
@@ -187,7 +204,8 @@ class Batch:
         self._action = _action_shape(self.environment)
         self._mode = mode
         self._begun = False
-        # XLA simplifies a batch of one row to other arithmetic, with other last bits. Therefore there are at least two.
+        # XLA simplifies a batch of one row to other arithmetic, with other last bits. Therefore
+        # there are at least two.
         self._rows = max(self.envs, 2)
         states, result = _shapes(self.environment, self.params, self._rows)
         self._states = _Layout.of(states)
@@ -201,7 +219,9 @@ class Batch:
         )
 
     @runs_jax
-    def reset(self, seeds: Sequence[UserValue] | None = None, chosen: NDArray[np.bool_] | None = None) -> np.ndarray:
+    def reset(
+        self, seeds: Sequence[UserValue] | None = None, chosen: NDArray[np.bool_] | None = None
+    ) -> np.ndarray:
         """Starts episodes in the chosen environments, by default in all, and returns the observations of all.
 
         Args:
@@ -216,7 +236,9 @@ class Batch:
         if seeds is not None:
             self._seed(seeds, chosen)
         chosen_rows = np.resize(chosen, self._rows)
-        self._carry, observation = _reset(self._carry, chosen_rows, self.params, environment=self.environment)
+        self._carry, observation = _reset(
+            self._carry, chosen_rows, self.params, environment=self.environment
+        )
         self._begun = True
         return _writable(observation)[: self.envs]
 
@@ -276,7 +298,10 @@ class Batch:
 
     @runs_jax
     def states(self, name: str) -> list[Pytree]:
-        """Returns the states, as arrays of NumPy. Before a reset, an error says that `name` needs it."""
+        """Returns the states, as arrays of NumPy.
+
+        Before a reset, an error says that `name` needs it.
+        """
         self._check_begun(name)
         states = self._states.unpack(jax.device_get(self._carry.state))
         return [jax.tree.map(itemgetter(index), states) for index in range(self.envs)]
@@ -330,7 +355,9 @@ def _result(transition: Transition) -> Pytree:
 
 
 @partial(jax.jit, static_argnames="environment", donate_argnames="carry")
-def _reset(carry: _Carry, chosen: Array, params: Pytree, *, environment: Environment) -> tuple[_Carry, Array]:
+def _reset(
+    carry: _Carry, chosen: Array, params: Pytree, *, environment: Environment
+) -> tuple[_Carry, Array]:
     """Starts new episodes in the chosen environments; returns the carry and the observations of all."""
     state_shapes, _ = _shapes(environment, params, len(chosen))
     layout = _Layout.of(state_shapes)
@@ -370,8 +397,11 @@ def _step(
     reached = None
     if mode == SAME_STEP:
         # Unless an episode has ended, the pictures of a camera are rendered once.
-        reached = jax.lax.cond(over.any(), lambda: observe(transition.state, params), lambda: observation)
-    # `_writable` needs arrays of their own. Without the barrier JAX may return an array of the carry twice.
+        reached = jax.lax.cond(
+            over.any(), lambda: observe(transition.state, params), lambda: observation
+        )
+    # `_writable` needs arrays of their own. Without the barrier JAX may return an array of the
+    # carry twice.
     observations = jax.lax.optimization_barrier((observation, reached))
     carry = _Carry(streams, layout.pack(states), over)
     return carry, observations, _Layout.of(result).pack(result)
@@ -381,7 +411,9 @@ def _zero_where(condition: Bool[Array, " N"], array: Array) -> Array:
     return jnp.where(condition, jnp.zeros((), array.dtype), array)
 
 
-def _renew(environment: Environment, chosen: Array, keys: Array, state: Pytree, params: Pytree) -> Pytree:
+def _renew(
+    environment: Environment, chosen: Array, keys: Array, state: Pytree, params: Pytree
+) -> Pytree:
     """Returns the states of new episodes for the chosen environments, and the states as they are for all others."""
 
     def renew() -> Pytree:
@@ -416,7 +448,8 @@ class _Layout(NamedTuple):
 
     Attributes:
       structure: of the pytree.
-      rows: for each leaf ``[N]`` its dtype, whose leaves are stacked, and its row there; None for another leaf.
+      rows: for each leaf ``[N]`` its dtype, whose leaves are stacked, and its row there; None for
+        another leaf.
     """
 
     structure: Pytree

@@ -1,8 +1,9 @@
 """The camera: a robot's picture of a map, with the label of every pixel.
 
-A pixel's ray meets the ground at a point on a tile. The nearest pixel of the tile's picture and labels is looked up, so
-that picture and labels agree exactly. Pixels whose ray meets no tile show the ground's colour, or above the horizon the
-sky's. Objects stand in front of all that, see `_objects`.
+A pixel's ray meets the ground at a point on a tile. The nearest pixel of the tile's picture and
+labels is looked up, so that picture and labels agree exactly. Pixels whose ray meets no tile show
+the ground's colour, or above the horizon the sky's. Objects stand in front of all that, see
+`_objects`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,14 +41,17 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
       labels: uint8 ``[T, P, P]``, of `tiles.scale_tiles`.
 
     Returns:
-      uint8 ``[T, P, P, 4]``, red, green, blue and label of tile ``4 * index in the set + quarter turns``.
+      uint8 ``[T, P, P, 4]``, red, green, blue and label of tile
+      ``4 * index in the set + quarter turns``.
 
     Raises:
       InputError: for arrays of other shapes or types.
     """
     images, labels = np.asarray(images), np.asarray(labels)
     if images.ndim != 4 or images.shape[3] != 3 or labels.shape != images.shape[:3]:
-        raise InputError(f"images, labels: expected [T, P, P, 3] and [T, P, P], got {images.shape} and {labels.shape}")
+        raise InputError(
+            f"images, labels: expected [T, P, P, 3] and [T, P, P], got {images.shape} and {labels.shape}"
+        )
     if images.dtype != np.uint8 or labels.dtype != np.uint8:
         raise InputError(f"images, labels: expected uint8, got {images.dtype} and {labels.dtype}")
     return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1))
@@ -55,7 +59,9 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
 
 def _colour(value: UserValue) -> tuple[Numeric, ...]:
     if not isinstance(value, tuple | list) or len(value) != 3:
-        raise InputError(f"expected three numbers, 0 to 255, for red, green and blue, got {value!r}")
+        raise InputError(
+            f"expected three numbers, 0 to 255, for red, green and blue, got {value!r}"
+        )
     return _parts(value, 0, 255)
 
 
@@ -67,7 +73,9 @@ def _pair(value: UserValue) -> tuple[Numeric, ...]:
 
 def _parts(values: UserValue, least: float, most: float) -> tuple[Numeric, ...]:
     """Checks numbers of an option; arrays, which `jax.vmap` maps, are not checked."""
-    return tuple(one if isinstance(one, jax.Array | np.ndarray) else real(least, most)(one) for one in values)
+    return tuple(
+        one if isinstance(one, jax.Array | np.ndarray) else real(least, most)(one) for one in values
+    )
 
 
 @pytree
@@ -80,8 +88,8 @@ class Camera(Record):
       forward: metres ahead of the middle between the wheels.
       pitch: degrees downwards.
       field_of_view: degrees, from the upper to the lower edge.
-      distortion: k1, k2 of the radial distortion x (1 + k1 r² + k2 r⁴), r in focal lengths; None for none. Pixels
-        farther out than any point is moved show the farthest point.
+      distortion: k1, k2 of the radial distortion x (1 + k1 r² + k2 r⁴), r in focal lengths; None
+        for none. Pixels farther out than any point is moved show the farthest point.
       light: factor of all colours.
       noise: standard deviation of each colour, of 255; None for none.
       ground: red, green and blue beyond the map.
@@ -110,9 +118,10 @@ class View(NamedTuple):
 
     Attributes:
       image: uint8 ``[rows, columns, 3]``, RGB.
-      labels: uint8 ``[rows, columns]``, indices of `tiles.LABELS`; 0 beyond the map, above the horizon and on
-        objects.
-      instances: int32 ``[rows, columns]``, 0, or the index of the object that is seen plus 1; None without objects.
+      labels: uint8 ``[rows, columns]``, indices of `tiles.LABELS`; 0 beyond the map, above the
+        horizon and on objects.
+      instances: int32 ``[rows, columns]``, 0, or the index of the object that is seen plus 1; None
+        without objects.
     """
 
     image: UInt8[Array, "rows columns 3"]
@@ -126,8 +135,9 @@ class Sight(NamedTuple):
     Attributes:
       camera: its options.
       atlas: of the tile set.
-      tiles: int32 ``[16, V]``, the atlas' tiles for each code. A cell shows the one at ``(row + 2 * column) % V``. If V
-        is even, a code with two pictures shows the same one all along a row.
+      tiles: int32 ``[16, V]``, the atlas' tiles for each code. A cell shows the one at
+        ``(row + 2 * column) % V``. If V is even, a code with two pictures shows the same one all
+        along a row.
       billboards: the pictures of objects, of `make_billboards`; None to see none.
     """
 
@@ -151,30 +161,39 @@ def make_sight(
     Args:
       images: see `make_atlas`.
       labels: see `make_atlas`.
-      rotations: by code, (index in the set, quarter turns) of each picture, as `TileSet.rotations` has them. A code
-        without a picture is shown like code 0.
+      rotations: by code, (index in the set, quarter turns) of each picture, as `TileSet.rotations`
+        has them. A code without a picture is shown like code 0.
       camera: by default `Camera()`.
-      objects: views of objects by kind, as `ObjectSet.views` has them; by default no objects are seen.
+      objects: views of objects by kind, as `ObjectSet.views` has them; by default no objects are
+        seen.
 
     Raises:
-      InputError: for arrays of other shapes or types, no picture of code 0, unknown kinds of objects, or a bad option
-        of the camera.
+      InputError: for arrays of other shapes or types, no picture of code 0, unknown kinds of
+        objects, or a bad option of the camera.
     """
     atlas = make_atlas(images, labels)
     if not rotations.get(0):
         raise InputError(f"rotations: expected a picture of code 0, got codes {sorted(rotations)}")
     most = max(len(drawn) for drawn in rotations.values())
     listed = [rotations.get(code) or rotations[0] for code in range(16)]
-    tiles = np.array([np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32)
+    tiles = np.array(
+        [np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32
+    )
     if not 0 <= tiles.min() <= tiles.max() < len(atlas):
-        raise InputError(f"rotations: expected tiles of the {len(atlas)} pictures, got {tiles.max()}")
+        raise InputError(
+            f"rotations: expected tiles of the {len(atlas)} pictures, got {tiles.max()}"
+        )
     camera = Camera() if camera is None else check_named("camera", instance(Camera), camera)
-    return Sight(camera, atlas, jnp.asarray(tiles), None if objects is None else make_billboards(objects))
+    return Sight(
+        camera, atlas, jnp.asarray(tiles), None if objects is None else make_billboards(objects)
+    )
 
 
 @runs_jax
 @divide_batches
-def ground_points(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
+def ground_points(
+    camera: Camera,
+) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
     """Returns where the ray of each pixel's centre meets the ground, relative to the middle between the wheels.
 
     Returns:
@@ -190,7 +209,8 @@ def ground_points(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[A
 def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
     """Returns the depth and the distance ahead at which rays meet the ground, in metres, infinite above the horizon.
 
-    Their shape is that of ``rays.fall``: a number for each row without distortion, otherwise one for each pixel.
+    Their shape is that of ``rays.fall``: a number for each row without distortion, otherwise one
+    for each pixel.
     """
     reach = jnp.where(rays.fall > 1e-6, camera.height / jnp.maximum(rays.fall, 1e-6), jnp.inf)
     return reach, reach * rays.forward + camera.forward
@@ -212,8 +232,9 @@ def rays_of(camera: Camera, samples: int = 1) -> Rays:
 def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Array, Array]:
     """Finds the points that distortion moves to `right` and `down`.
 
-    Their radius is found by halving a range, and then by Newton's method, which alone may leave the range. The range
-    ends where distortion begins to move larger radii inwards. If it never does, its factor is over 4 / 9.
+    Their radius is found by halving a range, and then by Newton's method, which alone may leave the
+    range. The range ends where distortion begins to move larger radii inwards. If it never does,
+    its factor is over 4 / 9.
     """
     far = jnp.sqrt(right**2 + down**2)
     root = 9 * k1**2 - 20 * k2
@@ -254,8 +275,9 @@ def look(
     Args:
       key: consumed for noise; otherwise not used.
       pose: of the middle between the wheels, in tiles.
-      tiles: the tile of the atlas for each cell of the map: ``4 * index in the set + quarter turns``. For the result of
-        `choose_tiles` this is ``chosen[..., 0] * 4 + chosen[..., 1]``.
+      tiles: the tile of the atlas for each cell of the map:
+        ``4 * index in the set + quarter turns``. For the result of `choose_tiles` this is
+        ``chosen[..., 0] * 4 + chosen[..., 1]``.
       atlas: of the tile set, of `make_atlas`.
       camera: its options.
       objects: of the map, of `make_objects`.
@@ -281,7 +303,9 @@ def _render(
     rays = once(lambda: rays_of(camera))
     seen, ahead, wide = once(lambda: _rows(camera, rays))
     # Whatever computes the pose, XLA would repeat it for each pixel.
-    east, south, cosine, sine = once(lambda: (pose.x, pose.y, jnp.cos(pose.theta), jnp.sin(pose.theta)))
+    east, south, cosine, sine = once(
+        lambda: (pose.x, pose.y, jnp.cos(pose.theta), jnp.sin(pose.theta))
+    )
     left = wide * rays.right
     # In pixels of the rendered map, because positions are rounded on the map, not on the tile.
     x = jnp.floor((east + ahead * cosine - left * sine) * size).astype(jnp.int32)
@@ -301,19 +325,25 @@ def _render(
         sizes = camera.height, camera.forward, camera.objects
         hit, index, instances = stand(pose, objects, billboards, rays, *sizes)
         road = pixel
-        pixel = once(lambda: jnp.where(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), road))
+        pixel = once(
+            lambda: jnp.where(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), road)
+        )
         inside |= hit
 
     noise_seed = None if camera.noise is None else once(lambda: seed)
     colours = []
     for channel, (ground, sky) in enumerate(zip(camera.ground, camera.sky, strict=True)):
         around = jnp.where(seen, ground, sky)
-        colour = jnp.where(inside, (pixel >> (8 * channel) & 255).astype(jnp.float32), around) * camera.light
+        colour = (
+            jnp.where(inside, (pixel >> (8 * channel) & 255).astype(jnp.float32), around)
+            * camera.light
+        )
         if noise_seed is not None:
             colour += camera.noise * hash_normal(fork(noise_seed, channel), colour.shape)
         colours.append(jnp.clip(jnp.round(colour), 0, 255).astype(jnp.uint32))
     red, green, blue = colours
-    # One word for each pixel is one loop. Bytes that are stacked are a loop for each, without the processor's vectors.
+    # One word for each pixel is one loop. Bytes that are stacked are a loop for each, without the
+    # processor's vectors.
     words = once(lambda: red | green << 8 | blue << 16 | jnp.where(inside, pixel >> 24, 0) << 24)
     pixels = jax.lax.bitcast_convert_type(words, jnp.uint8)
     return View(pixels[..., :3], pixels[..., 3], instances)
@@ -329,7 +359,9 @@ def _rows(camera: Camera, rays: Rays) -> tuple[Array, Array, Array]:
 @name_wrong_arguments
 @runs_jax
 @divide_batches
-def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: Objects | None = None) -> View:
+def look_around(
+    pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: Objects | None = None
+) -> View:
     """Renders the view from a pose on a grid. The camera's noise depends on the pose alone.
 
     Args:

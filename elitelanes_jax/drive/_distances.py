@@ -42,8 +42,8 @@ def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
 def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 4"]:
     """Computes the number of tiles of a shortest way to the goal, from every node of a grid.
 
-    Each movement counts one tile. The distance is `UNREACHABLE` if no way leads to the goal, or the grid does not have
-    the node.
+    Each movement counts one tile. The distance is `UNREACHABLE` if no way leads to the goal, or the
+    grid does not have the node.
 
     Args:
       grid: integer codes ``[H, W]``.
@@ -67,8 +67,8 @@ def _distances(grid: Array, goal: LaneNode) -> Array:
 def shortest_ways(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> UInt8[Array, "H W"]:
     """Computes the turn at every node of a grid for a shortest way to the goal, two bits per heading.
 
-    A turn is 0 right, 1 straight, 2 left, or `NO_WAY`. Among several shortest ways the right turn comes first, then
-    straight on. Raises `InputError` for a bad grid.
+    A turn is 0 right, 1 straight, 2 left, or `NO_WAY`. Among several shortest ways the right turn
+    comes first, then straight on. Raises `InputError` for a bad grid.
     """
     return _shortest_ways(check_grid(grid), goal)
 
@@ -103,7 +103,12 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
         padded = jnp.pad(reached, ((0, 0), (1, 1), (1, 1)), constant_values=far)
         return [
             jnp.maximum(
-                padded[index, 1 + side.down : 1 + side.down + height, 1 + side.right : 1 + side.right + width] + 1,
+                padded[
+                    index,
+                    1 + side.down : 1 + side.down + height,
+                    1 + side.right : 1 + side.right + width,
+                ]
+                + 1,
                 walls[index],
             )
             for index, side in enumerate(SIDES)
@@ -111,7 +116,10 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
 
     def sweep(reached: Array) -> Array:
         onto = onward(reached)
-        best = [jnp.minimum(jnp.minimum(onto[right], onto[ahead]), onto[left]) for right, ahead, left in EXIT]
+        best = [
+            jnp.minimum(jnp.minimum(onto[right], onto[ahead]), onto[left])
+            for right, ahead, left in EXIT
+        ]
         return jnp.minimum(reached, jnp.stack(best))
 
     def sweep_on(carry: tuple[Array, Array]) -> tuple[Array, Array]:

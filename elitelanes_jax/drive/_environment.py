@@ -26,7 +26,8 @@ class Transition(NamedTuple):
       terminated: bool, whether the episode is over.
       truncated: bool, whether the episode was cut off at its limit of steps.
       info: a record of metrics, such as `success`.
-      reached: the observation after the action. It differs from `observation` after an automatic reset.
+      reached: the observation after the action. It differs from `observation` after an automatic
+        reset.
     """
 
     observation: Pytree
@@ -42,7 +43,8 @@ class Environment(NamedTuple):
     """An environment. `jax.jit` and `jax.vmap` its functions; keys are consumed.
 
     Attributes:
-      reset: (key, params) -> (observation, state), on a level drawn uniformly from ``params.levels``.
+      reset: (key, params) -> (observation, state), on a level drawn uniformly from
+        ``params.levels``.
       reset_to_level: (key, level, params) -> (observation, state).
       step: (key, state, action, params) -> `Transition`. It does not reset; see `auto_reset`.
       observe: (state, params) -> observation.
@@ -68,8 +70,8 @@ def draw_level(key: Key[Array, ""], levels: Level) -> Level:
 def auto_reset(environment: Environment) -> Environment:
     """Returns the environment with steps that reset to another level at the end of an episode.
 
-    `reward`, `terminated`, `truncated`, `info` and `reached` are those of the step, `observation` and `state` those of
-    the new episode. Raises `InputError` for anything else than an environment.
+    `reward`, `terminated`, `truncated`, `info` and `reached` are those of the step, `observation`
+    and `state` those of the new episode. Raises `InputError` for anything else than an environment.
     """
     check_named("environment", instance(Environment), environment)
 
@@ -103,16 +105,18 @@ class ReplayState(NamedTuple):
 def auto_replay(environment: Environment) -> Environment:
     """Returns the environment with steps that begin the same level again at the end of an episode.
 
-    A curriculum that chooses levels can reset N environments to N levels, and knows which steps belong to which level.
-    Fields of a step are those of `auto_reset`. States are `ReplayState`. Raises `InputError` for anything else than an
-    environment.
+    A curriculum that chooses levels can reset N environments to N levels, and knows which steps
+    belong to which level. Fields of a step are those of `auto_reset`. States are `ReplayState`.
+    Raises `InputError` for anything else than an environment.
     """
     check_named("environment", instance(Environment), environment)
 
     def reset(key: Key[Array, ""], params: Pytree) -> tuple[Pytree, ReplayState]:
         return reset_to_level(key, draw_level(key, params.levels), params)
 
-    def reset_to_level(key: Key[Array, ""], level: Level, params: Pytree) -> tuple[Pytree, ReplayState]:
+    def reset_to_level(
+        key: Key[Array, ""], level: Level, params: Pytree
+    ) -> tuple[Pytree, ReplayState]:
         seen, state = environment.reset_to_level(key, level, params)
         return seen, ReplayState(state, level)
 
@@ -123,7 +127,9 @@ def auto_replay(environment: Environment) -> Environment:
         _, first = environment.reset_to_level(jax.random.fold_in(key, 1), state.level, params)
         ended = done.terminated | done.truncated
         after = jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, done.state)
-        return done._replace(observation=environment.observe(after, params), state=ReplayState(after, state.level))
+        return done._replace(
+            observation=environment.observe(after, params), state=ReplayState(after, state.level)
+        )
 
     return environment._replace(
         reset=reset,

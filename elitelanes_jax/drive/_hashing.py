@@ -1,6 +1,7 @@
 """Random numbers by integer hashing: two multiplications for each number, where threefry needs about 70 operations.
 
-The numbers are for pictures. They pass no battery of tests of randomness; searches and drawn maps use `jax.random`.
+The numbers are for pictures. They pass no battery of tests of randomness; searches and drawn maps
+use `jax.random`.
 """
 
 from math import prod
@@ -12,7 +13,8 @@ from jaxtyping import Array, Float, UInt32
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.bits import mix
 
-_GOLDEN = np.uint32(0x9E3779B9)  # 2**32 divided by the golden ratio: neighbours' products are far apart
+# 2**32 divided by the golden ratio: neighbours' products are far apart.
+_GOLDEN = np.uint32(0x9E3779B9)
 _MEAN = 2 * 255
 _DEVIATION = float(np.sqrt(4 * (256**2 - 1) / 12))
 

@@ -56,8 +56,8 @@ class LaneDriveParams(Record):
       levels: a batch, from which `reset` draws; `make_levels` makes one.
       robot: its measures.
       limit: steps after which an episode is truncated.
-      start_d: the largest distance of the start from the lane's centre, in tiles, to either side, at most
-        `lane_offset`.
+      start_d: the largest distance of the start from the lane's centre, in tiles, to either side,
+        at most `lane_offset`.
       start_phi: the largest angle between the start and the lane, in radians, to either side.
       progress_reward: for each tile driven in the own lane.
       offset_cost: per second, for each tile from the lane's centre.
@@ -65,16 +65,17 @@ class LaneDriveParams(Record):
       oncoming_cost: per second in the oncoming lane.
       leaving_cost: for leaving the road, which terminates the episode.
       goal_reward: for reaching the goal of a route.
-      collision_cost: of touching an object; a second, if that does not terminate the episode. The robot is a disc of
-        its width, and an object the disc around its footprint.
-      task: "route": turns lead to the goal by a shortest way from the robot's position. "lane": turns are random, and
-        no goal ends the episode; static.
+      collision_cost: of touching an object; a second, if that does not terminate the episode. The
+        robot is a disc of its width, and an object the disc around its footprint.
+      task: "route": turns lead to the goal by a shortest way from the robot's position. "lane":
+        turns are random, and no goal ends the episode; static.
       collision: "terminate" or "cost": whether touching an object terminates the episode; static.
-      action: "wheels": the commands of the left and the right wheel; "twist": speed and turn, as shares of the robot's
-        top speed and top turn; static.
-      observe: "lane": offset, heading, speed and curvature ahead; "camera": the picture of `sight`; static.
-      lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5; static. A tile set may
-        have its own, `TileSet.lane_offset`.
+      action: "wheels": the commands of the left and the right wheel; "twist": speed and turn, as
+        shares of the robot's top speed and top turn; static.
+      observe: "lane": offset, heading, speed and curvature ahead; "camera": the picture of `sight`;
+        static.
+      lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5;
+        static. A tile set may have its own, `TileSet.lane_offset`.
       sight: the camera and its tiles, from `make_sight`; None for none.
     """
 
@@ -100,9 +101,13 @@ class LaneDriveParams(Record):
     def check_together(self) -> None:
         """Checks that there is a camera if one is observed, and that robots start in their own lane."""
         if is_real(self.start_d) and self.start_d > self.lane_offset:
-            raise InputError(f"start_d: expected at most lane_offset, {self.lane_offset:g}, got {self.start_d:g}")
+            raise InputError(
+                f"start_d: expected at most lane_offset, {self.lane_offset:g}, got {self.start_d:g}"
+            )
         if self.observe == "camera" and self.sight is None:
-            raise InputError("sight: expected a result of make_sight, to observe the camera, got None")
+            raise InputError(
+                "sight: expected a result of make_sight, to observe the camera, got None"
+            )
 
     @property
     def max_steps_in_episode(self) -> Numeric:
@@ -137,8 +142,8 @@ class LaneDriveObservation(NamedTuple):
       phi: float32, radians turned to the left of the lane.
       speed: float32, metres a second.
       turn: float32, radians a second.
-      curvature: float32 ``[3]``, 1 / tiles, to the left, at the robot, and 0.25 and 0.5 tile ahead of it, at most on
-        the next tile.
+      curvature: float32 ``[3]``, 1 / tiles, to the left, at the robot, and 0.25 and 0.5 tile ahead
+        of it, at most on the next tile.
       image: uint8 ``[rows, columns, 3]``, RGB, the camera's picture.
     """
 
@@ -176,7 +181,8 @@ class LaneDriveInfo(NamedTuple):
 
 _AHEAD = (0.0, 0.25, 0.5)  # tiles
 
-_Reader = Callable[[Array, Array], tuple[Array, Array]]  # from row and column to the tile's code and ways
+# From row and column to the tile's code and ways.
+_Reader = Callable[[Array, Array], tuple[Array, Array]]
 _Parts = dict[str, Pytree]  # parts of a state, by name
 
 
@@ -184,14 +190,17 @@ _Parts = dict[str, Pytree]  # parts of a state, by name
 @runs_jax
 @jax.jit
 @divide_batches
-def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
+def _reset(
+    key: Key[Array, ""], params: LaneDriveParams
+) -> tuple[LaneDriveObservation, LaneDriveState]:
     """Starts on a level drawn uniformly from ``params.levels``; the key is consumed."""
     levels = params.levels
 
     def draw() -> tuple[Array, _Parts]:
         bits = _reset_bits(key, params)
         index = randint(bits[0], levels.grid.shape[0])
-        # Single tiles are read from the batch, because otherwise the level's whole map would be copied.
+        # Single tiles are read from the batch, because otherwise the level's whole map would be
+        # copied.
         read = partial(_at, (levels.grid, levels.ways), index)
         return index, _start(bits, _at(levels.start, index), read, params)
 
@@ -209,7 +218,9 @@ def _reset_to_level(
     """Puts the robot on the start of a level, at rest, near the middle of its lane; the key is consumed."""
     check_named("level", check_single, level)
     read = partial(_at, (level.grid, level.ways))
-    return _begin(level, once(lambda: _start(_reset_bits(key, params), level.start, read, params)), params)
+    return _begin(
+        level, once(lambda: _start(_reset_bits(key, params), level.start, read, params)), params
+    )
 
 
 def _reset_bits(key: Array, params: LaneDriveParams) -> Array:
@@ -223,7 +234,9 @@ def _at(tree: Pytree, *index: Array) -> Pytree:
 
 
 def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) -> _Parts:
-    along, beside, turned = ((word & 0xFFFF).astype(jnp.float32) / 2**16 for word in (bits[1], bits[1] >> 16, bits[2]))
+    along, beside, turned = (
+        (word & 0xFFFF).astype(jnp.float32) / 2**16 for word in (bits[1], bits[1] >> 16, bits[2])
+    )
     turn = _choose_turn(bits[-1], read, node, params)
     movement = Movement(*node, turn)
     s = along * lane_length(turn, params.lane_offset) / 2
@@ -239,7 +252,9 @@ def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) 
     }
 
 
-def _begin(level: Level, start: _Parts, params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
+def _begin(
+    level: Level, start: _Parts, params: LaneDriveParams
+) -> tuple[LaneDriveObservation, LaneDriveState]:
     given = {name: part for name, part in level._asdict().items() if name != "start"}
     zero = jnp.int32(0)
     state = LaneDriveState(**given, **start, wheels=still(params.robot), tiles=zero, steps=zero)
@@ -259,13 +274,17 @@ class _Events(NamedTuple):
 @jax.jit
 @divide_batches
 def _step(
-    key: Key[Array, ""], state: LaneDriveState, action: Float[ArrayLike, "2"], params: LaneDriveParams
+    key: Key[Array, ""],
+    state: LaneDriveState,
+    action: Float[ArrayLike, "2"],
+    params: LaneDriveParams,
 ) -> Transition:
     """Drives for one step of time.
 
-    The episode terminates at the goal of a route, on a dead end, when either side of the robot leaves the road, and
-    when it touches an object, unless `LaneDriveParams.collision` is "cost". It is truncated at the limit. A robot that
-    leaves its tile by another way than its movement continues on that way.
+    The episode terminates at the goal of a route, on a dead end, when either side of the robot
+    leaves the road, and when it touches an object, unless `LaneDriveParams.collision` is "cost". It
+    is truncated at the limit. A robot that leaves its tile by another way than its movement
+    continues on that way.
 
     Args:
       key: consumed, for noise and random turns.
@@ -279,30 +298,54 @@ def _step(
         raise InputError(f"action: expected two numbers, shape (2,), got shape {shape}")
     moved, events = once(lambda: _move(key, state, action, params))
     success, off_road, d, phi = events.success, events.off_road, moved["d"], moved["phi"]
-    own, oncoming = ~off_road & (jnp.abs(d) <= params.lane_offset), ~off_road & (d > params.lane_offset)
+    own, oncoming = (
+        ~off_road & (jnp.abs(d) <= params.lane_offset),
+        ~off_road & (d > params.lane_offset),
+    )
     costs = params.offset_cost * jnp.abs(d) + params.heading_cost * jnp.abs(phi)
     costs += params.oncoming_cost * jnp.float32(oncoming)
     reward = params.progress_reward * events.along * jnp.float32(own) - costs * params.robot.dt
-    reward += params.goal_reward * jnp.float32(success) - params.leaving_cost * jnp.float32(off_road)
+    reward += params.goal_reward * jnp.float32(success) - params.leaving_cost * jnp.float32(
+        off_road
+    )
     terminated = success | off_road
     if events.collision is not None:
         ends = params.collision == "terminate"
-        reward -= params.collision_cost * jnp.float32(events.collision) * (1 if ends else params.robot.dt)
+        reward -= (
+            params.collision_cost * jnp.float32(events.collision) * (1 if ends else params.robot.dt)
+        )
         terminated |= events.collision & ends
     tiles, steps = state.tiles + events.entered.astype(jnp.int32), state.steps + 1
     after = state._replace(**moved, tiles=tiles, steps=steps)
-    spl = success.astype(jnp.int32) * state.shortest / jnp.maximum(jnp.maximum(tiles, state.shortest), 1)
+    spl = (
+        success.astype(jnp.int32)
+        * state.shortest
+        / jnp.maximum(jnp.maximum(tiles, state.shortest), 1)
+    )
     info = LaneDriveInfo(
-        success, off_road, own, oncoming, tiles, state.shortest, spl.astype(jnp.float32), events.collision
+        success,
+        off_road,
+        own,
+        oncoming,
+        tiles,
+        state.shortest,
+        spl.astype(jnp.float32),
+        events.collision,
     )
     seen = _observe(after, params)
     reward = jnp.asarray(reward, jnp.float32)
-    return Transition(seen, after, reward, terminated, ~terminated & (steps >= params.limit), info, seen)
+    return Transition(
+        seen, after, reward, terminated, ~terminated & (steps >= params.limit), info, seen
+    )
 
 
-def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriveParams) -> tuple[_Parts, _Events]:
+def _move(
+    key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriveParams
+) -> tuple[_Parts, _Events]:
     grid, robot = state.grid, params.robot
-    pose, wheels = drive(jax.random.fold_in(key, 0), state.pose, state.wheels, _to_command(action, params), robot)
+    pose, wheels = drive(
+        jax.random.fold_in(key, 0), state.pose, state.wheels, _to_command(action, params), robot
+    )
     movement, next_turn, entered, astray = _go_on(jax.random.fold_in(key, 1), state, pose, params)
     d, phi, s = lane_errors(pose, movement, params.lane_offset)
     reach = robot.width / 2 / TILE
@@ -310,7 +353,12 @@ def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriv
     *_, left = tile_at(grid, pose.x + beside[0], pose.y + beside[1])
     *_, right = tile_at(grid, pose.x - beside[0], pose.y - beside[1])
     here, goal = movement.node, state.goal
-    success = entered & (here.row == goal.row) & (here.column == goal.column) & (here.heading == goal.heading)
+    success = (
+        entered
+        & (here.row == goal.row)
+        & (here.column == goal.column)
+        & (here.heading == goal.heading)
+    )
     success &= params.task == "route"
     laneless = (_turns_of(grid[here.row, here.column], here.heading) & 3) == 0
     off_road = ~success & (astray | laneless | ~(left & right))
@@ -320,7 +368,15 @@ def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriv
         collision = touches(state.objects, state.pose, pose, robot.width / 2)
         if params.collision == "terminate":
             success &= ~collision
-    moved = {"pose": pose, "wheels": wheels, "movement": movement, "next_turn": next_turn, "d": d, "phi": phi, "s": s}
+    moved = {
+        "pose": pose,
+        "wheels": wheels,
+        "movement": movement,
+        "next_turn": next_turn,
+        "d": d,
+        "phi": phi,
+        "s": s,
+    }
     return moved, _Events(entered, success, off_road, along, collision)
 
 
@@ -332,8 +388,12 @@ def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObserva
         return LaneDriveObservation(None, None, None, None, None, image)
     turn, next_turn, lane_offset = state.movement.turn, state.next_turn, params.lane_offset
     beyond = state.s + jnp.asarray(_AHEAD, jnp.float32) > lane_length(turn, lane_offset)
-    curvature = jnp.where(beyond, lane_curvature(next_turn, lane_offset), lane_curvature(turn, lane_offset))
-    return LaneDriveObservation(state.d, state.phi, state.wheels.speed, state.wheels.turn, curvature)
+    curvature = jnp.where(
+        beyond, lane_curvature(next_turn, lane_offset), lane_curvature(turn, lane_offset)
+    )
+    return LaneDriveObservation(
+        state.d, state.phi, state.wheels.speed, state.wheels.turn, curvature
+    )
 
 
 def _to_command(action: ArrayLike, params: LaneDriveParams) -> Array:
@@ -384,11 +444,15 @@ def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDrivePa
 
 def _pack_turns(is_open: NDArray[np.bool_]) -> int:
     listed = np.flatnonzero(is_open)
-    return len(listed) + sum(int(turn) << (2 * index + 2) for index, turn in enumerate(listed)) if len(listed) else 4
+    return (
+        len(listed) + sum(int(turn) << (2 * index + 2) for index, turn in enumerate(listed))
+        if len(listed)
+        else 4
+    )
 
 
-# By tile and heading, 4 * code + heading: the number of open turns, in two bits, and in two bits each the open turns;
-# straight on if none is open.
+# By tile and heading, 4 * code + heading: the number of open turns, in two bits, and in two bits
+# each the open turns; straight on if none is open.
 _TURNS = np.array([_pack_turns(is_open) for is_open in MOVEMENTS.reshape(-1, 3)], np.int32)
 
 
@@ -397,10 +461,14 @@ def _turns_of(code: Array, heading: Array) -> Array:
 
 
 LaneDrive = Environment(_reset, _reset_to_level, _step, _observe, actions=None, action_size=2)
-"""The environment; `LaneDriveParams` has its options. An action is two numbers, see `LaneDriveParams.action`."""
+"""The environment; `LaneDriveParams` has its options.
+
+An action is two numbers, see `LaneDriveParams.action`.
+"""
 
 _SPEED = 0.3  # metres a second
-_LOOKAHEAD = 0.12  # tiles along the lane, from the point beside the robot to the point that it drives to
+# Tiles along the lane, from the point beside the robot to the point that it drives to.
+_LOOKAHEAD = 0.12
 
 
 @name_wrong_arguments
@@ -409,7 +477,8 @@ _LOOKAHEAD = 0.12  # tiles along the lane, from the point beside the robot to th
 def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array, "2"]:
     """Returns the expert's action: to drive at 0.3 m/s along the arc to a point of the lane 0.12 tiles ahead.
 
-    Source: Coulter, "Implementation of the pure pursuit path tracking algorithm", Carnegie Mellon University, 1992.
+    Source: Coulter, "Implementation of the pure pursuit path tracking algorithm", Carnegie Mellon
+    University, 1992.
 
     Args:
       state: of the environment.
@@ -431,5 +500,7 @@ def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array,
     curvature = 2 * left / jnp.maximum(ahead * ahead + left * left, 1e-6)
     turn = _SPEED * curvature / TILE
     if params.action == "twist":
-        return jnp.clip(jnp.stack([_SPEED / params.robot.top_speed, turn / params.robot.top_turn]), -1, 1)
+        return jnp.clip(
+            jnp.stack([_SPEED / params.robot.top_speed, turn / params.robot.top_turn]), -1, 1
+        )
     return to_wheels(_SPEED, turn, params.robot)

@@ -27,7 +27,8 @@ class Level(NamedTuple):
     """A task on a map. In a batch every shape starts with N.
 
     Attributes:
-      grid: int8 ``[H, W]``, only links: each connection is returned by the neighbour (see `linked_codes`).
+      grid: int8 ``[H, W]``, only links: each connection is returned by the neighbour (see
+        `linked_codes`).
       start: node; its heading is the one with which its tile was entered.
       goal: node to be reached, with its heading.
       shortest: int32, tiles from the start to the goal.
@@ -67,12 +68,16 @@ def random_level(
 
 
 @divide_batches
-def _random_level(key: Array, grid: AnyArray, least: Int[ArrayLike, ""], most: Int[ArrayLike, ""]) -> Level:
+def _random_level(
+    key: Array, grid: AnyArray, least: Int[ArrayLike, ""], most: Int[ArrayLike, ""]
+) -> Level:
     links = jnp.asarray(linked_codes(grid))
     width = links.shape[1]
     bits = random_bits(key, (2,))
     onward = jnp.asarray(CONNECTIONS)[links] >= 2
-    led_to = lane_nodes(links) & jnp.stack([jnp.roll(onward, side[3:5], (0, 1)) for side in SIDES], axis=-1)
+    led_to = lane_nodes(links) & jnp.stack(
+        [jnp.roll(onward, side[3:5], (0, 1)) for side in SIDES], axis=-1
+    )
     goal = _draw(bits[0], led_to, width)
     away = distances(links, goal)
     reachable = (away > 0) & (away < UNREACHABLE)
@@ -80,7 +85,9 @@ def _random_level(key: Array, grid: AnyArray, least: Int[ArrayLike, ""], most: I
     enough = reachable & (away >= jnp.minimum(least, furthest))
     nearest = jnp.where(enough, away, UNREACHABLE).min()
     start = _draw(bits[1], enough & (away <= jnp.maximum(most, nearest)), width)
-    return Level(links, start, goal, away[start.row, start.column, start.heading], shortest_ways(links, goal))
+    return Level(
+        links, start, goal, away[start.row, start.column, start.heading], shortest_ways(links, goal)
+    )
 
 
 def _draw(bits: Array, among: Array, width: int) -> LaneNode:
@@ -106,26 +113,32 @@ def make_levels(
 
     Args:
       key: consumed.
-      grids: M maps of one size, as `as_maps` takes them: integer codes ``[M, H, W]``, or `RoadMap`s.
+      grids: M maps of one size, as `as_maps` takes them: integer codes ``[M, H, W]``, or
+        `RoadMap`s.
       count: N, the number of levels; by default M. Level i is on map i modulo M.
       least: tiles from the start to the goal, 1 or more.
       most: tiles from the start to the goal, 1 or more.
 
     Returns:
-      A batch of N levels with the objects of the maps. In each a way leads from the start to the goal.
+      A batch of N levels with the objects of the maps. In each a way leads from the start to the
+      goal.
 
     Raises:
-      InputError: for anything but a key, a bad grid, grids of several sizes, a map without any lane, or a number out
-        of its range.
+      InputError: for anything but a key, a bad grid, grids of several sizes, a map without any
+        lane, or a number out of its range.
     """
     check_key(key)
     given = check_named("grids", as_maps, grids)
     maps = [road_map.codes for road_map in given]
     if len({grid.shape for grid in maps}) != 1:
-        raise InputError(f"grids: expected one or more of one size, got {'several sizes' if maps else 'none'}")
+        raise InputError(
+            f"grids: expected one or more of one size, got {'several sizes' if maps else 'none'}"
+        )
     for index, codes in enumerate(maps):
         if not movements_of(codes).row.size:
-            raise InputError(f"grids[{index}]: expected a map with a lane, got one without any movement")
+            raise InputError(
+                f"grids[{index}]: expected a map with a lane, got one without any movement"
+            )
     total = len(maps) if count is None else check_named("count", whole(1), count)
     least, most = check_named("least", whole(1), least), check_named("most", whole(1), most)
     map_of = np.arange(total) % len(maps)
@@ -150,7 +163,8 @@ def check_single(level: UserValue) -> Level:
 
 def _check_axes(level: UserValue, axes: int, expected: str) -> Level:
     if not isinstance(level, Level) or np.ndim(level.grid) != axes:
-        got = "an array" if hasattr(level, "shape") else type(level).__name__  # not the type of a tracer
+        # Not the type of a tracer.
+        got = "an array" if hasattr(level, "shape") else type(level).__name__
         got = f"one of shape {np.shape(level.grid)}" if isinstance(level, Level) else got
         raise InputError(f"expected {expected}, got {got}")
     return level

@@ -1,7 +1,8 @@
 """Objects of maps as arrays: what the camera shows of them, and whether a robot touches one.
 
-In views an object is an upright picture at its position, parallel to the view's rows. So without distortion a
-row of pixels shows one row of each picture, and one look-up for the row tells which of its pixels are opaque.
+In views an object is an upright picture at its position, parallel to the view's rows. So without
+distortion a row of pixels shows one row of each picture, and one look-up for the row tells which of
+its pixels are opaque.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,7 +55,8 @@ class Billboards(NamedTuple):
 
     Attributes:
       pixels: uint32 ``[K * V * S * S]``, red, green and blue from the lowest byte, row by row.
-      opaque: uint32 ``[K * V * S, S / 32]``, a bit for each pixel of a row, the first one the lowest.
+      opaque: uint32 ``[K * V * S, S / 32]``, a bit for each pixel of a row, the first one the
+        lowest.
       aspect: float32 ``[K * V]``, width over height.
     """
 
@@ -66,7 +68,10 @@ class Billboards(NamedTuple):
 @name_wrong_arguments
 @runs_jax
 def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
-    """Makes the objects of maps, a batch; None if no map has any. Raises `InputError` for other things than maps."""
+    """Makes the objects of maps, a batch; None if no map has any.
+
+    Raises `InputError` for other things than maps.
+    """
     check_named("maps", listed(RoadMap), maps)
     things_of = [road_map.objects or () for road_map in maps]
     most = max(map(len, things_of), default=0)
@@ -88,12 +93,12 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
 def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     """Makes the pictures that cameras show of objects; what has none is not shown.
 
-    Each picture is scaled to 64 x 64 pixels. Nobody can read an AprilTag at this size, so all signs of a kind show the
-    tag of their view.
+    Each picture is scaled to 64 x 64 pixels. Nobody can read an AprilTag at this size, so all signs
+    of a kind show the tag of their view.
 
     Args:
-      views: uint8 ``[rows, columns, 4]``, RGB and opacity, by kind and by degrees counter-clockwise from the front, as
-        `ObjectSet.views` has them.
+      views: uint8 ``[rows, columns, 4]``, RGB and opacity, by kind and by degrees counter-clockwise
+        from the front, as `ObjectSet.views` has them.
 
     Raises:
       InputError: for unknown kinds, or arrays of other shapes.
@@ -106,20 +111,27 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
         for view in range(_VIEWS if pictures else 0):
             picture = np.asarray(pictures[nearest_view(pictures, 360 / _VIEWS * view)])
             if picture.ndim != 3 or picture.shape[2] != 4 or picture.dtype != np.uint8:
-                raise InputError(f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}")
+                raise InputError(
+                    f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}"
+                )
             down, across = ((np.arange(_SIDE) + 0.5) * side // _SIDE for side in picture.shape[:2])
             cell = list(OBJECT_KINDS).index(name), view
             pixels[cell] = picture[down.astype(int)[:, None], across.astype(int)]
             aspect[cell] = picture.shape[1] / picture.shape[0]
     opaque = (pixels[..., 3] >= OPAQUE).reshape(-1, _SIDE // 32, 32)
-    words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(axis=-1, dtype=np.uint32)
+    words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(
+        axis=-1, dtype=np.uint32
+    )
     pixels[..., 3] = 0  # the label of what is no road
     colours = np.ascontiguousarray(pixels).view("<u4").reshape(-1).astype(np.uint32)
     return Billboards(jnp.asarray(colours), jnp.asarray(words), jnp.asarray(aspect.reshape(-1)))
 
 
 class Rays(NamedTuple):
-    """Metres that a camera's rays go for each metre of its depth. They broadcast to ``[rows, columns]``."""
+    """Metres that a camera's rays go for each metre of its depth.
+
+    They broadcast to ``[rows, columns]``.
+    """
 
     right: Float[Array, "..."]
     forward: Float[Array, "..."]
@@ -127,13 +139,19 @@ class Rays(NamedTuple):
 
 
 def stand(
-    pose: Pose, objects: Objects, billboards: Billboards, rays: Rays, height: Numeric, forward: Numeric, count: int
+    pose: Pose,
+    objects: Objects,
+    billboards: Billboards,
+    rays: Rays,
+    height: Numeric,
+    forward: Numeric,
+    count: int,
 ) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
     """Finds the objects that are seen, among the `count` nearest ones in front of a camera.
 
-    The pose is that of the middle between the wheels. The camera is `height` metres above the ground, and `forward`
-    metres ahead of this middle. Returns for each pixel whether there is an object, the index in `Billboards.pixels`,
-    and the object's index plus 1, or 0.
+    The pose is that of the middle between the wheels. The camera is `height` metres above the
+    ground, and `forward` metres ahead of this middle. Returns for each pixel whether there is an
+    object, the index in `Billboards.pixels`, and the object's index plus 1, or 0.
     """
     cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
     east, north = (objects.x - pose.x) * TILE, (pose.y - objects.y) * TILE
@@ -150,7 +168,9 @@ def stand(
 
     def rows() -> tuple[Array, ...]:
         """Computes all that is the same for a row of pixels, for each object."""
-        distance, wide, high, chosen = (part[near] for part in (ahead, width, objects.height, picture))
+        distance, wide, high, chosen = (
+            part[near] for part in (ahead, width, objects.height, picture)
+        )
         column = (..., *[None] * 2)
         forward, fall = rays.forward[None], rays.fall[None]
         scale = jnp.where(forward > 1e-6, distance[column] / jnp.maximum(forward, 1e-6), jnp.inf)
@@ -159,9 +179,16 @@ def stand(
         row = jnp.floor((1 - up / jnp.where(high > 0, high, 1)[column]) * _SIDE).astype(jnp.int32)
         hit = (row >= 0) & (row < _SIDE) & (scale > 0)
         first = chosen[column] * _SIDE + jnp.clip(row, 0, _SIDE - 1)
-        words = jnp.where(hit[..., None], billboards.opaque.at[first].get(mode="promise_in_bounds"), 0)
+        words = jnp.where(
+            hit[..., None], billboards.opaque.at[first].get(mode="promise_in_bounds"), 0
+        )
         pixels = _SIDE / jnp.where(wide > 0, wide, 1)
-        return scale * pixels[column], left[near] * pixels + _SIDE / 2, first * _SIDE, jnp.moveaxis(words, -1, 0)
+        return (
+            scale * pixels[column],
+            left[near] * pixels + _SIDE / 2,
+            first * _SIDE,
+            jnp.moveaxis(words, -1, 0),
+        )
 
     slope, middle, first, words = once(rows)
 
@@ -179,7 +206,9 @@ def stand(
         return seen
 
     seen = once(layers)
-    instances = jnp.concatenate([jnp.zeros(1, jnp.int32), near.astype(jnp.int32) + 1])[seen >> _INDEX]
+    instances = jnp.concatenate([jnp.zeros(1, jnp.int32), near.astype(jnp.int32) + 1])[
+        seen >> _INDEX
+    ]
     return seen > 0, seen & ((1 << _INDEX) - 1), instances
 
 

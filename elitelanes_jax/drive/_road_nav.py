@@ -43,7 +43,8 @@ class RoadNavParams(Record):
       stuck_cost: of entering a dead end other than the goal, which terminates the episode.
       window: k, side of the observed window in tiles, odd, or 0 for none; static.
       goal: how the goal is observed: "compass", "mark" in the window, "both" or "none"; static.
-      whole_map: whether the map, the node and, unless `goal` is "none", the goal are observed; static.
+      whole_map: whether the map, the node and, unless `goal` is "none", the goal are observed;
+        static.
     """
 
     levels: Level = option(REQUIRED, check_batch)
@@ -76,11 +77,11 @@ class RoadNavObservation(NamedTuple):
 
     Attributes:
       ways: bool ``[3]``, the turns that are open here: right, straight, left.
-      window: int8 ``[k, k]``, codes of the tiles around, turned so that the bit of north means ahead; the agent is in
-        the middle; 0 beyond the map.
+      window: int8 ``[k, k]``, codes of the tiles around, turned so that the bit of north means
+        ahead; the agent is in the middle; 0 beyond the map.
       mark: bool ``[k, k]``, the goal's tile in the window.
-      compass: float32 ``[3]``, the goal's direction (cosine, sine to the left; 0, 0 on its tile), and its straight-line
-        distance in tiles.
+      compass: float32 ``[3]``, the goal's direction (cosine, sine to the left; 0, 0 on its tile),
+        and its straight-line distance in tiles.
       whole_map: int8 ``[H, W]``, the codes, north up.
       here: int32 ``[3]``, the agent's row, column and heading.
       there: int32 ``[3]``, the goal's row, column and heading.
@@ -102,8 +103,8 @@ class RoadNavInfo(NamedTuple):
       success: bool, the goal is reached.
       tiles: int32, driven.
       shortest: int32, the tiles of a shortest way.
-      spl: float32, success times shortest / driven (Anderson et al., "On evaluation of embodied navigation agents",
-        2018).
+      spl: float32, success times shortest / driven (Anderson et al., "On evaluation of embodied
+        navigation agents", 2018).
     """
 
     success: Bool[Array, ""]
@@ -140,7 +141,9 @@ def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservati
 @runs_jax
 @jax.jit
 @divide_batches
-def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], params: RoadNavParams) -> Transition:
+def _step(
+    key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], params: RoadNavParams
+) -> Transition:
     """Drives to the next tile.
 
     The episode terminates on the goal and on a dead end, and is truncated at the limit.
@@ -148,9 +151,9 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
     Args:
       key: not used.
       state: the state before.
-      action: 0 right, 1 straight, 2 left; other numbers are clipped. If that turn is not open, the next open turn is
-        taken, in the order right, straight, left, right. So any action follows a road without choice. On a dead end the
-        agent stays.
+      action: 0 right, 1 straight, 2 left; other numbers are clipped. If that turn is not open, the
+        next open turn is taken, in the order right, straight, left, right. So any action follows a
+        road without choice. On a dead end the agent stays.
       params: of the environment.
     """
     check_named("params", instance(RoadNavParams), params)
@@ -178,7 +181,9 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
     terminated = success | stuck
     seen = _observe(after, params)
     reward = jnp.asarray(earned - params.tile_cost, jnp.float32)
-    return Transition(seen, after, reward, terminated, ~terminated & (tiles >= params.limit), info, seen)
+    return Transition(
+        seen, after, reward, terminated, ~terminated & (tiles >= params.limit), info, seen
+    )
 
 
 @runs_jax
@@ -216,7 +221,10 @@ def _look_around(grid: Array, goal: LaneNode, node: LaneNode, size: int) -> tupl
 
 
 def _compass(node: LaneNode, goal: LaneNode) -> Array:
-    down, right = (goal.row - node.row).astype(jnp.float32), (goal.column - node.column).astype(jnp.float32)
+    down, right = (
+        (goal.row - node.row).astype(jnp.float32),
+        (goal.column - node.column).astype(jnp.float32),
+    )
     distance = jnp.sqrt(down * down + right * right)
     scale = 1 / jnp.maximum(distance, 1)
     ahead_down, ahead_right = jnp.asarray(_AHEAD)[node.heading]

@@ -29,18 +29,20 @@ def make_scenes(
 ) -> Scenes:
     """Makes the scenes of `views`: maps, also of several sizes, and the pictures that show them.
 
-    Photographs of tiles are not blended as `render` blends them: each keeps its light, and seams are sharp.
+    Photographs of tiles are not blended as `render` blends them: each keeps its light, and seams
+    are sharp.
 
     Args:
-      maps: one or more, as `as_maps` takes them: integer codes ``[M, H, W]``, a list of grids, or `RoadMap`s. Their
-        objects are shown.
+      maps: one or more, as `as_maps` takes them: integer codes ``[M, H, W]``, a list of grids, or
+        `RoadMap`s. Their objects are shown.
       tiles: the tile set; by default the package's own.
-      tile_px: side of the largest pictures of tiles in pixels: 16, 32, 64, 128, 256 or 512. Near pixels of a picture of
-        120 x 160 need 256, and smaller pictures need less.
+      tile_px: side of the largest pictures of tiles in pixels: 16, 32, 64, 128, 256 or 512. Near
+        pixels of a picture of 120 x 160 need 256, and smaller pictures need less.
       objects: the pictures of objects; by default the package's own.
 
     Raises:
-      InputError: for no map, a map without a lane, a code or an object without a picture, or a bad size.
+      InputError: for no map, a map without a lane, a code or an object without a picture, or a bad
+        size.
     """
     road_maps = check_named("maps", as_maps, maps)
     tiles = load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
@@ -59,7 +61,13 @@ def make_scenes(
             check_named("objects", pictures.choose, road_map.objects or ())
         billboards = make_billboards(pictures.views)
     scene_maps = _stack(road_maps)._replace(objects=placed)
-    return Scenes(scene_maps, _make_pyramid(tiles, tile_px), jnp.asarray(table), jnp.asarray(counts), billboards)
+    return Scenes(
+        scene_maps,
+        _make_pyramid(tiles, tile_px),
+        jnp.asarray(table),
+        jnp.asarray(counts),
+        billboards,
+    )
 
 
 def _check_map(name: str, road_map: RoadMap, tiles: TileSet) -> None:
@@ -69,7 +77,9 @@ def _check_map(name: str, road_map: RoadMap, tiles: TileSet) -> None:
     for code in np.unique(codes).tolist():
         if code not in tiles.rotations:
             drawn = ", ".join(map(str, tiles.rotations))
-            raise InputError(f"{name}: expected codes that the set {tiles.name!r} can draw ({drawn}), got {code}")
+            raise InputError(
+                f"{name}: expected codes that the set {tiles.name!r} can draw ({drawn}), got {code}"
+            )
 
 
 def _stack(road_maps: list[RoadMap]) -> SceneMap:
@@ -85,11 +95,16 @@ def _stack(road_maps: list[RoadMap]) -> SceneMap:
         codes[inside] = road_map.codes
         links[inside] = linked_codes(np.asarray(road_map.codes))
         movements[index, : counts[index]] = listed[index]
-    return SceneMap(jnp.asarray(codes), jnp.asarray(links), jnp.asarray(movements), jnp.asarray(counts), None)
+    return SceneMap(
+        jnp.asarray(codes), jnp.asarray(links), jnp.asarray(movements), jnp.asarray(counts), None
+    )
 
 
 def _list_pictures(tiles: TileSet) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Lists the pictures of each code, and how many there are. A code without any has those of code 0."""
+    """Lists the pictures of each code, and how many there are.
+
+    A code without any has those of code 0.
+    """
     shown = [tiles.rotations.get(code, tiles.rotations[0]) for code in range(16)]
     counts = np.array([len(pictures) for pictures in shown], np.int32)
     table = np.zeros((16, counts.max()), np.int32)

@@ -7,7 +7,10 @@ from jaxtyping import Array, Int32, UInt32
 from elitelanes_jax.drive._objects import Billboards, Objects
 
 PAVED = 64
-"""The bit of a pyramid's label byte that is set where a tile is not ground. The label is below it."""
+"""The bit of a pyramid's label byte that is set where a tile is not ground.
+
+The label is below it.
+"""
 
 
 class SceneMap(NamedTuple):
@@ -33,11 +36,12 @@ class Scenes(NamedTuple):
 
     Attributes:
       maps: a batch of M maps.
-      pyramid: uint32 ``[T, P]``, each picture of a tile in all sizes, from the largest to one pixel, row by row:
-        red, green, blue and label from the lowest byte. Ground is black, and only what is not ground has the bit
-        `PAVED` of the label's byte.
+      pyramid: uint32 ``[T, P]``, each picture of a tile in all sizes, from the largest to one
+        pixel, row by row: red, green, blue and label from the lowest byte. Ground is black, and
+        only what is not ground has the bit `PAVED` of the label's byte.
       tiles: int32 ``[16, V]``, the pictures that show each code, T indices.
-      picture_counts: int32 ``[16]``, the number of pictures that show each code. Columns after it are not used.
+      picture_counts: int32 ``[16]``, the number of pictures that show each code. Columns after it
+        are not used.
       billboards: the pictures of objects; None without objects.
     """
 

@@ -1,10 +1,10 @@
 """What differs between views of one scene: background, shadows, lens and colours, as `dataset --transform` varies them.
 
-First `draw_look` draws the numbers of a view. Then `lay_background` and `photograph` make the picture. Colours are
-rounded once, in the last step.
+First `draw_look` draws the numbers of a view. Then `lay_background` and `photograph` make the
+picture. Colours are rounded once, in the last step.
 
-XLA for processors repeats a formula for each of its uses. Therefore whatever several pixels or all colours use is
-computed by `once`.
+XLA for processors repeats a formula for each of its uses. Therefore whatever several pixels or all
+colours use is computed by `once`.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,8 @@ from elitelanes_jax.drive._camera import Camera
 from elitelanes_jax.drive._hashing import fork, hash_bits, hash_normal, uniform
 from elitelanes_jax.network.xla import once
 
-_COARSE = (4, 16)  # grains of a pattern along each side; its finest grains are about 1/64 of the picture's rows
+# Grains of a pattern along each side; its finest grains are about 1/64 of the picture's rows.
+_COARSE = (4, 16)
 _FINEST = 64
 _SHADOWS = 5  # grains along each side
 _RECTANGLES = 5
@@ -33,8 +34,10 @@ _STREAK = 25  # samples along a streak of motion blur
 _LENS = 2  # pixels that a blur reaches in each direction
 _MANTISSA = 23  # bits of a float32 for its fraction
 _ROOT_HALF_BITS = 0x3F3504F3  # of the root of a half as a float32
-_LOG2 = (2.885391, 0.9614714, 0.5989572)  # of log2((1 + x) / (1 - x)) / x in powers of x²; error 2e-7 for fractions
-_EXP2 = (0.9999992, 0.693122, 0.2402498, 0.05591704, 0.00956051)  # of 2**x from -0.5 to 0.5; error 4e-6
+# Of log2((1 + x) / (1 - x)) / x in powers of x²; error 2e-7 for fractions.
+_LOG2 = (2.885391, 0.9614714, 0.5989572)
+# Of 2**x from -0.5 to 0.5; error 4e-6.
+_EXP2 = (0.9999992, 0.693122, 0.2402498, 0.05591704, 0.00956051)
 
 
 @pytree
@@ -42,15 +45,18 @@ _EXP2 = (0.9999992, 0.693122, 0.2402498, 0.05591704, 0.00956051)  # of 2**x from
 class Variation(Record):
     """The ranges of views. Each value of a picture is drawn uniformly from its range. None leaves a step out.
 
-    A pytree: a number may also be an array ``[batch]``, with a range for each picture. Arrays are not checked.
+    A pytree: a number may also be an array ``[batch]``, with a range for each picture. Arrays are
+    not checked.
 
     Attributes:
       offset: largest distance from the lane's centre in tiles, either way, 0 to 0.2.
       heading: largest angle from the lane's direction in degrees, either way, 0 to 180.
-      wobble: largest change of the camera's height, pitch and field of view, either way, as a share, 0 to 0.5.
+      wobble: largest change of the camera's height, pitch and field of view, either way, as a
+        share, 0 to 0.5.
       lines: largest stretch of a tile at its white lines, in tiles, 0 to 0.08.
       horizon: share of the pictures with the sky of one of gym-duckietown's horizons, 0 to 1.
-      background: share of the pictures with random patterns instead of plain ground and sky, 0 to 1.
+      background: share of the pictures with random patterns instead of plain ground and sky, 0 to
+        1.
       shadow: largest share of the light that a shadow takes, 0 to 1.
       vignette: largest share of the light that the corners lose, 0 to 1.
       gamma: largest change of the tone curve's exponent, either way, as a power of 2, 0 to 2.
@@ -84,8 +90,23 @@ class Variation(Record):
 
 
 VARIED = Variation(
-    **{"horizon": 1, "background": 0.8, "shadow": 0.6, "vignette": 0.5, "gamma": 0.6, "saturation": 0.5},
-    **{"warmth": 0.2, "light": 0.3, "contrast": 0.4, "colour": 0.1, "motion": 2, "blur": 0.8, "noise": 8},
+    **{
+        "horizon": 1,
+        "background": 0.8,
+        "shadow": 0.6,
+        "vignette": 0.5,
+        "gamma": 0.6,
+        "saturation": 0.5,
+    },
+    **{
+        "warmth": 0.2,
+        "light": 0.3,
+        "contrast": 0.4,
+        "colour": 0.1,
+        "motion": 2,
+        "blur": 0.8,
+        "noise": 8,
+    },
 )
 """The ranges of ``dataset --transform varied`` without its compression."""
 
@@ -94,7 +115,10 @@ HORIZONS = np.array([(115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 
 
 
 Planes: TypeAlias = list[Float[Array, "rows columns"]]
-"""Red, green and blue of a picture, 0 to 255. Separate arrays, because XLA fuses arithmetic on each into one loop."""
+"""Red, green and blue of a picture, 0 to 255.
+
+Separate arrays, because XLA fuses arithmetic on each into one loop.
+"""
 
 Colour: TypeAlias = Sequence[Numeric]
 """Red, green and blue, 0 to 255."""
@@ -107,7 +131,8 @@ class Background(NamedTuple):
       below: float32 ``[3]``, what the noise adds to the ground's colour.
       above: float32 ``[3]``, what the noise adds to the sky's colour.
       weights: float32 ``[3]``, of the noise, from coarse to fine.
-      rectangles: float32 ``[5, 4]``, first row, first column, and those after the last; empty ones are not drawn.
+      rectangles: float32 ``[5, 4]``, first row, first column, and those after the last; empty ones
+        are not drawn.
       paints: float32 ``[5, 3]``, their colours.
     """
 
@@ -129,7 +154,8 @@ class Look(NamedTuple):
       shadow: float32 ``[3]``, its depth, the level where it begins, and its steepness.
       vignette: float32, the share of the light that the corners lose.
       exponent: float32, of the tone curve.
-      mixing: float32 ``[3, 3]``, for each colour the factor of itself, the factor of the mean, and an addend.
+      mixing: float32 ``[3, 3]``, for each colour the factor of itself, the factor of the mean, and
+        an addend.
       kernel: float32 ``[5, 5]``, of the blur.
       noise: float32, standard deviation.
     """
@@ -146,20 +172,41 @@ class Look(NamedTuple):
     noise: Float[Array, ""] | None
 
 
-# The uniform numbers of a look by what they are for. All are always drawn, so that a range changes no other value.
-_NUMBERS = {"horizon": 2, "changed": 1, "bases": 2, "tints": 48, "weights": 3, "rectangles": 20, "paints": 15}
-_NUMBERS |= {"amount": 1, "shadow": 3, "vignette": 1, "gamma": 1, "saturation": 1, "warmth": 1, "light": 1}
+# The uniform numbers of a look by what they are for. All are always drawn, so that a range changes
+# no other value.
+_NUMBERS = {
+    "horizon": 2,
+    "changed": 1,
+    "bases": 2,
+    "tints": 48,
+    "weights": 3,
+    "rectangles": 20,
+    "paints": 15,
+}
+_NUMBERS |= {
+    "amount": 1,
+    "shadow": 3,
+    "vignette": 1,
+    "gamma": 1,
+    "saturation": 1,
+    "warmth": 1,
+    "light": 1,
+}
 _NUMBERS |= {"contrast": 1, "colour": 3, "motion": 2, "blur": 1, "noise": 1}
 
 LOOK_NUMBERS = sum(_NUMBERS.values())
 """The number of uniform numbers that a look needs."""
 
 
-def draw_look(seed: UInt32[Array, ""], uniforms: Float[Array, " N"], variation: Variation, camera: Camera) -> Look:
+def draw_look(
+    seed: UInt32[Array, ""], uniforms: Float[Array, " N"], variation: Variation, camera: Camera
+) -> Look:
     """Draws the numbers of one picture of a camera, from a seed and `LOOK_NUMBERS` uniform numbers."""
     parts = jnp.split(uniforms, np.cumsum(list(_NUMBERS.values()))[:-1])
     numbers = dict(zip(_NUMBERS, parts, strict=True))
-    ground, sky = (jnp.stack([jnp.asarray(part) for part in colour]) for colour in (camera.ground, camera.sky))
+    ground, sky = (
+        jnp.stack([jnp.asarray(part) for part in colour]) for colour in (camera.ground, camera.sky)
+    )
     if variation.horizon is not None:
         other, horizon = numbers["horizon"]
         chosen = jnp.asarray(HORIZONS)[(horizon * len(HORIZONS)).astype(jnp.int32)]
@@ -168,13 +215,18 @@ def draw_look(seed: UInt32[Array, ""], uniforms: Float[Array, " N"], variation: 
     if variation.background is not None:
         changed = numbers["changed"][0] < variation.background
         means, background = _draw_background(numbers, changed, (camera.rows, camera.columns))
-        ground, sky = (jnp.where(changed, mean, plain) for mean, plain in zip(means, (ground, sky), strict=True))
+        ground, sky = (
+            jnp.where(changed, mean, plain)
+            for mean, plain in zip(means, (ground, sky), strict=True)
+        )
     shadow = None
     if variation.shadow is not None:
         depth, steepness, level = numbers["shadow"]
         shadow = jnp.stack([depth * variation.shadow, level, 2 ** (2 + 4 * steepness)])
     vignette = None if variation.vignette is None else numbers["vignette"][0] * variation.vignette
-    exponent = None if variation.gamma is None else 2 ** (_signed(numbers["gamma"][0]) * variation.gamma)
+    exponent = (
+        None if variation.gamma is None else 2 ** (_signed(numbers["gamma"][0]) * variation.gamma)
+    )
     mixing, kernel = _mix_colours(numbers, variation), _draw_kernel(numbers, variation)
     noise = None
     if variation.noise is not None or camera.noise is not None:
@@ -190,7 +242,10 @@ def _signed(number: Array) -> Array:
 def _draw_background(
     numbers: dict[str, Array], changed: Bool[Array, ""], size: tuple[int, int]
 ) -> tuple[Float[Array, "2 3"], Background]:
-    """Returns the mean colours of ground and sky, and their patterns. If they are not changed, patterns add nothing."""
+    """Returns the mean colours of ground and sky, and their patterns.
+
+    If they are not changed, patterns add nothing.
+    """
     # Sums of four uniform numbers have nearly a normal distribution: mean 2, variance 1 / 3.
     normal = (numbers["tints"].reshape(4, 2, 2, 3).sum(axis=0) - 2) * np.float32(np.sqrt(3))
     means = 10 + 235 * numbers["bases"][:, None] + 30 * normal[0]
@@ -212,7 +267,13 @@ def _mix_colours(numbers: dict[str, Array], variation: Variation) -> Array | Non
 
     Warmth and saturation come first, then contrast around mid-grey; without clipping in between.
     """
-    ranges = (variation.saturation, variation.warmth, variation.light, variation.contrast, variation.colour)
+    ranges = (
+        variation.saturation,
+        variation.warmth,
+        variation.light,
+        variation.contrast,
+        variation.colour,
+    )
     if all(span is None for span in ranges):
         return None
 
@@ -232,7 +293,9 @@ def _draw_kernel(numbers: dict[str, Array], variation: Variation) -> Array | Non
     if variation.motion is None and variation.blur is None:
         return None
     reach = jnp.arange(-_LENS, _LENS + 1)
-    deviation = jnp.maximum(numbers["blur"][0] * (0 if variation.blur is None else variation.blur), 1e-3)
+    deviation = jnp.maximum(
+        numbers["blur"][0] * (0 if variation.blur is None else variation.blur), 1e-3
+    )
     taps = jnp.exp(-0.5 * (reach / deviation) ** 2)
     taps = taps / taps.sum()
     length, turn = numbers["motion"]
@@ -261,10 +324,16 @@ def spread(size: int, grains: int) -> Float[NDArray, "size grains"]:
     return matrix
 
 
-def _smooth(seed: UInt32[Array, ""], grains: int, shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
+def _smooth(
+    seed: UInt32[Array, ""], grains: int, shape: tuple[int, ...]
+) -> Float[Array, "rows columns"]:
     """Returns smooth noise, -1 to 1, with `grains` grains along each side."""
     rows, columns = shape
-    return spread(rows, grains) @ _grid(fork(seed, grains), (grains, grains)) @ spread(columns, grains).T
+    return (
+        spread(rows, grains)
+        @ _grid(fork(seed, grains), (grains, grains))
+        @ spread(columns, grains).T
+    )
 
 
 def _fine(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
@@ -279,7 +348,10 @@ def _fine(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array, "rows
 def _interpolate(grid: Array, side: int, axis: int) -> Array:
     """Puts `side` values between neighbours along an axis."""
     last = grid.shape[axis] - 1
-    before, after = jax.lax.slice_in_dim(grid, 0, last, axis=axis), jax.lax.slice_in_dim(grid, 1, None, axis=axis)
+    before, after = (
+        jax.lax.slice_in_dim(grid, 0, last, axis=axis),
+        jax.lax.slice_in_dim(grid, 1, None, axis=axis),
+    )
     shares = (np.arange(side, dtype=np.float32) + np.float32(0.5)) / side
     between = [before * (1 - share) + after * share for share in shares]
     shape = list(before.shape)
@@ -311,23 +383,35 @@ def lay_background(
             below[index] = jnp.clip(below[index] + background.below[index] * field, 0, 255)
             pattern = jnp.clip(above[index] + background.above[index] * field, 0, 255)
             for rectangle in range(_RECTANGLES):
-                pattern = jnp.where(number == rectangle + 1, background.paints[rectangle, index], pattern)
+                pattern = jnp.where(
+                    number == rectangle + 1, background.paints[rectangle, index], pattern
+                )
             above[index] = pattern
     behind = 1 - paved - sky
-    planes = [colour + low * behind + high * sky for colour, low, high in zip(road, below, above, strict=True)]
+    planes = [
+        colour + low * behind + high * sky
+        for colour, low, high in zip(road, below, above, strict=True)
+    ]
     return planes if background is None else once(lambda: planes)
 
 
-def _make_field(seed: UInt32[Array, ""], weights: Float[Array, "3"], shape: tuple[int, ...]) -> Array:
+def _make_field(
+    seed: UInt32[Array, ""], weights: Float[Array, "3"], shape: tuple[int, ...]
+) -> Array:
     """Returns the noise of a pattern, from coarse to fine grains."""
     coarse = once(lambda: [_smooth(seed, grains, shape) for grains in _COARSE])
     layers = [*coarse, _fine(seed, shape)]
     return weights[0] * layers[0] + weights[1] * layers[1] + weights[2] * layers[2]
 
 
-def _number_rectangles(rectangles: Float[Array, "5 4"], shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
+def _number_rectangles(
+    rectangles: Float[Array, "5 4"], shape: tuple[int, ...]
+) -> Float[Array, "rows columns"]:
     """Returns for each pixel the number of the last rectangle that covers it, from 1; 0 for none."""
-    row, column = jnp.arange(shape[0], dtype=jnp.float32)[:, None], jnp.arange(shape[1], dtype=jnp.float32)
+    row, column = (
+        jnp.arange(shape[0], dtype=jnp.float32)[:, None],
+        jnp.arange(shape[1], dtype=jnp.float32),
+    )
     number = jnp.zeros(shape)
     for index in range(_RECTANGLES):
         top, left, bottom, right = rectangles[index]
@@ -349,19 +433,25 @@ def photograph(image: Planes, look: Look) -> list[UInt32[Array, "rows columns"]]
     if look.kernel is not None:
         image = _convolve(image, look.kernel)
     if look.noise is not None:
-        image = [plane + look.noise * hash_normal(fork(look.seed, index), shape) for index, plane in enumerate(image)]
+        image = [
+            plane + look.noise * hash_normal(fork(look.seed, index), shape)
+            for index, plane in enumerate(image)
+        ]
     return [jnp.clip(jnp.round(plane), 0, 255).astype(jnp.uint32) for plane in image]
 
 
 def _bend(plane: Array, exponent: Array) -> Array:
     """Raises shares of 255 to a power, with a relative error of at most 1e-5, in half the time of `exp` and `log`.
 
-    A float32 is 2**n times a number whose logarithm is a short series. A power of 2 is such a number, too.
+    A float32 is 2**n times a number whose logarithm is a short series. A power of 2 is such a
+    number, too.
     """
     shares = jnp.clip(plane / 255, 1e-6, 1)
     bits = jax.lax.bitcast_convert_type(shares, jnp.int32) - _ROOT_HALF_BITS
     whole = bits >> _MANTISSA
-    fraction = jax.lax.bitcast_convert_type((bits & ((1 << _MANTISSA) - 1)) + _ROOT_HALF_BITS, jnp.float32)
+    fraction = jax.lax.bitcast_convert_type(
+        (bits & ((1 << _MANTISSA) - 1)) + _ROOT_HALF_BITS, jnp.float32
+    )
     part = (fraction - 1) / (fraction + 1)
     logarithm = whole.astype(jnp.float32) + part * _polynomial(part * part, _LOG2)
     raised = exponent * logarithm

@@ -1,6 +1,7 @@
 """Batches of environments in the interfaces of Gymnasium, Stable-Baselines3 and PufferLib.
 
-This module does not import these libraries. Each wrapper takes the module of its library as an argument.
+This module does not import these libraries. Each wrapper takes the module of its library as an
+argument.
 """
 
 import warnings
@@ -31,8 +32,9 @@ def gymnasium_vector_env(
 ) -> Untyped:
     """Makes a `VectorEnv` of Gymnasium 1.1 or later, for programs without JAX: its arrays are NumPy's.
 
-    It does what Gymnasium's `SyncVectorEnv` of `envs` environments of `gymnasium_env` does, with the same results.
-    Its attribute `next_observations` has the observations after the last actions, before any reset in the same step.
+    It does what Gymnasium's `SyncVectorEnv` of `envs` environments of `gymnasium_env` does, with
+    the same results. Its attribute `next_observations` has the observations after the last actions,
+    before any reset in the same step.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
@@ -40,7 +42,8 @@ def gymnasium_vector_env(
       gymnasium: the module ``gymnasium``.
       envs: the number of environments.
       autoreset_mode: "NextStep", "SameStep" or "Disabled", or an `AutoresetMode` of Gymnasium.
-      render: takes a state and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
+      render: takes a state and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is
+        "rgb_array".
 
     Raises:
       InputError: for options out of their range, or another module.
@@ -65,7 +68,9 @@ def gymnasium_vector_env(
             self.observation_space = batch_space(self.single_observation_space, batch.envs)
             self._over = np.zeros(batch.envs, bool)
 
-        def reset(self, *, seed: UserValue = None, options: UserValue = None) -> tuple[np.ndarray, dict[str, Untyped]]:
+        def reset(
+            self, *, seed: UserValue = None, options: UserValue = None
+        ) -> tuple[np.ndarray, dict[str, Untyped]]:
             chosen, seeds = _check_mask(options, batch.envs), seed
             if is_whole(seed):
                 first = int(seed)  # a small number of NumPy would overflow
@@ -75,21 +80,31 @@ def gymnasium_vector_env(
             self._over = self._over & ~chosen
             return observation, {}
 
-        def step(self, actions: UserValue) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Untyped]]:
+        def step(
+            self, actions: UserValue
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Untyped]]:
             over = self._over
             if mode == DISABLED and over.any():
                 ended = np.flatnonzero(over).tolist()
-                raise InputError(f"step: expected a reset of environments {ended}, whose episodes have ended, got none")
+                raise InputError(
+                    f"step: expected a reset of environments {ended}, whose episodes have ended, got none"
+                )
             done = self._batch.step(actions)
             self._over, self.next_observations = done.terminated | done.truncated, done.reached
             if mode == SAME_STEP and self._over.any():
                 infos = _final_infos(done.metrics, self._over, done.reached)
             else:
-                infos = _with_masks(done.metrics, ~over if mode == NEXT_STEP else np.ones(batch.envs, bool))
+                infos = _with_masks(
+                    done.metrics, ~over if mode == NEXT_STEP else np.ones(batch.envs, bool)
+                )
             return done.observation, done.reward, done.terminated, done.truncated, infos
 
         def render(self) -> tuple[np.ndarray, ...] | None:
-            return None if draw is None else tuple(np.asarray(draw(state)) for state in self._batch.states("render"))
+            return (
+                None
+                if draw is None
+                else tuple(np.asarray(draw(state)) for state in self._batch.states("render"))
+            )
 
     return VectorEnv()
 
@@ -101,12 +116,19 @@ def _check_mask(options: UserValue, envs: int) -> NDArray[np.bool_]:
     mask = (options or {}).get("reset_mask")
     if mask is None:
         return np.ones(envs, bool)
-    if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (envs,) or not mask.any():
+    if (
+        not isinstance(mask, np.ndarray)
+        or mask.dtype != bool
+        or mask.shape != (envs,)
+        or not mask.any()
+    ):
         raise InputError(f"reset_mask: expected bool [{envs}] with a True, got {mask!r}")
     return mask
 
 
-def _with_masks(metrics: dict[str, np.ndarray], present: NDArray[np.bool_]) -> dict[str, np.ndarray]:
+def _with_masks(
+    metrics: dict[str, np.ndarray], present: NDArray[np.bool_]
+) -> dict[str, np.ndarray]:
     """Returns metrics as Gymnasium's infos: each with a mask of the environments that have it."""
     if not present.any():
         return {}
@@ -115,16 +137,26 @@ def _with_masks(metrics: dict[str, np.ndarray], present: NDArray[np.bool_]) -> d
 
 def _masked(metrics: dict[str, np.ndarray], present: NDArray[np.bool_]) -> dict[str, np.ndarray]:
     """Returns infos that are 0 where the metrics are not present."""
-    zero = {name: np.where(present, metric, np.zeros((), metric.dtype)) for name, metric in metrics.items()}
+    zero = {
+        name: np.where(present, metric, np.zeros((), metric.dtype))
+        for name, metric in metrics.items()
+    }
     return _with_masks(zero, present)
 
 
-def _final_infos(metrics: dict[str, np.ndarray], over: NDArray[np.bool_], reached: np.ndarray) -> dict[str, Untyped]:
+def _final_infos(
+    metrics: dict[str, np.ndarray], over: NDArray[np.bool_], reached: np.ndarray
+) -> dict[str, Untyped]:
     """Returns infos where some episodes are over, and the environments are reset: their last observations too."""
     last = np.full(len(over), None, object)
     for index in np.flatnonzero(over):
         last[index] = reached[index]
-    final = {"final_obs": last, "_final_obs": over, "final_info": _masked(metrics, over), "_final_info": over}
+    final = {
+        "final_obs": last,
+        "_final_obs": over,
+        "final_info": _masked(metrics, over),
+        "_final_info": over,
+    }
     return final | _masked(metrics, ~over)
 
 
@@ -139,16 +171,18 @@ def sb3_vec_env(
 ) -> Untyped:
     """Makes a `VecEnv` of Stable-Baselines3 2: its arrays are NumPy's, and pictures are uint8 ``[3, rows, columns]``.
 
-    The info of an environment is empty until its episode ends. Then it has the metrics, `is_success` for the logs of
-    Stable-Baselines3, "TimeLimit.truncated" and "terminal_observation". The attribute `metrics` has the metrics of
-    every step by name, each ``[N]``.
+    The info of an environment is empty until its episode ends. Then it has the metrics,
+    `is_success` for the logs of Stable-Baselines3, "TimeLimit.truncated" and
+    "terminal_observation". The attribute `metrics` has the metrics of every step by name, each
+    ``[N]``.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
       params: its options.
       stable_baselines3: the module ``stable_baselines3``.
       envs: the number of environments.
-      render: takes a state and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
+      render: takes a state and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is
+        "rgb_array".
 
     Raises:
       InputError: for options out of their range, or another module.
@@ -197,7 +231,9 @@ def sb3_vec_env(
 
         def get_images(self) -> Sequence[np.ndarray | None]:
             if draw is None:
-                warnings.warn("sb3_vec_env: expected render, to get pictures, got none", stacklevel=2)
+                warnings.warn(
+                    "sb3_vec_env: expected render, to get pictures, got none", stacklevel=2
+                )
                 return [None] * batch.envs
             return [np.asarray(draw(state)) for state in self._batch.states("render")]
 
@@ -208,19 +244,29 @@ def sb3_vec_env(
             return [values[index] for index in self._get_indices(indices)]
 
         def set_attr(self, attr_name: str, value: UserValue, indices: UserValue = None) -> None:
-            values = self._attributes.setdefault(attr_name, [getattr(self, attr_name, None)] * batch.envs)
+            values = self._attributes.setdefault(
+                attr_name, [getattr(self, attr_name, None)] * batch.envs
+            )
             for index in self._get_indices(indices):
                 values[index] = value
 
         def env_method(
-            self, method_name: str, *arguments: UserValue, indices: UserValue = None, **options: UserValue
+            self,
+            method_name: str,
+            *arguments: UserValue,
+            indices: UserValue = None,
+            **options: UserValue,
         ) -> list[UserValue]:
             if method_name != "render":
-                raise InputError(f"method_name: expected render, the only method of one environment, got {method_name}")
+                raise InputError(
+                    f"method_name: expected render, the only method of one environment, got {method_name}"
+                )
             images = self.get_images()
             return [images[index] for index in self._get_indices(indices)]
 
-        def env_is_wrapped(self, wrapper_class: type, indices: Iterable[int] | int | None = None) -> list[bool]:
+        def env_is_wrapped(
+            self, wrapper_class: type, indices: Iterable[int] | int | None = None
+        ) -> list[bool]:
             return [False for _ in self._get_indices(indices)]
 
     return VecEnv()
@@ -238,8 +284,8 @@ def puffer_env(
 ) -> Untyped:
     """Makes a native environment of PufferLib 3, a `PufferEnv` of `envs` agents; pictures are ``[3, rows, columns]``.
 
-    ``pufferlib.vector.make`` calls it: `buf` and `seed` are for that. The infos of a step are a list with the means of
-    the metrics of the episodes that ended, or an empty list.
+    ``pufferlib.vector.make`` calls it: `buf` and `seed` are for that. The infos of a step are a
+    list with the means of the metrics of the episodes that ended, or an empty list.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
@@ -259,7 +305,9 @@ def puffer_env(
     class PufferEnv(pufferlib.PufferEnv):
         """The environments."""
 
-        single_action_space, single_observation_space = batch.spaces(pufferlib.emulation.gymnasium.spaces)
+        single_action_space, single_observation_space = batch.spaces(
+            pufferlib.emulation.gymnasium.spaces
+        )
         num_agents = batch.envs
 
         def __init__(self) -> None:
@@ -281,7 +329,9 @@ def puffer_env(
             self.terminals[:], self.truncations[:] = done.terminated, done.truncated
             over, infos = done.terminated | done.truncated, []
             if over.any():
-                infos.append({name: float(metric[over].mean()) for name, metric in done.metrics.items()})
+                infos.append(
+                    {name: float(metric[over].mean()) for name, metric in done.metrics.items()}
+                )
             return self.observations, self.rewards, self.terminals, self.truncations, infos
 
         def close(self) -> None:

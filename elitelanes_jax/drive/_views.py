@@ -1,11 +1,12 @@
 """Batches of different views from robots on the lanes of maps, drawn inside a training program.
 
-The numbers of all views are drawn first, for the whole batch: poses, cameras, and a table for each view with a row for
-each row of pixels. Then the pictures are drawn. A processor draws one view at a time, because the arrays of one view
-fit its caches. A GPU draws all at once.
+The numbers of all views are drawn first, for the whole batch: poses, cameras, and a table for each
+view with a row for each row of pixels. Then the pictures are drawn. A processor draws one view at a
+time, because the arrays of one view fit its caches. A GPU draws all at once.
 
-Positions on the map are whole numbers, in units of 2**-20 tile, because their bits are the cell, the pixel of the
-tile's picture and the rest. Pixels see smaller pictures of tiles at larger distances, as in the views of datasets.
+Positions on the map are whole numbers, in units of 2**-20 tile, because their bits are the cell,
+the pixel of the tile's picture and the rest. Pixels see smaller pictures of tiles at larger
+distances, as in the views of datasets.
 """
 
 from collections.abc import Iterator
@@ -26,8 +27,21 @@ from elitelanes_jax.drive._camera import Camera, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
 from elitelanes_jax.drive._objects import Objects, Rays, stand
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
-from elitelanes_jax.drive._variation import LOOK_NUMBERS, Look, Variation, draw_look, lay_background, photograph
-from elitelanes_jax.drive.lanes import Pose, lane_curvature, lane_errors, nearest_movement, pose_beside
+from elitelanes_jax.drive._variation import (
+    LOOK_NUMBERS,
+    Look,
+    Variation,
+    draw_look,
+    lay_background,
+    photograph,
+)
+from elitelanes_jax.drive.lanes import (
+    Pose,
+    lane_curvature,
+    lane_errors,
+    nearest_movement,
+    pose_beside,
+)
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import check_key, random_bits, seed_key
@@ -38,7 +52,8 @@ _FARTHEST = 2000.0  # tiles; positions have to fit 32 bits
 _WHITE_LINE = 0.09  # tiles from the tile's edge
 _ROBOT = Robot().width / 2  # metres, the radius of a robot
 _SEEDS = 3  # of a view: of other poses, of the pictures of tiles, and of its look
-_NUMBERS = 9  # uniform numbers of a view: map, height, pitch, field of view, lines, and four of the pose
+# Uniform numbers of a view: map, height, pitch, field of view, lines, and four of the pose.
+_NUMBERS = 9
 _TRIES = 64  # to draw a pose where the robot touches no object
 
 
@@ -47,13 +62,14 @@ class Views(NamedTuple):
 
     Attributes:
       images: uint8 ``[B, rows, columns, 3]``, RGB.
-      labels: uint8 ``[B, rows, columns]``, indices of `tiles.LABELS`; 0 beyond the map, above the horizon and on
-        objects.
-      lanes: float32 ``[B, 3]``, the offset from the nearest lane in tiles and the angle to it in radians, both to the
-        left, and its curvature in 1 / tiles.
+      labels: uint8 ``[B, rows, columns]``, indices of `tiles.LABELS`; 0 beyond the map, above the
+        horizon and on objects.
+      lanes: float32 ``[B, 3]``, the offset from the nearest lane in tiles and the angle to it in
+        radians, both to the left, and its curvature in 1 / tiles.
       poses: of the middle between the wheels, each field float32 ``[B]``.
       maps: int32 ``[B]``, the index of the map.
-      instances: int32 ``[B, rows, columns]``, 0, or the index of the object that is seen plus 1; None without objects.
+      instances: int32 ``[B, rows, columns]``, 0, or the index of the object that is seen plus 1;
+        None without objects.
     """
 
     images: UInt8[Array, "B rows columns 3"]
@@ -96,7 +112,8 @@ class _Plan(NamedTuple):
       cells: int32 ``[H * W]``, the picture of each cell, with the map's border.
       samples: the rows of samples.
       centres: the rows of pixels' centres, in the largest pictures of tiles.
-      lines: float32, the shift of positions where a tile is stretched most, in 2**-20 tile; None for none.
+      lines: float32, the shift of positions where a tile is stretched most, in 2**-20 tile; None
+        for none.
       camera: as it was drawn.
       look: the numbers of the variation.
       objects: of the map; None if no map has any.
@@ -126,17 +143,18 @@ def views(
 ) -> Views:
     """Draws a batch of views with labels and lane poses; a pure function for the inside of compiled programs.
 
-    The map of each view and the pose on its lanes are drawn as `elitelanes dataset --camera` draws them, but from other
-    random numbers. View i depends on the key and i alone, not on the batch.
+    The map of each view and the pose on its lanes are drawn as `elitelanes dataset --camera` draws
+    them, but from other random numbers. View i depends on the key and i alone, not on the batch.
 
     Args:
       key: consumed.
       scenes: maps and pictures, of `make_scenes`.
       batch: the number of views; static.
-      camera: its options; numbers may be arrays ``[batch]``. Its noise is added to the variation's. A distorted lens is
-        not drawn.
+      camera: its options; numbers may be arrays ``[batch]``. Its noise is added to the variation's.
+        A distorted lens is not drawn.
       variation: the ranges of poses, cameras and pictures.
-      samples: n, 1 to 4: each pixel is the mean of n x n points; static. One point is faster, but thin lines flicker.
+      samples: n, 1 to 4: each pixel is the mean of n x n points; static. One point is faster, but
+        thin lines flicker.
 
     Raises:
       InputError: for an argument of another type or out of its range, or a camera with distortion.
@@ -159,8 +177,9 @@ def stream_views(
 ) -> Iterator[Views]:
     """Yields batches of views without end, for training programs that do not use JAX.
 
-    The next batch is drawn in the background while the caller uses the last one. On a processor ``np.asarray`` and
-    ``torch.from_dlpack`` read the arrays without a copy. NumPy's array is read-only.
+    The next batch is drawn in the background while the caller uses the last one. On a processor
+    ``np.asarray`` and ``torch.from_dlpack`` read the arrays without a copy. NumPy's array is
+    read-only.
 
     Args:
       seed: of all batches, 0 to 2**32 - 1.
@@ -169,14 +188,22 @@ def stream_views(
       camera: see `views`.
       variation: see `views`.
       samples: see `views`.
-      first: the index of the first batch, to resume a training. Batch i is the same in each stream of the seed.
+      first: the index of the first batch, to resume a training. Batch i is the same in each stream
+        of the seed.
 
     Raises:
       InputError: as `views`, at the call.
     """
     key, first = seed_key(check_named("seed", SEED, seed)), check_named("first", whole(0), first)
     _check_arguments(scenes, batch, camera, variation, samples)
-    draw = partial(_draw, scenes=scenes, camera=camera, variation=variation, batch=int(batch), samples=int(samples))
+    draw = partial(
+        _draw,
+        scenes=scenes,
+        camera=camera,
+        variation=variation,
+        batch=int(batch),
+        samples=int(samples),
+    )
     return _stream(draw, key, first)
 
 
@@ -187,34 +214,47 @@ def _stream(draw: partial[Views], key: Key[Array, ""], first: int) -> Iterator[V
         yield drawn
 
 
-def _check_arguments(scenes: Scenes, batch: int, camera: Camera, variation: Variation, samples: int) -> None:
+def _check_arguments(
+    scenes: Scenes, batch: int, camera: Camera, variation: Variation, samples: int
+) -> None:
     check_named("scenes", instance(Scenes), scenes)
     check_named("batch", whole(1), batch)
     check_named("samples", whole(1, 4), samples)
     check_named("variation", instance(Variation), variation)
     if check_named("camera", instance(Camera), camera).distortion is not None:
-        raise InputError(f"camera: expected no distortion, which views do not draw, got {camera.distortion!r}")
+        raise InputError(
+            f"camera: expected no distortion, which views do not draw, got {camera.distortion!r}"
+        )
     for record in (camera, variation):
         for path, number in jax.tree_util.tree_leaves_with_path(record):
             if np.shape(number) not in ((), (batch,)):
                 name = jax.tree_util.keystr(path).lstrip(".")
-                raise InputError(f"{name}: expected a number or an array [{batch}], got shape {np.shape(number)}")
+                raise InputError(
+                    f"{name}: expected a number or an array [{batch}], got shape {np.shape(number)}"
+                )
 
 
 @runs_jax
-def _draw(key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int) -> Views:
+def _draw(
+    key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int
+) -> Views:
     # Arrays of several ranks and dtypes are mixed here, which settings of JAX may forbid.
     with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
         return _draw_batch(key, scenes, camera, variation, batch=batch, samples=samples)
 
 
 @partial(jax.jit, static_argnames=("batch", "samples"))
-def _draw_batch(key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int) -> Views:
+def _draw_batch(
+    key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int
+) -> Views:
     keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(batch))
     camera, variation = jax.tree.map(
-        lambda number: jnp.broadcast_to(jnp.asarray(number, jnp.float32), batch), (camera, variation)
+        lambda number: jnp.broadcast_to(jnp.asarray(number, jnp.float32), batch),
+        (camera, variation),
     )
-    plans = jax.vmap(partial(_plan_view, samples=samples), in_axes=(0, None, 0, 0))(keys, scenes, camera, variation)
+    plans = jax.vmap(partial(_plan_view, samples=samples), in_axes=(0, None, 0, 0))(
+        keys, scenes, camera, variation
+    )
     words, instances = jax.lax.platform_dependent(
         plans, cpu=partial(_draw_each, scenes), default=partial(_draw_all, scenes)
     )
@@ -230,7 +270,9 @@ def _draw_all(scenes: Scenes, plans: _Plan) -> tuple[Array, Array | None]:
     return jax.vmap(partial(_draw_view, scenes))(plans)
 
 
-def _plan_view(key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, samples: int) -> _Plan:
+def _plan_view(
+    key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, samples: int
+) -> _Plan:
     """Draws all numbers of one view."""
     # One call, because each call of the generator compiles for half a second.
     bits = random_bits(key, (_SEEDS + _NUMBERS + LOOK_NUMBERS,))
@@ -265,15 +307,24 @@ def _plan_view(key: Array, scenes: Scenes, camera: Camera, variation: Variation,
     )
 
 
-def _draw_pose(numbers: Float[Array, "4"], seed: UInt32[Array, ""], scene: SceneMap, variation: Variation) -> Pose:
-    """Returns the pose of uniform numbers. If the robot would touch an object, others are hashed, at most 64 times."""
+def _draw_pose(
+    numbers: Float[Array, "4"], seed: UInt32[Array, ""], scene: SceneMap, variation: Variation
+) -> Pose:
+    """Returns the pose of uniform numbers.
+
+    If the robot would touch an object, others are hashed, at most 64 times.
+    """
 
     def place(numbers: Float[Array, "4"]) -> Pose:
         which, along, beside, turned = numbers
-        index = jnp.minimum((which * scene.movement_count).astype(jnp.int32), scene.movement_count - 1)
+        index = jnp.minimum(
+            (which * scene.movement_count).astype(jnp.int32), scene.movement_count - 1
+        )
         movement = Movement(*scene.movements[index])
         heading = jnp.deg2rad(variation.heading)
-        return pose_beside(movement, along, beside, turned, offset=variation.offset, heading=heading)
+        return pose_beside(
+            movement, along, beside, turned, offset=variation.offset, heading=heading
+        )
 
     objects = scene.objects
     if objects is None:
@@ -304,14 +355,20 @@ def _lane_of(pose: Pose, scene: SceneMap) -> Float[Array, "3"]:
 def _choose_pictures(seed: Array, scene: SceneMap, scenes: Scenes) -> Int32[Array, " N"]:
     """Draws a picture for each cell among all that show its code."""
     codes = scene.codes.reshape(-1)
-    chosen = (uniform(hash_bits(seed, codes.shape)) * scenes.picture_counts[codes]).astype(jnp.int32)
+    chosen = (uniform(hash_bits(seed, codes.shape)) * scenes.picture_counts[codes]).astype(
+        jnp.int32
+    )
     return scenes.tiles[codes, chosen]
 
 
-def _meet_ground(pose: Pose, camera: Camera, tile_bits: int, samples: int, *, smaller: bool) -> _Rows:
+def _meet_ground(
+    pose: Pose, camera: Camera, tile_bits: int, samples: int, *, smaller: bool
+) -> _Rows:
     """Returns where the rows of samples meet the ground; `smaller` chooses smaller pictures for larger distances."""
     # Each row uses the angles' sines, cosines and tangents.
-    cosine, sine, rays = once(lambda: (jnp.cos(pose.theta), jnp.sin(pose.theta), rays_of(camera, samples)))
+    cosine, sine, rays = once(
+        lambda: (jnp.cos(pose.theta), jnp.sin(pose.theta), rays_of(camera, samples))
+    )
     columns = rays.right.shape[1]
     middle = columns // 2
     gap = (rays.right[0, -1] - rays.right[0, 0]) / max(columns - 1, 1)
@@ -323,7 +380,9 @@ def _meet_ground(pose: Pose, camera: Camera, tile_bits: int, samples: int, *, sm
     # The map has a border of one tile.
     x = 1 + pose.x + ahead * cosine + x_step * offset
     y = 1 + pose.y - ahead * sine + y_step * offset
-    ends = jnp.maximum(jnp.abs(x) + jnp.abs(x_step) * columns, jnp.abs(y) + jnp.abs(y_step) * columns)
+    ends = jnp.maximum(
+        jnp.abs(x) + jnp.abs(x_step) * columns, jnp.abs(y) + jnp.abs(y_step) * columns
+    )
     # Beyond that a row shows the border's corner, which is ground.
     x, x_step, y, y_step = (
         jnp.round(jnp.where(ends < _FARTHEST, part, 0) * (1 << _UNIT)).astype(jnp.int32)
@@ -331,7 +390,8 @@ def _meet_ground(pose: Pose, camera: Camera, tile_bits: int, samples: int, *, sm
     )
     level = jnp.zeros(reach.shape, jnp.int32)
     if smaller:
-        # The distance between samples is the root of the area between four of them, in pixels of the largest pictures.
+        # The distance between samples is the root of the area between four of them, in pixels of
+        # the largest pictures.
         height = camera.height / TILE
         apart = jnp.sqrt(reach**3 / height) * gap * (1 << tile_bits)
         level = jnp.floor(jnp.log2(jnp.maximum(apart, 1)) + 0.5).astype(jnp.int32)
@@ -376,7 +436,9 @@ def _stand(plan: _Plan, scenes: Scenes, samples: int) -> _Standing | None:
     return _Standing(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), instances)
 
 
-def _sum_samples(plan: _Plan, scenes: Scenes, samples: int, standing: _Standing | None) -> tuple[Array, Array, Array]:
+def _sum_samples(
+    plan: _Plan, scenes: Scenes, samples: int, standing: _Standing | None
+) -> tuple[Array, Array, Array]:
     """Sums the samples of each pixel: red and blue, green and `PAVED`, the second ones times 2**16; and those of sky.
 
     The samples of sky are one column if no object covers them.
@@ -400,11 +462,13 @@ def _sum_samples(plan: _Plan, scenes: Scenes, samples: int, standing: _Standing 
     return red_blue, green_paved, above
 
 
-def _look_up(rows: _Rows, column: Int32[Array, " columns"], plan: _Plan, scenes: Scenes) -> UInt32[Array, "R columns"]:
+def _look_up(
+    rows: _Rows, column: Int32[Array, " columns"], plan: _Plan, scenes: Scenes
+) -> UInt32[Array, "R columns"]:
     """Returns the words of the pyramid at columns of samples, counted from the middle.
 
-    Indices are computed by loops of their own, because a loop that reads at them does not use the processor's vectors.
-    They are unsigned, so that JAX does not look for negative ones.
+    Indices are computed by loops of their own, because a loop that reads at them does not use the
+    processor's vectors. They are unsigned, so that JAX does not look for negative ones.
     """
     height, width = scenes.maps.codes.shape[1:]
     x = jnp.clip(rows.x + rows.x_step * column, 0, (width << _UNIT) - 1)

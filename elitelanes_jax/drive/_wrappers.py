@@ -1,6 +1,7 @@
 """The environments by name, and one at a time in the interfaces of Gymnax and Gymnasium.
 
-This module does not import these libraries. Each wrapper takes the module of its library as an argument.
+This module does not import these libraries. Each wrapper takes the module of its library as an
+argument.
 """
 
 from collections.abc import Callable
@@ -17,7 +18,14 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import check_names
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, Untyped, UserValue
-from elitelanes_jax.drive._batch import DISABLED, Batch, action_space, check_module, flattened, observation_space
+from elitelanes_jax.drive._batch import (
+    DISABLED,
+    Batch,
+    action_space,
+    check_module,
+    flattened,
+    observation_space,
+)
 from elitelanes_jax.drive._environment import Environment, auto_reset
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
 from elitelanes_jax.drive._levels import make_levels
@@ -61,27 +69,33 @@ def _makers(params: Pytree, spaces: Untyped) -> Untyped:
 class GymnaxEnv:
     """The interface of Gymnax's environments, for its loops and those of Rejax and PureJaxRL.
 
-    `step` resets automatically, `step_env` does not. The info is a dictionary of the environment's metrics,
-    ``terminated``, ``truncated``, ``final_observation``, the observation after the action, and ``discount``, 0 if the
-    episode terminated.
+    `step` resets automatically, `step_env` does not. The info is a dictionary of the environment's
+    metrics, ``terminated``, ``truncated``, ``final_observation``, the observation after the action,
+    and ``discount``, 0 if the episode terminated.
     """
 
-    def __init__(self, environment: Environment, params: Pytree, spaces: Untyped, *, values: int = 6) -> None:
+    def __init__(
+        self, environment: Environment, params: Pytree, spaces: Untyped, *, values: int = 6
+    ) -> None:
         """Wraps an environment.
 
         Args:
           environment: `RoadNav` or `LaneDrive`.
           params: its options.
           spaces: the module ``gymnax.environments.spaces``.
-          values: the number of values that `step` returns: 6 as in Gymnax 1.0 (observation, state, reward, terminated,
-            truncated, info), or 5 as before and in Rejax 0.1 (observation, state, reward, done, info).
+          values: the number of values that `step` returns: 6 as in Gymnax 1.0 (observation, state,
+            reward, terminated, truncated, info), or 5 as before and in Rejax 0.1 (observation,
+            state, reward, done, info).
 
         Raises:
           InputError: for options out of their range, or another module or number of values.
         """
         if not is_whole(values) or values not in (5, 6):
             raise InputError(f"values: expected 5 or 6, got {values!r}")
-        self._environment, self._resetting = flattened(environment), flattened(auto_reset(environment))
+        self._environment, self._resetting = (
+            flattened(environment),
+            flattened(auto_reset(environment)),
+        )
         self._spaces, self._six = _makers(params, spaces), values == 6
         self.default_params = params
         self.name = type(params).__name__.removesuffix("Params")
@@ -92,7 +106,9 @@ class GymnaxEnv:
         """Starts an episode on a level drawn from the parameters: (observation, state)."""
         return self._environment.reset(key, self.default_params if params is None else params)
 
-    def step(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
+    def step(
+        self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None
+    ) -> tuple[Pytree, ...]:
         """Makes a step, and a reset if the episode ended."""
         return self._step(self._resetting, key, state, action, params)
 
@@ -100,7 +116,9 @@ class GymnaxEnv:
         """Does the same as `reset`."""
         return self.reset(key, params)
 
-    def step_env(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
+    def step_env(
+        self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None
+    ) -> tuple[Pytree, ...]:
         """Makes a step without a reset."""
         return self._step(self._environment, key, state, action, params)
 
@@ -110,20 +128,26 @@ class GymnaxEnv:
 
     def observation_space(self, params: Pytree = None) -> Untyped:
         """Returns the space of observations."""
-        return observation_space(self._environment, self.default_params if params is None else params, self._spaces)
+        return observation_space(
+            self._environment, self.default_params if params is None else params, self._spaces
+        )
 
     @runs_jax
     def _step(
         self, environment: Environment, key: Array, state: Pytree, action: Pytree, params: Pytree
     ) -> tuple[Pytree, ...]:
-        done = environment.step(key, state, action, self.default_params if params is None else params)
+        done = environment.step(
+            key, state, action, self.default_params if params is None else params
+        )
         info = done.info | {
             "terminated": done.terminated,
             "truncated": done.truncated,
             "final_observation": done.reached,
             "discount": 1 - done.terminated.astype(jnp.float32),
         }
-        ended = (done.terminated, done.truncated) if self._six else (done.terminated | done.truncated,)
+        ended = (
+            (done.terminated, done.truncated) if self._six else (done.terminated | done.truncated,)
+        )
         return done.observation, done.state, done.reward, *ended, info
 
 
@@ -141,7 +165,8 @@ def gymnasium_env(
       environment: `RoadNav` or `LaneDrive`.
       params: its options.
       gymnasium: the module ``gymnasium``.
-      render: takes a state and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
+      render: takes a state and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is
+        "rgb_array".
 
     Raises:
       InputError: for options out of their range, or another module.
@@ -159,7 +184,9 @@ def gymnasium_env(
         def __init__(self) -> None:
             self._batch = batch  # an attribute, so that a deep copy has a state of its own
 
-        def reset(self, *, seed: int | None = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
+        def reset(
+            self, *, seed: int | None = None, options: Untyped = None
+        ) -> tuple[Pytree, dict[str, Untyped]]:
             super().reset(seed=seed)
             return self._batch.reset([seed])[0], {}
 

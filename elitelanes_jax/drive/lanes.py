@@ -1,12 +1,13 @@
 """Poses on lanes, in JAX.
 
-Lengths are in tiles. x points east and y south from the north-west corner of the grid, so that a position times
-the side of a tile in pixels is the position in a picture of the map. Angles are counter-clockwise as seen from above,
-in radians; 0 is east.
+Lengths are in tiles. x points east and y south from the north-west corner of the grid, so that a
+position times the side of a tile in pixels is the position in a picture of the map. Angles are
+counter-clockwise as seen from above, in radians; 0 is east.
 
-Nodes, movements and the curves of lanes are those of the room `lanes`. There are no U-turns, so a stub has no movement.
-`lane_offset` is the distance from the road's middle to the centre of a lane, a Python number, which compiled programs
-contain. A tile set may have its own (`TileSet.lane_offset`).
+Nodes, movements and the curves of lanes are those of the room `lanes`. There are no U-turns, so a
+stub has no movement. `lane_offset` is the distance from the road's middle to the centre of a lane,
+a Python number, which compiled programs contain. A tile set may have its own
+(`TileSet.lane_offset`).
 """
 
 from functools import partial
@@ -23,7 +24,14 @@ from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset, lane_bends, lane_lengths, lane_radii, on_road
+from elitelanes_jax.lanes.curves import (
+    LANE_OFFSET,
+    check_lane_offset,
+    lane_bends,
+    lane_lengths,
+    lane_radii,
+    on_road,
+)
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import MOVEMENTS, Movement
 from elitelanes_jax.network.bits import uniform
@@ -37,8 +45,8 @@ _ACROSS = np.array([side.right for side in SIDES], np.int32)
 _ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
 _BEND = lane_bends(np.float32)
 
-# Added to the offset in tiles of a movement that points away from a pose, and of one that does not exist: more than any
-# offset on a tile, and more than both together.
+# Added to the offset in tiles of a movement that points away from a pose, and of one that does not
+# exist: more than any offset on a tile, and more than both together.
 _RANK_OF_AWAY, _RANK_OF_NONE = 100.0, 10_000.0
 
 
@@ -55,7 +63,8 @@ def _turns_taken() -> NDArray[np.int8]:
 TURN_TAKEN = _turns_taken()
 """int8 ``[16, 4, 3]``: the turn that is taken for a wanted one, by the tile's code and the heading.
 
-It is the wanted turn or the next open one, in the order right, straight, left, right; the wanted one if none is open.
+It is the wanted turn or the next open one, in the order right, straight, left, right; the wanted
+one if none is open.
 """
 
 
@@ -64,7 +73,9 @@ def single(kind: type) -> Check:
 
     def check(value: UserValue) -> UserValue:
         if any(map(np.ndim, instance(kind)(value))):
-            raise InputError(f"expected one {kind.__name__}; jax.vmap takes several; got {shorten(repr(value))}")
+            raise InputError(
+                f"expected one {kind.__name__}; jax.vmap takes several; got {shorten(repr(value))}"
+            )
         return value
 
     return check
@@ -92,10 +103,12 @@ class LanePose(NamedTuple):
       phi: float32, radians that the pose is turned to the left of the lane, -pi to pi.
       s: float32, tiles along the movement from where it enters its tile.
       on_road: bool, the position is on the road, between the inner edges of the white tape.
-      own_lane: bool, on the road and within `lane_offset` of the lane's centre, so not beyond the road's middle.
+      own_lane: bool, on the road and within `lane_offset` of the lane's centre, so not beyond the
+        road's middle.
       oncoming: bool, on the road, farther to the left.
       movement: of the lane.
-      found: bool, whether that movement exists. If not, `d`, `phi` and `s` are 0, and `own_lane` and `oncoming` False.
+      found: bool, whether that movement exists. If not, `d`, `phi` and `s` are 0, and `own_lane`
+        and `oncoming` False.
     """
 
     d: Float[Array, "..."]
@@ -120,12 +133,16 @@ def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
     return jnp.asarray(MOVEMENTS)[linked_codes(grid)]
 
 
-def lane_length(turn: Int[ArrayLike, "..."], lane_offset: float = LANE_OFFSET) -> Float[Array, "..."]:
+def lane_length(
+    turn: Int[ArrayLike, "..."], lane_offset: float = LANE_OFFSET
+) -> Float[Array, "..."]:
     """Returns the length of a movement's lane: 1 tile straight on, by default 0.3 or 0.7 times pi / 2 on an arc."""
     return _choose(lane_lengths(lane_offset, np.float32), turn)
 
 
-def lane_curvature(turn: Int[ArrayLike, "..."], lane_offset: float = LANE_OFFSET) -> Float[Array, "..."]:
+def lane_curvature(
+    turn: Int[ArrayLike, "..."], lane_offset: float = LANE_OFFSET
+) -> Float[Array, "..."]:
     """Returns the curvature of a movement's lane, 1 / tiles, to the left: by default -1 / 0.3, 0 or 1 / 0.7."""
     return _choose(_BEND / lane_radii(lane_offset, np.float32), turn)
 
@@ -139,7 +156,10 @@ def lane_errors(
     """
     forward, left = _from_entry(pose, movement)
     turned = pose.theta - _choose(_ANGLE, movement.heading)
-    bend, radius = _choose(_BEND, movement.turn), _choose(lane_radii(lane_offset, np.float32), movement.turn)
+    bend, radius = (
+        _choose(_BEND, movement.turn),
+        _choose(lane_radii(lane_offset, np.float32), movement.turn),
+    )
     across = 0.5 - bend * left  # with `forward`, the position relative to the centre of an arc
     angle = jnp.arctan2(forward, across)
     straight = bend == 0
@@ -158,7 +178,10 @@ def lane_point(
 
     It may be beyond the lane's end.
     """
-    bend, radius = _choose(_BEND, movement.turn), _choose(lane_radii(lane_offset, np.float32), movement.turn)
+    bend, radius = (
+        _choose(_BEND, movement.turn),
+        _choose(lane_radii(lane_offset, np.float32), movement.turn),
+    )
     angle = s / radius
     straight = bend == 0
     forward = jnp.where(straight, s, (radius - bend * d) * jnp.sin(angle))
@@ -182,8 +205,8 @@ def random_pose(
 ) -> Pose:
     """Draws a pose on the lanes of a grid, as datasets of robots' views do.
 
-    The movement is drawn uniformly from all movements of the grid; the position along it, the offset and the angle are
-    uniform too.
+    The movement is drawn uniformly from all movements of the grid; the position along it, the
+    offset and the angle are uniform too.
 
     Args:
       key: consumed.
@@ -200,11 +223,15 @@ def random_pose(
 
 
 @divide_batches
-def _random_pose(key: Array, grid: AnyArray, offset: ArrayLike, heading: ArrayLike, *, lane_offset: float) -> Pose:
+def _random_pose(
+    key: Array, grid: AnyArray, offset: ArrayLike, heading: ArrayLike, *, lane_offset: float
+) -> Pose:
     exists = movements(grid)
     choice, along, across, angle = uniform(key, (4,))
     movement = _nth_movement(exists, choice)
-    return pose_beside(movement, along, across, angle, offset=offset, heading=heading, lane_offset=lane_offset)
+    return pose_beside(
+        movement, along, across, angle, offset=offset, heading=heading, lane_offset=lane_offset
+    )
 
 
 def _nth_movement(exists: Bool[Array, "H W 4 3"], choice: Float[Array, ""]) -> Movement:
@@ -240,34 +267,49 @@ def tile_at(
     row, column = jnp.floor(y).astype(jnp.int32), jnp.floor(x).astype(jnp.int32)
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     code = jnp.where(inside, grid[jnp.clip(row, 0, height - 1), jnp.clip(column, 0, width - 1)], 0)
-    return row, column, code, on_road(code, x - column.astype(jnp.float32), y - row.astype(jnp.float32))
+    return (
+        row,
+        column,
+        code,
+        on_road(code, x - column.astype(jnp.float32), y - row.astype(jnp.float32)),
+    )
 
 
 @name_wrong_arguments
 @runs_jax
 def lane_pose(
-    grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None, *, lane_offset: float = LANE_OFFSET
+    grid: Int[ArrayLike, "H W"],
+    pose: Pose,
+    movement: Movement | None = None,
+    *,
+    lane_offset: float = LANE_OFFSET,
 ) -> LanePose:
     """Computes the position of a pose on the lanes of a grid.
 
     Args:
       grid: integer codes ``[H, W]``.
       pose: finite; beyond the grid it is on no road.
-      movement: of the lane to use. By default, of the movements on the pose's tile that point less than a quarter
-        turn away from it, the one with the smallest offset; if none does, the one with the smallest offset. Among
-        equal ones the first heading clockwise from north is used, then right before straight before left.
+      movement: of the lane to use. By default, of the movements on the pose's tile that point less
+        than a quarter turn away from it, the one with the smallest offset; if none does, the one
+        with the smallest offset. Among equal ones the first heading clockwise from north is used,
+        then right before straight before left.
       lane_offset: tiles from the road's middle to the centre of a lane.
 
     Raises:
-      InputError: for a bad grid, a pose that is not a `Pose`, or a `lane_offset` that is not over 0 and under 0.5.
+      InputError: for a bad grid, a pose that is not a `Pose`, or a `lane_offset` that is not over 0
+        and under 0.5.
     """
     lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
-    return _lane_pose(check_grid(grid), check_named("pose", single(Pose), pose), movement, lane_offset=lane_offset)
+    return _lane_pose(
+        check_grid(grid), check_named("pose", single(Pose), pose), movement, lane_offset=lane_offset
+    )
 
 
 @partial(jax.jit, static_argnames="lane_offset")
 @divide_batches
-def _lane_pose(grid: Array, pose: Pose, movement: Movement | None, *, lane_offset: float) -> LanePose:
+def _lane_pose(
+    grid: Array, pose: Pose, movement: Movement | None, *, lane_offset: float
+) -> LanePose:
     height, width = grid.shape
     links = linked_codes(grid)
     row, column, code, road = tile_at(links, pose.x, pose.y)
@@ -275,8 +317,18 @@ def _lane_pose(grid: Array, pose: Pose, movement: Movement | None, *, lane_offse
         movement = nearest_movement(code, pose, row, column, lane_offset)
     else:
         movement = Movement(*(jnp.asarray(part, jnp.int32) for part in movement))
-    within = (movement.row >= 0) & (movement.row < height) & (movement.column >= 0) & (movement.column < width)
-    found = within & jnp.asarray(MOVEMENTS)[links[movement.row, movement.column], movement.heading, movement.turn]
+    within = (
+        (movement.row >= 0)
+        & (movement.row < height)
+        & (movement.column >= 0)
+        & (movement.column < width)
+    )
+    found = (
+        within
+        & jnp.asarray(MOVEMENTS)[
+            links[movement.row, movement.column], movement.heading, movement.turn
+        ]
+    )
     d, phi, s = (jnp.where(found, error, 0) for error in lane_errors(pose, movement, lane_offset))
     return LanePose(
         d,
@@ -290,13 +342,19 @@ def _lane_pose(grid: Array, pose: Pose, movement: Movement | None, *, lane_offse
     )
 
 
-def nearest_movement(code: Array, pose: Pose, row: Array, column: Array, lane_offset: float = LANE_OFFSET) -> Movement:
+def nearest_movement(
+    code: Array, pose: Pose, row: Array, column: Array, lane_offset: float = LANE_OFFSET
+) -> Movement:
     """Returns the movement that `lane_pose` uses by default, on a tile whose code has only links."""
     heading, turn = (jnp.asarray(index, jnp.int32) for index in np.indices((4, 3)).reshape(2, 12))
     d, phi, _ = lane_errors(pose, Movement(row, column, heading, turn), lane_offset)
     exists = jnp.asarray(MOVEMENTS)[code].reshape(12)
     points_away = jnp.cos(phi) <= 0
-    rank = jnp.abs(d) + jnp.where(points_away, _RANK_OF_AWAY, 0.0) + jnp.where(exists, 0.0, _RANK_OF_NONE)
+    rank = (
+        jnp.abs(d)
+        + jnp.where(points_away, _RANK_OF_AWAY, 0.0)
+        + jnp.where(exists, 0.0, _RANK_OF_NONE)
+    )
     best = jnp.argmin(rank)
     return Movement(row, column, heading[best], turn[best])
 
@@ -311,12 +369,17 @@ def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
 
 def _towards(movement: Movement) -> tuple[Array, Array]:
     """Returns the tiles that a movement goes east and south where it enters its tile, as floats."""
-    ahead_x, ahead_y = (_choose(table.astype(np.float32), movement.heading) for table in (_ACROSS, _DOWN))
+    ahead_x, ahead_y = (
+        _choose(table.astype(np.float32), movement.heading) for table in (_ACROSS, _DOWN)
+    )
     return ahead_x, ahead_y
 
 
 def _choose(table: NDArray[np.generic], index: Int[ArrayLike, "..."]) -> Array:
-    """Reads a table of a few numbers. Unlike a look-up, selections let the compiler use the processor's vectors."""
+    """Reads a table of a few numbers.
+
+    Unlike a look-up, selections let the compiler use the processor's vectors.
+    """
     chosen = jnp.asarray(table[-1])
     for row in range(len(table) - 2, -1, -1):
         chosen = jnp.where(jnp.asarray(index) == row, table[row], chosen)

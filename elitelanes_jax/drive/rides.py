@@ -26,7 +26,12 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
 from elitelanes_jax.drive._environment import Transition
-from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams, pure_pursuit
+from elitelanes_jax.drive._lane_drive import (
+    LaneDrive,
+    LaneDriveObservation,
+    LaneDriveParams,
+    pure_pursuit,
+)
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive.lanes import Pose, lane_point
@@ -51,8 +56,16 @@ If it has an attribute `camera`, a `Camera`, it observes only this camera's pict
 """
 
 _RATE = 30
-_GIF_STEP, _GIF_SCALE = 3, 0.5  # a GIF shows every third frame, half as large: otherwise it is ten times a film's size
-_COLOURS = ((255, 90, 60), (60, 170, 255), (255, 210, 40), (170, 90, 255), (40, 220, 150), (255, 120, 200))
+# A GIF shows every third frame, half as large: otherwise it is ten times a film's size.
+_GIF_STEP, _GIF_SCALE = 3, 0.5
+_COLOURS = (
+    (255, 90, 60),
+    (60, 170, 255),
+    (255, 210, 40),
+    (170, 90, 255),
+    (40, 220, 150),
+    (255, 120, 200),
+)
 _ROOM = 2**20  # bytes to write on a full disk, so that the error says why
 _BATCH = 32  # frames that are rendered at once
 _HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
@@ -101,11 +114,12 @@ def make_rides(
       policy: one of `POLICIES`, or your own driver.
       seconds: the length of a ride.
       seed: of starts, goals and everything random.
-      tiles: whose lanes are driven, and that the camera of your own driver shows; by default the package's own.
+      tiles: whose lanes are driven, and that the camera of your own driver shows; by default the
+        package's own.
 
     Raises:
-      InputError: for a bad grid, a map without a lane, another policy, or one that fails or does not return two
-        numbers.
+      InputError: for a bad grid, a map without a lane, another policy, or one that fails or does
+        not return two numbers.
     """
     seconds = check_named("seconds", real(0, unit="seconds, a number", exclusive=True), seconds)
     if not callable(policy) and policy not in POLICIES:
@@ -125,7 +139,9 @@ def make_rides(
     return _drive(policy, ride_key, params, steps)
 
 
-def _with_camera(params: LaneDriveParams, camera: UserValue, tiles: TileSet | None) -> LaneDriveParams:
+def _with_camera(
+    params: LaneDriveParams, camera: UserValue, tiles: TileSet | None
+) -> LaneDriveParams:
     """Returns options of an environment whose observations are a camera's pictures."""
     if tiles is None:
         tiles = load_tiles()
@@ -159,7 +175,9 @@ def _drive(policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
         observations = transitions.observation
         states = transitions.state
         # One transfer for all that the loop reads.
-        pose, reaches_goal, ends = jax.device_get((states.pose, transitions.info.success, transitions.terminated))
+        pose, reaches_goal, ends = jax.device_get(
+            (states.pose, transitions.info.success, transitions.terminated)
+        )
         is_driving = ~is_over
         poses[is_driving, :, step:] = np.stack(pose, axis=1)[is_driving, :, None]
         success |= reaches_goal & is_driving
@@ -184,7 +202,12 @@ def _begin(key: Array, level: Level, params: LaneDriveParams) -> Pytree:
 @partial(jax.jit, static_argnames="policy")
 @partial(jax.vmap, in_axes=(0, None, 0, 0, None, None))
 def _go(
-    key: Array, step: Array, state: Pytree, action: Array, params: LaneDriveParams, policy: str | None
+    key: Array,
+    step: Array,
+    state: Pytree,
+    action: Array,
+    params: LaneDriveParams,
+    policy: str | None,
 ) -> Transition:
     """Makes a step with the action, or with that of one of `POLICIES`."""
     moving = jax.random.fold_in(key, step)
@@ -202,24 +225,33 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
         file = getattr(getattr(policy, "__code__", None), "co_filename", "")
         raise InputError(f"policy: expected an action, got {_describe(error, file)}") from error
     if action.shape != (2,):
-        raise InputError(f"policy: expected two numbers, for the left and the right wheel, got shape {action.shape}")
+        raise InputError(
+            f"policy: expected two numbers, for the left and the right wheel, got shape {action.shape}"
+        )
     if not np.isfinite(action).all():
-        raise InputError(f"policy: expected two finite numbers, got {action[0]:g} and {action[1]:g}")
+        raise InputError(
+            f"policy: expected two finite numbers, got {action[0]:g} and {action[1]:g}"
+        )
     return action
 
 
 def load_policy(file: Path) -> Policy:
     """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file, which is run.
 
-    The file may import modules from its folder, also later in `act`, as a program that Python starts.
+    The file may import modules from its folder, also later in `act`, as a program that Python
+    starts.
     """
     sys.path.insert(0, str(file.resolve().parent))
     try:
         act = runpy.run_path(str(file)).get("act")
     except (Exception, SystemExit) as error:
         if isinstance(error, OSError) and Path(str(error.filename)).resolve() == file.resolve():
-            raise InputError(f"{file}: expected a readable file, got: {error.strerror or error}") from None
-        raise InputError(f"{file}: expected a program that runs, got {_describe(error, str(file))}") from error
+            raise InputError(
+                f"{file}: expected a readable file, got: {error.strerror or error}"
+            ) from None
+        raise InputError(
+            f"{file}: expected a program that runs, got {_describe(error, str(file))}"
+        ) from error
     if not callable(act):
         raise InputError(f"{file}: expected a function act(observation), got none")
     return act
@@ -241,7 +273,8 @@ def trails(
 ) -> NDArray[np.uint8]:
     """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``: a dot at the start, a ring at the goal.
 
-    The ring is where the goal's lane enters the tile. A robot that enters on another lane has not reached the goal.
+    The ring is where the goal's lane enters the tile. A robot that enters on another lane has not
+    reached the goal.
 
     Raises:
       InputError: for a map that the tiles cannot draw (see `render`), or rides on another map.
@@ -266,18 +299,25 @@ def _map_of(rides: Rides, source: UserValue) -> RoadMap:
 
 @name_wrong_arguments
 def film(
-    source: UserValue, tiles: TileSet, rides: Rides, index: int = 0, *, tile_px: int = 128, chosen: UserValue = None
+    source: UserValue,
+    tiles: TileSet,
+    rides: Rides,
+    index: int = 0,
+    *,
+    tile_px: int = 128,
+    chosen: UserValue = None,
 ) -> Iterator[NDArray[np.uint8]]:
     """Draws a ride frame by frame, 30 per second: the camera's picture, and next to it the map with the robot.
 
-    Of a `RoadMap` both show its objects: the camera the nearest ones, and one picture for each kind.
+    Of a `RoadMap` both show its objects: the camera the nearest ones, and one picture for each
+    kind.
 
     Yields:
       RGB uint8 ``[480, width, 3]``, all of one width.
 
     Raises:
-      InputError: for a map that the tiles cannot draw (see `render`), a ride that does not exist, or rides on another
-        map.
+      InputError: for a map that the tiles cannot draw (see `render`), a ride that does not exist,
+        or rides on another map.
     """
     check_named("rides", instance(Rides), rides)
     count = len(rides.steps)
@@ -295,7 +335,8 @@ def film(
     x, y, theta = rides.x[index], rides.y[index], rides.theta[index]
     last = int(rides.steps[index])
     for start in range(0, last + 1, _BATCH):
-        # The last batch repeats the last frame, so that all batches have one size, and run one program.
+        # The last batch repeats the last frame, so that all batches have one size, and run one
+        # program.
         steps = np.minimum(np.arange(start, start + _BATCH), last)
         poses = Pose(x[steps], y[steps], theta[steps])
         views = np.asarray(_look(poses, scene))
@@ -317,7 +358,10 @@ class _Scene(NamedTuple):
 
 
 def _make_scene(road_map: RoadMap, picture: Picture, size: int) -> _Scene:
-    """Returns the scene of a map. `picture` is of the map without its objects, which stand on it."""
+    """Returns the scene of a map.
+
+    `picture` is of the map without its objects, which stand on it.
+    """
     codes = road_map.codes
     # Each cell has its own picture, because blended tiles all differ.
     atlas = make_atlas(_cells(picture.image, size), _cells(picture.labels, size))
@@ -355,11 +399,16 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 @runs_jax
 @jax.jit
 def _look(poses: Pose, scene: _Scene) -> Pytree:
-    """Returns the camera's picture at each pose. A film has no noise, so the key does not matter."""
+    """Returns the camera's picture at each pose.
+
+    A film has no noise, so the key does not matter.
+    """
 
     def look_from(pose: Pose) -> Pytree:
         key = seed_key(0)
-        view = look(key, pose, scene.cells, scene.atlas, scene.camera, scene.objects, scene.billboards)
+        view = look(
+            key, pose, scene.cells, scene.atlas, scene.camera, scene.objects, scene.billboards
+        )
         return view.image
 
     return jax.vmap(look_from)(poses)
@@ -429,14 +478,21 @@ def _goals(levels: Level, lane_offset: float) -> NDArray[np.float32]:
 
 
 def _draw_trail(
-    picture: NDArray[np.uint8], rides: Rides, index: int, steps: int, goal: NDArray[np.float32], side: float
+    picture: NDArray[np.uint8],
+    rides: Rides,
+    index: int,
+    steps: int,
+    goal: NDArray[np.float32],
+    side: float,
 ) -> None:
     colour = _COLOURS[index % len(_COLOURS)]
     points = np.stack([rides.x[index], rides.y[index]], axis=1)[: int(steps) + 1]
     thick = max(round(side / 20), 1)
     dots = _dots(points, side)
     cv2.polylines(picture, [dots], False, colour, thick, cv2.LINE_AA, _BITS)
-    cv2.circle(picture, dots[0, 0].tolist(), round(side / 12 * 2**_BITS), colour, -1, cv2.LINE_AA, _BITS)
+    cv2.circle(
+        picture, dots[0, 0].tolist(), round(side / 12 * 2**_BITS), colour, -1, cv2.LINE_AA, _BITS
+    )
     ring = _dots(goal, side)[0, 0].tolist()
     cv2.circle(picture, ring, round(side * 0.18 * 2**_BITS), colour, thick, cv2.LINE_AA, _BITS)
 

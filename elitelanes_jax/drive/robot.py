@@ -24,10 +24,10 @@ _DELAYS = 5  # the number of kept commands
 class Robot(Record):
     """Measures of the robot. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
-    The defaults, except `top_turn`, are constants of gym-duckietown's code. Wheels reach a command's speed at once, as
-    in its versions of 2018. Its robot in version 6.1.34 is slower: a command takes effect after 0.15 s, speed and turn
-    approach their limits with time constants of 0.2 s and 0.25 s, and ``top_speed=0.6, wheel_distance=0.16`` has the
-    same limits.
+    The defaults, except `top_turn`, are constants of gym-duckietown's code. Wheels reach a
+    command's speed at once, as in its versions of 2018. Its robot in version 6.1.34 is slower: a
+    command takes effect after 0.15 s, speed and turn approach their limits with time constants of
+    0.2 s and 0.25 s, and ``top_speed=0.6, wheel_distance=0.16`` has the same limits.
 
     Attributes:
       dt: seconds per step.
@@ -64,7 +64,9 @@ def still(robot: Robot) -> Wheels:
     return Wheels(jnp.float32(0), jnp.float32(0), commands)
 
 
-def to_wheels(speed: Float[ArrayLike, "..."], turn: Float[ArrayLike, "..."], robot: Robot) -> Float[Array, "... 2"]:
+def to_wheels(
+    speed: Float[ArrayLike, "..."], turn: Float[ArrayLike, "..."], robot: Robot
+) -> Float[Array, "... 2"]:
     """Returns the commands of the left and the right wheel, -1 to 1, for metres and radians a second.
 
     If one wheel would exceed the top speed, both are slowed down, so that the curve stays the same.
@@ -93,7 +95,14 @@ def drive(
     right = shares[1] * robot.top_speed * (1 + robot.trim)
     speed, turn = (left + right) / 2, (right - left) / robot.wheel_distance
     half = turn * robot.dt / 2
-    chord = speed * robot.dt / TILE * jnp.where(jnp.abs(half) < 1e-3, 1, jnp.sin(half) / jnp.where(half == 0, 1, half))
+    chord = (
+        speed
+        * robot.dt
+        / TILE
+        * jnp.where(jnp.abs(half) < 1e-3, 1, jnp.sin(half) / jnp.where(half == 0, 1, half))
+    )
     middle = pose.theta + half
-    there = Pose(pose.x + chord * jnp.cos(middle), pose.y - chord * jnp.sin(middle), pose.theta + 2 * half)
+    there = Pose(
+        pose.x + chord * jnp.cos(middle), pose.y - chord * jnp.sin(middle), pose.theta + 2 * half
+    )
     return there._replace(theta=wrap_angle(there.theta)), Wheels(speed, turn, commands)

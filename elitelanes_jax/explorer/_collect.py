@@ -92,7 +92,9 @@ def _is_result(value: UserValue) -> bool:
     return hasattr(value, "elites") and hasattr(value, "search")
 
 
-def _collect_files(sources: Sequence[Path], tiles: str | Path | TileSet | None, tile_px: int) -> Payload:
+def _collect_files(
+    sources: Sequence[Path], tiles: str | Path | TileSet | None, tile_px: int
+) -> Payload:
     runs: list[ShownRun] = []
     maps: list[tuple[str, RoadMap]] = []
     recorded_tiles: Path | None = None

@@ -68,7 +68,9 @@ class _Blob:
 
     def add_json(self, values: Plain) -> dict[str, Plain]:
         """Adds values as the bytes of their JSON, which pack well; returns the table that represents them."""
-        return self.add(np.frombuffer(json.dumps(values, separators=(",", ":")).encode(), np.uint8), "uint8")
+        return self.add(
+            np.frombuffer(json.dumps(values, separators=(",", ":")).encode(), np.uint8), "uint8"
+        )
 
     def packed(self) -> bytes:
         return zlib.compress(b"".join(self._parts), 9)
@@ -105,7 +107,9 @@ def _run_values(run: ShownRun, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
         "niche": None if run.niche is None else blob.add(run.niche, "int32"),
         "features": {name: blob.add(values, "int32") for name, values in run.features.items()},
         "labels": run.labels,
-        "maps": [_map_values(elite, name, road_map, tiles, blob) for elite, name, road_map in run.maps],
+        "maps": [
+            _map_values(elite, name, road_map, tiles, blob) for elite, name, road_map in run.maps
+        ],
         "history": None if run.history is None else _history_values(run.history, blob),
         "usual_fitness": run.usual_fitness,
         "floors": None if run.floors is None else list(run.floors.items()),
@@ -113,7 +117,9 @@ def _run_values(run: ShownRun, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
     }
 
 
-def _map_values(elite: int, name: str, road_map: RoadMap, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
+def _map_values(
+    elite: int, name: str, road_map: RoadMap, tiles: TileSet, blob: _Blob
+) -> dict[str, Plain]:
     """Returns a chosen map: its elite, its objects, and its tile pictures as indices times 4 plus quarter turns."""
     chosen = recall_choice(road_map, tiles)
     pictures = None
@@ -180,7 +186,9 @@ def _object_values() -> dict[str, Plain]:
         by_kind[kind] = []
         for picture in pictures:
             image = _data_url(picture.top)
-            by_kind[kind].append({"image": image, "height": picture.height, "footprint": picture.footprint})
+            by_kind[kind].append(
+                {"image": image, "height": picture.height, "footprint": picture.footprint}
+            )
     return {
         "kinds": dict(OBJECT_KINDS),
         "tags": dict(SIGN_TAGS),

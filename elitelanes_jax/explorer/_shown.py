@@ -33,19 +33,23 @@ class ShownRun(NamedTuple):
 
     name: str  # of the run
     grids: Int8[np.ndarray, "E H W"]
-    fitness: Shaped[np.ndarray, " E"] | None  # of 32 bits, None if the page computes it from the weights
+    # Of 32 bits, None if the page computes it from the weights.
+    fitness: Shaped[np.ndarray, " E"] | None
     seed: Int[np.ndarray, " E"]  # the index of the run's seed that found each, from 0
     seeds: int  # the number of seeds
     axes: tuple[Axis, ...]  # of the niches
     weights: Mapping[str, int]  # of metrics and features in the fitness
     alphabet: tuple[int, ...] | None  # the codes that off_alphabet does not count; None for all
-    features: Mapping[str, Int32[np.ndarray, " E"]] = {}  # by name, what is measured beside the metrics
-    niche: Int32[np.ndarray, " E"] | None = None  # see niche_index; None if the page computes it from metrics
+    # By name, what is measured beside the metrics.
+    features: Mapping[str, Int32[np.ndarray, " E"]] = {}
+    # See niche_index; None if the page computes it from metrics.
+    niche: Int32[np.ndarray, " E"] | None = None
     labels: tuple[str, ...] | None = None  # a name for each grid, or None
     # The chosen maps: the index of each among the grids, its name, and the map itself.
     maps: tuple[tuple[int, str, RoadMap], ...] = ()
     history: "History | None" = None  # of the run
-    usual_fitness: bool = True  # whether the fitness is the weighted sum of features plus the penalty of ranges
+    # Whether the fitness is the weighted sum of features plus the penalty of ranges.
+    usual_fitness: bool = True
     # The proven minimum of the usual fitness by cyclomatic number, None if none is known.
     floors: Mapping[int, int] | None = None
     record: Mapping[str, Plain] = {}  # of the run, to be shown
@@ -182,7 +186,9 @@ def _run_of_maps(named_maps: Sequence[tuple[str, RoadMap]], shape: tuple[int, in
     )
 
 
-def _fitness_array(values: Sequence[float], is_whole: bool) -> Int32[np.ndarray, " E"] | Float32[np.ndarray, " E"]:
+def _fitness_array(
+    values: Sequence[float], is_whole: bool
+) -> Int32[np.ndarray, " E"] | Float32[np.ndarray, " E"]:
     """Returns fitness values of files, limited to what 32 bits can hold."""
     # In Python's numbers, because NumPy refuses whole numbers that are longer than 64 bits.
     if is_whole:
@@ -215,7 +221,9 @@ def read_run(folder: Path) -> ShownRun:
     size = setting(run, "size")
     if size is not None and size != list(run.grids.shape[1:]):
         got = "{} x {}".format(*run.grids.shape[1:])
-        raise InputError(f"{folder}: expected maps of {shorten(json.dumps(size))}, as run.json says, got {got}")
+        raise InputError(
+            f"{folder}: expected maps of {shorten(json.dumps(size))}, as run.json says, got {got}"
+        )
     return run
 
 
@@ -232,7 +240,9 @@ def _read_record(file: Path) -> dict[str, Plain]:
         hint = ""
         if has_unfinished(file.parent):
             hint = "; its search is unfinished, the same generate command resumes it"
-        raise InputError(f"{file.parent}: expected a folder with run.json, got one without{hint}") from None
+        raise InputError(
+            f"{file.parent}: expected a folder with run.json, got one without{hint}"
+        ) from None
     except (ValueError, RecursionError) as error:
         words = str(error).removeprefix(f"{file}: ")
         raise InputError(f"{file}: expected the JSON of a run, got: {shorten(words)}") from None
@@ -250,7 +260,9 @@ def _with_chosen(run: ShownRun, chosen: Sequence[tuple[str, RoadMap]]) -> ShownR
         if road_map.codes.shape != run.grids.shape[1:]:
             expected = "{} x {}".format(*run.grids.shape[1:])
             got = "{} x {}".format(*road_map.codes.shape)
-            raise InputError(f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}")
+            raise InputError(
+                f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}"
+            )
         elite = index_of.get(road_map.codes.tobytes())
         if elite is not None:
             maps.append((elite, name, road_map))

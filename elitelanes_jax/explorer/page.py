@@ -60,7 +60,8 @@ def page_of(payload: Payload) -> str:
     script, style = static_text("explorer.js"), static_text("explorer.css")
     allowed = base64.b64encode(sha256(script.encode()).digest()).decode()
     policy = f"default-src 'none'; script-src 'sha256-{allowed}'; style-src 'unsafe-inline'; img-src data: blob:"
-    title = str(payload.values["title"] or "maps").encode(errors="replace").decode()  # a name that is not UTF-8
+    # A name that is not UTF-8.
+    title = str(payload.values["title"] or "maps").encode(errors="replace").decode()
     return (
         f'{_MARK}<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'

@@ -52,7 +52,10 @@ class HandServer(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, work: HandWork, port: int = 0) -> None:
-        """Listens on 127.0.0.1; raises `OSError` if the port is taken. Port 0 means any free port."""
+        """Listens on 127.0.0.1; raises `OSError` if the port is taken.
+
+        Port 0 means any free port.
+        """
         super().__init__(("127.0.0.1", port), _Handler)
         self.token = secrets.token_urlsafe(24)
         self.hosts = [f"{name}:{self.server_address[1]}" for name in ("127.0.0.1", "localhost")]
@@ -106,7 +109,9 @@ class _Handler(BaseHTTPRequestHandler):
             return
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal() or int(length) > _MOST_BYTES:
-            self._send_json(413, {"error": f"expected a request of at most {_MOST_BYTES // MIB} MiB"})
+            self._send_json(
+                413, {"error": f"expected a request of at most {_MOST_BYTES // MIB} MiB"}
+            )
             return
         try:
             values = json.loads(self.rfile.read(int(length)))
@@ -126,7 +131,9 @@ class _Handler(BaseHTTPRequestHandler):
                 {"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)},
             )
         except (LookupError, TypeError, ValueError, RecursionError) as error:
-            self._send_json(400, {"error": f"expected a request of this page, got {shorten(repr(error))}"})
+            self._send_json(
+                400, {"error": f"expected a request of this page, got {shorten(repr(error))}"}
+            )
 
     def log_message(self, *_: Untyped) -> None:
         """Prints nothing: the terminal shows what was saved."""

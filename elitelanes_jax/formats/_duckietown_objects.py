@@ -55,7 +55,10 @@ _STAND = 0.27 / 0.4
 
 
 def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> str:
-    """Returns the text of the objects of a map file; "" without objects. `rows` is the height of the map in tiles."""
+    """Returns the text of the objects of a map file; "" without objects.
+
+    `rows` is the height of the map in tiles.
+    """
     if not objects:
         return ""
     lines = ["objects:"]
@@ -66,7 +69,9 @@ def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> 
         has_tag = item.kind == "floor_tag" or item.kind.startswith("sign_")
         lines.append(f"  {_yaml_text(f'{kind}_{index}')}:")
         lines.append(f"    kind: {_yaml_text(kind)}")
-        lines.append(f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}")
+        lines.append(
+            f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}"
+        )
         if item.height > 0:
             lines.append(f"    height: {_number(item.height)}")
         if item.tag is not None and has_tag:
@@ -104,7 +109,9 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
         raise InputError(f"objects: expected a list or a table of objects, got {brief(values)}")
     objects = []
     for name, value in named.items():
-        objects.append(check_named(f"objects: {shorten(str(name), 40)}", _read, value, rows, tile_size))
+        objects.append(
+            check_named(f"objects: {shorten(str(name), 40)}", _read, value, rows, tile_size)
+        )
     return objects
 
 
@@ -128,7 +135,9 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
         tag = whole_of(table_of(value["tag"], "~TagInstance"), "tag_id")
     if kind == _BLANK and tag in STREET_NAMES:
         kind = _STREET_NAME
-    return MapObject(kind, x, y, remainder(angle, 2 * pi), height, tag, value.get("static") not in FALSE)
+    return MapObject(
+        kind, x, y, remainder(angle, 2 * pi), height, tag, value.get("static") not in FALSE
+    )
 
 
 def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[float, float, float]:
@@ -177,7 +186,9 @@ def table_of(value: Plain, name: str) -> dict[str, Plain]:
     return inner
 
 
-def _pair(values: Mapping[str, Plain], name: str, default: tuple[float, float] | None = None) -> tuple[float, float]:
+def _pair(
+    values: Mapping[str, Plain], name: str, default: tuple[float, float] | None = None
+) -> tuple[float, float]:
     listed = values.get(name, default)
     if not isinstance(listed, list | tuple) or len(listed) not in (2, 3):
         raise InputError(f"{name}: expected two numbers, got {brief(listed, 40)}")
@@ -192,7 +203,11 @@ def real_of(values: Mapping[str, Plain], name: str, default: float | None = None
     """
     text = values.get(name, default)
     with suppress(TypeError, ValueError):
-        if not isinstance(text, list | dict) and "_" not in str(text) and isfinite(number := float(text)):
+        if (
+            not isinstance(text, list | dict)
+            and "_" not in str(text)
+            and isfinite(number := float(text))
+        ):
             return number
     raise InputError(f"{name}: expected a number, got {brief(text, 40)}")
 

@@ -53,7 +53,9 @@ def _joined_lines(pieces: list[Curve]) -> list[Curve]:
     return joined
 
 
-def across(movement: Movement, from_crossing: bool = False, to_crossing: bool = False) -> list[Curve]:
+def across(
+    movement: Movement, from_crossing: bool = False, to_crossing: bool = False
+) -> list[Curve]:
     """Returns the road's middle across the tile of a movement, between points as far from the borders as junctions."""
     tile, heading, exit_heading = movement.node.tile, movement.heading, movement.exit
     inset = _INSET if from_crossing else 0.0

@@ -1,7 +1,8 @@
 """Reads YAML as plain lists, tables and texts, safely for any file.
 
-PyYAML's own loader crashes on deep nesting and follows aliases and merge keys without limit. Here the nesting is
-limited, an alias is the value that it names, not a copy, and scalars stay texts: no numbers, dates or objects.
+PyYAML's own loader crashes on deep nesting and follows aliases and merge keys without limit. Here
+the nesting is limited, an alias is the value that it names, not a copy, and scalars stay texts: no
+numbers, dates or objects.
 """
 
 import re
@@ -23,27 +24,32 @@ def yaml_tree(text: str) -> Plain:
     """Reads a YAML document.
 
     Returns:
-      Lists, dictionaries and strings; None for an empty document. Merge keys and tags have no meaning. A value may
-      contain itself through an alias.
+      Lists, dictionaries and strings; None for an empty document. Merge keys and tags have no
+      meaning. A value may contain itself through an alias.
 
     Raises:
-      InputError: if it is not YAML, has several documents, is nested deeper than 64 levels, has over 1.3 million
-        values, an alias without its anchor, a repeated key, or a key that is not a text.
+      InputError: if it is not YAML, has several documents, is nested deeper than 64 levels, has
+        over 1.3 million values, an alias without its anchor, a repeated key, or a key that is not a
+        text.
     """
     if len(_DIRECTIVE.findall(text)) >= _MOST_DIRECTIVES:
         raise InputError(f"expected readable YAML, got {_MOST_DIRECTIVES} directives and more")
     try:
         return _build(yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
     except (yaml.YAMLError, UnicodeEncodeError) as error:
-        if "maximum nesting depth" in str(error):  # libyaml counts from PyYAML 6.0.4 on, and some levels ahead
+        # Libyaml counts from PyYAML 6.0.4 on, and some levels ahead.
+        if "maximum nesting depth" in str(error):
             raise InputError(_TOO_DEEP) from None
-        raise InputError(f"expected readable YAML, got: {shorten(' '.join(str(error).split()), 200)}") from None
+        raise InputError(
+            f"expected readable YAML, got: {shorten(' '.join(str(error).split()), 200)}"
+        ) from None
 
 
 def _build(events: Iterable[yaml.Event]) -> Plain:
     documents: list[Plain] = []
     anchors: dict[str, Plain] = {}
-    opened: list[tuple[Plain, list[Plain]]] = [(None, documents)]  # lists and tables, with their items so far
+    # Lists and tables, with their items so far.
+    opened: list[tuple[Plain, list[Plain]]] = [(None, documents)]
     values = 0
     for event in events:
         match event:
@@ -55,7 +61,9 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
                 value = {}
             case yaml.AliasEvent():
                 if event.anchor not in anchors:
-                    raise InputError(f"expected readable YAML, got an alias of nothing, *{shorten(event.anchor)}")
+                    raise InputError(
+                        f"expected readable YAML, got an alias of nothing, *{shorten(event.anchor)}"
+                    )
                 value = anchors[event.anchor]
             case yaml.MappingEndEvent():
                 table, items = opened.pop()
@@ -85,7 +93,9 @@ def _fill(table: dict[str, Plain], items: list[Plain]) -> None:
     """Adds keys and values, which take turns, to a table."""
     for key, value in zip(items[::2], items[1::2], strict=True):
         if not isinstance(key, str):
-            raise InputError(f"expected readable YAML, its keys texts, got a {type(key).__name__} for a key")
+            raise InputError(
+                f"expected readable YAML, its keys texts, got a {type(key).__name__} for a key"
+            )
         if key in table:
             raise InputError(f"YAML: expected each key once, got {shorten(key, 40)} twice")
         table[key] = value

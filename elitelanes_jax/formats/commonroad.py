@@ -106,17 +106,24 @@ class _Scenario:
     def add_sign(self, kind: str, position: complex, value: str = "") -> int:
         """Adds a sign, and returns its number. A sign with a value is virtual."""
         number = self.next_number()
-        element = f"<trafficSignElement><trafficSignID>{kind}</trafficSignID>{value}</trafficSignElement>"
+        element = (
+            f"<trafficSignElement><trafficSignID>{kind}</trafficSignID>{value}</trafficSignElement>"
+        )
         place = f"<position>{_point(position)}</position><virtual>{'true' if value else 'false'}</virtual>"
         self.signs.append(f'<trafficSign id="{number}">{element}{place}</trafficSign>')
         return number
 
     def add_light(self, heading: int) -> int:
-        """Adds a traffic light, and returns its number. North and south are green while the others are red."""
+        """Adds a traffic light, and returns its number.
+
+        North and south are green while the others are red.
+        """
         number = self.next_number()
         phases = []
         for color, duration in _CYCLE_FROM_RED if heading % 2 else _CYCLE:
-            phases.append(f"<cycleElement><duration>{duration}</duration><color>{color}</color></cycleElement>")
+            phases.append(
+                f"<cycleElement><duration>{duration}</duration><color>{color}</color></cycleElement>"
+            )
         cycle = f"<cycle>{''.join(phases)}</cycle>"
         active = "<direction>all</direction><active>true</active>"
         self.lights.append(f'<trafficLight id="{number}">{cycle}{active}</trafficLight>')
@@ -138,7 +145,9 @@ def _make_lanelets(graph: LaneGraph, streets: Streets, height: int) -> list[_Lan
     return lanelets
 
 
-def _add_crossing(scenario: _Scenario, across: list[_Lanelet], lanelets: list[_Lanelet], right_of_way: str) -> None:
+def _add_crossing(
+    scenario: _Scenario, across: list[_Lanelet], lanelets: list[_Lanelet], right_of_way: str
+) -> None:
     """Adds the intersection of a crossing with its signs or lights.
 
     `across` are the lanelets on its tile, and `lanelets` are all lanelets by their numbers, from 1.
@@ -183,7 +192,10 @@ def _incoming(heading: int, turning: list[_Lanelet], incoming_numbers: dict[int,
 def _lanelet_elements(
     lanelets: list[_Lanelet], rules: dict[int, str], links: Integer[np.ndarray, "H W"], limit: int
 ) -> list[str]:
-    """Returns the elements of all lanelets. `limit` is the number of the sign with the speed limit."""
+    """Returns the elements of all lanelets.
+
+    `limit` is the number of the sign with the speed limit.
+    """
     numbers = {}
     for lanelet in lanelets:
         movement = lanelet.movement
@@ -198,7 +210,9 @@ def _lanelet_elements(
     return elements
 
 
-def _lanelet_element(lanelet: _Lanelet, tile_links: int, oncoming: int, rule: str, limit: int) -> str:
+def _lanelet_element(
+    lanelet: _Lanelet, tile_links: int, oncoming: int, rule: str, limit: int
+) -> str:
     """Returns the element of a lanelet, whose tile has a number of links to its neighbours."""
     has_middle_line = tile_links == 2
     is_crossing = tile_links > 2
@@ -259,7 +273,9 @@ def _problem(number: int, start: _Lanelet, goal: int) -> str:
         "yawRate": 0,
         "slipAngle": 0,
     }
-    state = "".join(f"<{name}><exact>{value:.9g}</exact></{name}>" for name, value in values.items())
+    state = "".join(
+        f"<{name}><exact>{value:.9g}</exact></{name}>" for name, value in values.items()
+    )
     position = f"<position>{_point((first + second) / 2)}</position>"
     time = "<time><intervalStart>0</intervalStart><intervalEnd>36000</intervalEnd></time>"
     goal_position = f'<position><lanelet ref="{goal}"/></position>'

@@ -106,10 +106,11 @@ def is_layers(folder: Path) -> bool:
 def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] | None]:
     """Reads a folder of layers: its tiles and objects, None without objects.
 
-    Watchtowers and layers of other names are not read. An object has its usual height, unless the file says "height".
-    The first line of the tiles that we write says how curves and 3-way tiles are turned. In other maps, all are turned
-    so or all as the Duckiematrix has them: the way that leaves fewer connections without a neighbour that returns them.
-    If one way leaves none, the other leaves some, because the first road tile is a curve that it opens to the north.
+    Watchtowers and layers of other names are not read. An object has its usual height, unless the
+    file says "height". The first line of the tiles that we write says how curves and 3-way tiles
+    are turned. In other maps, all are turned so or all as the Duckiematrix has them: the way that
+    leaves fewer connections without a neighbour that returns them. If one way leaves none, the
+    other leaves some, because the first road tile is a curve that it opens to the north.
 
     Raises:
       InputError: if a file cannot be read, or anything in it is not as it should be; the message
@@ -151,7 +152,8 @@ def _read_objects(
 ) -> list[MapObject]:
     """Returns the objects of all layers, in the order of the frames.
 
-    `corner` is the cell of the map's south-west corner. Objects of several layers may share a frame.
+    `corner` is the cell of the map's south-west corner. Objects of several layers may share a
+    frame.
     """
     west, south = corner
     height, width = shape
@@ -318,7 +320,9 @@ class _Tile(NamedTuple):
     matrix_code: int
 
 
-def _read_tile(name: str, values: _Table, pose: _Pose | None, clockwise: bool, size: float) -> _Tile:
+def _read_tile(
+    name: str, values: _Table, pose: _Pose | None, clockwise: bool, size: float
+) -> _Tile:
     """Returns a tile of the layer.
 
     `pose` is its frame's, None without a frame. The editor that writes degrees turns tiles
@@ -354,7 +358,9 @@ def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
         return _index(pose.x, size), _index(pose.y, size)
     indices = _CELL_IN_NAME.search(name)
     if indices is None:
-        raise InputError("expected i and j, a frame of this name in frames.yaml, or a name such as tile_0_1, got none")
+        raise InputError(
+            "expected i and j, a frame of this name in frames.yaml, or a name such as tile_0_1, got none"
+        )
     return int(indices[1]), int(indices[2])
 
 
@@ -363,7 +369,9 @@ def _index(position: float, size: float) -> int:
     tiles = position / size
     index = floor(tiles + 0.25)
     if abs(tiles - index) > _NEAR and abs(tiles - index - 0.5) > _NEAR:
-        raise InputError(f"expected the middle or the corner of a cell of {size:g} m, got {position:g} m")
+        raise InputError(
+            f"expected the middle or the corner of a cell of {size:g} m, got {position:g} m"
+        )
     return index
 
 

@@ -1,12 +1,15 @@
 """Duckietown's newer maps: a folder with a YAML file for each layer, as its library and its simulator read them.
 
-Both have poses in the layer ``frames``, and yaw counter-clockwise. At yaw 0 a straight tile leads from north to south.
+Both have poses in the layer ``frames``, and yaw counter-clockwise. At yaw 0 a straight tile leads
+from north to south.
 
-The library dt-maps 0.1.0 has the middle of a tile, in metres from the south-west corner of the map. At yaw 0 a curve
-leads from south to east, and a 3-way tile has no west side, as in its ``get_tile_graph``.
+The library dt-maps 0.1.0 has the middle of a tile, in metres from the south-west corner of the map.
+At yaw 0 a curve leads from south to east, and a 3-way tile has no west side, as in its
+``get_tile_graph``.
 
-The Duckiematrix has the south-west corner of a tile, in tiles. At yaw 0 a curve leads from north to west, and a 3-way
-tile has no south side, as in its map loop_0 (github.com/duckietown/duckiematrix-examples, August 2025).
+The Duckiematrix has the south-west corner of a tile, in tiles. At yaw 0 a curve leads from north to
+west, and a 3-way tile has no south side, as in its map loop_0
+(github.com/duckietown/duckiematrix-examples, August 2025).
 """
 
 from collections.abc import Callable, Mapping
@@ -49,7 +52,8 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str
       tile_size: in metres, 0.01 to 100.
 
     Raises:
-      InputError: for a bad map or size, or tiles with one connection, which Duckietown lacks; the message names them.
+      InputError: for a bad map or size, or tiles with one connection, which Duckietown lacks; the
+        message names them.
     """
     check_tile_size(tile_size)
     source = as_map(road_map)
@@ -67,17 +71,17 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str
 def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
     """Returns the texts of a map's layers for the Duckiematrix, by their names in `LAYERS`.
 
-    Robots are ``map_0/vehicle_0``, ``map_0/vehicle_1`` and so on. Duckietown's Gym environment drives the first one. A
-    map without robots gets one, in the middle of its first lane. `MapInterpreter` of the package duckietown-sdk 0.2.0
-    reads the layers of tiles.
+    Robots are ``map_0/vehicle_0``, ``map_0/vehicle_1`` and so on. Duckietown's Gym environment
+    drives the first one. A map without robots gets one, in the middle of its first lane.
+    `MapInterpreter` of the package duckietown-sdk 0.2.0 reads the layers of tiles.
 
     Args:
       road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       tile_size: in metres, 0.01 to 100.
 
     Raises:
-      InputError: for a bad map or size, one without a lane, or tiles with one connection, which Duckietown lacks; the
-        message names them.
+      InputError: for a bad map or size, one without a lane, or tiles with one connection, which
+        Duckietown lacks; the message names them.
     """
     check_tile_size(tile_size)
     source = as_map(road_map)
@@ -90,7 +94,9 @@ def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dic
     def frame_of_tile(i: int, j: int, yaw: float) -> _Table:
         return {"relative_to": None, "unit": "tiles", "pose": _pose(float(i), float(j), yaw)}
 
-    layers = _write_layers(source, float(tile_size), ROADS_OF_MATRIX, frame_of_tile, robot="vehicle")
+    layers = _write_layers(
+        source, float(tile_size), ROADS_OF_MATRIX, frame_of_tile, robot="vehicle"
+    )
     return _texts(layers, 1.0, TURNED_AS_MATRIX)
 
 
@@ -118,7 +124,11 @@ def _write_layers(
       frame_of_tile: the frame of a tile from its column i, its row j from the south, and its yaw.
       robot: what the frames of robots are named after.
     """
-    kinds = {rotate_codes(code, turns): (kind, turns) for kind, code in roads.items() for turns in (3, 2, 1, 0)}
+    kinds = {
+        rotate_codes(code, turns): (kind, turns)
+        for kind, code in roads.items()
+        for turns in (3, 2, 1, 0)
+    }
     rows = len(road_map.codes)
     layers: dict[str, _Table] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}
@@ -134,7 +144,9 @@ def _write_layers(
         if name in layers["tiles"]:  # of the kind other:tile_0
             name = f"{_MAP}/other_{name.removeprefix(f'{_MAP}/')}"
         layer, values = _entry(thing)
-        layers[layer][name] = values | {"height": thing.height} | ({} if thing.static else {"static": False})
+        layers[layer][name] = (
+            values | {"height": thing.height} | ({} if thing.static else {"static": False})
+        )
         pose = _pose(thing.x * size, (rows - thing.y) * size, thing.angle)
         layers["frames"][name] = {"relative_to": _MAP, "pose": pose}
     return layers
@@ -151,7 +163,14 @@ def _texts(layers: Mapping[str, _Table], version: str | float, turned: str) -> d
 
 def _pose(x: float, y: float, yaw: float) -> _Table:
     yaw = remainder(yaw, 2 * pi)
-    return {"x": round(x, 6), "y": round(y, 6), "z": 0.0, "roll": 0.0, "pitch": 0.0, "yaw": round(yaw, 6)}
+    return {
+        "x": round(x, 6),
+        "y": round(y, 6),
+        "z": 0.0,
+        "roll": 0.0,
+        "pitch": 0.0,
+        "yaw": round(yaw, 6),
+    }
 
 
 def _entry(thing: MapObject) -> tuple[str, _Table]:
@@ -164,4 +183,5 @@ def _entry(thing: MapObject) -> tuple[str, _Table]:
     if thing.kind == "floor_tag":
         return "ground_tags", {"size": TAG_SIZE} | tag
     kind = SIGNS.get(thing.kind)
-    return "traffic_signs" if kind else "decorations", {"type": kind or thing.kind.removeprefix(OTHER)} | tag
+    layer = "traffic_signs" if kind else "decorations"
+    return layer, {"type": kind or thing.kind.removeprefix(OTHER)} | tag

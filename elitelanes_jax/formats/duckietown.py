@@ -72,7 +72,9 @@ def check_tile_size(tile_size: UserValue, least: float = 0.01, most: float = 100
     """Raises an `InputError` unless the side of a tile is a number of metres in a range."""
     if not is_real(tile_size) or not least <= tile_size <= most:
         got = shorten(repr(tile_size))
-        raise InputError(f"tile_size: expected metres, a number from {least:g} to {most:g}, got {got}")
+        raise InputError(
+            f"tile_size: expected metres, a number from {least:g} to {most:g}, got {got}"
+        )
 
 
 @name_wrong_arguments

@@ -83,7 +83,9 @@ def to_gltf(
     """
     check_tile_size(tile_size, most=1000)
     if not isinstance(picture, bytes) or not picture.startswith(_PNG):
-        raise InputError(f"picture: expected the content of a PNG file, got {shorten(repr(picture), 16)}")
+        raise InputError(
+            f"picture: expected the content of a PNG file, got {shorten(repr(picture), 16)}"
+        )
     standing = check_named("standing", listed(Standing), standing)
     rows, columns = check_shape(shape)
     pictures = {picture: 0}  # by content, so that equal objects share a picture

@@ -23,8 +23,9 @@ def tile_graph(codes: ArrayLike) -> "networkx.Graph":
       codes: integer codes ``[H, W]``.
 
     Returns:
-      A graph whose nodes are the non-empty tiles, as (row, column), in the order of their rows; each with `code`, an
-      int, and `kind`, a name of `codes.KINDS`. Edges are the links: neighbours that both connect to each other.
+      A graph whose nodes are the non-empty tiles, as (row, column), in the order of their rows;
+      each with `code`, an int, and `kind`, a name of `codes.KINDS`. Edges are the links: neighbours
+      that both connect to each other.
 
     Raises:
       InputError: for a bad grid, or without NetworkX.
@@ -33,6 +34,10 @@ def tile_graph(codes: ArrayLike) -> "networkx.Graph":
     grid = np.asarray(check_grid(codes))
     links = linked_tiles(grid)
     graph = nx.Graph()
-    graph.add_nodes_from((tile, {"code": int(grid[tile]), "kind": KIND_OF[int(grid[tile])]}) for tile in links)
-    graph.add_edges_from((tile, other) for tile, others in links.items() for other in others if other > tile)
+    graph.add_nodes_from(
+        (tile, {"code": int(grid[tile]), "kind": KIND_OF[int(grid[tile])]}) for tile in links
+    )
+    graph.add_edges_from(
+        (tile, other) for tile, others in links.items() for other in others if other > tile
+    )
     return graph

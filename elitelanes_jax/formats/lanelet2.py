@@ -78,7 +78,10 @@ def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
     city = _Map()
     for tile, movements in groupby(graph.list_movements(), attrgetter("node.tile")):
         is_crossing = bool(links[tile] > 2)
-        lanelets = [_start_lanelet(city, movement, streets, len(links), is_crossing) for movement in movements]
+        lanelets = [
+            _start_lanelet(city, movement, streets, len(links), is_crossing)
+            for movement in movements
+        ]
         if is_crossing:
             _add_rules(city, lanelets, rules[tile])
         for lanelet in lanelets:
@@ -86,7 +89,9 @@ def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
     return city.text()
 
 
-def _start_lanelet(city: "_Map", movement: Movement, streets: Streets, height: int, is_crossing: bool) -> _Lanelet:
+def _start_lanelet(
+    city: "_Map", movement: Movement, streets: Streets, height: int, is_crossing: bool
+) -> _Lanelet:
     """Adds the bounds of a lanelet. On a crossing no tape marks the bounds."""
     left, right = bounds(movement, streets, height)
     left_kind = "virtual" if is_crossing or movement.turn == BACK else "line_thin"
@@ -129,7 +134,10 @@ def _entries_of(lanelets: list[_Lanelet]) -> dict[int, Complex128[np.ndarray, "2
 
 
 def _add_stop_for_all(city: "_Map", lanelets: list[_Lanelet]) -> None:
-    stop_lines = {heading: city.add_line(entry, "stop_line") for heading, entry in _entries_of(lanelets).items()}
+    stop_lines = {
+        heading: city.add_line(entry, "stop_line")
+        for heading, entry in _entries_of(lanelets).items()
+    }
     members = [_Member("relation", lanelet.number, "yield") for lanelet in lanelets]
     for lanelet in lanelets:
         members.append(_Member("way", stop_lines[lanelet.movement.heading], "ref_line"))
@@ -142,8 +150,12 @@ def _add_lights(city: "_Map", lanelets: list[_Lanelet]) -> None:
     for heading, entry in _entries_of(lanelets).items():
         left, right = entry
         stop_line = city.add_line(entry, "stop_line")
-        light = city.add_line(right + (right - left) * np.array([0.1, 0.4]), "traffic_light", "red_yellow_green")
-        lights.append((heading, [_Member("way", light, "refers"), _Member("way", stop_line, "ref_line")]))
+        light = city.add_line(
+            right + (right - left) * np.array([0.1, 0.4]), "traffic_light", "red_yellow_green"
+        )
+        lights.append(
+            (heading, [_Member("way", light, "refers"), _Member("way", stop_line, "ref_line")])
+        )
     for heading, members in lights:
         _add_rule(
             city,
@@ -174,7 +186,10 @@ def _add_rule(city: "_Map", subtype: str, members: list[_Member], ruled: list[_L
 
 
 class _Map:
-    """The elements of a map. Points with equal coordinates, and lines through the same points, are added once."""
+    """The elements of a map.
+
+    Points with equal coordinates, and lines through the same points, are added once.
+    """
 
     def __init__(self) -> None:
         self.points: dict[complex, int] = {}
@@ -204,7 +219,9 @@ class _Map:
 
     def add_relation(self, number: int, members: list[_Member], tags: dict[str, str]) -> None:
         """Adds a lanelet or a rule."""
-        parts = "".join(f'<member type="{kind}" ref="{ref}" role="{role}"/>' for kind, ref, role in members)
+        parts = "".join(
+            f'<member type="{kind}" ref="{ref}" role="{role}"/>' for kind, ref, role in members
+        )
         self.relations.append(_element("relation", number, parts, tags))
 
     def text(self) -> str:
@@ -214,9 +231,13 @@ class _Map:
             '<?xml version="1.0" encoding="UTF-8"?>',
             '<osm version="0.6" generator="elitelanes">',
         ]
-        for (point, number), latitude, longitude in zip(self.points.items(), latitudes, longitudes, strict=True):
+        for (point, number), latitude, longitude in zip(
+            self.points.items(), latitudes, longitudes, strict=True
+        ):
             place = f'lat="{latitude:.12f}" lon="{longitude:.12f}"'
-            local = f'<tag k="local_x" v="{point.real:.6f}"/><tag k="local_y" v="{point.imag:.6f}"/>'
+            local = (
+                f'<tag k="local_x" v="{point.real:.6f}"/><tag k="local_y" v="{point.imag:.6f}"/>'
+            )
             lines.append(f'<node id="{number}" visible="true" version="1" {place}>{local}</node>')
         lines += self.ways
         lines += self.relations

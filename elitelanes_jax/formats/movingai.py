@@ -1,7 +1,9 @@
 """Maps and tasks in the text formats of MovingAI's benchmarks, for planners of one robot or many.
 
-Sturtevant, "Benchmarks for grid-based pathfinding", IEEE Transactions on Computational Intelligence and AI in Games,
-2012. A step goes to one of eight neighbours; a diagonal one needs both cells beside it free, and is sqrt(2) long.
+Sturtevant, "Benchmarks for grid-based pathfinding", IEEE Transactions on Computational Intelligence
+and AI in Games,
+2012. A step goes to one of eight neighbours; a diagonal one needs both cells beside it free, and is
+  sqrt(2) long.
 """
 
 from typing import NamedTuple
@@ -28,8 +30,8 @@ class MovingAI(NamedTuple):
 
     Attributes:
       grid: of the cells: ``.`` is road, ``@`` is not.
-      tasks: 100 starts and goals, or as many as there are, with the lengths of their shortest paths, the short ones
-        first.
+      tasks: 100 starts and goals, or as many as there are, with the lengths of their shortest
+        paths, the short ones first.
     """
 
     grid: str
@@ -51,23 +53,31 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
     """
     # Readers of tasks split their lines at spaces of any kind, and know no quotes.
     if check_named("name", text_name, name).split() != [name]:
-        raise InputError(f"name: expected a name without spaces, as in MovingAI's tasks, got {shorten(repr(name))}")
+        raise InputError(
+            f"name: expected a name without spaces, as in MovingAI's tasks, got {shorten(repr(name))}"
+        )
     road = _road_cells(codes, cells)
     if not road.any():
         raise no_road()
     height, width = road.shape
     rows = "".join("".join(row) + "\n" for row in np.where(road, ".", "@").tolist())
     lines = [
-        "\t".join(map(str, (int(length // _BUCKET), name, width, height, *start, *goal, f"{length:.8f}"))) + "\n"
+        "\t".join(
+            map(str, (int(length // _BUCKET), name, width, height, *start, *goal, f"{length:.8f}"))
+        )
+        + "\n"
         for length, start, goal in _tasks(road)
     ]
-    return MovingAI(f"type octile\nheight {height}\nwidth {width}\nmap\n{rows}", "version 1\n" + "".join(lines))
+    return MovingAI(
+        f"type octile\nheight {height}\nwidth {width}\nmap\n{rows}", "version 1\n" + "".join(lines)
+    )
 
 
 def _road_cells(codes: ArrayLike, cells: int) -> Bool[NDArray, "H W"]:
     """Returns whether the centre of each cell is on the road; the first row is north.
 
-    With 5 `cells` or more along a tile's side, cells of neighbours that are not linked do not touch.
+    With 5 `cells` or more along a tile's side, cells of neighbours that are not linked do not
+    touch.
 
     Raises:
       InputError: for a bad grid, `cells` that are not 5 to 256, or over `_MOST_CELLS` in all.
@@ -75,7 +85,9 @@ def _road_cells(codes: ArrayLike, cells: int) -> Bool[NDArray, "H W"]:
     cells = check_named("cells", whole(5, 256), cells)
     links = linked_codes(np.asarray(check_grid(codes)))
     if links.size * cells**2 > _MOST_CELLS:
-        raise InputError(f"cells: expected at most {_MOST_CELLS:,} in all, got {links.size * cells**2:,}")
+        raise InputError(
+            f"cells: expected at most {_MOST_CELLS:,} in all, got {links.size * cells**2:,}"
+        )
     centres = (np.arange(cells) + 0.5) / cells
     tiles = on_road(np.arange(16)[:, None, None], centres, centres[:, None])
     height, width = links.shape

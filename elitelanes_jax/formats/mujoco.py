@@ -103,7 +103,9 @@ def to_mjcf(
     before, start, after = first_lane.points(np.array([0.49, 0.5, 0.51]))
     east, north = after[0] - before[0], before[1] - after[1]
     standing = check_named("standing", listed(Standing), standing)
-    solids = "".join(_solid(item, height, number, tile_size) for number, item in enumerate(standing))
+    solids = "".join(
+        _solid(item, height, number, tile_size) for number, item in enumerate(standing)
+    )
     return _MODEL.format(
         objects=solids,
         east=width * tile_size / 2,
@@ -127,7 +129,9 @@ def _file_name(value: UserValue) -> str:
     """Checks for the name of a file that MuJoCo finds: it takes a backslash for the end of a folder's name."""
     name = xml_name(value)
     if "\\" in name:
-        raise InputError(f"expected a name without \\, as in MuJoCo's models, got {shorten(repr(name))}")
+        raise InputError(
+            f"expected a name without \\, as in MuJoCo's models, got {shorten(repr(name))}"
+        )
     return name
 
 

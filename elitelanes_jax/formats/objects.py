@@ -85,7 +85,10 @@ OBJECT_KINDS: dict[str, ObjectKind] = {
     "sign_street_name": ObjectKind(0.18, 0.056, 0.183),
     "other": ObjectKind(0.1, 0.1, 0.1),
 }
-"""The kinds of objects by name. Names are those of gym-duckietown and duckietown-world, except for "other"."""
+"""The kinds of objects by name.
+
+Names are those of gym-duckietown and duckietown-world, except for "other".
+"""
 
 OTHER = "other:"
 """What the kind of an object begins with if it is not one of `OBJECT_KINDS`."""
@@ -170,7 +173,9 @@ def check_kind(kind: UserValue) -> str:
         hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
         if not hint and isinstance(kind, str) and _OTHER_KIND.fullmatch(OTHER + kind):
             hint = f"; is it {OTHER}{kind}?"
-        raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}")
+        raise InputError(
+            f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}"
+        )
     return kind
 
 
@@ -203,14 +208,20 @@ def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject
 def object_values(thing: MapObject) -> dict[str, Plain]:
     """Returns the fields of an object in a map file: without a tag and `static` that have their default."""
     defaults = MapObject._field_defaults
-    return {name: value for name, value in thing._asdict().items() if name not in defaults or value != defaults[name]}
+    return {
+        name: value
+        for name, value in thing._asdict().items()
+        if name not in defaults or value != defaults[name]
+    }
 
 
 def check_object(value: UserValue, height: int, width: int) -> MapObject:
     """Returns an object of a map of `height` rows and `width` columns, checked as `check_objects` does."""
     values = value._asdict() if isinstance(value, MapObject) else value
     if not isinstance(values, Mapping) or "kind" not in values:
-        raise InputError(f'expected {{"kind": ..., "x": ..., "y": ...}}, got {shorten(repr(value))}')
+        raise InputError(
+            f'expected {{"kind": ..., "x": ..., "y": ...}}, got {shorten(repr(value))}'
+        )
     fields = MapObject._fields
     for name in values:
         if name not in fields:
@@ -227,7 +238,9 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     tag, static = values.get("tag"), values.get("static", True)
     if tag is not None and not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
         got = shorten(repr(tag), 40)
-        raise InputError(f"tag: expected a number of the family 36h11, 0 to {LARGEST_TAG}, got {got}")
+        raise InputError(
+            f"tag: expected a number of the family 36h11, 0 to {LARGEST_TAG}, got {got}"
+        )
     if not isinstance(static, bool):
         raise InputError(f"static: expected true or false, got {shorten(repr(static), 40)}")
     if tag is not None:
@@ -237,5 +250,7 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
 
 def _number(name: str, value: UserValue, least: float, most: float, unit: str) -> float:
     if not is_real(value) or not least <= value <= most:
-        raise InputError(f"{name}: expected {unit} from {least:g} to {most:g}, got {shorten(repr(value), 40)}")
+        raise InputError(
+            f"{name}: expected {unit} from {least:g} to {most:g}, got {shorten(repr(value), 40)}"
+        )
     return float(value)

@@ -220,7 +220,9 @@ def _connection(network: _Network, number: int, movement: Movement, index: int) 
 def _ends_of(network: _Network, movement: Movement) -> tuple[_End, _End]:
     """Returns the ends of the roads that a movement joins."""
     node = movement.node
-    return network.ends[node.tile, node.tile_before], network.ends[node.tile, movement.next_node.tile]
+    return network.ends[node.tile, node.tile_before], network.ends[
+        node.tile, movement.next_node.tile
+    ]
 
 
 def _rights_at_junctions(
@@ -239,14 +241,18 @@ def _rights_at_junctions(
             rights[tile] = []
             for sequence, axis in enumerate((beside, along)):
                 place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
-                controllers.append(f"<controller {place}>{_controlled_lights(axis, signals)}</controller>")
+                controllers.append(
+                    f"<controller {place}>{_controlled_lights(axis, signals)}</controller>"
+                )
                 rights[tile].append(f'<controller {place} type="0"/>')
         elif rule == "priority" and len(network.links[tile]) == 3:
             (low,), high = sorted((along, beside), key=len)
             low_road = network.ends[low].road
             rights[tile] = []
             for arrival in high:
-                rights[tile].append(f'<priority high="{network.ends[arrival].road}" low="{low_road}"/>')
+                rights[tile].append(
+                    f'<priority high="{network.ends[arrival].road}" low="{low_road}"/>'
+                )
     return controllers, rights
 
 

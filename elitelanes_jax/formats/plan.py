@@ -36,7 +36,11 @@ REFERENCE = {
 """The code of each kind of tile without a rotation."""
 
 # The kind and the fewest quarter turns of each code.
-_TILE = {rotate_codes(code, turns): (kind, turns) for kind, code in REFERENCE.items() for turns in (3, 2, 1, 0)}
+_TILE = {
+    rotate_codes(code, turns): (kind, turns)
+    for kind, code in REFERENCE.items()
+    for turns in (3, 2, 1, 0)
+}
 
 _LANE, _STUB = 0.21, 0.05  # metres
 # From the middle of the road to the middle of its white tape.
@@ -114,9 +118,13 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
     has_roads = codes.any()
     if max(height, width) > LONGEST_PLAN or not has_roads:
         got = f"{height} x {width}" if has_roads else "none"
-        raise InputError(f"map: expected roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles, got {got}")
+        raise InputError(
+            f"map: expected roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles, got {got}"
+        )
     _check_ends(codes)
-    placed = tuple(_place(row, column, int(codes[row, column])) for row, column in np.argwhere(codes).tolist())
+    placed = tuple(
+        _place(row, column, int(codes[row, column])) for row, column in np.argwhere(codes).tolist()
+    )
     tiles = {kind: sum(tile.kind == kind for tile in placed) for kind in REFERENCE}
     tape = dict.fromkeys(TAPE_WIDTHS, 0.0)
     for kind, count in tiles.items():
@@ -187,7 +195,9 @@ def _place(row: int, column: int, code: int) -> PlacedTile:
 def _arc(colour: str, radius: float, pieces: int, tile_size: float) -> Tape:
     """Returns tape around the south-western corner of a tile, from the western to the southern side."""
     angles = np.linspace(0, pi / 2, pieces + 1).tolist()
-    return Tape(colour, tuple((radius * sin(angle), tile_size - radius * cos(angle)) for angle in angles))
+    return Tape(
+        colour, tuple((radius * sin(angle), tile_size - radius * cos(angle)) for angle in angles)
+    )
 
 
 def _turned(tape: Tape, quarter_turns: int, tile_size: float) -> Tape:

@@ -55,7 +55,9 @@ def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE
     target = check_named("file", path, file)
     kind = target.suffix.lower()
     if kind not in (".pdf", ".svg", ".png"):
-        raise InputError(f"file: expected a name that ends in .pdf, .svg or .png, got {shorten(repr(str(file)))}")
+        raise InputError(
+            f"file: expected a name that ends in .pdf, .svg or .png, got {shorten(repr(str(file)))}"
+        )
     plan = make_plan(road_map, tile_size=tile_size)
     write_atomic(target, _draw_plan(plan, kind))
     return plan
@@ -64,7 +66,8 @@ def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE
 def _draw_plan(plan: Plan, kind: str) -> bytes:
     """Returns a file of the plan: ``.pdf`` with all pages, or ``.svg`` or ``.png`` with the first one.
 
-    It is made in memory, because on a full disk matplotlib fails once more while it closes a PDF file.
+    It is made in memory, because on a full disk matplotlib fails once more while it closes a PDF
+    file.
     """
     import_optional("matplotlib", "a plan needs matplotlib")
     from matplotlib import rc_context
@@ -79,7 +82,9 @@ def _draw_plan(plan: Plan, kind: str) -> bytes:
         # The font draws a box for a character that it lacks.
         warnings.filterwarnings("ignore", "Glyph .* missing|Matplotlib currently does not support")
         if kind == ".pdf":
-            with PdfPages(content, metadata={"CreationDate": None, "Title": "Plan of a map"}) as pages:
+            with PdfPages(
+                content, metadata={"CreationDate": None, "Title": "Plan of a map"}
+            ) as pages:
                 pages.savefig(_map_page(plan))
                 for page in _list_pages(plan):
                     pages.savefig(page)
@@ -206,7 +211,9 @@ def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float, edg
     _write(ax, beside + 2, top - 4.5, "N")
 
 
-def _draw_tiles(ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], tile_size: float, side: float) -> None:
+def _draw_tiles(
+    ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], tile_size: float, side: float
+) -> None:
     """Draws tiles: kind, quarter turns, and the position of the north-west corner."""
     from matplotlib.collections import LineCollection, PolyCollection
 
@@ -240,7 +247,9 @@ def _draw_tiles(ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], til
         ax.add_collection(tape_lines)
 
 
-def _draw_object(ax: Untyped, item: MapObject, number: int, x: float, y: float, scale: float) -> None:
+def _draw_object(
+    ax: Untyped, item: MapObject, number: int, x: float, y: float, scale: float
+) -> None:
     """Draws the footprint of an object with its number in the check-list, and an arrow the way that it faces."""
     from matplotlib.patches import Circle, Polygon
 

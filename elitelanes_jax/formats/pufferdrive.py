@@ -1,8 +1,9 @@
 """Road networks for PufferDrive 2, a simulator for reinforcement learning: its binary map, and the same as JSON.
 
-PufferDrive finds the lane that continues another by geometry: ends within 1 cm, and headings of their outer segments
-within 0.1 rad, which it does not unwrap at pi. So each lane begins and ends with a segment that has exactly one of the
-four headings, and its direction is the same number on both sides of a border.
+PufferDrive finds the lane that continues another by geometry: ends within 1 cm, and headings of
+their outer segments within 0.1 rad, which it does not unwrap at pi. So each lane begins and ends
+with a segment that has exactly one of the four headings, and its direction is the same number on
+both sides of a border.
 """
 
 import json
@@ -30,7 +31,8 @@ AGENTS = 32
 
 # A car's position every 0.1 s, for 9 s: the length of all its maps.
 _STEPS, _STEP = 91, 0.1
-# Length of the first and the last segment of a lane, in tiles. They leave an arc by a ten-thousandth of this.
+# Length of the first and the last segment of a lane, in tiles. They leave an arc by a
+# ten-thousandth of this.
 _STRAIGHT = 2.0**-9
 # Sides of a car, in widths of a lane: 4.5 m and 1.9 m on lanes of 3.2 m.
 _LENGTH, _WIDTH, _HEIGHT = 1.4, 0.6, 0.5
@@ -60,22 +62,26 @@ class _Road(NamedTuple):
 
 
 @name_wrong_arguments
-def to_pufferdrive(source: UserValue, name: str, streets: Streets = Streets(), *, seed: int = 0) -> PufferDrive:
+def to_pufferdrive(
+    source: UserValue, name: str, streets: Streets = Streets(), *, seed: int = 0
+) -> PufferDrive:
     """Writes a map for PufferDrive; the same map gives the same files.
 
-    Lanes come first, one for each movement, in ascending order of row, column, heading and turn; their ids are their
-    indices. Cars turn back at dead ends. Up to `AGENTS` cars start in the middle of random lanes, at most one on a
-    tile. Each has a log of 9 s at the speed limit along random turns, and its goal is the end of the log.
+    Lanes come first, one for each movement, in ascending order of row, column, heading and turn;
+    their ids are their indices. Cars turn back at dead ends. Up to `AGENTS` cars start in the
+    middle of random lanes, at most one on a tile. Each has a log of 9 s at the speed limit along
+    random turns, and its goal is the end of the log.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour returns, or that
-        leave the grid, are no roads.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
+        returns, or that leave the grid, are no roads.
       name: the name of the scenario, in the JSON.
       streets: their measures. Signs stand at all-way stops alone.
       seed: of the cars' starts and turns.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad seed.
+      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad
+        seed.
     """
     seed = check_named("seed", SEED, seed)
     road_map = as_map(source)
@@ -85,7 +91,9 @@ def to_pufferdrive(source: UserValue, name: str, streets: Streets = Streets(), *
         if rule == "allway_stop":
             roads += _stop_signs(tile, graph, streets, len(road_map.codes))
     logs = _drive(graph, roads, streets, np.random.default_rng(seed))
-    return PufferDrive(_to_binary(roads, logs, streets), _to_json(name, graph, roads, logs, streets))
+    return PufferDrive(
+        _to_binary(roads, logs, streets), _to_json(name, graph, roads, logs, streets)
+    )
 
 
 def _list_roads(codes: NDArray[np.int8], graph: LaneGraph, streets: Streets) -> list[_Road]:
@@ -109,9 +117,13 @@ def _list_roads(codes: NDArray[np.int8], graph: LaneGraph, streets: Streets) -> 
     return lanes + lines + edges
 
 
-def _line(movement: Movement, offset: float, streets: Streets, height: int) -> NDArray[np.complex128]:
+def _line(
+    movement: Movement, offset: float, streets: Streets, height: int
+) -> NDArray[np.complex128]:
     shift = np.array([movement.column, movement.row])
-    return to_metres(_line_in_tile(movement.heading, movement.turn, offset) + shift, streets, height)
+    return to_metres(
+        _line_in_tile(movement.heading, movement.turn, offset) + shift, streets, height
+    )
 
 
 @cache
@@ -134,11 +146,20 @@ def _ahead(point: Float[np.ndarray, "2"], heading: int, distance: float) -> Floa
     return point + distance * steps[heading]
 
 
-def _stop_signs(tile: tuple[int, int], graph: LaneGraph, streets: Streets, height: int) -> list[_Road]:
+def _stop_signs(
+    tile: tuple[int, int], graph: LaneGraph, streets: Streets, height: int
+) -> list[_Road]:
     """Returns the signs to the right of the lanes that enter a crossing."""
-    headings = {movement.heading: movement for movement in graph.list_movements() if movement.node.tile == tile}
+    headings = {
+        movement.heading: movement
+        for movement in graph.list_movements()
+        if movement.node.tile == tile
+    }
     width = streets.lane / streets.tile
-    return [_Road("stop_sign", _line(movement, width, streets, height)[:1]) for movement in headings.values()]
+    return [
+        _Road("stop_sign", _line(movement, width, streets, height)[:1])
+        for movement in headings.values()
+    ]
 
 
 class _Log(NamedTuple):
@@ -149,7 +170,9 @@ class _Log(NamedTuple):
     heading: NDArray[np.float64]
 
 
-def _drive(graph: LaneGraph, roads: list[_Road], streets: Streets, rng: np.random.Generator) -> list[_Log]:
+def _drive(
+    graph: LaneGraph, roads: list[_Road], streets: Streets, rng: np.random.Generator
+) -> list[_Log]:
     """Drives cars from random lanes along random turns."""
     movements, successors = graph.list_movements(), graph.list_successors()
     starts = [index for index, movement in enumerate(movements) if movement.turn != BACK]
@@ -166,7 +189,11 @@ def _drive(graph: LaneGraph, roads: list[_Road], streets: Streets, rng: np.rando
 
 
 def _follow(
-    start: int, successors: list[list[int]], roads: list[_Road], streets: Streets, rng: np.random.Generator
+    start: int,
+    successors: list[list[int]],
+    roads: list[_Road],
+    streets: Streets,
+    rng: np.random.Generator,
 ) -> _Log:
     """Follows lanes from the middle of one."""
     path = roads[start].points
@@ -213,7 +240,9 @@ def _one_float_each(values: NDArray[np.float64]) -> bytes:
     return values.astype("<f4").tobytes()
 
 
-def _to_json(name: str, graph: LaneGraph, roads: list[_Road], logs: list[_Log], streets: Streets) -> str:
+def _to_json(
+    name: str, graph: LaneGraph, roads: list[_Road], logs: list[_Log], streets: Streets
+) -> str:
     successors = graph.list_successors()
     predecessors: list[list[int]] = [[] for _ in successors]
     for index, after in enumerate(successors):
@@ -225,18 +254,34 @@ def _to_json(name: str, graph: LaneGraph, roads: list[_Road], logs: list[_Log], 
         entry: dict[str, Plain] = {"id": number, "type": "vehicle", "mark_as_expert": False}
         entry |= {"length": length, "width": width, "height": height, "valid": [True] * _STEPS}
         entry |= {"position": _places(log.position), "velocity": _places(log.velocity)}
-        entry |= {"heading": log.heading.round(6).tolist(), "goalPosition": _places(log.position[-1:])[0]}
+        entry |= {
+            "heading": log.heading.round(6).tolist(),
+            "goalPosition": _places(log.position[-1:])[0],
+        }
         objects.append(entry)
     written: list[Plain] = []
     for number, road in enumerate(roads):
         entry = {"id": number, "type": road.kind, "map_element_id": _KINDS[road.kind][0]}
         entry["geometry"] = _places(road.points)
         if road.kind == "lane":
-            entry |= {"entry_lanes": list(predecessors[number]), "exit_lanes": list(successors[number])}
+            entry |= {
+                "entry_lanes": list(predecessors[number]),
+                "exit_lanes": list(successors[number]),
+            }
             entry["speed_limit"] = streets.speed
         written.append(entry)
-    metadata: dict[str, Plain] = {"sdc_track_index": -1, "tracks_to_predict": [], "objects_of_interest": []}
-    content = {"name": name, "scenario_id": name, "objects": objects, "roads": written, "tl_states": {}}
+    metadata: dict[str, Plain] = {
+        "sdc_track_index": -1,
+        "tracks_to_predict": [],
+        "objects_of_interest": [],
+    }
+    content = {
+        "name": name,
+        "scenario_id": name,
+        "objects": objects,
+        "roads": written,
+        "tl_states": {},
+    }
     return json.dumps(content | {"metadata": metadata}, separators=(",", ":")) + "\n"
 
 

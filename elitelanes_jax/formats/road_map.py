@@ -89,7 +89,9 @@ class RoadMap:
             fields["seed"] = tuple(fields["seed"])
         if fields["drawn"]:
             drawn = Drawn(**fields["drawn"])
-            if not _has_shape(drawn.tiles, codes.shape) or not _has_shape(drawn.quarter_turns, codes.shape):
+            if not _has_shape(drawn.tiles, codes.shape) or not _has_shape(
+                drawn.quarter_turns, codes.shape
+            ):
                 raise InputError(f"drawn: expected tables of {height} x {width}, like the codes")
             fields["drawn"] = drawn
         if self.objects is not None:
@@ -153,7 +155,9 @@ def _json_lines(value: Plain, indent: str) -> str:
     """Returns JSON with a line for each key of a mapping, and for each row of a table."""
     inner = indent + "  "
     if isinstance(value, Mapping):
-        lines = [f"{inner}{json.dumps(key)}: {_json_lines(item, inner)}" for key, item in value.items()]
+        lines = [
+            f"{inner}{json.dumps(key)}: {_json_lines(item, inner)}" for key, item in value.items()
+        ]
         return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
     if isinstance(value, list) and value and isinstance(value[0], list | dict):
         lines = [f"{inner}{json.dumps(row)}" for row in value]
@@ -243,9 +247,10 @@ def _dimensions(value: UserValue) -> int:
 def refresh(road_map: RoadMap, name: str) -> RoadMap:
     """Returns a map whose metrics are those of its codes. After a change by hand, stored metrics no longer are.
 
-    Such a map is measured again, and loses what a search said of its former codes: its fitness, descriptor, niche, seed
-    and drawn tiles. A command says so in a line that begins with `name`. A map without metrics does not change. Town
-    features of blocks and streets are not compared, because measuring them needs JAX.
+    Such a map is measured again, and loses what a search said of its former codes: its fitness,
+    descriptor, niche, seed and drawn tiles. A command says so in a line that begins with `name`. A
+    map without metrics does not change. Town features of blocks and streets are not compared,
+    because measuring them needs JAX.
     """
     if road_map.metrics is None:
         return road_map
@@ -351,14 +356,19 @@ def _plain(value: UserValue) -> Plain:
 
 
 def _grid(rows: Plain) -> NDArray[np.int8]:
-    """Reads the codes of a file. A wrong code is reported as written, before NumPy converts all cells to one type."""
+    """Reads the codes of a file.
+
+    A wrong code is reported as written, before NumPy converts all cells to one type.
+    """
     if isinstance(rows, list) and all(isinstance(row, list) for row in rows):
         check_sides(rows)
         for y, row in enumerate(rows):
             for x, code in enumerate(row):
                 if not is_whole(code) or not 0 <= code <= 15:
                     got = shorten(json.dumps(code))
-                    raise InputError(f"grid: expected tile codes 0 to 15, got {got} at row {y}, column {x}")
+                    raise InputError(
+                        f"grid: expected tile codes 0 to 15, got {got} at row {y}, column {x}"
+                    )
     return np.array(check_grid(rows))
 
 
@@ -382,7 +392,9 @@ def _is_drawn(value: Plain) -> bool:
         return False
     if not isinstance(value["tile_set"], str):
         return False
-    return _is_table(value["tiles"], _is_text) and _is_table(value["quarter_turns"], _is_quarter_turn)
+    return _is_table(value["tiles"], _is_text) and _is_table(
+        value["quarter_turns"], _is_quarter_turn
+    )
 
 
 def _is_text(value: Plain) -> bool:

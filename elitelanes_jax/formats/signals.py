@@ -25,7 +25,8 @@ _OF_CROSSINGS = (
     "_t_light_ahead",
     "_intersect",
 )  # ends of the names of their signs
-_ASIDE = 0.3  # tiles from a sign towards its road: signs beside straight roads are 0.08 outside their tiles
+# Tiles from a sign towards its road: signs beside straight roads are 0.08 outside their tiles.
+_ASIDE = 0.3
 _TYPES = {  # of the German road traffic regulations (StVO), and subtypes
     "sign_stop": ("206", "-1"),
     "sign_yield": ("205", "-1"),
@@ -69,14 +70,17 @@ def rights_of_way(road_map: RoadMap, streets: Streets) -> dict[Cell, str]:
     for tile, neighbours in linked_tiles(road_map.codes).items():
         if len(neighbours) > 2:
             rules[tile] = streets.right_of_way
-    for sign in sorted(_signs(road_map), key=lambda sign: sign.kind):  # lights last: they overrule signs
+    # Lights last: they overrule signs.
+    for sign in sorted(_signs(road_map), key=lambda sign: sign.kind):
         crossing = crossing_of(sign, rules)
         if crossing and sign.kind in _RULES:
             rules[crossing] = _RULES[sign.kind]
     return rules
 
 
-def list_signals(road_map: RoadMap, rules: dict[Cell, str], paths: list[list[Cell]]) -> dict[Arrival, list[Signal]]:
+def list_signals(
+    road_map: RoadMap, rules: dict[Cell, str], paths: list[list[Cell]]
+) -> dict[Arrival, list[Signal]]:
     """Lists the signals at the ends of roads: a sign for the drivers who read it, a light at all ends of its crossing.
 
     `rules` is the right of way of each crossing. It has signs or lights at all ends if the map has
@@ -113,7 +117,9 @@ def list_signals(road_map: RoadMap, rules: dict[Cell, str], paths: list[list[Cel
     return signals
 
 
-def _end_at_crossing(sign: MapObject, crossing: Cell | None, headings: dict[Arrival, int]) -> Arrival | None:
+def _end_at_crossing(
+    sign: MapObject, crossing: Cell | None, headings: dict[Arrival, int]
+) -> Arrival | None:
     """Returns the end of the road on which drivers read a sign of a crossing; None for a sign of another kind."""
     if crossing is None or not sign.kind.endswith(_OF_CROSSINGS):
         return None
@@ -136,7 +142,9 @@ def _passages(ways: dict[Arrival, list[Cell]]) -> list[_Passage]:
     return passages
 
 
-def _end_of_road(sign: MapObject, passages: list[_Passage], middles: Complex128[np.ndarray, " P"]) -> Arrival:
+def _end_of_road(
+    sign: MapObject, passages: list[_Passage], middles: Complex128[np.ndarray, " P"]
+) -> Arrival:
     """Returns the end of the road at which a sign is, in the direction of its reader.
 
     If the sign faces the road, this is the direction that has the sign on its right. Numbers are

@@ -26,7 +26,10 @@ def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
     """
     signs, along = (_ASCII, "-") if ascii_only else (LINES, "─")
     rows = np.asarray(check_grid(codes)).tolist()
-    return "\n".join("".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip() for row in rows)
+    return "\n".join(
+        "".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip()
+        for row in rows
+    )
 
 
 @name_wrong_arguments

@@ -1,7 +1,8 @@
 """The streets that tiles become: their measures, and the bounds of lanes in metres.
 
-Files have positions in metres, x east and y north of the grid's south-west corner. Here such a position is the complex
-number x + y·i. A lane's left bound is the middle of the road. Its right bound is the width of a lane beside it.
+Files have positions in metres, x east and y north of the grid's south-west corner. Here such a
+position is the complex number x + y·i. A lane's left bound is the middle of the road. Its right
+bound is the width of a lane beside it.
 """
 
 from collections.abc import Iterable
@@ -21,9 +22,10 @@ from elitelanes_jax.lanes.movements import BACK, Movement
 class Streets(Record):
     """Measures of the streets that tiles become.
 
-    The defaults suit SUMO's own cars, 5 m long: between adjacent crossings there is room for two of them. On shorter
-    streets waiting cars block the crossings behind them. ``Streets(tile=8.43)`` has the proportions of Duckietown,
-    58.5 cm a tile and 22.2 cm from the middle of the road to its white line; a Duckiebot has 2.6 m there.
+    The defaults suit SUMO's own cars, 5 m long: between adjacent crossings there is room for two of
+    them. On shorter streets waiting cars block the crossings behind them. ``Streets(tile=8.43)``
+    has the proportions of Duckietown, 58.5 cm a tile and 22.2 cm from the middle of the road to its
+    white line; a Duckiebot has 2.6 m there.
 
     Attributes:
       tile: side of a tile in metres, 0.01 to 1000, and more than two lanes.
@@ -36,17 +38,25 @@ class Streets(Record):
     tile: float = option(30.0, real(0.01, 1000))
     lane: float = option(3.2, real(0.001, 500))
     speed: float = option(8.33, real(0.001, 100))
-    right_of_way: str = option("allway_stop", one_of("allway_stop", "priority", "right_before_left", "traffic_light"))
+    right_of_way: str = option(
+        "allway_stop", one_of("allway_stop", "priority", "right_before_left", "traffic_light")
+    )
 
     def check_together(self) -> None:
         """Checks that a tile has room for two lanes."""
         if self.tile <= 2 * self.lane:
             if self.tile == Streets.tile:  # the lane was given, not the tile
-                raise InputError(f"lane: expected less than half of a tile, {self.tile / 2:g} m, got {self.lane:g} m")
-            raise InputError(f"tile: expected more than two lanes, {2 * self.lane:g} m, got {self.tile:g} m")
+                raise InputError(
+                    f"lane: expected less than half of a tile, {self.tile / 2:g} m, got {self.lane:g} m"
+                )
+            raise InputError(
+                f"tile: expected more than two lanes, {2 * self.lane:g} m, got {self.tile:g} m"
+            )
 
 
-def to_metres(points: Float[np.ndarray, "P 2"], streets: Streets, height: int) -> Complex128[np.ndarray, " P"]:
+def to_metres(
+    points: Float[np.ndarray, "P 2"], streets: Streets, height: int
+) -> Complex128[np.ndarray, " P"]:
     """Converts points, tiles east and south of the north-west corner, to metres east + north·i of the south-west one.
 
     `height` is the grid's number of rows.

@@ -135,7 +135,9 @@ def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]])
         if heading in range(4):
             step = LaneNode(row, column, heading).tile_before, (row, column)
         if step is None or step not in edges:
-            raise InputError(f"trips: expected starts and goals on roads, got row {row}, column {column}, {heading}")
+            raise InputError(
+                f"trips: expected starts and goals on roads, got row {row}, column {column}, {heading}"
+            )
         return edges[step]
 
     elements = []
@@ -150,7 +152,9 @@ def _file_name(value: UserValue) -> str:
     name = xml_name(value)
     for part in _REFUSED:
         if part in name:
-            raise InputError(f"expected a name without {part}, as in SUMO's settings, got {shorten(repr(name))}")
+            raise InputError(
+                f"expected a name without {part}, as in SUMO's settings, got {shorten(repr(name))}"
+            )
     quoted = "".join(_QUOTED.get(character, character) for character in name)
     # SUMO cuts spaces at the start of a name.
     return f"%20{quoted[1:]}" if quoted.startswith(" ") else quoted
@@ -188,7 +192,9 @@ def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, 
     beyond = [_beyond(road[0], road[1], exits), *road, _beyond(road[-1], road[-2], exits)]
     centres = np.array([[column + 0.5, row + 0.5] for row, column in beyond])[:, None]
     half_steps = np.diff(centres, axis=0) / 2
-    across = centres[1:-1] - half_steps[:-1] * (1 - np.sin(_ARC)) + half_steps[1:] * (1 - np.cos(_ARC))
+    across = (
+        centres[1:-1] - half_steps[:-1] * (1 - np.sin(_ARC)) + half_steps[1:] * (1 - np.cos(_ARC))
+    )
     line = across.reshape(-1, 2)[_HALF:-_HALF]  # nodes are in the middle of their tiles
     line = line[np.append(True, np.hypot(*np.diff(line, axis=0).T) > 1e-9)]
     (x, y), (next_x, next_y) = np.diff(line, axis=0)[:-1].T, np.diff(line, axis=0)[1:].T

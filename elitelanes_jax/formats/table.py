@@ -31,7 +31,10 @@ def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
 
 def shorten_coverage(metrics: Mapping[str, Numeric]) -> Row:
     """Returns metrics with the coverage, a float32, as its shortest decimal: 0.8, not 0.800000011920929."""
-    return {name: float(str(np.float32(value))) if name == "coverage" else value for name, value in metrics.items()}
+    return {
+        name: float(str(np.float32(value))) if name == "coverage" else value
+        for name, value in metrics.items()
+    }
 
 
 @name_wrong_arguments
@@ -46,7 +49,8 @@ def table_to_csv(rows: Sequence[Row]) -> str:
             check_named("file", text_name, row["file"])
     lines: list[str] = []
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    # The writer quotes texts with characters of its own line end only, and readers end lines at a carriage return too.
+    # The writer quotes texts with characters of its own line end only, and readers end lines at a
+    # carriage return too.
     table = csv.DictWriter(SimpleNamespace(write=lines.append), columns, lineterminator="\r\n")
     table.writeheader()
     table.writerows(rows)

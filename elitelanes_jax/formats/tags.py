@@ -55,7 +55,9 @@ def _names_in_order() -> list[str]:
     return names
 
 
-STREET_NAMES: dict[int, str] = dict(zip(SIGN_TAGS["sign_street_name"], _names_in_order(), strict=True))
+STREET_NAMES: dict[int, str] = dict(
+    zip(SIGN_TAGS["sign_street_name"], _names_in_order(), strict=True)
+)
 """The street name of each tag of a street name sign. Several tags have the same name."""
 
 

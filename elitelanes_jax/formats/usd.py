@@ -1,7 +1,7 @@
 """The floor of a 3-D simulator as a stage of OpenUSD, in its text format (.usda), with collision.
 
-z is up, x is east and y north of the map's south-west corner, in metres. Objects are boxes. Floor and objects have the
-schema ``PhysicsCollisionAPI``, and no mass, so they do not move.
+z is up, x is east and y north of the map's south-west corner, in metres. Objects are boxes. Floor
+and objects have the schema ``PhysicsCollisionAPI``, and no mass, so they do not move.
 """
 
 import re
@@ -88,7 +88,10 @@ _SOLID = """
 
 @name_wrong_arguments
 def to_usd(
-    shape: tuple[int, int], picture: str, tile_size: float = TILE_SIZE, standing: Sequence[Standing] = ()
+    shape: tuple[int, int],
+    picture: str,
+    tile_size: float = TILE_SIZE,
+    standing: Sequence[Standing] = (),
 ) -> str:
     """Writes the floor of a map as the text of an OpenUSD stage, ``.usda``.
 
@@ -96,8 +99,8 @@ def to_usd(
       shape: rows and columns of the map.
       picture: the name of the file with the map's picture, next to the stage's file.
       tile_size: side of a tile in metres, 0.01 to 1000.
-      standing: objects, such as `tiles.stand` returns. They are boxes of the objects' sizes and mean colours, and grow
-        with the tiles.
+      standing: objects, such as `tiles.stand` returns. They are boxes of the objects' sizes and
+        mean colours, and grow with the tiles.
 
     Raises:
       InputError: for a bad shape, name, size or object.
@@ -116,7 +119,9 @@ def to_usd(
 def _file_name(value: UserValue) -> str:
     name = xml_name(value)
     if _MEANING.search(name):
-        raise InputError(f"expected a name without @ < > [ ] \\ and line breaks, as in USD, got {shorten(repr(name))}")
+        raise InputError(
+            f"expected a name without @ < > [ ] \\ and line breaks, as in USD, got {shorten(repr(name))}"
+        )
     return name
 
 
@@ -126,4 +131,6 @@ def _solid(one: Standing, rows: int, number: int, size: float) -> str:
     length, width, height = (side * grown / 2 for side in (*thing.footprint, thing.height))
     name = f"{re.sub('[^A-Za-z0-9]', '_', thing.kind)}_{number}"
     pose = {"x": thing.x * size, "y": (rows - thing.y) * size, "degrees": degrees(thing.angle)}
-    return _SOLID.format(name=name, colour=one.colour, length=length, width=width, height=height, **pose)
+    return _SOLID.format(
+        name=name, colour=one.colour, length=length, width=width, height=height, **pose
+    )

@@ -1,8 +1,8 @@
 """The curves of lanes: lines and quarter circles across a tile; and the road that they lie on.
 
-A movement follows the centre of its lane, by default 0.2 tile to the right of the road's middle: a line, or a quarter
-circle about the near corner (radius 0.3) or the far one (0.7). All functions take another offset: 0 is the road's
-middle.
+A movement follows the centre of its lane, by default 0.2 tile to the right of the road's middle: a
+line, or a quarter circle about the near corner (radius 0.3) or the far one (0.7). All functions
+take another offset: 0 is the road's middle.
 """
 
 from functools import cache
@@ -38,7 +38,9 @@ def is_lane_offset(value: UserValue) -> bool:
 def check_lane_offset(value: UserValue) -> float:
     """Checks a distance from the road's middle to the centre of a lane, in tiles."""
     if not is_lane_offset(value):
-        raise InputError(f"expected tiles, a number over 0 and under 0.5, got {shorten(repr(value))}")
+        raise InputError(
+            f"expected tiles, a number over 0 and under 0.5, got {shorten(repr(value))}"
+        )
     return float(value)
 
 
@@ -47,12 +49,16 @@ def lane_bends(dtype: DTypeLike = np.float64) -> Float[np.ndarray, "3"]:
     return np.array([-1, 0, 1], dtype)
 
 
-def lane_radii(offset: float = LANE_OFFSET, dtype: DTypeLike = np.float64) -> Float[np.ndarray, "3"]:
+def lane_radii(
+    offset: float = LANE_OFFSET, dtype: DTypeLike = np.float64
+) -> Float[np.ndarray, "3"]:
     """Returns the radius of the lane of each turn: right, straight (0.5, which has no meaning) and left."""
     return 0.5 + offset * lane_bends(dtype)
 
 
-def lane_lengths(offset: float = LANE_OFFSET, dtype: DTypeLike = np.float64) -> Float[np.ndarray, "3"]:
+def lane_lengths(
+    offset: float = LANE_OFFSET, dtype: DTypeLike = np.float64
+) -> Float[np.ndarray, "3"]:
     """Returns the length of the lane of each turn in tiles: right, straight and left."""
     return np.where(lane_bends() == 0, 1, lane_radii(offset, dtype) * np.pi / 2).astype(dtype)
 
@@ -102,8 +108,8 @@ def moved(point: tuple[float, float], heading: int, distance: float) -> tuple[fl
 def lane_curves(movement: Movement, offset: float = LANE_OFFSET) -> list[Curve]:
     """Returns the curves of a single movement across its tile, `offset` tiles to the right of the road's middle.
 
-    There is one curve. A movement back has three: a line to the tile's middle, a half circle about it, whose radius is
-    the offset, and a line back. Its offset is not 0.
+    There is one curve. A movement back has three: a line to the tile's middle, a half circle about
+    it, whose radius is the offset, and a line back. Its offset is not 0.
     """
     heading, bend = movement.heading, movement.turn - 1
     entry = middle_of_side(movement.node.tile, (heading + 2) % 4)
@@ -135,15 +141,16 @@ def _polyline_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarra
     for curve in curves:
         quarters = round(abs(curve.curvature) * curve.length / (pi / 2))
         shares = np.linspace(0, 1, max(quarters * CHORDS, 1) + 1)
-        parts.append(curve.points(shares if not parts else shares[1:]))  # a curve starts where the last one ends
+        # A curve starts where the last one ends.
+        parts.append(curve.points(shares if not parts else shares[1:]))
     return np.concatenate(parts)
 
 
 def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
     """Returns whether points are on the road of their tile, between the inner edges of the white tape.
 
-    The road keeps away from closed sides and from the corners between open ones. On a turn it is a ring about the
-    corner between its sides. A stub's road ends as far from the closed sides.
+    The road keeps away from closed sides and from the corners between open ones. On a turn it is a
+    ring about the corner between its sides. A stub's road ends as far from the closed sides.
 
     Args:
       code: codes of tiles.

@@ -13,7 +13,8 @@ Cell = tuple[int, int]
 def linked_codes(codes: Int[AnyArray, "H W"]) -> Int8[AnyArray, "H W"]:
     """Removes the connections of a grid that the neighbour does not return, or that leave the grid.
 
-    Returns an array of JAX if `codes` is one, otherwise of NumPy. Raises `InputError` for a bad grid.
+    Returns an array of JAX if `codes` is one, otherwise of NumPy. Raises `InputError` for a bad
+    grid.
     """
     grid = check_grid(codes)
     xp = grid.__array_namespace__()
@@ -53,9 +54,9 @@ def linked_tiles(codes: Int[AnyArray, "H W"]) -> dict[Cell, list[Cell]]:
 def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cell]]:
     """Lists the tiles of each road from node to node, with both; each road once.
 
-    `links` are those of `linked_tiles`. `nodes` are the tiles where roads end; all other tiles have two links. Roads
-    are in the order of their first ends, those of an end clockwise from north. Rings without a node come last; each
-    starts and ends at its first tile.
+    `links` are those of `linked_tiles`. `nodes` are the tiles where roads end; all other tiles have
+    two links. Roads are in the order of their first ends, those of an end clockwise from north.
+    Rings without a node come last; each starts and ends at its first tile.
     """
     roads: list[list[Cell]] = []
     last_steps: set[tuple[Cell, Cell]] = set()  # reversed: they are first steps from the other end

@@ -1,7 +1,8 @@
 """Nodes and movements: the graph of lanes.
 
-The fields of a `LaneNode` or a `Movement` are whole numbers, or integer arrays of NumPy or JAX of one shape. So one
-record is a single movement, all movements of a map, or those of a batch of robots.
+The fields of a `LaneNode` or a `Movement` are whole numbers, or integer arrays of NumPy or JAX of
+one shape. So one record is a single movement, all movements of a map, or those of a batch of
+robots.
 """
 
 from typing import NamedTuple
@@ -22,7 +23,10 @@ BACK = 3
 
 
 def exit_heading(heading: Numeric, turn: Numeric) -> Numeric:
-    """Returns the heading with which a movement leaves its tile. All turns are known, `BACK` too."""
+    """Returns the heading with which a movement leaves its tile.
+
+    All turns are known, `BACK` too.
+    """
     return (heading + 1 - turn) & 3
 
 
@@ -63,7 +67,8 @@ MOVEMENTS = _MOVEMENTS[..., :BACK]
 class LaneNode(NamedTuple):
     """A node of the graph of lanes: a tile and the heading with which it was entered.
 
-    A node determines where a robot may drive next. Each field is a whole number or an integer array.
+    A node determines where a robot may drive next. Each field is a whole number or an integer
+    array.
 
     Attributes:
       row: from the north.

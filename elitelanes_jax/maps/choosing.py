@@ -58,9 +58,15 @@ def describe_source(tiles: TileSet, result: Result, choice: Choice | None) -> di
     """Returns the entries that the records of all folders of maps share, plain values for JSON."""
     record: dict[str, Plain] = {
         "config": result.config and config_to_plain(result.config),
-        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "blend")},
+        "tile_set": {
+            name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "blend")
+        },
         "axes": [axis._asdict() for axis in result.search.axes],
     }
     if choice is not None:
-        record["elites"] = {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}
+        record["elites"] = {
+            "found": choice.found,
+            "rejected": choice.rejected,
+            "alike": choice.alike,
+        }
     return record

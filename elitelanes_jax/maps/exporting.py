@@ -62,19 +62,27 @@ def without_ends(road_map: RoadMap, dead_ends: str | None = None) -> RoadMap:
     codes = formats.without_dead_ends(road_map.codes)
     if road_map.codes.any() and not codes.any():
         tiles = np.count_nonzero(road_map.codes)
-        raise InputError(f"grid: expected a road that forms a loop, got {tiles} tiles, all on roads to dead ends")
+        raise InputError(
+            f"grid: expected a road that forms a loop, got {tiles} tiles, all on roads to dead ends"
+        )
     return replace(road_map, codes=codes)
 
 
 def _duckietown(road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float) -> str:
-    return formats.to_duckietown(without_ends(road_map, dead_ends).codes, objects=road_map.objects, **size)
+    return formats.to_duckietown(
+        without_ends(road_map, dead_ends).codes, objects=road_map.objects, **size
+    )
 
 
-def _dt_maps(road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float) -> Iterable[str]:
+def _dt_maps(
+    road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float
+) -> Iterable[str]:
     return formats.to_dt_maps(without_ends(road_map, dead_ends), **size).values()
 
 
-def _duckiematrix(road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float) -> Iterable[str]:
+def _duckiematrix(
+    road_map: RoadMap, name: str, dead_ends: str | None = None, **size: float
+) -> Iterable[str]:
     return formats.to_duckiematrix(without_ends(road_map, dead_ends), **size).values()
 
 
@@ -159,9 +167,14 @@ _STREETS, _FLOOR = ("tile_size", "lane", "speed", "right_of_way"), ("tile_size",
 
 FORMATS = {
     "duckietown": Format((".yaml",), _duckietown, ("tile_size", "dead_ends")),
-    "dt-maps": Format(tuple(f"/{layer}.yaml" for layer in LAYERS), _dt_maps, ("tile_size", "dead_ends")),
+    "dt-maps": Format(
+        tuple(f"/{layer}.yaml" for layer in LAYERS), _dt_maps, ("tile_size", "dead_ends")
+    ),
     "duckiematrix": Format(
-        tuple(f"/{layer}.yaml" for layer in LAYERS), _duckiematrix, ("tile_size", "dead_ends"), _without_lanes_of_sdk
+        tuple(f"/{layer}.yaml" for layer in LAYERS),
+        _duckiematrix,
+        ("tile_size", "dead_ends"),
+        _without_lanes_of_sdk,
     ),
     "sumo": Format((".nod.xml", ".edg.xml", ".con.xml", ".netccfg"), _sumo, _STREETS),
     "opendrive": Format((".xodr",), _opendrive, _STREETS),

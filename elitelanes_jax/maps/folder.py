@@ -54,13 +54,20 @@ class Drawing(NamedTuple):
     furnish: FurnishSpec | None = None
 
 
-def write_maps(folder: Path, maps: Sequence[RoadMap], title: str, drawing: Drawing) -> list[RoadMap]:
+def write_maps(
+    folder: Path, maps: Sequence[RoadMap], title: str, drawing: Drawing
+) -> list[RoadMap]:
     """Writes each map to its own folder, ``maps/0000`` and so on, and the contact sheet; returns the maps as drawn.
 
     The maps have one size, and metrics. Raises `InputError` if the objects do not fit on a map.
     """
     if drawing.furnish is not None:
-        place = partial(furnish_map, spec=drawing.furnish, seed=drawing.seed, lane_offset=drawing.tiles.lane_offset)
+        place = partial(
+            furnish_map,
+            spec=drawing.furnish,
+            seed=drawing.seed,
+            lane_offset=drawing.tiles.lane_offset,
+        )
         furnished = []
         for index, plain in enumerate(maps):
             furnished.append(check_named(f"furnish: map {index}", place, plain))
@@ -125,7 +132,9 @@ def foreign_to_maps(folder: Path) -> str | None:
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return f"{RECORD} of another program"
     map_files = "|".join(map(re.escape, ["map.json", *_PICTURES, "instances.png"]))
-    written = re.compile(rf"run\.json|archive\.npz|explore\.html|contact-sheet\.png|maps/\d{{4,}}/({map_files})")
+    written = re.compile(
+        rf"run\.json|archive\.npz|explore\.html|contact-sheet\.png|maps/\d{{4,}}/({map_files})"
+    )
     return foreign_file(folder, written.fullmatch)
 
 

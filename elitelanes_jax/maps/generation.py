@@ -26,7 +26,8 @@ from elitelanes_jax.search.parts import evolve_parts, join_parts
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
 
-# The seconds between two checkpoints, and of the shortest search whose checkpoint is kept while maps are drawn.
+# The seconds between two checkpoints, and of the shortest search whose checkpoint is kept while
+# maps are drawn.
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
 
 
@@ -51,25 +52,27 @@ def generate(
 ) -> list[RoadMap]:
     """Evolves maps, chooses among them, and writes them to a new folder, whole or not at all.
 
-    The same specification gives the same files, byte for byte, except for the times in ``run.json``. If a search was
-    killed, or failed after ten seconds, the same call resumes it. For a part of the seeds only the archive and the
-    record are written, no maps.
+    The same specification gives the same files, byte for byte, except for the times in
+    ``run.json``. If a search was killed, or failed after ten seconds, the same call resumes it. For
+    a part of the seeds only the archive and the record are written, no maps.
 
     Args:
       spec: of the search and the folder.
       out: the folder, new or empty.
       force: whether the folder is replaced, if an earlier run wrote all files in it.
-      executor: as in `evolve`; its workers need no access to the folder. If a run ends early, the same call evolves
-        only the parts that did not return.
-      parts: the number of parts that an executor's workers get; defaults to parts of up to 32 seeds.
+      executor: as in `evolve`; its workers need no access to the folder. If a run ends early, the
+        same call evolves only the parts that did not return.
+      parts: the number of parts that an executor's workers get; defaults to parts of up to 32
+        seeds.
 
     Returns:
       The maps, as they were written.
 
     Raises:
-      InputError: for constraints that no map can meet, a bad tile set, a folder with files in it, a folder that
-        another search or another process uses, or a worker with other versions.
-      NotEnoughMapsError: if there are fewer valid and different maps than requested; with `at_most`, if there is none.
+      InputError: for constraints that no map can meet, a bad tile set, a folder with files in it, a
+        folder that another search or another process uses, or a worker with other versions.
+      NotEnoughMapsError: if there are fewer valid and different maps than requested; with
+        `at_most`, if there is none.
       OSError: if the folder cannot be written; a `ConnectionError`, if the executor lost a part.
     """
     spec = check_named("spec", instance(GenerateSpec), spec)
@@ -82,7 +85,9 @@ def generate_planned(
     """Evolves the maps of a planned run; the other arguments, and the errors, are those of `generate`."""
     out = Path(check_named("out", path, out))
     inputs = [*run.spec.inputs, *run.search.inputs]
-    with output_folder(out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force) as work:
+    with output_folder(
+        out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force
+    ) as work:
         _announce_search(run)
         if pool is None:
             evolved = _evolve(run, work.kept / "search")
@@ -115,7 +120,8 @@ def _evolve(run: PlannedRun, checkpoint: Path) -> Evolved:
     return Evolved(
         run=run,
         result=result,
-        seconds=max(time.perf_counter() - start, result.history.seconds),  # a resumed search has earlier seconds
+        # A resumed search has earlier seconds.
+        seconds=max(time.perf_counter() - start, result.history.seconds),
         speed=round(float(np.median(speeds))) if speeds.size else None,
         device=jax.devices()[0].device_kind,
     )

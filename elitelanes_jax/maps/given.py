@@ -40,12 +40,16 @@ class GivenMaps:
         """Says how many maps were left out, if any."""
         if self.left_out:
             total = pluralize(len(self.maps) + self.left_out, "map")
-            announce(f"{self.left_out} of {total} left out: the same as another one when moved, rotated or mirrored")
+            announce(
+                f"{self.left_out} of {total} left out: the same as another one when moved, rotated or mirrored"
+            )
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
         """(height, width) of the maps, each once, in order."""
-        return sorted({(road_map.codes.shape[0], road_map.codes.shape[1]) for road_map in self.maps})
+        return sorted(
+            {(road_map.codes.shape[0], road_map.codes.shape[1]) for road_map in self.maps}
+        )
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
@@ -105,7 +109,9 @@ def _read_sources(sources: UserValue) -> tuple[list[Path], list[_SourceMap]]:
     if len(road_maps) != len(values):  # the values are the rows of one grid
         return paths, [_SourceMap("", road_map) for road_map in road_maps]
     files = [file for file, _ in values]
-    return paths, [_SourceMap(file, road_map) for file, road_map in zip(files, road_maps, strict=True)]
+    return paths, [
+        _SourceMap(file, road_map) for file, road_map in zip(files, road_maps, strict=True)
+    ]
 
 
 def _read_path(source: Path) -> list[tuple[str, UserValue]]:
@@ -130,7 +136,9 @@ def _files(source: Path) -> list[Path]:
             if entry.suffix.lower() in (".json", ".yaml", ".yml") or is_layers(entry):
                 files.append(entry)
     if not files:
-        raise InputError(f"{source}: expected a folder with map.json or other files of maps in it, got one without")
+        raise InputError(
+            f"{source}: expected a folder with map.json or other files of maps in it, got one without"
+        )
     return files
 
 
@@ -149,12 +157,17 @@ def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
                 KeyError,
                 AttributeError,
             ) as error:  # an InputError is a ValueError
-                raise InputError(f"{file}: expected the metadata of a dataset, got: {error}") from None
+                raise InputError(
+                    f"{file}: expected the metadata of a dataset, got: {error}"
+                ) from None
     return [by_number[number] for number in sorted(by_number)]
 
 
 def _measured(road_map: RoadMap, name: str) -> RoadMap:
-    """Returns a map with all metrics of its codes. A command says in a line what does not fit in it."""
+    """Returns a map with all metrics of its codes.
+
+    A command says in a line what does not fit in it.
+    """
     refreshed = refresh(road_map, name)
     warn_of_faults(name, refreshed)
     stored, measured = refreshed.metrics or {}, plain_measure(refreshed.codes)

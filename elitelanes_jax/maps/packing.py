@@ -49,7 +49,9 @@ class _Town(NamedTuple):
 
 
 @name_wrong_arguments
-def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = False) -> dict[str, Plain]:
+def pack(
+    spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = False
+) -> dict[str, Plain]:
     """Writes a pack of maps.
 
     The same maps and specification give the same files, byte for byte. If a run was killed, the
@@ -86,7 +88,9 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
     }
     identity = {"command": "pack", **about, "tile_set": None if tiles is None else tiles.to_plain()}
     inputs: list[str | Path] = [*maps.paths, *spec.inputs]
-    with output_folder(out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True) as work:
+    with output_folder(
+        out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True
+    ) as work:
         write_json(work.kept / "maps.json", [town.id for town in towns])
         rows = []
         with Progress("packing", len(towns), "maps") as bar:
@@ -107,7 +111,9 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
             write_atomic(work.files / "splits" / f"{name}.txt", ids.encode())
         write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
         write_json(work.files / RECORD, about)
-        write_atomic(work.files / "README.md", _card(spec, about, rows, lane_offset_of(tiles)).encode())
+        write_atomic(
+            work.files / "README.md", _card(spec, about, rows, lane_offset_of(tiles)).encode()
+        )
         write_sums(work.files)
     maps.announce_left_out()
     _announce_limits(spec, towns)
@@ -122,7 +128,9 @@ def _announce_limits(spec: PackSpec, towns: Sequence[_Town]) -> None:
             written = without_ends(town.road_map, spec.formats.dead_ends)
             limits += FORMATS[to].limits(written)[:1]
         if limits:
-            announce_at_end(to, f"{len(limits)} of {pluralize(len(towns), 'map')}, the first: {limits[0]}")
+            announce_at_end(
+                to, f"{len(limits)} of {pluralize(len(towns), 'map')}, the first: {limits[0]}"
+            )
 
 
 def _settings_of(to: str, settings: Mapping[str, UserValue]) -> dict[str, UserValue]:
@@ -150,7 +158,9 @@ def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
         if len(set(niches)) > len(counts):
             got += f", in {pluralize(len(counts), 'group')} with maps that differ in less than {100 * ALIKE:g} %"
         hint = "; a split of 1 0 0 trains on all"
-        raise InputError(f"split: expected a niche for each of {len(lacking)} splits, got {got}{hint}")
+        raise InputError(
+            f"split: expected a niche for each of {len(lacking)} splits, got {got}{hint}"
+        )
     groups_of: dict[str, list[int]] = {name: [] for name in lacking}
     for group in _shuffle_groups(spec.seed, groups, niches):
         name = max(lacking, key=lambda name: lacking[name])
@@ -184,7 +194,9 @@ def _shuffle_groups(seed: int, groups: Sequence[int], niches: Sequence[str]) -> 
     return sorted(draws, key=draws.__getitem__)
 
 
-def _write(spec: PackSpec, town: _Town, folder: Path, settings: Mapping[str, UserValue]) -> dict[str, Plain]:
+def _write(
+    spec: PackSpec, town: _Town, folder: Path, settings: Mapping[str, UserValue]
+) -> dict[str, Plain]:
     """Writes the files of a map that are not there yet; returns its row of the table.
 
     `settings` are those of all formats, with their tile set.
@@ -198,7 +210,9 @@ def _write(spec: PackSpec, town: _Town, folder: Path, settings: Mapping[str, Use
             made = FORMATS[to].files(town.road_map, town.id, **_settings_of(to, settings))
             for file, content in zip(files, made, strict=True):
                 write_atomic(file, as_bytes(content))
-    write_atomic(folder / "maps" / town.niche / f"{town.id}.json", map_to_json(town.road_map).encode())
+    write_atomic(
+        folder / "maps" / town.niche / f"{town.id}.json", map_to_json(town.road_map).encode()
+    )
     write_atomic(folder / "trips" / town.niche / f"{town.id}.csv", table_to_csv(trips).encode())
     if "sumo" in spec.to:
         ends = [(_node(trip, "start"), _node(trip, "goal")) for trip in trips]
@@ -222,7 +236,9 @@ def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
     return LaneNode(trip[f"{end}_row"], trip[f"{end}_column"], trip[f"{end}_heading"])
 
 
-def _trips(spec: PackSpec, town: _Town, graph: LaneGraph, lane_offset: float = LANE_OFFSET) -> list[dict[str, Plain]]:
+def _trips(
+    spec: PackSpec, town: _Town, graph: LaneGraph, lane_offset: float = LANE_OFFSET
+) -> list[dict[str, Plain]]:
     """Draws starts and goals between the tiles, with the exact length of the shortest way, in tiles."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
@@ -249,7 +265,12 @@ def _trips(spec: PackSpec, town: _Town, graph: LaneGraph, lane_offset: float = L
     return trips
 
 
-def _card(spec: PackSpec, about: Mapping[str, Plain], rows: Sequence[Mapping[str, Plain]], lane_offset: float) -> str:
+def _card(
+    spec: PackSpec,
+    about: Mapping[str, Plain],
+    rows: Sequence[Mapping[str, Plain]],
+    lane_offset: float,
+) -> str:
     """Writes the README of a pack."""
     version = about["versions"]["elitelanes_jax"]
     lines = [

@@ -26,7 +26,9 @@ _EXPECTED = "expected a part of a run, made by elitelanes generate --part"
 
 
 @name_wrong_arguments
-def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False) -> list[RoadMap]:
+def merge(
+    parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False
+) -> list[RoadMap]:
     """Joins the parts of a run, and writes the folder that `generate` writes without parts, byte for byte.
 
     In ``run.json`` the seconds are the sum over the parts, and the speed is their median.
@@ -47,12 +49,17 @@ def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: b
       OSError: if the folder cannot be written.
     """
     folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
-    with output_folder(out, {"command": "merge"}, inputs=folders, foreign=foreign_to_maps, force=force) as work:
+    with output_folder(
+        out, {"command": "merge"}, inputs=folders, foreign=foreign_to_maps, force=force
+    ) as work:
         return write_run(work.files, join_parts(folders))
 
 
 def join_parts(folders: Sequence[Path]) -> Evolved:
-    """Joins all parts of a run, in any order; the result has no state to continue from. Raises `InputError`."""
+    """Joins all parts of a run, in any order; the result has no state to continue from.
+
+    Raises `InputError`.
+    """
     records = [_read_record(folder) for folder in folders]
     settings = records[0]["settings"] | {"part": None}
     expected = {
@@ -70,10 +77,14 @@ def join_parts(folders: Sequence[Path]) -> Evolved:
                 "tile_set": about["tile_set"],
             }
         )
-    by_index = order_parts(folders, [about["settings"]["part"] for about in records], identities, expected)
+    by_index = order_parts(
+        folders, [about["settings"]["part"] for about in records], identities, expected
+    )
     count = len(by_index)
     run = plan_run(_read_spec(folders[0], settings))
-    archives = {folder: about.get("archive") for folder, about in zip(folders, records, strict=True)}
+    archives = {
+        folder: about.get("archive") for folder, about in zip(folders, records, strict=True)
+    }
     results = []
     for index, folder in enumerate(by_index, start=1):
         results.append(_read_archive(folder, run, (index, count), archives))
@@ -111,13 +122,19 @@ def order_parts(
     count = parts[0][1]
     for folder, (index, of), identity in zip(folders, parts, identities, strict=True):
         if of != count:
-            raise InputError(f"{folder}: expected one of {count} parts, as {folders[0]} is, got one of {of}")
+            raise InputError(
+                f"{folder}: expected one of {count} parts, as {folders[0]} is, got one of {of}"
+            )
         difference = first_difference(expected, identity)
         if difference is not None:
             name, mine, got = difference
-            raise InputError(f"{folder}: expected a part of a {whole} with {name} {mine!r}, got {got!r}")
+            raise InputError(
+                f"{folder}: expected a part of a {whole} with {name} {mine!r}, got {got!r}"
+            )
         if index in by_index:
-            raise InputError(f"{folder}: expected each part once, got {index}/{count} again, after {by_index[index]}")
+            raise InputError(
+                f"{folder}: expected each part once, got {index}/{count} again, after {by_index[index]}"
+            )
         by_index[index] = folder
     missing = [f"{index}/{count}" for index in range(1, count + 1) if index not in by_index]
     if missing:
@@ -130,7 +147,9 @@ def order_parts(
 
 def _read_record(folder: Path) -> dict[str, Plain]:
     if not folder.exists() and has_unfinished(folder):
-        raise InputError(f"{folder}: expected a complete part, got unfinished work; the same command completes it")
+        raise InputError(
+            f"{folder}: expected a complete part, got unfinished work; the same command completes it"
+        )
     try:
         about = read_json(folder / RECORD)
         part = about["settings"]["part"]
@@ -149,7 +168,9 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     ):  # an InputError is a ValueError
         complete = False
     if not complete:
-        raise InputError(f"{folder}: {_EXPECTED}, got {'another folder' if folder.exists() else 'none'}")
+        raise InputError(
+            f"{folder}: {_EXPECTED}, got {'another folder' if folder.exists() else 'none'}"
+        )
     if part is None:
         raise InputError(f"{folder}: {_EXPECTED}, got a whole run")
     return about
@@ -162,17 +183,23 @@ def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
         raise InputError(f"{folder / RECORD}: expected settings of a run, got: {error}") from None
 
 
-def _read_archive(folder: Path, run: PlannedRun, part: tuple[int, int], archives: dict[Path, Plain]) -> Result:
+def _read_archive(
+    folder: Path, run: PlannedRun, part: tuple[int, int], archives: dict[Path, Plain]
+) -> Result:
     file = folder / ARCHIVE
     result = Result.load(file)
     if result.search != run.search:
         if has_other_alphabet(result.search, run.search):
-            raise InputError(f"{folder}: expected a part for the tile set {run.tiles.name!r}, got one for another set")
+            raise InputError(
+                f"{folder}: expected a part for the tile set {run.tiles.name!r}, got one for another set"
+            )
         raise InputError(f"{file}: expected the search in {RECORD} next to it, got another search")
     seeds = len(run.spec.replace(part=part).seed_indices)
     shape, expected = result.elites.grids.shape, (seeds, *run.spec.size)
     if shape[:-3] + shape[-2:] != expected:
         raise InputError("{}: expected {} seeds of {} x {}, got {}".format(file, *expected, shape))
     if describe_archive(result) != archives[folder]:
-        raise InputError(f"{file}: expected the archive of the same run as {RECORD} next to it, got another one")
+        raise InputError(
+            f"{file}: expected the archive of the same run as {RECORD} next to it, got another one"
+        )
     return result

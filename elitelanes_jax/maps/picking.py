@@ -131,7 +131,9 @@ def write_result(
     sources = [_Source("result", _with_seeds(result), None)]
     search = _resolve_choice(spec, sources)
     inputs = [*spec.inputs, *result.search.inputs]
-    with output_folder(out, {"command": "pick"}, inputs=inputs, foreign=foreign_to_maps, force=force) as work:
+    with output_folder(
+        out, {"command": "pick"}, inputs=inputs, foreign=foreign_to_maps, force=force
+    ) as work:
         chosen, record = _write_choice(work.files, spec, sources, search, tiles)
         archive = work.files / ARCHIVE
         result.save(archive, state=False)
@@ -171,7 +173,9 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
         search = source.result.search
         if search.shape != first.shape:
             expected, got = "{} x {}".format(*first.shape), "{} x {}".format(*search.shape)
-            raise InputError(f"{source.name}: expected maps of {expected}, as in the first archive, got {got}")
+            raise InputError(
+                f"{source.name}: expected maps of {expected}, as in the first archive, got {got}"
+            )
         alphabet.update(search.alphabet)
     settings = first.settings
     ranges = {item.name: item for item in settings.where}
@@ -209,7 +213,9 @@ def _write_choice(
     """Chooses maps among all sources, and writes them; returns them and the entries of the record about the choice."""
     elites = _join(sources, search, tiles)
     size = "{} x {} tiles".format(*search.shape)
-    announce(f"choosing {pluralize(spec.maps, 'map')} of {size} among {elites.valid.sum():,} elites")
+    announce(
+        f"choosing {pluralize(spec.maps, 'map')} of {size} among {elites.valid.sum():,} elites"
+    )
     result = replace(sources[0].result, elites=elites, search=search)
     excluded = [np.array(grid, np.int8) for grid in spec.unlike]
     choice = choose_enough(result, spec.maps, at_most=spec.at_most, exclude=excluded, hint=hint)
@@ -228,7 +234,9 @@ def _write_choice(
     return write_maps(folder, maps, title, drawing), record
 
 
-def _write_record(folder: Path, spec: PickSpec, archives: Sequence[Path], record: dict[str, Plain]) -> None:
+def _write_record(
+    folder: Path, spec: PickSpec, archives: Sequence[Path], record: dict[str, Plain]
+) -> None:
     """Writes the record of a choice; an archive in the folder itself is named without its path."""
     listed = []
     for file in archives:

@@ -41,7 +41,8 @@ def plan_run(spec: GenerateSpec) -> PlannedRun:
     """Loads the tiles of a run, and resolves its search.
 
     Raises:
-      InputError: for constraints that no map can meet, objects that no map has room for, or a bad tile set.
+      InputError: for constraints that no map can meet, objects that no map has room for, or a bad
+        tile set.
     """
     tiles = load_tiles(spec.tiles)
     search = resolve_to_draw(spec.search, spec.size, tiles)
@@ -54,12 +55,15 @@ def resolve_to_draw(spec: SearchSpec, shape: tuple[int, int], tiles: TileSet) ->
     """Resolves a search for maps that can be drawn with a tile set.
 
     Raises:
-      InputError: if the user's alphabet has other codes than the tile set, or no map can meet the constraints.
+      InputError: if the user's alphabet has other codes than the tile set, or no map can meet the
+        constraints.
     """
     missing = set(spec.options.get("alphabet") or ()) - set(tiles.alphabet)
     if missing:
         codes = ", ".join(map(str, tiles.alphabet))
-        raise InputError(f"alphabet: expected codes of the tile set {tiles.name!r}, {codes}, got {min(missing)}")
+        raise InputError(
+            f"alphabet: expected codes of the tile set {tiles.name!r}, {codes}, got {min(missing)}"
+        )
     return resolve(spec, shape, tiles.alphabet, room_for="maps")
 
 
@@ -67,7 +71,12 @@ def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
     """Refuses objects for which no map of a search has room, and signs for which some maps have none."""
     settings = search.settings
     all_signable = any(item.name == "signable" and item.low == 1 for item in search.ranges)
-    if furnish.signs == "all" and settings.rules != "duckietown" and not all_signable and not _lacks_crossings(search):
+    if (
+        furnish.signs == "all"
+        and settings.rules != "duckietown"
+        and not all_signable
+        and not _lacks_crossings(search)
+    ):
         raise InputError(
             "furnish: expected rules=duckietown or where signable=1 with signs at every crossing, got neither; "
             "signs=possible leaves out crossings that have a road at a corner"

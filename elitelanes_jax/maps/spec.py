@@ -37,13 +37,17 @@ SPLITS = ("train", "validation", "test")
 def parse_split(split: UserValue) -> tuple[float, float, float]:
     """Reads the shares of maps for training, validation and test; they sum to 1."""
     try:
-        train, validation, test = (real(0, 1)(share) for share in (split.split() if isinstance(split, str) else split))
+        train, validation, test = (
+            real(0, 1)(share) for share in (split.split() if isinstance(split, str) else split)
+        )
     except (TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"expected three shares that sum to 1, got {split!r}") from None
     if abs(train + validation + test - 1) > 1e-6:
-        raise InputError(f"expected three shares that sum to 1, got {train:g} {validation:g} {test:g}")
+        raise InputError(
+            f"expected three shares that sum to 1, got {train:g} {validation:g} {test:g}"
+        )
     return train, validation, test
 
 
@@ -51,10 +55,16 @@ def check_size(size: UserValue) -> tuple[int, int]:
     """Checks the size of maps, (rows, columns) in tiles: numbers, texts of numbers, or a text such as ``6 8``."""
     try:
         sides = size.lower().replace("x", " ").split() if isinstance(size, str) else size
-        return check_shape([whole(0)(side) if isinstance(side, str) else side for side in sides], new=True)
+        return check_shape(
+            [whole(0)(side) if isinstance(side, str) else side for side in sides], new=True
+        )
     except (TypeError, InputError) as error:
-        words = str(error).removeprefix("shape: ") if isinstance(error, InputError) else f"got {size!r}"
-        raise InputError(words if words.startswith("expected") else f"expected rows and columns, {words}") from None
+        words = (
+            str(error).removeprefix("shape: ") if isinstance(error, InputError) else f"got {size!r}"
+        )
+        raise InputError(
+            words if words.startswith("expected") else f"expected rows and columns, {words}"
+        ) from None
 
 
 def parse_part(part: UserValue) -> tuple[int, int]:
@@ -64,7 +74,9 @@ def parse_part(part: UserValue) -> tuple[int, int]:
         index, count = pair
         return whole(1, whole(1)(count))(index), whole(1)(count)
     except (TypeError, ValueError):  # an InputError is a ValueError
-        raise InputError(f"expected a part such as 3/10, from 1/10 on, got {shorten(repr(part), 40)}") from None
+        raise InputError(
+            f"expected a part such as 3/10, from 1/10 on, got {shorten(repr(part), 40)}"
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -105,7 +117,9 @@ class GenerateSpec(Record):
     def check_together(self) -> None:
         """Checks that every part has a seed."""
         if self.part is not None and self.part[1] > self.seeds:
-            raise InputError(f"part: expected at most {self.seeds} parts, one for each seed, got {self.part[1]}")
+            raise InputError(
+                f"part: expected at most {self.seeds} parts, one for each seed, got {self.part[1]}"
+            )
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
@@ -137,9 +151,13 @@ class PickSpec(Record):
 
     maps: int = option(16, whole(1), "N")
     at_most: bool = option(False, flag, "")
-    where: tuple[Range, ...] = option((), lambda where: parse_ranges(where, None), "NAME=LOW..HIGH", many=True)
+    where: tuple[Range, ...] = option(
+        (), lambda where: parse_ranges(where, None), "NAME=LOW..HIGH", many=True
+    )
     rules: str | None = option(None, none_or(one_of(*RULES)), "NAME")
-    axes: tuple[Axis, ...] | None = option(None, none_or(lambda axes: parse_axes(axes, None)), "NAME:BINS", many=True)
+    axes: tuple[Axis, ...] | None = option(
+        None, none_or(lambda axes: parse_axes(axes, None)), "NAME:BINS", many=True
+    )
     unlike: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     seed: int = option(0, SEED, "N")
     tiles: Path | None = option(None, none_or(path), "DIR")
@@ -175,7 +193,9 @@ class PackSpec(Record):
     """
 
     to: tuple[str, ...] = option((), _check_formats, "FORMAT", many=True)
-    split: tuple[float, float, float] = option((0.8, 0.1, 0.1), parse_split, ("TRAIN", "VALIDATION", "TEST"))
+    split: tuple[float, float, float] = option(
+        (0.8, 0.1, 0.1), parse_split, ("TRAIN", "VALIDATION", "TEST")
+    )
     trips: int = option(100, whole(1, 100_000), "N")
     seed: int = option(0, SEED, "N")
     formats: FormatOptions = nested(FormatOptions())
@@ -186,5 +206,8 @@ class PackSpec(Record):
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
-        formats = {name: str(value) if name == "tiles" else value for name, value in self.formats.chosen().items()}
+        formats = {
+            name: str(value) if name == "tiles" else value
+            for name, value in self.formats.chosen().items()
+        }
         return self.values() | {"formats": formats}

@@ -1,23 +1,24 @@
 """The planar dual of a grid's road graph: the faces into which roads divide the plane, and their consequences.
 
-A grid's road graph is drawn in the plane, on the lattice of tiles. Its dual lives on the lattice of corner points
-between tiles. Two neighbouring corners belong to the same face if no road runs between them, and all corners on the
-border belong to the outer face.
+A grid's road graph is drawn in the plane, on the lattice of tiles. Its dual lives on the lattice of
+corner points between tiles. Two neighbouring corners belong to the same face if no road runs
+between them, and all corners on the border belong to the outer face.
 
     tile --- tile     tile     tile       a road between two tiles separates the two corners beside it;
          .       .        .               without one, both corners belong to the same face
     tile     tile --- tile     tile
 
-Once the faces are labelled, Euler's formula gives these counts exactly, without a spanning tree or a search:
+Once the faces are labelled, Euler's formula gives these counts exactly, without a spanning tree or
+a search:
 
     cyclomatic number = faces - 1 (the outer one)
     components        = tiles - roads + cyclomatic number
     a road is a bridge if and only if the same face is on both its sides
 
-Corner (r, c) is south-east of tile (r, c) and has the same index in the padded layout. The inner corners have rows
-0..H-2 and columns 0..W-2; every other index belongs to the outer face. The road east of a tile separates the tile's
-corner from the corner to the north, and the road south of it from the corner to the west, so that each neighbour is a
-shift of one vector.
+Corner (r, c) is south-east of tile (r, c) and has the same index in the padded layout. The inner
+corners have rows 0..H-2 and columns 0..W-2; every other index belongs to the outer face. The road
+east of a tile separates the tile's corner from the corner to the north, and the road south of it
+from the corner to the west, so that each neighbour is a shift of one vector.
 """
 
 from collections.abc import Sequence
@@ -38,11 +39,12 @@ from elitelanes_jax.network.xla import PaddedLayout, materialize
 # Sweeps before the costlier method for long corridors. Random grids need fewer.
 _PATIENCE = 60
 
-# The steps that a label goes in every other sweep. At 12 x 12, evaluating takes 1.2 times as long with 4 steps.
+# The steps that a label goes in every other sweep. At 12 x 12, evaluating takes 1.2 times as long
+# with 4 steps.
 _FAR = 3
 
-# Pairs of sweeps between two checks whether labels still change, for grids end to end and for grids side by side. A GPU
-# waits for the processor at each check.
+# Pairs of sweeps between two checks whether labels still change, for grids end to end and for grids
+# side by side. A GPU waits for the processor at each check.
 _PAIRS, _PAIRS_BESIDE = 2, 4
 
 _OUTER = 0
@@ -96,8 +98,9 @@ def label_faces(layout: PaddedLayout, padded: Int8[Array, " padded"]) -> UInt[Ar
 def _initial_labels(layout: PaddedLayout) -> np.ndarray:
     """Returns the label that each corner starts with, on the padded layout: unique and rising, or the outer face's.
 
-    Up to 254 inner corners (16 x 16 tiles) have labels 1, 2, 3 and so on, so that a label fits a byte and a sweep is
-    cheapest. In larger grids the label is the corner's index, so that a label leads to its corner.
+    Up to 254 inner corners (16 x 16 tiles) have labels 1, 2, 3 and so on, so that a label fits a
+    byte and a sweep is cheapest. In larger grids the label is the corner's index, so that a label
+    leads to its corner.
     """
     indices = np.arange((layout.height + 2) * layout.stride)
     rows, columns = indices // layout.stride, indices % layout.stride
@@ -112,8 +115,9 @@ def _initial_labels(layout: PaddedLayout) -> np.ndarray:
 class _Arrangement(NamedTuple):
     """How the grids of a batch lie in one array of cells. Empty rows at both ends give every corner its neighbours.
 
-    Laid end to end, as one long vector, grids suit the caches of a processor. Laid side by side, with the cells of a
-    grid far apart, they suit a GPU, whose threads read four neighbouring numbers at once.
+    Laid end to end, as one long vector, grids suit the caches of a processor. Laid side by side,
+    with the cells of a grid far apart, they suit a GPU, whose threads read four neighbouring
+    numbers at once.
     """
 
     layout: PaddedLayout
@@ -131,7 +135,10 @@ class _Arrangement(NamedTuple):
 
     @property
     def closed(self) -> "np.unsignedinteger[Any]":
-        """The value of a wall. Its bits are all set, so that a label or-ed with it is never the least one."""
+        """The value of a wall.
+
+        Its bits are all set, so that a label or-ed with it is never the least one.
+        """
         return self.initial.dtype.type(np.iinfo(self.initial.dtype).max)
 
     @property
@@ -172,7 +179,9 @@ def _extend(cells: Array, before: int, after: int) -> Array:
     return jnp.pad(cells, [(before, after), *[(0, 0)] * (cells.ndim - 1)])
 
 
-def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bool) -> UInt[Array, "*B padded"]:
+def _label(
+    padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bool
+) -> UInt[Array, "*B padded"]:
     """Labels the corners of grids on a layout, all grids together: a corner's label is the least one of its face."""
     arrangement = _Arrangement(layout, beside)
     initial = arrangement.initial
@@ -180,7 +189,8 @@ def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bo
         return jnp.zeros(padded.shape, initial.dtype)
     grids = padded.reshape(-1, initial.size)
     walls = _find_walls(arrangement, arrangement.arrange(grids))
-    # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
+    # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the
+    # walls.
     labels = arrangement.arrange(jnp.broadcast_to(initial, grids.shape)) | (walls.east & 0)
     labels, changing = _propagate(arrangement, labels, walls)
     if arrangement.labels_name_corners:
@@ -191,7 +201,8 @@ def _label(padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bo
 class _Walls(NamedTuple):
     """For each link of a tile the value `closed`, elsewhere 0: a road is a wall between the corners beside it.
 
-    `find_links` finds the same links in each grid. With walls made from those, a search takes 1.1 times as long.
+    `find_links` finds the same links in each grid. With walls made from those, a search takes 1.1
+    times as long.
     """
 
     east: Array  # along the links to the east
@@ -221,15 +232,19 @@ def _far_walls(arrangement: _Arrangement, walls: _Walls) -> _Walls:
             far |= walls[start : start + far.shape[0]]
         return _extend(far, first, 0)
 
-    far: _Walls = arrangement.store(_Walls(any_wall(walls.east, arrangement.layout.stride), any_wall(walls.south, 1)))
+    far: _Walls = arrangement.store(
+        _Walls(any_wall(walls.east, arrangement.layout.stride), any_wall(walls.south, 1))
+    )
     return far
 
 
-def _sweep(arrangement: _Arrangement, labels: Array, walls: _Walls, into: Array, steps: int) -> Array:
+def _sweep(
+    arrangement: _Arrangement, labels: Array, walls: _Walls, into: Array, steps: int
+) -> Array:
     """Gives each corner the least label among its own and those of corners some steps away without a wall between.
 
-    Writes to `into`, whose both ends are those of `labels`: they belong to the outer face and do not change. With
-    another array than `labels`, XLA computes the sweep in place and in one pass.
+    Writes to `into`, whose both ends are those of `labels`: they belong to the outer face and do
+    not change. With another array than `labels`, XLA computes the sweep in place and in one pass.
     """
     stride = arrangement.layout.stride
     first = arrangement.margin + stride
@@ -253,8 +268,8 @@ def _sweep(arrangement: _Arrangement, labels: Array, walls: _Walls, into: Array,
 def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple[Array, Array]:
     """Sweeps to and fro between two arrays until they are equal; labels that name corners `_PATIENCE` times at most.
 
-    Every other sweep goes `_FAR` steps, because corridors mostly run straight. The longest corridor of a batch then
-    takes two thirds as many sweeps.
+    Every other sweep goes `_FAR` steps, because corridors mostly run straight. The longest corridor
+    of a batch then takes two thirds as many sweeps.
 
     Returns the labels, and whether they still change.
     """
@@ -275,15 +290,20 @@ def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple
         return changing & (sweeps < _PATIENCE) if arrangement.labels_name_corners else changing
 
     true = labels[:1].any() | True  # inside `jax.shard_map` on the same devices as the labels
-    labels, _, changing, _ = lax.while_loop(unsettled, sweep_on, (labels, labels, true, jnp.int32(0)))
+    labels, _, changing, _ = lax.while_loop(
+        unsettled, sweep_on, (labels, labels, true, jnp.int32(0))
+    )
     return labels, changing
 
 
-def _hook_and_jump(arrangement: _Arrangement, labels: Array, walls: _Walls, changing: Array) -> Array:
+def _hook_and_jump(
+    arrangement: _Arrangement, labels: Array, walls: _Walls, changing: Array
+) -> Array:
     """Passes each better label to the corner that the old label names, then follows every label once.
 
-    Each round shortens a corridor by a factor, so that the longest spiral takes about log(corners) rounds: the idea of
-    Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
+    Each round shortens a corridor by a factor, so that the longest spiral takes about log(corners)
+    rounds: the idea of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu,
+    2020).
     """
 
     def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -296,17 +316,20 @@ def _hook_and_jump(arrangement: _Arrangement, labels: Array, walls: _Walls, chan
     return lax.while_loop(lambda carry: carry[1], once_more, (labels, changing))[0]
 
 
-# A primitive, so that programs for each kind of device have their own form. It takes leading axes, so that a batch is
-# one more axis.
+# A primitive, so that programs for each kind of device have their own form. It takes leading axes,
+# so that a batch is one more axis.
 _label_faces = Primitive("label_faces")
 _label_faces.def_impl(partial(_label, beside=False))
-_label_faces.def_abstract_eval(lambda padded, *, layout: padded.update(dtype=_initial_labels(layout).dtype))
+_label_faces.def_abstract_eval(
+    lambda padded, *, layout: padded.update(dtype=_initial_labels(layout).dtype)
+)
 batching.primitive_batchers[_label_faces] = lambda arrays, axes, *, layout: (
     _label_faces.bind(jnp.moveaxis(arrays[0], axes[0], 0), layout=layout),
     0,
 )
 _end_to_end, _beside = (
-    mlir.lower_fun(partial(_label, beside=beside), multiple_results=False) for beside in (False, True)
+    mlir.lower_fun(partial(_label, beside=beside), multiple_results=False)
+    for beside in (False, True)
 )
 mlir.register_lowering(_label_faces, _beside)
 mlir.register_lowering(_label_faces, _end_to_end, platform="cpu")

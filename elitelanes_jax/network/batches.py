@@ -19,17 +19,21 @@ R = TypeVar("R")
 def vmap_in_blocks(kernel: Callable[..., R], *, block: int = 512) -> Callable[..., R]:
     """Returns the batched form of a kernel, as `jax.vmap` does, for batches of any size.
 
-    On a processor it computes one block after another, because the intermediate arrays of a whole batch do not fit its
-    caches. The fitness of 262,144 grids of 12 x 12 tiles takes half as long so. On other devices the whole batch is
-    computed at once. The results are those of `jax.vmap`, bit for bit, if those of the kernel do not depend on the
-    size of a batch, as ours do not. A batch that is sharded over devices is divided by `jax.shard_map` first.
+    On a processor it computes one block after another, because the intermediate arrays of a whole
+    batch do not fit its caches. The fitness of 262,144 grids of 12 x 12 tiles takes half as long
+    so. On other devices the whole batch is computed at once. The results are those of `jax.vmap`,
+    bit for bit, if those of the kernel do not depend on the size of a batch, as ours do not. A
+    batch that is sharded over devices is divided by `jax.shard_map` first.
 
     Args:
-      kernel: of pytrees of arrays, such as `measure`, `repair`, or a function of one's own that calls them.
-      block: the most elements in a block, 1 or more. 512 grids of 12 x 12 tiles suit caches of 1 to 2 MB.
+      kernel: of pytrees of arrays, such as `measure`, `repair`, or a function of one's own that
+        calls them.
+      block: the most elements in a block, 1 or more. 512 grids of 12 x 12 tiles suit caches of 1 to
+        2 MB.
 
     Returns:
-      A function of pytrees of arrays with a leading axis of equal length, which the results have too.
+      A function of pytrees of arrays with a leading axis of equal length, which the results have
+      too.
 
     Raises:
       InputError: for a kernel that is no function, or a block that is no whole number of 1 or more.

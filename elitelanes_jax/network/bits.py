@@ -34,7 +34,9 @@ def mix(number: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
 def check_key(key: UserValue) -> None:
     """Raises `InputError` for anything but a key of JAX, new or old style."""
     is_array = isinstance(key, jax.Array | np.ndarray)
-    if not is_array or not (key.dtype == jnp.uint32 or jnp.issubdtype(key.dtype, jax.dtypes.prng_key)):
+    if not is_array or not (
+        key.dtype == jnp.uint32 or jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+    ):
         raise InputError(f"key: expected a jax.random.key, got {shorten(repr(key))}")
 
 
@@ -66,7 +68,8 @@ def _random_bits(key: Key[Array, ""], *, shape: tuple[int, ...]) -> UInt32[Array
     size = prod(shape)
     if not _is_threefry(key):
         with default_draws():
-            return jax.random.bits(key, (size,), jnp.uint32).reshape(shape)  # one vector compiles four times faster
+            # One vector compiles four times faster.
+            return jax.random.bits(key, (size,), jnp.uint32).reshape(shape)
     left, right = threefry(jax.random.key_data(key), jnp.arange(size, dtype=jnp.uint32))
     return materialize(left ^ right).reshape(shape)
 
@@ -100,7 +103,9 @@ def normal(key: Key[Array, ""], shape: tuple[int, ...]) -> Float32[Array, "..."]
 
 
 def _is_threefry(key: Key[Array, ""]) -> bool:
-    return jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and str(jax.random.key_impl(key)) == THREEFRY
+    return (
+        jnp.issubdtype(key.dtype, jax.dtypes.prng_key) and str(jax.random.key_impl(key)) == THREEFRY
+    )
 
 
 def threefry(
@@ -108,8 +113,9 @@ def threefry(
 ) -> tuple[UInt32[Array | np.ndarray, "..."], UInt32[Array | np.ndarray, "..."]]:
     """Encrypts the pairs (0, counter) with a key, by Threefry-2x32 with 20 rounds (Salmon et al. 2011).
 
-    Takes arrays of JAX or of NumPy; the two numbers of the key broadcast against the counters. JAX's own function is a
-    loop over the rounds. Without a loop it compiles in half the time, and takes 0.6 times as long.
+    Takes arrays of JAX or of NumPy; the two numbers of the key broadcast against the counters.
+    JAX's own function is a loop over the rounds. Without a loop it compiles in half the time, and
+    takes 0.6 times as long.
     """
     schedule = (key[0], key[1], key[0] ^ key[1] ^ np.uint32(0x1BD11BDA))
     left, right = schedule[0], counters + schedule[1]
@@ -168,12 +174,17 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
 @name_wrong_arguments
 @runs_jax
 def random_grids(
-    key: Key[Array, ""], count: int, shape: tuple[int, int] = (12, 12), *, alphabet: Iterable[int] = ROAD_ALPHABET
+    key: Key[Array, ""],
+    count: int,
+    shape: tuple[int, int] = (12, 12),
+    *,
+    alphabet: Iterable[int] = ROAD_ALPHABET,
 ) -> Int8[Array, "count H W"]:
     """Draws every tile uniformly from an alphabet, independently of its neighbours; `repair` links them.
 
     Args:
-      key: consumed. With JAX's default key type grid i depends on the key and i alone, not on `count`.
+      key: consumed. With JAX's default key type grid i depends on the key and i alone, not on
+        `count`.
       count: the number of grids, at least 0.
       shape: (height, width), each at least 1.
       alphabet: the tile codes to draw from.
@@ -199,12 +210,16 @@ def _random_grids(
 
 @name_wrong_arguments
 @runs_jax
-def bernoulli(bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]) -> Bool[Array, "..."]:
+def bernoulli(
+    bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]
+) -> Bool[Array, "..."]:
     """Returns True with a probability, from the upper 24 of 32 random bits: never for 0, always for 1.
 
     The probability broadcasts against the bits.
     """
-    drawn, limit = align((jnp.asarray(bits) >> 8).astype(jnp.float32), 2**24 * jnp.asarray(probability, jnp.float32))
+    drawn, limit = align(
+        (jnp.asarray(bits) >> 8).astype(jnp.float32), 2**24 * jnp.asarray(probability, jnp.float32)
+    )
     return drawn < limit
 
 
@@ -232,7 +247,8 @@ def categorical(bits: UInt32[Array, "..."], logits: Int32[Array, "K ..."]) -> In
 
 def _exponential_of(value: Int32[Array, "..."]) -> Int32[Array, "..."]:
     """Returns the exponential of a number of at most 0, in units of 2**-26."""
-    # As a power of two with exponent -(n + f), f in [0, 1), in units of 2**-26; from n = 20 on the result is 0.
+    # As a power of two with exponent -(n + f), f in [0, 1), in units of 2**-26; from n = 20 on the
+    # result is 0.
     halvings = jnp.minimum(-value, 20 * UNIT) * round(2**14 / log(2))
     f = (halvings & 2**26 - 1) >> 11
     # 2**-f by the polynomial that is exact at the Chebyshev points, in units of 2**-15.
@@ -245,5 +261,6 @@ def _exponential_of(value: Int32[Array, "..."]) -> Int32[Array, "..."]:
 _QUANTILES = np.rint(-UNIT * np.log((np.arange(2048) + 0.5) / 2048)).astype(np.int32)
 
 _EXPONENTIAL = [
-    round(2**15 * c) for c in Chebyshev.interpolate(lambda f: 2.0**-f, 4, [0, 1]).convert(kind=Polynomial).coef[::-1]
+    round(2**15 * c)
+    for c in Chebyshev.interpolate(lambda f: 2.0**-f, 4, [0, 1]).convert(kind=Polynomial).coef[::-1]
 ]

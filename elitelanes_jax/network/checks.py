@@ -19,7 +19,8 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
 
     Args:
       shape: to check.
-      new: whether it is the shape of maps to create. A map one tile wide has no loop, so their sides are at least 2.
+      new: whether it is the shape of maps to create. A map one tile wide has no loop, so their
+        sides are at least 2.
 
     Raises:
       InputError: unless it is two whole numbers from 1, or from 2 for new maps, to `LONGEST_SIDE`.
@@ -27,10 +28,14 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
     try:
         height, width = (int(side) for side in shape if int(side) == side)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"shape: expected (height, width), two whole numbers, got {shape!r}") from None
+        raise InputError(
+            f"shape: expected (height, width), two whole numbers, got {shape!r}"
+        ) from None
     least, purpose = (2, " for new maps") if new else (1, "")
     if min(height, width) < least or max(height, width) > LONGEST_SIDE:
-        raise InputError(f"shape: expected sides from {least} to {LONGEST_SIDE}{purpose}, got {height} x {width}")
+        raise InputError(
+            f"shape: expected sides from {least} to {LONGEST_SIDE}{purpose}, got {height} x {width}"
+        )
     return height, width
 
 
@@ -44,17 +49,20 @@ def check_sides(rows: list[list[UserValue]]) -> None:
 def check_grid(grid: AnyArray) -> AnyArray:
     """Checks a grid; returns it as an int8 array ``[H, W]``, of JAX if it is an array of JAX, otherwise of NumPy.
 
-    A record with a grid in its field ``codes``, such as a `RoadMap`, is also accepted. Under `jax.jit` and `jax.vmap`
-    codes are unknown and not checked; a code outside 0..15 gives meaningless results.
+    A record with a grid in its field ``codes``, such as a `RoadMap`, is also accepted. Under
+    `jax.jit` and `jax.vmap` codes are unknown and not checked; a code outside 0..15 gives
+    meaningless results.
 
     Raises:
-      InputError: if it is not two-dimensional, has a side under 1 or over `LONGEST_SIDE`, holds anything but integers,
-        or a code outside 0..15.
+      InputError: if it is not two-dimensional, has a side under 1 or over `LONGEST_SIDE`, holds
+        anything but integers, or a code outside 0..15.
     """
     jax = sys.modules.get("jax")
     grid = getattr(grid, "codes", grid)
     if isinstance(grid, str | PurePath):
-        raise InputError(f"grid: expected rows of tile codes, got {str(grid)!r}; read_map reads the map of a file")
+        raise InputError(
+            f"grid: expected rows of tile codes, got {str(grid)!r}; read_map reads the map of a file"
+        )
     try:
         array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
     except ValueError:

@@ -69,7 +69,10 @@ CROSSINGS = KINDS["crossing3"] + KINDS["crossing4"]
 """The codes with three or four connections."""
 
 ROAD_ALPHABET = tuple(code for code in range(16) if CONNECTIONS[code] >= 2)
-"""The 11 codes with two or more connections, which have pictures. By default, new tiles are drawn from them."""
+"""The 11 codes with two or more connections, which have pictures.
+
+By default, new tiles are drawn from them.
+"""
 
 
 def rotate_codes(codes: AnyArray, quarter_turns: int = 1) -> AnyArray:
@@ -91,7 +94,10 @@ def transpose_codes(codes: AnyArray) -> AnyArray:
 
 
 def check_alphabet(codes: Iterable[UserValue]) -> tuple[int, ...]:
-    """Checks a set of tile codes; returns it as a sorted tuple without repeats. Raises `InputError` if it is empty."""
+    """Checks a set of tile codes; returns it as a sorted tuple without repeats.
+
+    Raises `InputError` if it is empty.
+    """
     expected = "alphabet: expected tile codes, whole numbers 0 to 15"
     try:
         listed = np.asarray(codes if hasattr(codes, "shape") else list(codes)).ravel().tolist()

@@ -14,7 +14,9 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Pytree
 
 
-def check_array(name: str, array: AnyArray, shape: Sequence[int | str], *dtypes: DTypeLike) -> Array:
+def check_array(
+    name: str, array: AnyArray, shape: Sequence[int | str], *dtypes: DTypeLike
+) -> Array:
     """Checks the shape and the dtype of an array; returns it as an array of JAX.
 
     Args:
@@ -34,7 +36,9 @@ def check_array(name: str, array: AnyArray, shape: Sequence[int | str], *dtypes:
     except AssertionError:
         kinds = " or ".join(str(jnp.dtype(dtype)) for dtype in dtypes)
         expected = f"{kinds} [{', '.join(map(str, shape))}]"
-        raise InputError(f"{name}: expected {expected}, got {array.dtype} {list(array.shape)}") from None
+        raise InputError(
+            f"{name}: expected {expected}, got {array.dtype} {list(array.shape)}"
+        ) from None
     return array
 
 

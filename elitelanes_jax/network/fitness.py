@@ -19,7 +19,8 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
 
     Args:
       metrics: of one grid, or of many with the same leading axes.
-      weights: integers, or integer arrays that broadcast against the metrics. The sum must fit int32.
+      weights: integers, or integer arrays that broadcast against the metrics. The sum must fit
+        int32.
 
     Returns:
       int32, of the metrics' shape.

@@ -1,8 +1,9 @@
 """Grows towns: a ring of road, then streets across its blocks and bends in its streets, all by Duckietown's rules.
 
-A street leads straight across a block, from one straight road to another. A bend moves a stretch of a straight road
-aside. Both leave empty cells between roads, and tiles between crossings and other crossings or turns. A grown town is
-therefore in one piece, has no dead ends, and keeps the rules, however large it is.
+A street leads straight across a block, from one straight road to another. A bend moves a stretch of
+a straight road aside. Both leave empty cells between roads, and tiles between crossings and other
+crossings or turns. A grown town is therefore in one piece, has no dead ends, and keeps the rules,
+however large it is.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,15 @@ from jaxtyping import Array, Bool, Int8, Int32, Key, UInt32
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.checks import check_shape
-from elitelanes_jax.network.codes import CROSSINGS, EAST, NORTH, SOUTH, WEST, exchange_sides, transpose_codes
+from elitelanes_jax.network.codes import (
+    CROSSINGS,
+    EAST,
+    NORTH,
+    SOUTH,
+    WEST,
+    exchange_sides,
+    transpose_codes,
+)
 from elitelanes_jax.network.xla import materialize
 
 SMALLEST_GROWN = 3
@@ -40,10 +49,15 @@ class _Town(NamedTuple):
 
 
 def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]:
-    """Grows a town that covers its grid. Both sides are at least `SMALLEST_GROWN`; the key is consumed."""
+    """Grows a town that covers its grid.
+
+    Both sides are at least `SMALLEST_GROWN`; the key is consumed.
+    """
     height, width = check_shape(shape, new=True)
     if min(shape) < SMALLEST_GROWN:
-        raise InputError(f"shape: expected sides of at least {SMALLEST_GROWN} for a town to grow, got {shape}")
+        raise InputError(
+            f"shape: expected sides of at least {SMALLEST_GROWN} for a town to grow, got {shape}"
+        )
     cells = (height - 1) * (width - 1)
     steps = min(-(-cells // _CELLS_A_STEP), _MOST_STEPS)
     bits = random_bits(key, (steps + 1, 5))
@@ -51,20 +65,30 @@ def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]
         cells // few + randint(bits[steps, index], cells // many - cells // few + 1)
         for index, (few, many) in enumerate((_CELLS_A_BLOCK, _CELLS_A_BEND))
     )
-    ring = jnp.pad(_ring(height, width), [(0, max(shape) - side) for side in shape], constant_values=15)
-    town = jax.lax.fori_loop(0, steps, lambda step, town: _grow(town, bits[step]), _Town(ring, streets, bends))
+    ring = jnp.pad(
+        _ring(height, width), [(0, max(shape) - side) for side in shape], constant_values=15
+    )
+    town = jax.lax.fori_loop(
+        0, steps, lambda step, town: _grow(town, bits[step]), _Town(ring, streets, bends)
+    )
     return town.codes[:height, :width]
 
 
 def _ring(height: int, width: int) -> Int8[np.ndarray, "H W"]:
     codes = np.zeros((height, width), np.int8)
     codes[:, [0, -1]], codes[[0, -1]] = _UPRIGHT, _ALONG
-    codes[0, 0], codes[0, -1], codes[-1, 0], codes[-1, -1] = EAST | SOUTH, SOUTH | WEST, NORTH | EAST, NORTH | WEST
+    codes[0, 0], codes[0, -1], codes[-1, 0], codes[-1, -1] = (
+        EAST | SOUTH,
+        SOUTH | WEST,
+        NORTH | EAST,
+        NORTH | WEST,
+    )
     return codes
 
 
 def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
-    # One of the eight symmetries of a square, so that it suffices to build streets and bends southwards.
+    # One of the eight symmetries of a square, so that it suffices to build streets and bends
+    # southwards.
     codes = _mirror(_transpose(town.codes, bits[0]), bits[0])
     is_street = bits[0] & 8 == 0
     fits, changed = (
@@ -90,14 +114,18 @@ def _mirror(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "
     return materialize(jnp.where(bits & 4 == 0, codes, exchange_sides(codes, EAST, WEST)[:, ::-1]))
 
 
-def _street(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
+def _street(
+    codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]
+) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
     """Adds a street that runs south at a random position; returns whether there is one, and the codes."""
     along, free = (_with_sides(codes == code) for code in (_ALONG, 0))
     rows, columns = _indices(codes)
     # The first row from here that is not free, times two; plus one if no street can end there.
     end = _next(jnp.where(free, 2**20, 2 * rows + (~along).astype(jnp.int32)), axis=0)
     after = jnp.pad(end[1:], ((0, 1), (0, 0)), constant_values=1)
-    some, north, column = _draw(bits[1], along & (after & 1 == 0) & (after > 2 * rows + 2) & (after < 2**20))
+    some, north, column = _draw(
+        bits[1], along & (after & 1 == 0) & (after > 2 * rows + 2) & (after < 2**20)
+    )
     south = after[north, column] // 2
     here = columns == column
     added = jnp.where(here & (rows >= north) & (rows < south), SOUTH, 0)
@@ -105,7 +133,9 @@ def _street(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[
     return some, codes | added.astype(jnp.int8)
 
 
-def _bend(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
+def _bend(
+    codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]
+) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
     """Moves a stretch of a road south at a random position; returns whether there is one, and the codes."""
     side = len(codes)
     wide, far = 2 + randint(bits[2], _WIDEST - 1), 1 + randint(bits[3], _FARTHEST)
@@ -141,14 +171,18 @@ def _indices(codes: Int8[Array, "N N"]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_sides(cells: Bool[Array, "N N"]) -> Bool[Array, "N N"]:
-    return cells & jnp.pad(cells, ((0, 0), (1, 0)))[:, :-1] & jnp.pad(cells, ((0, 0), (0, 1)))[:, 1:]
+    return (
+        cells & jnp.pad(cells, ((0, 0), (1, 0)))[:, :-1] & jnp.pad(cells, ((0, 0), (0, 1)))[:, 1:]
+    )
 
 
 def _next(numbers: Int32[Array, "N N"], axis: int) -> Int32[Array, "N N"]:
     return jax.lax.cummin(numbers, axis=axis, reverse=True)
 
 
-def _draw(bits: UInt32[Array, ""], where: Bool[Array, "N N"]) -> tuple[Bool[Array, ""], Array, Array]:
+def _draw(
+    bits: UInt32[Array, ""], where: Bool[Array, "N N"]
+) -> tuple[Bool[Array, ""], Array, Array]:
     """Draws a cell that is True; returns whether there is one, and its row and column."""
     where = materialize(where.astype(jnp.int8))
     reached = jnp.cumsum(where.sum(axis=1, dtype=jnp.int32))

@@ -20,7 +20,8 @@ _COMPARED = 64  # grids that are compared with a set at once
 _WORD = 64  # bits
 _TOGETHER = 64  # the positions whose bits are in memory at once
 
-_KIND_INDEX = np.array([[*KINDS].index(KIND_OF[code]) for code in range(16)])  # of each code; 0 is empty
+# Of each code; 0 is empty.
+_KIND_INDEX = np.array([[*KINDS].index(KIND_OF[code]) for code in range(16)])
 
 _Grid: TypeAlias = NDArray[np.int8]
 _Grids: TypeAlias = Sequence[_Grid] | NDArray[np.int8]
@@ -30,8 +31,8 @@ _Grids: TypeAlias = Sequence[_Grid] | NDArray[np.int8]
 def road_form(grid: AnyArray) -> bytes:
     """Returns bytes that are equal for two grids if and only if their roads are the same.
 
-    Roads stay the same if they are moved, rotated or mirrored, or if the grid gets more empty rows and columns. Raises
-    `InputError` for a bad grid.
+    Roads stay the same if they are moved, rotated or mirrored, or if the grid gets more empty rows
+    and columns. Raises `InputError` for a bad grid.
     """
     return road_forms([np.asarray(check_grid(grid), np.int8)])[0]
 
@@ -49,10 +50,10 @@ def road_forms(grids: _Grids) -> list[bytes]:
 def difference(grid: AnyArray, other: AnyArray) -> float:
     """Returns the share of tiles in which two grids differ, at the position where they are most alike.
 
-    One grid's roads are laid on the other's at every position, rotated and mirrored in all eight ways. In each way, the
-    cells with different codes are counted; a tile on an empty cell differs too. The least count is divided by the
-    number of cells of the larger grid, empty cells at its border included. The share is 0 if and only if the roads are
-    the same.
+    One grid's roads are laid on the other's at every position, rotated and mirrored in all eight
+    ways. In each way, the cells with different codes are counted; a tile on an empty cell differs
+    too. The least count is divided by the number of cells of the larger grid, empty cells at its
+    border included. The share is 0 if and only if the roads are the same.
 
     Raises `InputError` for a bad grid.
     """
@@ -69,8 +70,8 @@ def difference(grid: AnyArray, other: AnyArray) -> float:
 def group_alike(grids: _Grids, labels: NDArray[np.int_] | None = None) -> NDArray[np.int_]:
     """Assigns checked grids to groups, int ``[grids]``, such that no two grids of different groups are `ALIKE`.
 
-    Two grids that are alike are in one group, and so are two that a chain of such pairs joins. With `labels`, an int
-    for each grid, grids with equal labels are in one group too.
+    Two grids that are alike are in one group, and so are two that a chain of such pairs joins. With
+    `labels`, an int for each grid, grids with equal labels are in one group too.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -107,7 +108,8 @@ class _Group(NamedTuple):
       indices: int ``[N]``, of the grids in the set, sorted by their number of tiles.
       tiles: int ``[N]``, these numbers.
       kinds: int32 ``[kinds, N]``, the number of tiles of each kind.
-      planes: uint64 ``[4, words, N]``, the cells of the boxes as bits: a bit of the codes in each plane.
+      planes: uint64 ``[4, words, N]``, the cells of the boxes as bits: a bit of the codes in each
+        plane.
     """
 
     cells: int
@@ -133,7 +135,14 @@ class RoadSet:
             order = np.argsort(tiles, kind="stable")
             boxes = boxes[order]
             cells = grids[indices[0]].size
-            group = _Group(cells, boxes.shape[1:], indices[order], tiles[order], _count_kinds(boxes), _pack(boxes))
+            group = _Group(
+                cells,
+                boxes.shape[1:],
+                indices[order],
+                tiles[order],
+                _count_kinds(boxes),
+                _pack(boxes),
+            )
             self._groups.append(group)
 
     def differences(self, grid: _Grid, below: float) -> NDArray[np.float64]:
@@ -159,7 +168,10 @@ class RoadSet:
         for indices, boxes in _by_box(grids):
             size = grids[indices[0]].size
             for start in range(0, len(boxes), _COMPARED):
-                some, kinds = boxes[start : start + _COMPARED], _count_kinds(boxes[start : start + _COMPARED])
+                some, kinds = (
+                    boxes[start : start + _COMPARED],
+                    _count_kinds(boxes[start : start + _COMPARED]),
+                )
                 for group in self._groups:
                     cells = max(size, group.cells)
                     near = _least_difference(kinds, group.kinds) < below * cells
@@ -167,14 +179,19 @@ class RoadSet:
                         first, second, count = _count_differing(group, some, near, below * cells)
                         share = count / cells
                         few = share < below
-                        found.append(Pairs(indices[start + first[few]], group.indices[second[few]], share[few]))
+                        found.append(
+                            Pairs(
+                                indices[start + first[few]], group.indices[second[few]], share[few]
+                            )
+                        )
         return Pairs(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def _least_difference(kinds: NDArray[np.int32], others: NDArray[np.int32]) -> NDArray[np.int32]:
     """Returns in how many cells grids differ at least, int32 ``[N, M]``, by the tiles of each kind ``[kinds, N or M]``.
 
-    Kinds do not change when a grid is moved, rotated or mirrored. The surplus of either grid in any kind differs.
+    Kinds do not change when a grid is moved, rotated or mirrored. The surplus of either grid in any
+    kind differs.
     """
     more = np.zeros((kinds.shape[1], others.shape[1]), np.int32)
     fewer = np.zeros_like(more)
@@ -222,8 +239,8 @@ def _compare(
 ) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int32]]]:
     """Compares images ``[4 N, H, W]``, four for each of N boxes in order, with a group at all positions.
 
-    Yields the indices of boxes, the indices in the group, and the numbers of cells that differ: for each position where
-    a pair differs in less than `below` cells.
+    Yields the indices of boxes, the indices in the group, and the numbers of cells that differ: for
+    each position where a pair differs in less than `below` cells.
     """
     height, width = group.shape
     padded = np.pad(images, ((0, 0), (height - 1, height - 1), (width - 1, width - 1)))
@@ -238,14 +255,20 @@ def _compare(
         some = tuple(positions[start : start + _TOGETHER].T)
         box = some[0] % len(near)
         bits, beyond = _pack(windows[some]), outside[some].astype(np.int32)
-        # Few grids are near in the first 64 cells, in one bit of the codes, and fewer are near in all cells.
+        # Few grids are near in the first 64 cells, in one bit of the codes, and fewer are near in
+        # all cells.
         most = np.clip(np.ceil(below - beyond), 0, _WORD + 1).astype(np.uint8)
         hits = []
-        for word, limit, row, low, high in zip(bits[0, 0], most, near[box], first[some], last[some], strict=True):
+        for word, limit, row, low, high in zip(
+            bits[0, 0], most, near[box], first[some], last[some], strict=True
+        ):
             alike = np.bitwise_count(group.planes[0, 0, low:high] ^ word) < limit
             alike &= row[low:high]
             hits.append(low + np.flatnonzero(alike))
-        position, grid = np.repeat(np.arange(len(box)), [len(hit) for hit in hits]), np.concatenate(hits)
+        position, grid = (
+            np.repeat(np.arange(len(box)), [len(hit) for hit in hits]),
+            np.concatenate(hits),
+        )
         counts = beyond[position] + _count_bits(bits[0][:, position] ^ group.planes[0][:, grid])
         position, grid = position[counts < below], grid[counts < below]
         codes = np.bitwise_or.reduce(bits[:, :, position] ^ group.planes[:, :, grid])

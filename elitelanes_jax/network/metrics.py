@@ -34,15 +34,21 @@ def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
     Raises:
       InputError: for a bad grid or alphabet.
     """
-    return _measure(check_grid(grid), alphabet=None if alphabet is None else check_alphabet(alphabet))
+    return _measure(
+        check_grid(grid), alphabet=None if alphabet is None else check_alphabet(alphabet)
+    )
 
 
 def stack_metrics(metrics: Metrics) -> Int32[Array, "... M"]:
     """Returns the metrics as columns, in the order of `METRIC_NAMES`."""
-    # A sum of columns: on a CPU XLA concatenates short arrays number by number, a sixth of a step of the tuned EA.
+    # A sum of columns: on a CPU XLA concatenates short arrays number by number, a sixth of a step
+    # of the tuned EA.
     count, axes = len(METRIC_NAMES), metrics.tiles.ndim
     units = np.eye(count, dtype=np.int32).reshape(count, *(1,) * axes, count)
-    columns = (getattr(metrics, name)[..., None] * unit for name, unit in zip(METRIC_NAMES, units, strict=True))
+    columns = (
+        getattr(metrics, name)[..., None] * unit
+        for name, unit in zip(METRIC_NAMES, units, strict=True)
+    )
     return sum(columns, jnp.int32(0))
 
 
@@ -56,8 +62,11 @@ def unstack_metrics(features: Int32[Array, "... F"], cells: int) -> Metrics:
 
 
 def _coverage(tiles: Int32[Array, "..."], cells: int) -> Float32[Array, "..."]:
-    # From a table, because a GPU divides less exactly than a processor. The features of vacant slots may be any number.
-    return take(np.arange(cells + 1, dtype=np.float32) / np.float32(cells), jnp.clip(tiles, 0, cells))
+    # From a table, because a GPU divides less exactly than a processor. The features of vacant
+    # slots may be any number.
+    return take(
+        np.arange(cells + 1, dtype=np.float32) / np.float32(cells), jnp.clip(tiles, 0, cells)
+    )
 
 
 @partial(jax.jit, static_argnames="alphabet")
@@ -80,7 +89,10 @@ def _measure(grid: Int8[Array, "H W"], *, alphabet: tuple[int, ...] | None) -> M
         layout.here(west) & (columns == 0),
     )
     returned = _count(
-        links.east, links.south, layout.here(west) & layout.west(east), layout.here(north) & layout.north(south)
+        links.east,
+        links.south,
+        layout.here(west) & layout.west(east),
+        layout.here(north) & layout.north(south),
     )
     degree = layout.here(connections)
     crossing = connections >= 3
@@ -143,7 +155,9 @@ def _count(*flags: Bool[Array, " size"]) -> Int8[Array, " size"]:
     return sum(others, first)
 
 
-def _outside_alphabet(here: Int8[Array, " size"], alphabet: tuple[int, ...] | None) -> Bool[Array, " size"]:
+def _outside_alphabet(
+    here: Int8[Array, " size"], alphabet: tuple[int, ...] | None
+) -> Bool[Array, " size"]:
     outside = jnp.zeros(here.shape, bool)
     for code in range(16):
         if alphabet is not None and code not in alphabet:
@@ -151,11 +165,13 @@ def _outside_alphabet(here: Int8[Array, " size"], alphabet: tuple[int, ...] | No
     return outside
 
 
-def _odd_numbers(straight: Bool[Array, " size"], step: int, longest: int, dtype: type) -> Int[Array, " size"]:
+def _odd_numbers(
+    straight: Bool[Array, " size"], step: int, longest: int, dtype: type
+) -> Int[Array, " size"]:
     """Returns 1, 3, 5, ... along each run of straight tiles and 0 elsewhere; the sum over a run of L is L².
 
-    The length of the run up to each tile is found in rounds that double its reach: a tile that has counted `reach`
-    straight tiles adds the count of the tile that many steps back.
+    The length of the run up to each tile is found in rounds that double its reach: a tile that has
+    counted `reach` straight tiles adds the count of the tile that many steps back.
     """
     length = straight.astype(dtype)
     reach = 1
@@ -169,8 +185,8 @@ def _odd_numbers(straight: Bool[Array, " size"], step: int, longest: int, dtype:
 def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Array, ""]]:
     """Sums each vector, whose largest possible element is given.
 
-    Counters are packed into the bits of one word, the widest first, and summed together, because the sums take most of
-    the time on a small grid.
+    Counters are packed into the bits of one word, the widest first, and summed together, because
+    the sums take most of the time on a small grid.
     """
     words: list[list[tuple[str, int, int]]] = []  # of (name, lowest bit, bits)
     widths = {name: (most * cells).bit_length() for name, (_, most) in terms.items()}
@@ -184,7 +200,9 @@ def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Ar
             words.append([(name, 0, bits)])
     sums = {}
     for word in words:
-        total = jnp.sum(sum((terms[name][0].astype(jnp.uint32) << low for name, low, _ in word), jnp.uint32(0)))
+        total = jnp.sum(
+            sum((terms[name][0].astype(jnp.uint32) << low for name, low, _ in word), jnp.uint32(0))
+        )
         for name, low, bits in word:
             sums[name] = (total >> low & np.uint32(2**bits - 1)).astype(jnp.int32)
     return sums

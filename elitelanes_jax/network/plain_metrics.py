@@ -89,7 +89,9 @@ def plain_town(grid: AnyArray) -> dict[str, int]:
     metrics, road = plain_measure(codes), codes > 0
     tiles = max(metrics["tiles"], 1)
     height, width = codes.shape
-    alike = max(int((road == other).sum()) for other in (road[::-1], road[:, ::-1], road[::-1, ::-1]))
+    alike = max(
+        int((road == other).sum()) for other in (road[::-1], road[:, ::-1], road[::-1, ::-1])
+    )
     some = bool(road.any())
     return {
         "loops_per_tile": 1000 * metrics["cyclomatic"] // tiles,
@@ -121,7 +123,9 @@ def _squared_runs(straight: _Cells) -> int:
 
 def _count_faces(east_links: _Cells, south_links: _Cells) -> tuple[int, int]:
     """Counts the inner faces and the bridges, see `elitelanes_jax.network._faces`."""
-    corners = np.arange((east_links.shape[0] + 1) * (south_links.shape[1] + 1)).reshape(-1, south_links.shape[1] + 1)
+    corners = np.arange((east_links.shape[0] + 1) * (south_links.shape[1] + 1)).reshape(
+        -1, south_links.shape[1] + 1
+    )
     # A link to the east separates the corners north and south of it, a link to the south the
     # corners west and east.
     down, right = np.ones(corners[1:].shape, bool), np.ones(corners[:, 1:].shape, bool)

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 class Metrics(NamedTuple):
     """The metrics of one network, int32 scalars, `coverage` a float32; or arrays ``[...]`` of many networks.
 
-    The graph's nodes are the non-empty tiles, its edges the links: neighbouring tiles that both connect to each other.
-    A connection that the neighbour does not return, or that leaves the grid, is unmatched. Letters are the paper's
-    (section "Evaluation Metrics").
+    The graph's nodes are the non-empty tiles, its edges the links: neighbouring tiles that both
+    connect to each other. A connection that the neighbour does not return, or that leaves the grid,
+    is unmatched. Letters are the paper's (section "Evaluation Metrics").
 
     Attributes:
       components: connected components (CO).
@@ -27,19 +27,23 @@ class Metrics(NamedTuple):
       bridges: cut-edges, edges whose removal adds a component.
       crossings: tiles with three or four connections (CR).
       adjacent_crossings: linked pairs of crossings, counted from both tiles, so 2 a pair.
-      adjacent_crossing_score: sum of the connections of both tiles over linked pairs of crossings (ACV).
+      adjacent_crossing_score: sum of the connections of both tiles over linked pairs of crossings
+        (ACV).
       adjacent_turns: pairs of turns that share a side, linked or not (AT).
-      straight_score: sum of L² over maximal runs of L straight tiles of one orientation, lined up along it (SR).
+      straight_score: sum of L² over maximal runs of L straight tiles of one orientation, lined up
+        along it (SR).
       straights: tiles with two connections on opposite sides.
       turns: tiles with two connections on adjacent sides.
-      crowded_crossings: pairs of tiles that share a side, linked or not, of which one is a crossing and the other a
-        crossing or a turn; Duckietown's rules allow none.
-      unlinked_neighbours: pairs of non-empty tiles that share a side without a link; Duckietown's rules allow none.
+      crowded_crossings: pairs of tiles that share a side, linked or not, of which one is a crossing
+        and the other a crossing or a turn; Duckietown's rules allow none.
+      unlinked_neighbours: pairs of non-empty tiles that share a side without a link; Duckietown's
+        rules allow none.
       tiles: non-empty tiles.
       empty_cells: cells with no connection.
       edges: links.
       mismatches: unmatched connections inside the grid.
-      off_alphabet: tiles whose code is not in the alphabet given to `measure`; 0 without an alphabet.
+      off_alphabet: tiles whose code is not in the alphabet given to `measure`; 0 without an
+        alphabet.
       coverage: tiles / all cells, in [0, 1] (CV).
     """
 
@@ -74,9 +78,16 @@ def largest_metrics(shape: tuple[int, int]) -> dict[str, int]:
     height, width = shape
     area, pairs = height * width, 2 * height * width - height - width
     most = dict.fromkeys(METRIC_NAMES, area)
-    most |= dict.fromkeys(("edges", "adjacent_turns", "crowded_crossings", "unlinked_neighbours"), pairs)
-    # A pair of tiles has up to two unmatched connections. A pair of crossings counts twice, and scores at most eight.
-    most |= {"mismatches": 2 * pairs, "adjacent_crossings": 2 * pairs, "adjacent_crossing_score": 8 * pairs}
+    most |= dict.fromkeys(
+        ("edges", "adjacent_turns", "crowded_crossings", "unlinked_neighbours"), pairs
+    )
+    # A pair of tiles has up to two unmatched connections. A pair of crossings counts twice, and
+    # scores at most eight.
+    most |= {
+        "mismatches": 2 * pairs,
+        "adjacent_crossings": 2 * pairs,
+        "adjacent_crossing_score": 8 * pairs,
+    }
     most |= {"bridges": area - 1, "cyclomatic": (height - 1) * (width - 1)}
     # One run in each row or column scores L².
     most |= {"boundary_violations": cells_on_border(shape), "straight_score": max(shape) * area}
@@ -86,8 +97,8 @@ def largest_metrics(shape: tuple[int, int]) -> dict[str, int]:
 class Weights(NamedTuple):
     """The amount that one unit of each metric adds to the fitness: integers; negative ones reward.
 
-    The default is the paper's equation (section "Fitness Function"), with a(x) read as adjacent crossings and b(x) as
-    bridges. `jax.vmap` may map over arrays of weights.
+    The default is the paper's equation (section "Fitness Function"), with a(x) read as adjacent
+    crossings and b(x) as bridges. `jax.vmap` may map over arrays of weights.
 
     Attributes:
       components: for each component beyond the first.
@@ -120,8 +131,8 @@ class Weights(NamedTuple):
 def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> Weights:
     """Checks weights; returns them as ints.
 
-    Raises `InputError` if one is not a whole number, or the fitness of a grid of the shape might not fit int32 together
-    with ranges and other features, which add at most `more` in size.
+    Raises `InputError` if one is not a whole number, or the fitness of a grid of the shape might
+    not fit int32 together with ranges and other features, which add at most `more` in size.
     """
     if not isinstance(weights, Weights):
         raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
@@ -143,7 +154,11 @@ def largest_side(weights: Weights, more: int = 0) -> int:
 
     Ranges and other features add at most `more` in size.
     """
-    fits = [side for side in range(2, LONGEST_SIDE + 1) if _largest_fitness(weights, (side, side)) + more < 2**31]
+    fits = [
+        side
+        for side in range(2, LONGEST_SIDE + 1)
+        if _largest_fitness(weights, (side, side)) + more < 2**31
+    ]
     return max(fits, default=0)
 
 
@@ -162,10 +177,10 @@ LONGEST_DETOUR = 32
 class TownFeatures(NamedTuple):
     """The features of one town, int32 scalars, or arrays ``[...]`` of many.
 
-    Only `box_share` depends on the size of the grid around the town. Parts of 1 and ratios are in thousandths, rounded
-    down. A mean or part of nothing is 0. Areas are in squares of a tile between the middles of roads, so that the block
-    around one cell has 4. A street is the road from a crossing or dead end to the next; a ring without either is one
-    street.
+    Only `box_share` depends on the size of the grid around the town. Parts of 1 and ratios are in
+    thousandths, rounded down. A mean or part of nothing is 0. Areas are in squares of a tile
+    between the middles of roads, so that the block around one cell has 4. A street is the road from
+    a crossing or dead end to the next; a ring without either is one street.
 
     Attributes:
       crossings3: tiles with three connections.
@@ -173,8 +188,10 @@ class TownFeatures(NamedTuple):
       largest_block: area of the largest block, an inner face of the network.
       smallest_block: area of the smallest block.
       mean_block: mean area of the blocks, a ratio.
-      block_spread: mean difference between a block's area and the mean area, a ratio to the mean area.
-      small_blocks: part of the blocks that have an area of at most 4, such as those around one cell.
+      block_spread: mean difference between a block's area and the mean area, a ratio to the mean
+        area.
+      small_blocks: part of the blocks that have an area of at most 4, such as those around one
+        cell.
       loops_per_tile: cyclomatic number / tiles, a ratio.
       longest_street: links of the longest street.
       shortest_street: links of the shortest street.
@@ -183,13 +200,14 @@ class TownFeatures(NamedTuple):
       box_fill: part of the smallest box around the town that has tiles.
       box_share: part of the grid that the smallest box around the town covers.
       box_length: longer side / shorter side of the smallest box around the town, a ratio.
-      symmetry: part of the cells of the smallest box around the town that agree (both tiles or both empty) with its
-        most similar image: mirrored either way, or rotated by half a turn.
+      symmetry: part of the cells of the smallest box around the town that agree (both tiles or both
+        empty) with its most similar image: mirrored either way, or rotated by half a turn.
       repetition: part of the tiles whose neighbourhood of 3 x 3 codes equals that of another tile.
       adjacent_turns_per_tile: pairs of turns that share a side / tiles, a ratio.
-      signable: part of the crossings that have room for Duckietown's signs: no road on the four cells at their corners;
-        all if there is no crossing.
-      mean_detour: way by road / way on a full grid of streets, both summed over all pairs of linked tiles, a ratio.
+      signable: part of the crossings that have room for Duckietown's signs: no road on the four
+        cells at their corners; all if there is no crossing.
+      mean_detour: way by road / way on a full grid of streets, both summed over all pairs of linked
+        tiles, a ratio.
     """
 
     crossings3: "Int32[Array, '...']"
@@ -214,7 +232,15 @@ class TownFeatures(NamedTuple):
     mean_detour: "Int32[Array, '...']"
 
 
-TOWN_PARTS = ("small_blocks", "border_share", "box_fill", "box_share", "symmetry", "repetition", "signable")
+TOWN_PARTS = (
+    "small_blocks",
+    "border_share",
+    "box_fill",
+    "box_share",
+    "symmetry",
+    "repetition",
+    "signable",
+)
 """The features that are parts of 1, in thousandths."""
 
 TOWN_RATIOS = (
@@ -226,8 +252,14 @@ TOWN_RATIOS = (
 
 def features_without_gaps(shape: tuple[int, int]) -> dict[str, int]:
     """Returns the features that are equal on all grids ``(height, width)`` without empty cells, by name."""
-    border, length = 1000 * cells_on_border(shape) // (shape[0] * shape[1]), 1000 * max(shape) // min(shape)
-    return dict.fromkeys(("box_fill", "box_share", "symmetry"), 1000) | {"border_share": border, "box_length": length}
+    border, length = (
+        1000 * cells_on_border(shape) // (shape[0] * shape[1]),
+        1000 * max(shape) // min(shape),
+    )
+    return dict.fromkeys(("box_fill", "box_share", "symmetry"), 1000) | {
+        "border_share": border,
+        "box_length": length,
+    }
 
 
 def cells_on_border(shape: tuple[int, int]) -> int:

@@ -24,25 +24,32 @@ _NORTH, _EAST, _SOUTH, _WEST = (in_all_cells(side) for side in (NORTH, EAST, SOU
 @name_wrong_arguments
 @runs_jax
 def repair(
-    grid: AnyArray, dirty: AnyArray = None, *, raster: Numeric = False, fill: bool = False, fixed: AnyArray = None
+    grid: AnyArray,
+    dirty: AnyArray = None,
+    *,
+    raster: Numeric = False,
+    fill: bool = False,
+    fixed: AnyArray = None,
 ) -> Int8[Array, "H W"]:
     """Matches all connections of a grid and removes those across the border.
 
-    If two neighbours disagree about the link between them, the dirty one decides and the other's bit is flipped. If
-    both or neither are dirty, the link is made. All 16 codes are allowed, so flipping one side breaks no other link: a
-    single pass is exact, and the iterations of the paper's loop are not needed.
+    If two neighbours disagree about the link between them, the dirty one decides and the other's
+    bit is flipped. If both or neither are dirty, the link is made. All 16 codes are allowed, so
+    flipping one side breaks no other link: a single pass is exact, and the iterations of the
+    paper's loop are not needed.
 
     Args:
       grid: integer codes ``[H, W]``.
       dirty: bool ``[H, W]``, the tiles that decide; none by default.
-      raster: bool, whether each tile decides over its neighbours to the east and south instead. The paper's loop, which
-        goes row by row, does this if all tiles are dirty.
-      fill: whether to add connections to every tile with fewer than two, until all tiles are straights, turns or
-        crossings. A stub is continued straight ahead if the grid does not end there. Every grid at least two tiles wide
-        can be filled.
-      fixed: bool ``[H, W]``, tiles that do not change: they decide over all others, and filling adds no connection to
-        them. Their neighbours may then have fewer than two. Two fixed neighbours that disagree are linked, and a fixed
-        tile's connection across the border is removed. None by default.
+      raster: bool, whether each tile decides over its neighbours to the east and south instead. The
+        paper's loop, which goes row by row, does this if all tiles are dirty.
+      fill: whether to add connections to every tile with fewer than two, until all tiles are
+        straights, turns or crossings. A stub is continued straight ahead if the grid does not end
+        there. Every grid at least two tiles wide can be filled.
+      fixed: bool ``[H, W]``, tiles that do not change: they decide over all others, and filling
+        adds no connection to them. Their neighbours may then have fewer than two. Two fixed
+        neighbours that disagree are linked, and a fixed tile's connection across the border is
+        removed. None by default.
 
     Returns:
       int8 ``[H, W]``.
@@ -53,7 +60,9 @@ def repair(
     """
     grid = check_grid(grid)
     if fill and min(grid.shape) < 2:
-        raise InputError(f"fill: expected a grid of at least 2 x 2, got {grid.shape[0]} x {grid.shape[1]}")
+        raise InputError(
+            f"fill: expected a grid of at least 2 x 2, got {grid.shape[0]} x {grid.shape[1]}"
+        )
     dirty = np.zeros(grid.shape, bool) if dirty is None else _check_mask("dirty", dirty, grid.shape)
     fixed = None if fixed is None else _check_mask("fixed", fixed, grid.shape)
     return _repair(grid, dirty, raster, fixed, fill=fill)
@@ -82,21 +91,32 @@ def _repair(
 ) -> Int8[Array, "H W"]:
     cells = PackedCells(*grid.shape)
     rows, columns = np.indices(grid.shape)
-    room = np.where(columns < cells.width - 1, EAST, 0) | np.where(rows < cells.height - 1, SOUTH, 0)
+    room = np.where(columns < cells.width - 1, EAST, 0) | np.where(
+        rows < cells.height - 1, SOUTH, 0
+    )
     fixed = np.zeros(grid.shape, bool) if fixed is None else fixed
-    words = (cells.pack(array) for array in (materialize(grid), jnp.where(dirty, 15, 0), jnp.where(fixed, 15, 0), room))
+    words = (
+        cells.pack(array)
+        for array in (materialize(grid), jnp.where(dirty, 15, 0), jnp.where(fixed, 15, 0), room)
+    )
     all_bits = jnp.broadcast_to(jnp.where(raster, np.uint32(0xFFFFFFFF), 0), cells.words)
     return cells.unpack(_mender(cells, fill)(*words, all_bits))
 
 
 @cache
 def _mender(cells: PackedCells, fill: bool) -> Callable[..., UInt32[Array, " N"]]:
-    """Makes the repair of packed cells. It takes the grids of a batch end to end, as one long vector."""
+    """Makes the repair of packed cells.
+
+    It takes the grids of a batch end to end, as one long vector.
+    """
 
     @jax.custom_batching.custom_vmap
     def mend(grid: Array, dirty: Array, fixed: Array, room: Array, raster: Array) -> Array:
-        # A cell's east and south bits stand for its links there. These are the neighbours' bits for the same links.
-        theirs = (cells.following(grid, 1) & _WEST) << 2 | (cells.following(grid, cells.width) & _NORTH) >> 2
+        # A cell's east and south bits stand for its links there. These are the neighbours' bits for
+        # the same links.
+        theirs = (cells.following(grid, 1) & _WEST) << 2 | (
+            cells.following(grid, cells.width) & _NORTH
+        ) >> 2
         dirty_there, fixed_there = _at_other_end(cells, dirty), _at_other_end(cells, fixed)
         free = ~(fixed | fixed_there)
         wins = fixed & ~fixed_there | free & (raster | dirty & ~dirty_there)
@@ -120,17 +140,24 @@ def _at_other_end(cells: PackedCells, masks: UInt32[Array, " N"]) -> UInt32[Arra
 
 def _both_ends(cells: PackedCells, links: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
     """Returns the codes of tiles with links to the east and south."""
-    return links | (cells.preceding(links, 1) & _EAST) >> 2 | (cells.preceding(links, cells.width) & _SOUTH) << 2
+    return (
+        links
+        | (cells.preceding(links, 1) & _EAST) >> 2
+        | (cells.preceding(links, cells.width) & _SOUTH) << 2
+    )
 
 
-# The links that each stage of filling adds to cells with fewer than two connections. The first stage continues stubs
-# straight ahead; with it searches find better roads than with any other first stage. The others add links to the east,
-# to the south, and to the west and north, which the neighbours there hold.
+# The links that each stage of filling adds to cells with fewer than two connections. The first
+# stage continues stubs straight ahead; with it searches find better roads than with any other first
+# stage. The others add links to the east, to the south, and to the west and north, which the
+# neighbours there hold.
 _OWN = np.array([0, _EAST, _SOUTH, 0, 0], np.uint32)
 _NEIGHBOURS = np.array([_EAST | _SOUTH, 0, 0, _EAST, _SOUTH], np.uint32)
 
 
-def _fill(cells: PackedCells, links: UInt32[Array, " N"], room: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
+def _fill(
+    cells: PackedCells, links: UInt32[Array, " N"], room: UInt32[Array, " N"]
+) -> UInt32[Array, " N"]:
     def add(stage: Array, links: Array) -> Array:
         codes = _both_ends(cells, links)
         pairs = codes & codes >> 1 & in_all_cells(5), (codes | codes >> 1) & in_all_cells(5)
@@ -138,7 +165,10 @@ def _fill(cells: PackedCells, links: UInt32[Array, " N"], room: UInt32[Array, " 
         needy = (enough ^ in_all_cells(1)) * 15
         needy = materialize(jnp.where(stage == 0, needy & codes, needy))
         straight = jnp.where(stage == 0, (needy & _WEST) << 2 | (needy & _NORTH) >> 2, 0)
-        added = needy & jnp.asarray(_OWN)[stage] | _at_other_end(cells, needy) & jnp.asarray(_NEIGHBOURS)[stage]
+        added = (
+            needy & jnp.asarray(_OWN)[stage]
+            | _at_other_end(cells, needy) & jnp.asarray(_NEIGHBOURS)[stage]
+        )
         return links | (straight | added) & room
 
     return lax.fori_loop(0, len(_OWN), add, links)

@@ -18,14 +18,16 @@ R = TypeVar("R")
 def divide_batches(function: Callable[P, R], *, rows: Pytree = None) -> Callable[P, R]:
     """Lets each device compute its part of a batch that is sharded over a mesh with explicit axes.
 
-    The types of such arrays have their sharding, and JAX refuses many operations on sharded axes: it asks how to shard
-    the result. Here no element of a batch depends on another one, so each device needs only its own elements. XLA
-    decides about other axes, and about all axes of other meshes.
+    The types of such arrays have their sharding, and JAX refuses many operations on sharded axes:
+    it asks how to shard the result. Here no element of a batch depends on another one, so each
+    device needs only its own elements. XLA decides about other axes, and about all axes of other
+    meshes.
 
     Args:
-      function: of pytrees of arrays; `jax.vmap` makes its batches. Arguments that can only be given by name are static.
-      rows: None; or for a function whose rows, along the first axis of its arguments, do not depend on each other: the
-        axis of the rows in each result.
+      function: of pytrees of arrays; `jax.vmap` makes its batches. Arguments that can only be given
+        by name are static.
+      rows: None; or for a function whose rows, along the first axis of its arguments, do not depend
+        on each other: the axis of the rows in each result.
     """
 
     @wraps(function)
@@ -53,7 +55,8 @@ def _divided(function: Callable[..., R], rows: Pytree = None) -> Callable[..., R
     def _(_: int, batched: list[Pytree], *args: Pytree) -> tuple[Pytree, Pytree]:
         is_batched = tuple(batched)
         axes = jax.tree.map(lambda has_axis: 0 if has_axis else None, is_batched)
-        # Divided again, because another axis of the batch may be sharded over another axis of the mesh.
+        # Divided again, because another axis of the batch may be sharded over another axis of the
+        # mesh.
         batch_function = _divided(jax.vmap(function, axes))
         result = _on_shards(batch_function, args, is_batched, 0, leaves_others=True)
         return result, jax.tree.map(lambda _: True, result)
@@ -73,11 +76,17 @@ def _in_one_part(function: Callable[..., R], *args: Pytree) -> R:
 
 
 def _on_shards(
-    function: Callable[..., R], args: tuple[Pytree, ...], batched: Pytree, rows: Pytree, *, leaves_others: bool = False
+    function: Callable[..., R],
+    args: tuple[Pytree, ...],
+    batched: Pytree,
+    rows: Pytree,
+    *,
+    leaves_others: bool = False,
 ) -> R:
     """Calls a function of a batch on each device, with the device's part of the arguments that are batched.
 
-    `rows` is the axis of the batch in each result, `leaves_others` says whether the function divides a batch further.
+    `rows` is the axis of the batch in each result, `leaves_others` says whether the function
+    divides a batch further.
     """
     mesh_axis = _mesh_axis_of_batch(args, batched)
     if mesh_axis is None and leaves_others:
@@ -85,8 +94,12 @@ def _on_shards(
     if mesh_axis is None:
         return _in_one_part(function, *args)
     mesh = _explicit_mesh(args)
-    specs = jax.tree.map(lambda has_axis: PartitionSpec(mesh_axis) if has_axis else PartitionSpec(), batched)
-    sharded_args = jax.tree.map(lambda leaf, spec: jax.sharding.reshard(leaf, NamedSharding(mesh, spec)), args, specs)
+    specs = jax.tree.map(
+        lambda has_axis: PartitionSpec(mesh_axis) if has_axis else PartitionSpec(), batched
+    )
+    sharded_args = jax.tree.map(
+        lambda leaf, spec: jax.sharding.reshard(leaf, NamedSharding(mesh, spec)), args, specs
+    )
     out_specs = jax.tree.map(lambda row_axis: PartitionSpec(*[None] * row_axis, mesh_axis), rows)
     if not leaves_others:
         divided_axes = set(_explicit_axes(mesh))

@@ -22,8 +22,8 @@ _TOGETHER = 4096  # the grids whose images are in memory at once
 def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
     """Rotates a grid of codes ``[H, W]`` counter-clockwise by quarter turns, as `numpy.rot90` does.
 
-    Any whole number of turns is valid; negative ones rotate clockwise. Returns int8 ``[H, W]`` or ``[W, H]``. Raises
-    `InputError` for a bad grid.
+    Any whole number of turns is valid; negative ones rotate clockwise. Returns int8 ``[H, W]`` or
+    ``[W, H]``. Raises `InputError` for a bad grid.
     """
     grid = check_grid(grid)
     turns = check_named("quarter_turns", whole(-LARGEST, LARGEST), quarter_turns) % 4

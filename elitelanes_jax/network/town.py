@@ -28,7 +28,8 @@ def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
     Within `jax.jit` features that are not used cost no time.
 
     Args:
-      grid: integer codes ``[H, W]``, repaired or not. A connection that the neighbour does not return is no link.
+      grid: integer codes ``[H, W]``, repaired or not. A connection that the neighbour does not
+        return is no link.
       detour: whether to measure the mean detour, which takes longest; without it, it is 0.
 
     Raises:
@@ -62,7 +63,9 @@ def _measure_town(grid: Int8[Array, "H W"], *, detour: bool) -> TownFeatures:
         largest_block=areas.max(initial=0),
         smallest_block=_least(areas),
         mean_block=_thousandths(area, blocks),
-        block_spread=_thousandths(jnp.where(areas > 0, jnp.abs(areas * blocks - area), 0).sum(), blocks * area),
+        block_spread=_thousandths(
+            jnp.where(areas > 0, jnp.abs(areas * blocks - area), 0).sum(), blocks * area
+        ),
         small_blocks=_thousandths(_count((areas > 0) & (areas <= 4)), blocks),
         loops_per_tile=_thousandths(blocks, tiles),
         longest_street=lengths.max(initial=0),
@@ -74,7 +77,9 @@ def _measure_town(grid: Int8[Array, "H W"], *, detour: bool) -> TownFeatures:
         box_length=_thousandths(jnp.maximum(height, width), jnp.minimum(height, width)),
         symmetry=_thousandths(_most_alike(tile, box), height * width),
         repetition=_thousandths(_repeated(grid), tiles),
-        adjacent_turns_per_tile=_thousandths(_count(turn[:, :-1] & turn[:, 1:]) + _count(turn[:-1] & turn[1:]), tiles),
+        adjacent_turns_per_tile=_thousandths(
+            _count(turn[:, :-1] & turn[:, 1:]) + _count(turn[:-1] & turn[1:]), tiles
+        ),
         signable=_signable(tile, east, south),
         mean_detour=_detour(east, south) if detour else jnp.int32(0),
     )
@@ -99,15 +104,24 @@ def _thousandths(part: Int[Array, ""], whole: Int[Array, ""]) -> Int32[Array, ""
     return result.astype(jnp.int32)
 
 
-def _label_faces(layout: PaddedLayout, east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> UInt[Array, " padded"]:
+def _label_faces(
+    layout: PaddedLayout, east: Bool[Array, "H w"], south: Bool[Array, "h W"]
+) -> UInt[Array, " padded"]:
     """Labels the faces of a grid that has these links."""
     east, south = east.astype(jnp.int8), south.astype(jnp.int8)
     west, north = jnp.pad(east, ((0, 0), (1, 0))) * WEST, jnp.pad(south, ((1, 0), (0, 0))) * NORTH
-    codes = jnp.pad(east, ((0, 0), (0, 1))) * EAST | jnp.pad(south, ((0, 1), (0, 0))) * SOUTH | west | north
+    codes = (
+        jnp.pad(east, ((0, 0), (0, 1))) * EAST
+        | jnp.pad(south, ((0, 1), (0, 0))) * SOUTH
+        | west
+        | north
+    )
     return label_faces(layout, layout.pad(codes))
 
 
-def _block_areas(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
+def _block_areas(
+    east: Bool[Array, "H w"], south: Bool[Array, "h W"]
+) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
     """Returns the area of each inner face, 0 for labels without a face, and the number of inner faces."""
     layout = PaddedLayout(east.shape[0], south.shape[1])
     labels = _label_faces(layout, east, south)
@@ -115,23 +129,31 @@ def _block_areas(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[I
     return areas, _count(areas > 0)
 
 
-def _street_lengths(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
+def _street_lengths(
+    east: Bool[Array, "H w"], south: Bool[Array, "h W"]
+) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
     """Returns the number of links of each street, 0 for labels without a street, and the number of streets."""
     height, width = east.shape[0], south.shape[1]
     to_east, to_south = east.astype(jnp.int8), south.astype(jnp.int8)
     links = jnp.zeros((height, width), jnp.int8).at[:, :-1].add(to_east).at[:, 1:].add(to_east)
     links = links.at[:-1].add(to_south).at[1:].add(to_south)
     passed = links == 2
-    # Tiles that a road passes through are the corners of a larger grid, with walls where no road continues. A street is
-    # a face of this grid.
+    # Tiles that a road passes through are the corners of a larger grid, with walls where no road
+    # continues. A street is a face of this grid.
     layout = PaddedLayout(height + 1, width + 1)
     across = jnp.pad(~(south & passed[:-1] & passed[1:]), ((1, 1), (0, 0)), constant_values=True)
-    upright = jnp.pad(~(east & passed[:, :-1] & passed[:, 1:]), ((0, 0), (1, 1)), constant_values=True)
+    upright = jnp.pad(
+        ~(east & passed[:, :-1] & passed[:, 1:]), ((0, 0), (1, 1)), constant_values=True
+    )
     labels = _label_faces(layout, across, upright)
     street = layout.unpad(layout.here(labels))[:height, :width]
-    # Half of each link is counted at either end, in the street of the tile there. A link between two tiles that no road
-    # passes through is a street of its own.
-    halves = jnp.zeros(labels.size, jnp.int32).at[street.reshape(-1)].add(jnp.where(passed, 2, 0).reshape(-1))
+    # Half of each link is counted at either end, in the street of the tile there. A link between
+    # two tiles that no road passes through is a street of its own.
+    halves = (
+        jnp.zeros(labels.size, jnp.int32)
+        .at[street.reshape(-1)]
+        .add(jnp.where(passed, 2, 0).reshape(-1))
+    )
     direct = []
     for link, one, other in ((east, np.s_[:, :-1], np.s_[:, 1:]), (south, np.s_[:-1], np.s_[1:])):
         first, second = passed[one], passed[other]
@@ -142,21 +164,34 @@ def _street_lengths(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tupl
     return lengths, _count(lengths > 0)
 
 
-def _box(tile: Bool[Array, "H W"]) -> tuple[tuple[Array, Array, Array, Array], Int32[Array, ""], Int32[Array, ""]]:
+def _box(
+    tile: Bool[Array, "H W"],
+) -> tuple[tuple[Array, Array, Array, Array], Int32[Array, ""], Int32[Array, ""]]:
     """Returns the first and last row and column with tiles, and the box's height and width, 0 without tiles."""
     ends = []
     for cells in (tile.any(axis=1), tile.any(axis=0)):
-        ends += [cells.argmax().astype(jnp.int32), (cells.size - 1 - cells[::-1].argmax()).astype(jnp.int32)]
+        ends += [
+            cells.argmax().astype(jnp.int32),
+            (cells.size - 1 - cells[::-1].argmax()).astype(jnp.int32),
+        ]
     some = tile.any()
     north, south, west, east = ends
-    return (north, south, west, east), jnp.where(some, south - north + 1, 0), jnp.where(some, east - west + 1, 0)
+    return (
+        (north, south, west, east),
+        jnp.where(some, south - north + 1, 0),
+        jnp.where(some, east - west + 1, 0),
+    )
 
 
-def _most_alike(tile: Bool[Array, "H W"], box: tuple[Array, Array, Array, Array]) -> Int32[Array, ""]:
+def _most_alike(
+    tile: Bool[Array, "H W"], box: tuple[Array, Array, Array, Array]
+) -> Int32[Array, ""]:
     """Returns the largest number of cells of the box that agree with a mirror image or half turn of it."""
     north, south, west, east = box
     rows, columns = np.arange(tile.shape[0]), np.arange(tile.shape[1])
-    inside = ((rows >= north) & (rows <= south))[:, None] & ((columns >= west) & (columns <= east))[None]
+    inside = ((rows >= north) & (rows <= south))[:, None] & ((columns >= west) & (columns <= east))[
+        None
+    ]
     back_rows = jnp.clip(north + south - rows, 0, tile.shape[0] - 1)
     back_columns = jnp.clip(west + east - columns, 0, tile.shape[1] - 1)
     flipped, mirrored = tile[back_rows], tile[:, back_columns]
@@ -169,21 +204,30 @@ def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
     """Counts the tiles whose neighbourhood of 3 x 3 cells equals that of another tile; outside, cells are empty."""
     height, width = grid.shape
     padded = jnp.pad(grid, 1).astype(jnp.uint32)
-    around = [padded[row : row + height, column : column + width] for row in range(3) for column in range(3)]
+    around = [
+        padded[row : row + height, column : column + width]
+        for row in range(3)
+        for column in range(3)
+    ]
     first = sum(cells << 4 * index for index, cells in enumerate(around[:8])).reshape(-1)  # type: ignore[union-attr]
     last, tile = around[8].reshape(-1), grid.reshape(-1) > 0
     same = (first[:, None] == first[None]) & (last[:, None] == last[None]) & tile[None]
     return _count(tile & (same.sum(axis=1) > 1))
 
 
-def _signable(tile: Bool[Array, "H W"], east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array, ""]:
+def _signable(
+    tile: Bool[Array, "H W"], east: Bool[Array, "H w"], south: Bool[Array, "h W"]
+) -> Int32[Array, ""]:
     """Returns the part of the crossings without a road at a corner, in thousandths."""
     height, width = tile.shape
     east, south = east.astype(jnp.int8), south.astype(jnp.int8)
     links = jnp.pad(east, ((0, 0), (0, 1))) + jnp.pad(east, ((0, 0), (1, 0)))
     links += jnp.pad(south, ((0, 1), (0, 0))) + jnp.pad(south, ((1, 0), (0, 0)))
     around = jnp.pad(tile, 1)
-    corners = [around[1 + down : 1 + down + height, 1 + right : 1 + right + width] for down, right in CORNERS]
+    corners = [
+        around[1 + down : 1 + down + height, 1 + right : 1 + right + width]
+        for down, right in CORNERS
+    ]
     crossing = links > 2
     crossings = _count(crossing)
     free = crossing & ~(corners[0] | corners[1] | corners[2] | corners[3])
@@ -206,9 +250,12 @@ def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array,
         new = _count(further) - _count(reached)
         return further, ways + new * length, length + 1, new > 0
 
-    zero = _count(east) * 0  # so that inside `jax.shard_map` the loop belongs to the same devices as the links
+    # So that inside `jax.shard_map` the loop belongs to the same devices as the links.
+    zero = _count(east) * 0
     carry = (start | (zero > 0), zero, zero + 1, zero == 0)
     reached, ways, *_ = lax.while_loop(lambda carry: carry[3], once, carry)
     rows, columns = np.divmod(np.arange(cells), width)
     straight = np.abs(rows[:, None] - rows) + np.abs(columns[:, None] - columns)
-    return _thousandths(ways, jnp.where(reached.reshape(cells, cells), straight, 0).sum(dtype=jnp.int32))
+    return _thousandths(
+        ways, jnp.where(reached.reshape(cells, cells), straight, 0).sum(dtype=jnp.int32)
+    )

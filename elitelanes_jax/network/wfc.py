@@ -1,12 +1,14 @@
 """Wave Function Collapse (paper, section "Wave Function Collapse for Road Networks"), in NumPy alone.
 
-Each cell has a domain: the codes that it may still take, as the bits of a number. In each step the cell with the
-smallest domain takes one of its codes at random. Codes that no longer fit are removed from the neighbours' domains, and
-so on outwards. An empty domain is a contradiction: the grid starts again.
+Each cell has a domain: the codes that it may still take, as the bits of a number. In each step the
+cell with the smallest domain takes one of its codes at random. Codes that no longer fit are removed
+from the neighbours' domains, and so on outwards. An empty domain is a contradiction: the grid
+starts again.
 
-Many grids are collapsed together, with their cells end to end in one vector. Guard cells, whose domain never changes,
-surround each grid, so that a neighbour is a shift and nothing passes from grid to grid. A table with an entry for each
-of the 2**(K + 1) domains has the codes that a domain allows its neighbour.
+Many grids are collapsed together, with their cells end to end in one vector. Guard cells, whose
+domain never changes, surround each grid, so that a neighbour is a shift and nothing passes from
+grid to grid. A table with an entry for each of the 2**(K + 1) domains has the codes that a domain
+allows its neighbour.
 """
 
 from functools import lru_cache
@@ -32,8 +34,8 @@ class Collapsed(NamedTuple):
       grid: int8 ``[n, H, W]``; zeros without success.
       success: bool ``[n]``, whether all cells took a code without a contradiction.
       attempts: int ``[n]``, the number of attempts, the successful one included.
-      solvable: bool, False if the constraints alone leave a cell without any code: then no attempt is made. True does
-        not guarantee a solution.
+      solvable: bool, False if the constraints alone leave a cell without any code: then no attempt
+        is made. True does not guarantee a solution.
     """
 
     grid: NDArray[np.int8]
@@ -61,7 +63,8 @@ def generate_batch(
       alphabet: the codes that cells may take.
       border: "open" lets roads leave the grid, as in the paper; "closed" does not.
       crossing_ban: whether two crossings may not be linked, as in the paper.
-      attempts: the largest number of attempts at each grid. A contradiction in the last one is a result, not an error.
+      attempts: the largest number of attempts at each grid. A contradiction in the last one is a
+        result, not an error.
 
     Returns:
       A `Collapsed`. In a grid with success all connections within the grid are matched.
@@ -108,15 +111,23 @@ def generate_batch(
             again = np.setdiff1d(contradicted, given_up)
             tries[alive[again]] += 1
             by_grid[again] = start
-            alive, cells = np.delete(alive, given_up), np.delete(by_grid, given_up, axis=0).reshape(-1)
+            alive, cells = (
+                np.delete(alive, given_up),
+                np.delete(by_grid, given_up, axis=0).reshape(-1),
+            )
     return Collapsed(grids, success, tries, solvable=True)
 
 
 class _Rules(NamedTuple):
-    """Tables by domain. Bit i of a domain is the alphabet's code i, the highest bit a guard cell."""
+    """Tables by domain.
+
+    Bit i of a domain is the alphabet's code i, the highest bit a guard cell.
+    """
 
     guard: int  # the domain of a guard cell
-    allowed: Domains  # int32 [4, domains], what is left of the domain of the neighbour to the north, east, south, west
+    # int32 [4, domains], what is left of the domain of the neighbour to the north, east, south,
+    # west.
+    allowed: Domains
     options: NDArray[np.int8]  # [domains], the number of codes
     # [domains], the number of codes times 2**16; the largest value if there is nothing to choose.
     urgency: NDArray[np.uint32]
@@ -138,7 +149,8 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
         beside_guard = ~returns | (border == "open")
         may = np.vstack([fits, beside_guard]) @ (1 << bits[:-1])
         allowed[direction] = np.bitwise_or.reduce(held * may, axis=1)
-    allowed |= guard  # guard cells are never removed, so that a contradiction does not pass to another grid
+    # Guard cells are never removed, so that a contradiction does not pass to another grid.
+    allowed |= guard
     held = held[:, :-1]
     options = held.sum(axis=1).astype(np.int8)
     options[guard:] = 0
@@ -155,14 +167,19 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
 
 @lru_cache(maxsize=8)
 def _inside(shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Returns which cells of a framed grid are no guards. Guards are the rows above and below, and a cell per row."""
+    """Returns which cells of a framed grid are no guards.
+
+    Guards are the rows above and below, and a cell per row.
+    """
     frame = np.zeros((shape[0] + 2, shape[1] + 1), bool)
     frame[1:-1, :-1] = True
     return frame.reshape(-1)
 
 
 @lru_cache(maxsize=8)
-def _start(alphabet: tuple[int, ...], border: Border, crossing_ban: bool, shape: tuple[int, int]) -> Domains | None:
+def _start(
+    alphabet: tuple[int, ...], border: Border, crossing_ban: bool, shape: tuple[int, int]
+) -> Domains | None:
     """Returns the domains of a framed grid before any cell is chosen, or None if one is empty."""
     rules, stride = _rules(alphabet, border, crossing_ban), shape[1] + 1
     frame = np.where(_inside(shape), rules.guard - 1, rules.guard).astype(np.int32)
@@ -172,7 +189,9 @@ def _start(alphabet: tuple[int, ...], border: Border, crossing_ban: bool, shape:
     return start if start.all() else None
 
 
-def _propagate(rules: _Rules, cells: Domains, changed: NDArray[np.int_], stride: int) -> NDArray[np.int_]:
+def _propagate(
+    rules: _Rules, cells: Domains, changed: NDArray[np.int_], stride: int
+) -> NDArray[np.int_]:
     """Removes, in place, the codes that changed cells no longer allow; returns the cells with empty domains."""
     steps = np.array([[-stride], [1], [stride], [-1]])
     empty = [changed[:0]]

@@ -19,8 +19,8 @@ _Tree = TypeVar("_Tree", bound=Pytree)
 UNIT = 4096
 """The whole number that stands for 1 in fixed-point numbers.
 
-Other machines and batches fuse and order float operations differently, which changes the last bits. Sums and products
-of whole numbers are always the same.
+Other machines and batches fuse and order float operations differently, which changes the last bits.
+Sums and products of whole numbers are always the same.
 """
 
 
@@ -37,8 +37,8 @@ def multiply(value: Int32[Array, "..."], factor: Int32[Array, "..."]) -> Int32[A
 def materialize(array: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
     """Returns an array of numbers unchanged, and makes XLA compute it once and store it.
 
-    Otherwise XLA on a CPU computes a value again for each of its uses, and in a shift for each tile. On other devices
-    this is a barrier: without it, steps on a GPU take 1.2 times as long.
+    Otherwise XLA on a CPU computes a value again for each of its uses, and in a shift for each
+    tile. On other devices this is a barrier: without it, steps on a GPU take 1.2 times as long.
     """
     array = jnp.asarray(array)
     return _materialize.bind(array) if array.size else array
@@ -47,8 +47,9 @@ def materialize(array: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."
 def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     """Passes an array through a loop, because the input of a loop is stored.
 
-    This loop has no round (or one that changes nothing), which XLA cannot know. It reads and writes one number, so that
-    it hardly adds to the program. On a GPU each look at the condition would wait for the processor.
+    This loop has no round (or one that changes nothing), which XLA cannot know. It reads and writes
+    one number, so that it hardly adds to the program. On a GPU each look at the condition would
+    wait for the processor.
     """
     if not array.size:
         return array
@@ -60,7 +61,9 @@ def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
 
     def body(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         done, array = carry
-        new = lax.select(lax.broadcast(done, (1,) * array.ndim), np.full((1,) * array.ndim, most), first(array))
+        new = lax.select(
+            lax.broadcast(done, (1,) * array.ndim), np.full((1,) * array.ndim, most), first(array)
+        )
         return jnp.array(True), lax.dynamic_update_slice(array, new, (0,) * array.ndim)
 
     def again(carry: tuple[Array, Array]) -> Array:
@@ -69,12 +72,18 @@ def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     return lax.while_loop(again, body, (jnp.array(False), array))[1]
 
 
-# A primitive, because a function with its own rule for batches is traced at each use, and once more in each `vmap`.
+# A primitive, because a function with its own rule for batches is traced at each use, and once more
+# in each `vmap`.
 _materialize = Primitive("materialize")
 _materialize.def_impl(lambda array: array)
 _materialize.def_abstract_eval(lambda array: array)
-batching.primitive_batchers[_materialize] = lambda arrays, axes: (_materialize.bind(*arrays), axes[0])
-mlir.register_lowering(_materialize, mlir.lower_fun(lax.optimization_barrier, multiple_results=False))
+batching.primitive_batchers[_materialize] = lambda arrays, axes: (
+    _materialize.bind(*arrays),
+    axes[0],
+)
+mlir.register_lowering(
+    _materialize, mlir.lower_fun(lax.optimization_barrier, multiple_results=False)
+)
 mlir.register_lowering(_materialize, mlir.lower_fun(_store, multiple_results=False), platform="cpu")
 
 
@@ -93,14 +102,19 @@ def once(compute: Callable[[], _Tree]) -> _Tree:
     taken = jax.lax.platform_dependent(
         cpu=lambda: jax.lax.optimization_barrier(jnp.bool_(True)), default=lambda: jnp.bool_(True)
     )
-    return jax.lax.cond(taken, compute, lambda: jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), shapes))
+    return jax.lax.cond(
+        taken, compute, lambda: jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), shapes)
+    )
 
 
-def run_if(condition: Bool[Array, ""], compute: Callable[[Bool[Array, ""], _Carry], _Carry], carry: _Carry) -> _Carry:
+def run_if(
+    condition: Bool[Array, ""], compute: Callable[[Bool[Array, ""], _Carry], _Carry], carry: _Carry
+) -> _Carry:
     """Returns ``compute(True, carry)`` if a condition holds, otherwise `carry` without computing.
 
-    A loop of at most one round. `jax.lax.cond` would copy the carry, and under `jax.vmap` always compute. The first
-    argument of `compute` is a traced True: what depends on it cannot be moved out of the loop.
+    A loop of at most one round. `jax.lax.cond` would copy the carry, and under `jax.vmap` always
+    compute. The first argument of `compute` is a traced True: what depends on it cannot be moved
+    out of the loop.
     """
 
     def body(loop: tuple[Array, _Carry]) -> tuple[Array, _Carry]:
@@ -112,10 +126,14 @@ def run_if(condition: Bool[Array, ""], compute: Callable[[Bool[Array, ""], _Carr
 def align(*arrays: AnyArray) -> tuple[AnyArray, ...]:
     """Returns arrays with equally many axes: leading axes of length 1 are added, except to scalars.
 
-    NumPy's rules for broadcasting do the same, but a setting of JAX, `jax_numpy_rank_promotion`, may forbid it.
+    NumPy's rules for broadcasting do the same, but a setting of JAX, `jax_numpy_rank_promotion`,
+    may forbid it.
     """
     axes = max(array.ndim for array in arrays)
-    return tuple(array.reshape(*(1,) * (axes - array.ndim), *array.shape) if array.ndim else array for array in arrays)
+    return tuple(
+        array.reshape(*(1,) * (axes - array.ndim), *array.shape) if array.ndim else array
+        for array in arrays
+    )
 
 
 def batch_all(axis_size: int, batched: Sequence[bool], arrays: Sequence[Array]) -> list[Array]:
@@ -129,9 +147,14 @@ def batch_all(axis_size: int, batched: Sequence[bool], arrays: Sequence[Array]) 
 def take(
     table: Shaped[Array | np.ndarray, "N ..."], indices: Integer[Array | np.ndarray, "..."]
 ) -> Shaped[Array, "..."]:
-    """Returns the rows of a table at indices, each in [0, N). Indexing would compile checks of their range."""
+    """Returns the rows of a table at indices, each in [0, N).
+
+    Indexing would compile checks of their range.
+    """
     table = jnp.asarray(table)
-    rows = lax.GatherDimensionNumbers(tuple(range(indices.ndim, indices.ndim + table.ndim - 1)), (0,), (0,))
+    rows = lax.GatherDimensionNumbers(
+        tuple(range(indices.ndim, indices.ndim + table.ndim - 1)), (0,), (0,)
+    )
     places = lax.expand_dims(indices, (indices.ndim,))
     return lax.gather(table, places, rows, (1, *table.shape[1:]), mode="promise_in_bounds")
 
@@ -140,8 +163,8 @@ def take(
 def lookup(values: Shaped[Array, " N"], indices: Int[Array, "..."]) -> Shaped[Array, "..."]:
     """Returns the values at indices, each in [0, N).
 
-    A batch of vectors is looked up as one long vector, because otherwise XLA computes the index within the batch again
-    for each value.
+    A batch of vectors is looked up as one long vector, because otherwise XLA computes the index
+    within the batch again for each value.
     """
     return take(values, indices)
 
@@ -149,7 +172,10 @@ def lookup(values: Shaped[Array, " N"], indices: Int[Array, "..."]) -> Shaped[Ar
 @lookup.def_vmap
 def _(axis_size: int, batched: list[bool], values: Array, indices: Array) -> tuple[Array, bool]:
     values, indices = batch_all(axis_size, batched, (values, indices))
-    first = np.arange(axis_size, dtype=indices.dtype).reshape(-1, *(1,) * (indices.ndim - 1)) * values.shape[1]
+    first = (
+        np.arange(axis_size, dtype=indices.dtype).reshape(-1, *(1,) * (indices.ndim - 1))
+        * values.shape[1]
+    )
     return lookup(values.reshape(-1), indices + first), True
 
 
@@ -164,8 +190,9 @@ class PaddedLayout(NamedTuple):
         e f g h .
         . . . . .
 
-    `pad` makes the padded vector of a grid. `here`, `east`, `west`, `south` and `north` return the values that each
-    tile sees there: vectors of length `size` = height x `stride`, guard cells included.
+    `pad` makes the padded vector of a grid. `here`, `east`, `west`, `south` and `north` return the
+    values that each tile sees there: vectors of length `size` = height x `stride`, guard cells
+    included.
     """
 
     height: int
@@ -180,7 +207,8 @@ class PaddedLayout(NamedTuple):
         return self.height * self.stride
 
     def pad(self, grid: Shaped[Array | np.ndarray, "H W"]) -> Shaped[Array, " padded"]:
-        # Stored, because otherwise XLA pads again for each use, and divides to find the row of each index.
+        # Stored, because otherwise XLA pads again for each use, and divides to find the row of each
+        # index.
         return materialize(jnp.pad(grid, ((1, 1), (0, 1)))).reshape(-1)
 
     def unpad(self, vector: Shaped[Array, " size"]) -> Shaped[Array, "H W"]:
@@ -213,9 +241,10 @@ _SHIFTS = np.arange(_CELLS, dtype=np.uint32)[None] * _BITS
 class PackedCells(NamedTuple):
     """The layout of a grid with eight cells in a word, four bits each: the bits of a code, or masks of sides.
 
-    The cells form one long vector, row by row. After the last row there are empty cells, at least one more than a row
-    has. Many grids can then be joined to one vector, every neighbour is a shift of it, and what a shift brings in from
-    the next grid is empty. A step on all cells takes a few operations on few words.
+    The cells form one long vector, row by row. After the last row there are empty cells, at least
+    one more than a row has. Many grids can then be joined to one vector, every neighbour is a shift
+    of it, and what a shift brings in from the next grid is empty. A step on all cells takes a few
+    operations on few words.
     """
 
     height: int
@@ -239,7 +268,9 @@ class PackedCells(NamedTuple):
         """Returns for each cell the cell that many positions later, of one grid or of several joined grids."""
         step, bits = divmod(cells * _BITS, 32)
         ahead = jnp.pad(words, (0, step + 1))
-        near, far = (lax.slice_in_dim(ahead, start, start + words.size) for start in (step, step + 1))
+        near, far = (
+            lax.slice_in_dim(ahead, start, start + words.size) for start in (step, step + 1)
+        )
         return near >> bits | far << (32 - bits) if bits else near
 
     def preceding(self, words: UInt32[Array, " M"], cells: int) -> UInt32[Array, " M"]:

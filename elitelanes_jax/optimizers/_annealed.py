@@ -1,9 +1,10 @@
 """The tuned EA, PSO and GWO: annealed chains on islands. They differ in the mates whose blocks a chain copies.
 
-In the EA a chain is a parent with one offspring a step, and its mate is any grid of its island. The swarms move through
-the space of networks instead of a space of real numbers: a pull towards a good position copies a block of that grid,
-and a particle moves by itself with any other move (Clerc, "Discrete particle swarm optimization", 2004, does so with
-permutations). Grids are not sampled, so that a grid near an optimum can come nearer.
+In the EA a chain is a parent with one offspring a step, and its mate is any grid of its island. The
+swarms move through the space of networks instead of a space of real numbers: a pull towards a good
+position copies a block of that grid, and a particle moves by itself with any other move (Clerc,
+"Discrete particle swarm optimization", 2004, does so with permutations). Grids are not sampled, so
+that a grid near an optimum can come nearer.
 """
 
 from collections.abc import Callable
@@ -45,7 +46,8 @@ class AnnealedPsoConfig(Record):
     Attributes:
       annealing: options of the particles; each knows the particles of its island.
       cognitive: probability that a particle is pulled towards its own best position.
-      social: probability that it is pulled towards the best position of its island. Otherwise it moves by itself.
+      social: probability that it is pulled towards the best position of its island. Otherwise it
+        moves by itself.
     """
 
     annealing: AnnealingConfig = nested(AnnealingConfig())
@@ -56,7 +58,9 @@ class AnnealedPsoConfig(Record):
         """Checks that the sum of the probabilities is at most 1."""
         one, other = self.cognitive, self.social
         if isinstance(one, float) and isinstance(other, float) and one + other > 1:
-            raise InputError(f"social: expected cognitive + social to be at most 1, got {one:g} + {other:g}")
+            raise InputError(
+                f"social: expected cognitive + social to be at most 1, got {one:g} + {other:g}"
+            )
 
 
 @pytree
@@ -66,7 +70,8 @@ class AnnealedGwoConfig(Record):
 
     Attributes:
       annealing: options of the wolves; each island is a pack.
-      leaders: the number of best positions that lead a pack: alpha, beta and so on; at most the whole pack.
+      leaders: the number of best positions that lead a pack: alpha, beta and so on; at most the
+        whole pack.
     """
 
     annealing: AnnealingConfig = nested(AnnealingConfig())
@@ -88,7 +93,10 @@ _Mates = Callable[[StepBits, AnnealedState], Int8[Array, "C H W"]]
 @name_wrong_arguments
 @runs_jax
 def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -> Optimizer:
-    """Makes the tuned EA for a problem; its elites are the chains' best grids. The default is preset `tuned`."""
+    """Makes the tuned EA for a problem; its elites are the chains' best grids.
+
+    The default is preset `tuned`.
+    """
     check_arguments(problem, config, AnnealingConfig)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
@@ -100,13 +108,19 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
 @name_wrong_arguments
 @runs_jax
 def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig()) -> Optimizer:
-    """Makes the tuned PSO for a problem; its elites are the particles' best grids. The default is preset `tuned`."""
+    """Makes the tuned PSO for a problem; its elites are the particles' best grids.
+
+    The default is preset `tuned`.
+    """
     check_arguments(problem, config, AnnealedPsoConfig)
     each = config.annealing.chains_on(problem.shape)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
         known = state.cycle_best
-        best = jnp.argmin(known.fitness.reshape(-1, each), axis=1) + np.arange(known.fitness.size // each) * each
+        best = (
+            jnp.argmin(known.fitness.reshape(-1, each), axis=1)
+            + np.arange(known.fitness.size // each) * each
+        )
         by_itself = bernoulli(bits.mate, config.cognitive)[:, None, None]
         pulled = bernoulli(bits.mate, config.cognitive + config.social)[:, None, None]
         mates = jnp.where(by_itself, known.grids, jnp.repeat(known.grids[best], each, axis=0))
@@ -118,7 +132,10 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
 @name_wrong_arguments
 @runs_jax
 def annealed_gwo(problem: Problem, config: AnnealedGwoConfig = AnnealedGwoConfig()) -> Optimizer:
-    """Makes the tuned GWO for a problem; its elites are the wolves' best grids. The default is preset `tuned`."""
+    """Makes the tuned GWO for a problem; its elites are the wolves' best grids.
+
+    The default is preset `tuned`.
+    """
     check_arguments(problem, config, AnnealedGwoConfig)
     each = config.annealing.chains_on(problem.shape)
 
@@ -126,7 +143,9 @@ def annealed_gwo(problem: Problem, config: AnnealedGwoConfig = AnnealedGwoConfig
         known = state.cycle_best
         ranking = jnp.argsort(known.fitness.reshape(-1, each), axis=1, stable=True)
         pack = np.arange(known.fitness.size) // each
-        return known.grids[ranking[pack, randint(bits.mate, jnp.minimum(config.leaders, each))] + pack * each]
+        return known.grids[
+            ranking[pack, randint(bits.mate, jnp.minimum(config.leaders, each))] + pack * each
+        ]
 
     return _make_optimizer(problem, config.annealing, mates)
 
@@ -147,7 +166,9 @@ def _make_optimizer(problem: Problem, config: AnnealingConfig, mates: _Mates) ->
         def make_child(grid: Array, mate: Array, fresh: Array, move_bits: Array) -> Array:
             varied = move.apply(move_bits, grid, mate)
             new = random_grid(problem, fresh)
-            return problem.repair(jnp.where(restart, new, varied.grid), varied.dirty, raster=restart)
+            return problem.repair(
+                jnp.where(restart, new, varied.grid), varied.dirty, raster=restart
+            )
 
         grids = jax.vmap(make_child)(chains.grids, mates(bits, state), bits.fresh, bits.move)
         children = evaluate(problem, grids)

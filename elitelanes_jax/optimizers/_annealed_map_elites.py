@@ -1,12 +1,13 @@
 """The tuned MAP-Elites: annealed chains, each of which pursues one niche, its goal, for one cycle.
 
-A penalty grows with the distance from the goal. Each cycle draws how fast: some hardly leave the goal, and some follow
-the best fitness. A cycle starts from the elite with the lowest penalised fitness, or from a random grid, and copies
-parts of other elites. Every evaluated grid is offered to the archive.
+A penalty grows with the distance from the goal. Each cycle draws how fast: some hardly leave the
+goal, and some follow the best fitness. A cycle starts from the elite with the lowest penalised
+fitness, or from a random grid, and copies parts of other elites. Every evaluated grid is offered to
+the archive.
 
-Elites descend from each other, so an archive soon holds one family of networks and loses the stepping stones to the
-other niches. Half of the chains are therefore isolated. They form groups, and a group knows only the elites that it
-found. Some of their cycles restart from random grids.
+Elites descend from each other, so an archive soon holds one family of networks and loses the
+stepping stones to the other niches. Half of the chains are therefore isolated. They form groups,
+and a group knows only the elites that it found. Some of their cycles restart from random grids.
 """
 
 from dataclasses import dataclass, replace
@@ -58,24 +59,26 @@ class AnnealedMapElitesConfig(Record):
     """Options; the defaults are the preset `tuned`. A pytree: `jax.vmap` may map over the numbers that are not static.
 
     Attributes:
-      annealing: options of the chains; each is an island of its own. Cycles do not grow; their default length is 1/32
-        of the tuned EA's first cycle.
-      bin_penalty: the most fitness that each bin of distance from the goal adds. Each cycle draws its own penalty below
-        this, all equally likely.
+      annealing: options of the chains; each is an island of its own. Cycles do not grow; their
+        default length is 1/32 of the tuned EA's first cycle.
+      bin_penalty: the most fitness that each bin of distance from the goal adds. Each cycle draws
+        its own penalty below this, all equally likely.
       restart: probability that a cycle of an isolated chain starts from a random grid.
       restart_length: the length of a restarted cycle, in usual cycles.
       vacant_probability: probability that the goal is a vacant niche, if one is reachable.
       elite_mate: probability that a mate is an elite.
-      symmetric_probability: probability that a move is also made symmetrically in a cycle from an elite, see
-        `with_symmetric_copy`.
+      symmetric_probability: probability that a move is also made symmetrically in a cycle from an
+        elite, see `with_symmetric_copy`.
       strips: whether half of the moves are `refit_strip` instead of moves drawn by weight; static.
       initial_towns_from: the least number of cells with which the chains start from grown towns
-        instead of random grids; None for never; static. On 24 x 24 tiles the moves do not lead from random grids to
-        networks without violations.
-      accept_equal: whether a grid replaces an elite of equal fitness; static. Many towns have equal fitness. Without
-        this, elites would hardly change, and cycles would start from the same elites.
-      require_feasible: whether a niche counts as vacant until its elite has no penalty, and each cycle has the whole
-        `bin_penalty`; static. Without this, cycles seldom pursue niches with infeasible elites.
+        instead of random grids; None for never; static. On 24 x 24 tiles the moves do not lead from
+        random grids to networks without violations.
+      accept_equal: whether a grid replaces an elite of equal fitness; static. Many towns have equal
+        fitness. Without this, elites would hardly change, and cycles would start from the same
+        elites.
+      require_feasible: whether a niche counts as vacant until its elite has no penalty, and each
+        cycle has the whole `bin_penalty`; static. Without this, cycles seldom pursue niches with
+        infeasible elites.
     """
 
     annealing: AnnealingConfig = nested(AnnealingConfig(chains=1, hottest=40, coldest=12))
@@ -96,17 +99,21 @@ class AnnealedMapElitesState(NamedTuple):
 
     chains: Population  # the current grids
     cycles: Cycle  # the current cycles
-    archives: Population  # one archive for each group of isolated chains, then the archive of all chains, end to end
-    cooling: Cooling  # arrays [C], the step of each chain within its cycle; -1 while no grid is evaluated
+    # One archive for each group of isolated chains, then the archive of all chains, end to end.
+    archives: Population
+    # Arrays [C], the step of each chain within its cycle; -1 while no grid is evaluated.
+    cooling: Cooling
 
 
 @name_wrong_arguments
 @runs_jax
-def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = AnnealedMapElitesConfig()) -> Optimizer:
+def annealed_map_elites(
+    problem: Problem, config: AnnealedMapElitesConfig = AnnealedMapElitesConfig()
+) -> Optimizer:
     """Makes MAP-Elites whose chains pursue niches; its elites are the archive of all chains.
 
-    The problem has at least one axis; otherwise `InputError` is raised. Niches outside an axis' target bin are stepping
-    stones. The default configuration is the preset `tuned`.
+    The problem has at least one axis; otherwise `InputError` is raised. Niches outside an axis'
+    target bin are stepping stones. The default configuration is the preset `tuned`.
     """
     check_arguments(problem, config, AnnealedMapElitesConfig)
     method = _Method(problem, config)
@@ -145,7 +152,9 @@ class _Method:
     def init(self, key: Array) -> AnnealedMapElitesState:
         return self.step(key, self.init_unevaluated(key))[0]
 
-    def step(self, key: Array, state: AnnealedMapElitesState) -> tuple[AnnealedMapElitesState, Info]:
+    def step(
+        self, key: Array, state: AnnealedMapElitesState
+    ) -> tuple[AnnealedMapElitesState, Info]:
         bits = StepBits.draw(key, self.count, self._symmetric_move(0), extra=CYCLE_BITS)
         cycle_bits, begins = CycleBits.of(bits.extra), state.cooling.begins
         cycles, first_grids, cooling = self._begin_cycles(bits, cycle_bits, begins, state)
@@ -154,9 +163,13 @@ class _Method:
         children = self._make_children(bits, temperature, begins, cycles, first_grids, mates, state)
         accepted = self._accepts(bits, temperature, cycles, state.chains, children)
         chains = select(begins | accepted, children, state.chains)
-        archives = self.groups.insert(state.archives, self.problem.niche(children.features), children)
+        archives = self.groups.insert(
+            state.archives, self.problem.niche(children.features), children
+        )
         elites = self.groups.archive_of_all(archives)
-        info = Info(elites.fitness.min(), elites.valid.sum(dtype=jnp.int32), count_refused(children))
+        info = Info(
+            elites.fitness.min(), elites.valid.sum(dtype=jnp.int32), count_refused(children)
+        )
         return AnnealedMapElitesState(chains, cycles, archives, cooling.after(grows=False)), info
 
     def elites(self, state: AnnealedMapElitesState) -> Population:
@@ -172,16 +185,26 @@ class _Method:
         return towns.at[:initial].set(grids[:initial])
 
     def _begin_cycles(
-        self, bits: StepBits, cycle_bits: CycleBits, begins: Bool[Array, " C"], state: AnnealedMapElitesState
+        self,
+        bits: StepBits,
+        cycle_bits: CycleBits,
+        begins: Bool[Array, " C"],
+        state: AnnealedMapElitesState,
     ) -> tuple[Cycle, Int8[Array, "C H W"], Cooling]:
         """Draws new cycles for the chains that begin one.
 
         Returns the cycles of all chains, the grids that the new ones start from, and the cooling.
         """
-        config, problem, archives, cooling = self.config, self.problem, state.archives, state.cooling
+        config, problem, archives, cooling = (
+            self.config,
+            self.problem,
+            state.archives,
+            state.cooling,
+        )
 
         def draw(pending: Array, before: tuple[Cycle, Array]) -> tuple[Cycle, Array]:
-            # Dependent on the loop, because otherwise XLA computes what follows before it, in every step.
+            # Dependent on the loop, because otherwise XLA computes what follows before it, in every
+            # step.
             fitness = jnp.where(pending, archives.fitness, 0)
             features = jnp.where(pending, archives.features, 0)
             fresh = jnp.where(pending, bits.fresh, 0)
@@ -202,7 +225,9 @@ class _Method:
             return cycles, select(cycles.restarts, random, take(archives.grids, cycles.start))
 
         cycles, first_grids = run_if(begins.any(), draw, (state.cycles, state.chains.grids))
-        lengths = (self.length * jnp.where(cycles.restarts, config.restart_length, 1)).astype(jnp.int32)
+        lengths = (self.length * jnp.where(cycles.restarts, config.restart_length, 1)).astype(
+            jnp.int32
+        )
         cooling = cooling._replace(length=jnp.where(begins, lengths, cooling.length))
         return cycles, first_grids, cooling
 
@@ -212,7 +237,9 @@ class _Method:
         """Draws a mate for each chain: with a probability an elite near its goal, otherwise a grid of its island."""
         each = self.config.annealing.chains_on(self.problem.shape)
         islanders = island_mates(bits.mate, state.chains.grids, each)
-        return self.groups.draw_mates(cycle_bits, cycles, state.archives, islanders, elite_mate=self.config.elite_mate)
+        return self.groups.draw_mates(
+            cycle_bits, cycles, state.archives, islanders, elite_mate=self.config.elite_mate
+        )
 
     def _temperature(self, cooling: Cooling) -> Int32[Array, " C"]:
         annealing = self.config.annealing
@@ -231,9 +258,12 @@ class _Method:
         """Varies, repairs and evaluates each chain's grid; a cycle that begins gets its first grid instead."""
         grids = state.chains.grids
         varied = self._vary(bits, temperature, cycles.restarts, grids, mates)
-        # Grids that are not evaluated are their own children, and accepted: their fitness is that of vacant slots.
+        # Grids that are not evaluated are their own children, and accepted: their fitness is that
+        # of vacant slots.
         starts = state.cooling.step < 0
-        varied = Variation(select(starts, grids, varied.grid), varied.dirty & ~starts[:, None, None])
+        varied = Variation(
+            select(starts, grids, varied.grid), varied.dirty & ~starts[:, None, None]
+        )
         in_raster_order = self.drawn & (not self.starts_from_towns)
         raster = begins & cycles.restarts | starts & in_raster_order
         repair = jax.vmap(self.problem.repair)
@@ -266,8 +296,9 @@ class _Method:
     ) -> Variation:
         """Makes a move from each chain's grid: a refitted strip for half of the chains, a random move for the others.
 
-        Chains form pairs, and the colder chain of each pair makes the strip. So every step computes each kind of move
-        for half of the chains. If each chain drew for itself, both kinds would be computed for all.
+        Chains form pairs, and the colder chain of each pair makes the strip. So every step computes
+        each kind of move for half of the chains. If each chain drew for itself, both kinds would be
+        computed for all.
         """
 
         @jax.vmap
@@ -281,13 +312,16 @@ class _Method:
         first, second, unpaired = _pairs(chains, half)
         first_temperature, second_temperature = temperature[:half], temperature[half : 2 * half]
         # A chain uses these bits only when a cycle begins, and then makes no move.
-        first_is_strip = (first_temperature < second_temperature) | (first_temperature == second_temperature) & (
-            bits.fresh[:half] & 1 > 0
-        )
+        colder = first_temperature < second_temperature
+        tie = first_temperature == second_temperature
+        first_is_strip = colder | tie & (bits.fresh[:half] & 1 > 0)
         strip_bits, _, strip_grids, _ = select(first_is_strip, first, second)
         others = concatenate(select(first_is_strip, second, first), unpaired)
-        # Without this XLA computes them for each of their uses: a step then takes 1.15 times as long.
-        refitted = materialize_variation(jax.vmap(self.strip.apply)(strip_bits[:, : self.strip.bits], strip_grids))
+        # Without this XLA computes them for each of their uses: a step then takes 1.15 times as
+        # long.
+        refitted = materialize_variation(
+            jax.vmap(self.strip.apply)(strip_bits[:, : self.strip.bits], strip_grids)
+        )
         random = materialize_variation(vary_at_random(*others))
         return jax.tree.map(partial(_unpair, first_is_strip), refitted, random)
 
@@ -297,7 +331,9 @@ def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> In
     length = config.annealing.cycle
     if length is None:
         length = max(16, config.annealing.first_cycle(shape) // 32)
-    return jnp.clip(length, 1, LONGEST_CYCLE // jnp.asarray(config.restart_length)).astype(jnp.int32)
+    return jnp.clip(length, 1, LONGEST_CYCLE // jnp.asarray(config.restart_length)).astype(
+        jnp.int32
+    )
 
 
 def _starts_from_towns(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> bool:
@@ -315,12 +351,15 @@ def _random_move(problem: Problem, config: AnnealedMapElitesConfig) -> Move:
 
 def _strip(problem: Problem) -> Move:
     """Returns the move that refits a strip."""
-    # Streets that go on find 259 instead of 221 of 416 optima at 8 x 8 B, and 144 instead of 149 of 160 at 9 x 9 A.
+    # Streets that go on find 259 instead of 221 of 416 optima at 8 x 8 B, and 144 instead of 149 of
+    # 160 at 9 x 9 A.
     straight = 0.0 if problem.fill else 0.75
     return refit_strip(empty=not problem.fill, straight=straight)
 
 
-def _pairs(chains: tuple[Array, ...], half: int) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
+def _pairs(
+    chains: tuple[Array, ...], half: int
+) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
     """Divides arrays of chains into the first and the second chains of all pairs, and the chain that is left over."""
     first = tuple(array[:half] for array in chains)
     second = tuple(array[half : 2 * half] for array in chains)

@@ -1,9 +1,10 @@
 """Annealing on islands: chains of grids that accept a worse grid with a probability that falls during each cycle.
 
-Kirkpatrick, Gelatt and Vecchi, "Optimization by simulated annealing", 1983. The chains of an island copy parts of each
-other's grids. Islands exchange nothing, so that they keep different grids. A cycle cools from hot to cold. Then all
-chains restart from random grids, and the next cycle is half as long again. So for every size of grid some cycle has
-about the right length, and the budget need not be known in advance.
+Kirkpatrick, Gelatt and Vecchi, "Optimization by simulated annealing", 1983. The chains of an island
+copy parts of each other's grids. Islands exchange nothing, so that they keep different grids. A
+cycle cools from hot to cold. Then all chains restart from random grids, and the next cycle is half
+as long again. So for every size of grid some cycle has about the right length, and the budget need
+not be known in advance.
 """
 
 from dataclasses import dataclass
@@ -24,10 +25,12 @@ from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.optimizers._mutations import Move
 from elitelanes_jax.problem.problem import Problem
 
-# Temperatures are whole sixteenths of a unit of fitness. Over 4000, the product with a random number exceeds int32.
+# Temperatures are whole sixteenths of a unit of fitness. Over 4000, the product with a random
+# number exceeds int32.
 _PARTS, _HOTTEST = 16, 4000
 
-# The options are temperatures for grids of this side. They grow with the side, like the scores of straights.
+# The options are temperatures for grids of this side. They grow with the side, like the scores of
+# straights.
 _USUAL_SIDE = 12
 
 # The number of temperatures in a cycle.
@@ -37,7 +40,10 @@ LONGEST_CYCLE = 2**22
 """The longest cycle in steps: its product with the number of temperatures fits int32."""
 
 SMALL = 64
-"""The largest number of cells of a small grid. There islands of one chain are better (experiments/search/moves.md)."""
+"""The largest number of cells of a small grid.
+
+There islands of one chain are better (experiments/search/moves.md).
+"""
 
 # The number of chains of an island on larger grids.
 _CHAINS = 4
@@ -51,13 +57,14 @@ _REFUSED = 2**30
 class AnnealingConfig(Record):
     """Options of annealing; the defaults are the tuned EA's. A pytree.
 
-    `jax.vmap` may map over `cycle` and `moves`. Temperatures are static: their table is made in double precision on the
-    host, so that it is the same on every machine.
+    `jax.vmap` may map over `cycle` and `moves`. Temperatures are static: their table is made in
+    double precision on the host, so that it is the same on every machine.
 
     Attributes:
-      population: the number of chains of all islands; each evaluates one grid a step; static, a size of arrays.
-      chains: the number of chains on each island; static. By default 4, and 1 on grids of up to 64 cells, where the
-        chains of an island soon become alike.
+      population: the number of chains of all islands; each evaluates one grid a step; static, a
+        size of arrays.
+      chains: the number of chains on each island; static. By default 4, and 1 on grids of up to 64
+        cells, where the chains of an island soon become alike.
       hottest: temperature at the start of a cycle, in units of fitness at 12 x 12; static.
       coldest: temperature at the end of a cycle, in the same units; static.
       cycle: steps of the first cycle; by default 5/32 of the square of the number of cells.
@@ -78,7 +85,9 @@ class AnnealingConfig(Record):
             expected = f"a multiple of the {chains} chains of an island"
             raise InputError(f"population: expected {expected}, got {self.population}")
         if self.coldest > self.hottest:
-            raise InputError(f"coldest: expected at most the hottest, {self.hottest}, got {self.coldest}")
+            raise InputError(
+                f"coldest: expected at most the hottest, {self.hottest}, got {self.coldest}"
+            )
 
     def chains_on(self, shape: tuple[int, int]) -> int:
         """Returns the number of chains of an island on grids of a shape."""
@@ -108,15 +117,23 @@ class Cooling(NamedTuple):
         return self.step == 0
 
     def after(self, *, grows: bool) -> "Cooling":
-        """Returns the state after one more step. If cycles grow, the next one is half as long again."""
+        """Returns the state after one more step.
+
+        If cycles grow, the next one is half as long again.
+        """
         ends = self.step + 1 >= self.length
-        longer = jnp.minimum(self.length + self.length // 2, LONGEST_CYCLE) if grows else self.length
+        longer = (
+            jnp.minimum(self.length + self.length // 2, LONGEST_CYCLE) if grows else self.length
+        )
         return Cooling(jnp.where(ends, 0, self.step + 1), jnp.where(ends, longer, self.length))
 
-    def temperature(self, hottest: int, coldest: int, shape: tuple[int, int]) -> Int32[Array, "..."]:
+    def temperature(
+        self, hottest: int, coldest: int, shape: tuple[int, int]
+    ) -> Int32[Array, "..."]:
         """Returns the temperature in sixteenths of a unit of fitness; it falls by equal factors.
 
-        `hottest` and `coldest` are those at the start and the end of a cycle, in units of fitness at 12 x 12.
+        `hottest` and `coldest` are those at the start and the end of a cycle, in units of fitness
+        at 12 x 12.
         """
         fall = (coldest / hottest) ** (np.arange(_STEPS) / (_STEPS - 1))
         table = np.rint(_PARTS * hottest * max(shape) / _USUAL_SIDE * fall)
@@ -132,13 +149,15 @@ def metropolis_accepts(
 ) -> Bool[Array, "..."]:
     """Returns whether a chain replaces a grid of fitness `before` by a grid of fitness `after`: Metropolis' rule.
 
-    A grid that is not worse is always accepted. A grid that is worse by d is accepted with probability
-    exp(-d / temperature), a refused grid only instead of another refused one. The temperature is in sixteenths of a
-    unit.
+    A grid that is not worse is always accepted. A grid that is worse by d is accepted with
+    probability exp(-d / temperature), a refused grid only instead of another refused one. The
+    temperature is in sixteenths of a unit.
     """
     if jnp.issubdtype(after.dtype, jnp.floating):
         rise = jnp.where(after == before, 0, after - before)  # refused grids are infinite
-        return rise <= temperature.astype(jnp.float32) * exponential(bits).astype(jnp.float32) / (_PARTS * UNIT)
+        return rise <= temperature.astype(jnp.float32) * exponential(bits).astype(jnp.float32) / (
+            _PARTS * UNIT
+        )
     rise = jnp.minimum(after, _REFUSED) - jnp.minimum(before, _REFUSED)
     return rise <= temperature * (exponential(bits) >> 2) >> 14
 
@@ -165,7 +184,9 @@ def problem_move(problem: Problem, weights: MoveWeights) -> Move:
     return random_move(weights, fill=problem.fill, fixed=problem.fixed)
 
 
-def island_mates(bits: UInt32[Array, " C"], grids: Int8[Array, "C H W"], chains: int) -> Int8[Array, "C H W"]:
+def island_mates(
+    bits: UInt32[Array, " C"], grids: Int8[Array, "C H W"], chains: int
+) -> Int8[Array, "C H W"]:
     """Draws a mate for each chain's grid from the same island; it may be the grid itself."""
     first = np.arange(len(grids)) // chains * chains
     return take(grids, first + randint(bits, chains))
@@ -174,13 +195,14 @@ def island_mates(bits: UInt32[Array, " C"], grids: Int8[Array, "C H W"], chains:
 def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> Int8[Array, "H W"]:
     """Makes a random grid of the problem's alphabet from 32 random bits, to be repaired in raster order.
 
-    Every step of the tuned EA makes one for each chain. It is cheap, and since all seeds of a run are one computation,
-    a branch would almost always be computed.
+    Every step of the tuned EA makes one for each chain. It is cheap, and since all seeds of a run
+    are one computation, a branch would almost always be computed.
     """
     codes = np.array(problem.alphabet, np.int8)
     cells = np.arange(problem.shape[0] * problem.shape[1], dtype=np.uint32).reshape(problem.shape)
     mixed = bits + cells * np.uint32(0x9E3779B9)
-    # The finaliser of MurmurHash3 (A. Appleby): each bit of the input and of the cell's index changes every output bit.
+    # The finaliser of MurmurHash3 (A. Appleby): each bit of the input and of the cell's index
+    # changes every output bit.
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         mixed = (mixed ^ mixed >> shift) * np.uint32(factor)
     return take(codes, randint(mixed ^ mixed >> 16, codes.size))

@@ -19,7 +19,8 @@ from elitelanes_jax.problem.problem import Problem
 GROUPS = 4
 """The number of groups of isolated chains, measured in experiments/search/moves.md."""
 
-# The number of niches from which the elite nearest to the goal becomes the mate, measured there too.
+# The number of niches from which the elite nearest to the goal becomes the mate, measured there
+# too.
 _TOURNAMENT = 8
 
 
@@ -71,7 +72,9 @@ class Groups(NamedTuple):
         first = (group * size).astype(np.int32)
         return Groups(Niches.of(problem.axes), group < GROUPS, first, GROUPS * size, accept_equal)
 
-    def insert(self, archives: Population, niche: Int32[Array, " C"], grids: Population) -> Population:
+    def insert(
+        self, archives: Population, niche: Int32[Array, " C"], grids: Population
+    ) -> Population:
         """Offers each chain's grid to the archive that the chain knows, and to the archive of all chains."""
         indices = jnp.stack([niche + self.first, niche + self.last])
         return insert(archives, indices, grids, accept_equal=self.accept_equal)
@@ -93,13 +96,16 @@ class Groups(NamedTuple):
     ) -> Cycle:
         """Draws the next cycle of each chain.
 
-        `fitness` and `filled` are those of all archives; niches that are not filled count as vacant. `restart`,
-        `vacant_probability` and `bin_penalty` are those of `AnnealedMapElitesConfig`. The penalty of each cycle is
-        drawn below `bin_penalty`, or is `bin_penalty`.
+        `fitness` and `filled` are those of all archives; niches that are not filled count as
+        vacant. `restart`, `vacant_probability` and `bin_penalty` are those of
+        `AnnealedMapElitesConfig`. The penalty of each cycle is drawn below `bin_penalty`, or is
+        `bin_penalty`.
         """
         niches = self.niches
 
-        def draw(bits: CycleBits, first: Array, isolated: Array, fitness: Array, filled: Array) -> Cycle:
+        def draw(
+            bits: CycleBits, first: Array, isolated: Array, fitness: Array, filled: Array
+        ) -> Cycle:
             known_fitness = jax.lax.dynamic_slice_in_dim(fitness, first, len(niches.bins))
             known_filled = jax.lax.dynamic_slice_in_dim(filled, first, len(niches.bins))
             restarts = isolated & bernoulli(bits.restart, restart)
@@ -125,7 +131,8 @@ class Groups(NamedTuple):
     ) -> Int8[Array, "C H W"]:
         """Draws a mate for each chain: the elite nearest to its goal among a few random niches.
 
-        With probability 1 - `elite_mate`, and where these niches are vacant, the chain gets the mate in `otherwise`.
+        With probability 1 - `elite_mate`, and where these niches are vacant, the chain gets the
+        mate in `otherwise`.
         """
         rivals = randint(bits.rivals, len(self.niches.bins))
         fitness = take(archives.fitness, rivals + self.first[:, None])

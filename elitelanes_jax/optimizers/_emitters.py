@@ -1,7 +1,7 @@
 """Emitters: the niche that is the goal of a chain for one cycle, and the penalised fitness that leads to it.
 
-A chain with a goal is an improvement emitter (Fontaine et al., "Covariance matrix adaptation for the rapid illumination
-of behavior space", 2020) that anneals instead of adapting a distribution.
+A chain with a goal is an improvement emitter (Fontaine et al., "Covariance matrix adaptation for
+the rapid illumination of behavior space", 2020) that anneals instead of adapting a distribution.
 """
 
 from typing import NamedTuple
@@ -69,7 +69,8 @@ def nearest_elite(
 def reachable(niches: Niches, filled: Bool[Array, " N"]) -> Bool[Array, " N"]:
     """Returns which vacant niches in all target bins are within reach.
 
-    A niche is within reach if it or a neighbour on a free axis is filled, whatever the bins on the other axes.
+    A niche is within reach if it or a neighbour on a free axis is filled, whatever the bins on the
+    other axes.
     """
     others = tuple(np.flatnonzero(~niches.free).tolist())
     seen = filled.reshape(niches.shape).any(axis=others, keepdims=True)
@@ -78,7 +79,10 @@ def reachable(niches: Niches, filled: Bool[Array, " N"]) -> Bool[Array, " N"]:
 
 
 def draw_goal(
-    niches: Niches, bits: UInt32[Array, " 2"], filled: Bool[Array, " N"], vacant_probability: Real[ArrayLike, ""]
+    niches: Niches,
+    bits: UInt32[Array, " 2"],
+    filled: Bool[Array, " N"],
+    vacant_probability: Real[ArrayLike, ""],
 ) -> Int32[Array, " D"]:
     """Draws the bins of a goal in all target bins: a reachable vacant niche, with a probability, or a filled niche."""
     near, kept = reachable(niches, filled), filled & niches.targeted
@@ -93,7 +97,9 @@ def draw_true(bits: UInt32[Array, "..."], flags: Bool[Array, " N"]) -> Int32[Arr
     """Draws an index whose flag is True, each equally likely; the last index if no flag is True."""
     rank = jnp.cumsum(flags, dtype=jnp.int32)
     drawn = randint(bits, jnp.maximum(rank[-1], 1))
-    return jnp.minimum(jnp.searchsorted(rank, drawn, side="right"), flags.size - 1).astype(jnp.int32)
+    return jnp.minimum(jnp.searchsorted(rank, drawn, side="right"), flags.size - 1).astype(
+        jnp.int32
+    )
 
 
 def _neighbours(flags: Bool[Array, "..."], axes: Bool[np.ndarray, " D"]) -> Bool[Array, "..."]:
@@ -103,5 +109,7 @@ def _neighbours(flags: Bool[Array, "..."], axes: Bool[np.ndarray, " D"]) -> Bool
         ends = [(0, 0)] * flags.ndim
         for end, start in (((1, 0), 0), ((0, 1), 1)):
             ends[axis] = end
-            near |= jax.lax.slice_in_dim(jnp.pad(flags, ends), start, start + flags.shape[axis], axis=axis)
+            near |= jax.lax.slice_in_dim(
+                jnp.pad(flags, ends), start, start + flags.shape[axis], axis=axis
+            )
     return near

@@ -1,8 +1,9 @@
 """Grey wolf optimisation over tiles (paper, section "Gray Wolf Optimization").
 
-A grid is a position: each tile is the corner of a simplex that its code names (one-hot). A wolf moves to the mean of
-alpha, beta and omega, plus a perturbation that shrinks over the run. Each tile then takes the nearest code, and repair
-follows. The arithmetic is in whole numbers, so that results are the same on every machine and in every batch.
+A grid is a position: each tile is the corner of a simplex that its code names (one-hot). A wolf
+moves to the mean of alpha, beta and omega, plus a perturbation that shrinks over the run. Each tile
+then takes the nearest code, and repair follows. The arithmetic is in whole numbers, so that results
+are the same on every machine and in every batch.
 """
 
 from dataclasses import dataclass
@@ -34,12 +35,13 @@ class GwoConfig(Record):
     """Options; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over `perturbation` and `horizon`.
 
     Attributes:
-      wolves: the number of wolves, and of grids that a step evaluates, at least 2; static, a size of arrays.
-      perturbation: the largest perturbation of the first step, in size, 0 to 16. From 1/6 on a code without a vote can
-        beat a code with one. The paper calls it small.
+      wolves: the number of wolves, and of grids that a step evaluates, at least 2; static, a size
+        of arrays.
+      perturbation: the largest perturbation of the first step, in size, 0 to 16. From 1/6 on a code
+        without a vote can beat a code with one. The paper calls it small.
       horizon: the number of steps over which the perturbation shrinks linearly to 0, 1 to 32,767.
-      omega: "own" is each wolf's own position ("and their own" in the paper), "worst" the position of the worst wolf;
-        static, it chooses the program.
+      omega: "own" is each wolf's own position ("and their own" in the paper), "worst" the position
+        of the worst wolf; static, it chooses the program.
     """
 
     wolves: int = static(40, whole(2))
@@ -85,7 +87,9 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
         pack = evaluate(problem, jax.vmap(problem.repair_raster)(codes[moved]))
         leaders = truncate(leaders, pack, count=2)
         state = GwoState(pack, leaders, steps + 1)
-        return state, Info(leaders.fitness[0], elites(state).valid.sum(dtype=jnp.int32), count_refused(pack))
+        return state, Info(
+            leaders.fitness[0], elites(state).valid.sum(dtype=jnp.int32), count_refused(pack)
+        )
 
     def elites(state: GwoState) -> Population:
         return concatenate(state.leaders, state.pack)

@@ -33,19 +33,22 @@ class MapElitesConfig(Record):
 
     Attributes:
       loop: options of the evolutionary loop.
-      parents: "population" draws parents by tournament from a population beside the archive, as the paper does.
-        "archive" draws them uniformly from the filled niches, as MAP-Elites is usually defined. Static: it chooses the
-        program.
+      parents: "population" draws parents by tournament from a population beside the archive, as the
+        paper does. "archive" draws them uniformly from the filled niches, as MAP-Elites is usually
+        defined. Static: it chooses the program.
     """
 
     loop: EvolutionConfig = nested(EvolutionConfig())
-    parents: Literal["population", "archive"] = static("population", one_of("population", "archive"))
+    parents: Literal["population", "archive"] = static(
+        "population", one_of("population", "archive")
+    )
 
 
 class MapElitesState(NamedTuple):
     """The population and the archive."""
 
-    population: Population  # sorted, best first; if parents come from the archive, always the first population
+    # Sorted, best first; if parents come from the archive, always the first population.
+    population: Population
     archive: Population  # the best grid of each niche so far
 
 
@@ -54,8 +57,8 @@ class MapElitesState(NamedTuple):
 def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:
     """Makes MAP-Elites on the problem's descriptor space. The first population is also inserted into the archive.
 
-    The problem has at least one axis; otherwise `InputError` is raised. The default configuration is the preset
-    `paper`.
+    The problem has at least one axis; otherwise `InputError` is raised. The default configuration
+    is the preset `paper`.
     """
     check_arguments(problem, config, MapElitesConfig)
     loop = config.loop
@@ -64,7 +67,9 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
     def init(key: Array) -> MapElitesState:
         population = random_population(problem, key, loop.population)
         vacant = problem.empty_archive(population.fitness.dtype)
-        return MapElitesState(population, insert(vacant, problem.niche(population.features), population))
+        return MapElitesState(
+            population, insert(vacant, problem.niche(population.features), population)
+        )
 
     def step(key: Array, state: MapElitesState) -> tuple[MapElitesState, Info]:
         population, archive = state
@@ -77,7 +82,11 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
         if config.parents == "population":
             population = survivors(loop, population, offspring)
         archive = insert(archive, problem.niche(offspring.features), offspring)
-        info = Info(archive.fitness.min(), archive.valid.sum(dtype=jnp.int32), count_refused(offspring))
+        info = Info(
+            archive.fitness.min(), archive.valid.sum(dtype=jnp.int32), count_refused(offspring)
+        )
         return MapElitesState(population, archive), info
 
-    return Optimizer.of(init, step, lambda state: state.archive, evaluations_per_step=loop.offspring)
+    return Optimizer.of(
+        init, step, lambda state: state.archive, evaluations_per_step=loop.offspring
+    )

@@ -1,8 +1,9 @@
 """Moves in the space of networks: each changes a whole street, loop or block.
 
-A network is a set of links. Toggling the links of a loop keeps the parity of every tile's connections: corners,
-outlines and their sums are the cycle space of the lattice. Other moves copy a block of a network, to the same position
-or to another one, rotated or mirrored, from the grid itself or from a mate.
+A network is a set of links. Toggling the links of a loop keeps the parity of every tile's
+connections: corners, outlines and their sums are the cycle space of the lattice. Other moves copy a
+block of a network, to the same position or to another one, rotated or mirrored, from the grid
+itself or from a mate.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +25,15 @@ from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
-from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes, transpose_codes
+from elitelanes_jax.network.codes import (
+    EAST,
+    NORTH,
+    SOUTH,
+    WEST,
+    exchange_sides,
+    rotate_codes,
+    transpose_codes,
+)
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import lookup, materialize, take
@@ -46,7 +55,10 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
 
 
 def _check_user_move(name: str, value: UserValue) -> tuple[AnyArray, Move]:
-    """Checks the weight and the move of one name. Weights that are arrays may be traced, and are not checked."""
+    """Checks the weight and the move of one name.
+
+    Weights that are arrays may be traced, and are not checked.
+    """
     is_pair = isinstance(value, tuple | list) and len(value) == 2
     if not is_pair or not isinstance(value[1], Move):
         raise InputError(f"{name}: expected a weight and a Move, got {shorten(repr(value))}")
@@ -62,8 +74,8 @@ def _check_user_move(name: str, value: UserValue) -> tuple[AnyArray, Move]:
 class MoveWeights(Record):
     """The weights of the moves, from which `random_move` draws one; a pytree that `jax.vmap` may map over.
 
-    A weight is a whole number; a move is drawn with probability weight / sum of all weights. The defaults were measured
-    (experiments/search/moves.md).
+    A weight is a whole number; a move is drawn with probability weight / sum of all weights. The
+    defaults were measured (experiments/search/moves.md).
 
     Attributes:
       link: weight of `toggle_link`.
@@ -76,9 +88,10 @@ class MoveWeights(Record):
       slide: weight of `slide_lines`.
       transplant: weight of `transplant` to the same position.
       displaced: weight of `transplant` from another position.
-      refit: weight of `refit_window`; by default 0, and 25 in MAP-Elites on grids of up to 64 cells.
-      fill_probability: probability that repair fills the grid after the move, see `with_fill`. No effect where repair
-        always fills.
+      refit: weight of `refit_window`; by default 0, and 25 in MAP-Elites on grids of up to 64
+        cells.
+      fill_probability: probability that repair fills the grid after the move, see `with_fill`. No
+        effect where repair always fills.
       user_moves: moves of the user by name, each with its weight: ``{"zigzag": (4, zigzag)}``.
     """
 
@@ -112,14 +125,16 @@ class MoveWeights(Record):
         """Returns the weights with some changed, and with moves of the user.
 
         Args:
-          moves: by name: the weight of a move above, such as ``{"mirror": 0}``; or for another name a weight and a
-            `Move`, such as ``{"zigzag": (4, zigzag)}``.
+          moves: by name: the weight of a move above, such as ``{"mirror": 0}``; or for another name
+            a weight and a `Move`, such as ``{"zigzag": (4, zigzag)}``.
 
         Raises:
           InputError: for anything else.
         """
         if not isinstance(moves, Mapping):
-            raise InputError(f"moves: expected weights and moves by name, got {shorten(repr(moves))}")
+            raise InputError(
+                f"moves: expected weights and moves by name, got {shorten(repr(moves))}"
+            )
         weights = {}
         user_moves = {}
         for name, value in moves.items():
@@ -129,8 +144,12 @@ class MoveWeights(Record):
                 user_moves[name] = value
             else:
                 known_names = ", ".join(KNOWN_MOVES)
-                expected = f"one of {known_names} with a weight, or another name with a weight and a Move"
-                raise InputError(f"moves: expected {expected}, got {name!r}{suggest(name, KNOWN_MOVES)}")
+                expected = (
+                    f"one of {known_names} with a weight, or another name with a weight and a Move"
+                )
+                raise InputError(
+                    f"moves: expected {expected}, got {name!r}{suggest(name, KNOWN_MOVES)}"
+                )
         return check_named("moves", self._replace_moves, weights, user_moves)
 
     def _replace_moves(self, weights: dict[str, UserValue], user_moves: UserValue) -> "MoveWeights":
@@ -139,12 +158,17 @@ class MoveWeights(Record):
         return self.replace(**weights, user_moves=all_user_moves)
 
 
-KNOWN_MOVES = tuple(name for name in MoveWeights.options() if name not in ("fill_probability", "user_moves"))
+KNOWN_MOVES = tuple(
+    name for name in MoveWeights.options() if name not in ("fill_probability", "user_moves")
+)
 """The names of the moves that `MoveWeights` has a weight for."""
 
 
 def _is_never_drawn(weight: AnyArray) -> bool:
-    """Returns whether a move is known to have weight 0. An array may be traced, so its number is not known."""
+    """Returns whether a move is known to have weight 0.
+
+    An array may be traced, so its number is not known.
+    """
     return weight is None or (isinstance(weight, int) and weight == 0)
 
 
@@ -152,7 +176,8 @@ def _is_never_drawn(weight: AnyArray) -> bool:
 def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> Move:
     """Makes one move, drawn in proportion to the weights.
 
-    If repair always fills, `MoveWeights.fill_probability` has no effect. For `fixed`, bool ``[H, W]``, see `repair`.
+    If repair always fills, `MoveWeights.fill_probability` has no effect. For `fixed`, bool
+    ``[H, W]``, see `repair`.
     """
     weights_by_plan: dict[_Plan, AnyArray] = {
         _plan_link: weights.link,
@@ -225,8 +250,8 @@ def slide_lines() -> Move:
 def transplant(*, displaced: bool = False) -> Move:
     """Copies a block of the mate after rotating or mirroring the mate: one of the eight symmetries of a square.
 
-    A grid that is not square is rotated by half turns only. A `displaced` block comes from another position in the same
-    rows or in the same columns.
+    A grid that is not square is rotated by half turns only. A `displaced` block comes from another
+    position in the same rows or in the same columns.
     """
     plan = _plan_displaced_transplant if displaced else _plan_transplant
     return _move({plan: 1})
@@ -246,8 +271,8 @@ def refit_window(*, empty: bool = True) -> Move:
 def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray = None) -> Move:
     """Makes a move, then with the given probability a repair that fills.
 
-    If cells may stay empty, this leads from a network with dead ends to a near network without. Single moves find it
-    slowly.
+    If cells may stay empty, this leads from a network with dead ends to a near network without.
+    Single moves find it slowly.
     """
 
     @runs_jax
@@ -266,8 +291,9 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
 def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
     """Makes a move, then with the given probability the same change again, rotated by half a turn around the centre.
 
-    A grid that is symmetric under half a turn stays symmetric, unless repair fills or the move changes the tile at the
-    centre of a grid with odd sides. One step then replaces two steps with a worse grid in between.
+    A grid that is symmetric under half a turn stays symmetric, unless repair fills or the move
+    changes the tile at the centre of a grid with odd sides. One step then replaces two steps with a
+    worse grid in between.
     """
 
     @runs_jax
@@ -289,25 +315,30 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
 class _Change(NamedTuple):
     """The change that a move makes, as whole numbers, so that a move is drawn before any tile is computed."""
 
-    first: Int32[Array, " 2"]  # the northernmost row and the westernmost column of a rectangle of tiles
+    # The northernmost row and the westernmost column of a rectangle of tiles.
+    first: Int32[Array, " 2"]
     last: Int32[Array, " 2"]  # the southernmost row and the easternmost column, both included
-    # The code that is written into the rectangle. _TOGGLED: the links along its outline are toggled (along a rectangle
-    # one tile wide, the links in it). _COPIED: tiles are copied. _REFITTED: the tiles of a window.
+    # The code that is written into the rectangle. _TOGGLED: the links along its outline are toggled
+    # (along a rectangle one tile wide, the links in it). _COPIED: tiles are copied. _REFITTED: the
+    # tiles of a window.
     code: Int32[Array, ""] | int
     how: Int32[Array, ""] | int = 0  # how tiles are copied: a sum of the constants below
-    # The row and the column that a tile is copied from are these numbers plus its own row and column, or minus them in
-    # a mirrored copy.
+    # The row and the column that a tile is copied from are these numbers plus its own row and
+    # column, or minus them in a mirrored copy.
     offset: Int32[Array | np.ndarray, " 2"] = np.zeros(2, np.int32)
 
 
 _COPIED, _REFITTED, _TOGGLED = -1, -2, -3
-# Copies are mirrored north to south, or east to west; rows and columns of the source are exchanged first; the source is
-# the mate; what leaves the rectangle on one side enters it on the other.
+# Copies are mirrored north to south, or east to west; rows and columns of the source are exchanged
+# first; the source is the mate; what leaves the rectangle on one side enters it on the other.
 _FLIPPED, _MIRRORED, _TRANSPOSED, _FROM_MATE, _ROTATED = 1, 2, 4, 8, 16
 
 
 class _Draws:
-    """What the plans draw from random bits, uint32 [7], on a grid of a shape. Plans share what is drawn once."""
+    """What the plans draw from random bits, uint32 [7], on a grid of a shape.
+
+    Plans share what is drawn once.
+    """
 
     def __init__(self, bits: UInt32[Array, " 7"], shape: tuple[int, ...]):
         self.bits, self.shape = bits, np.array(shape, np.int32)
@@ -316,8 +347,8 @@ class _Draws:
     def block(self) -> tuple[Int32[Array, " 2"], Int32[Array, " 2"]]:
         """The first and the last row and column of a block: two rows and two columns, independent, in order.
 
-        With probability 1/8 a side is at the grid's edge instead, so that half a network, rotated or mirrored,
-        completes another half.
+        With probability 1/8 a side is at the grid's edge instead, so that half a network, rotated
+        or mirrored, completes another half.
         """
         ends = randint(self.bits[:4].reshape(2, 2), self.shape[:, None])
         is_at_edge = self.bits[:4].reshape(2, 2) & 7 == 0
@@ -356,7 +387,9 @@ def _move(
 ) -> Move:
     """Makes one of the plans or moves, drawn in proportion to its weight; for `empty` see `refit_window`."""
     # Moves of weight 0 are not computed.
-    weights_by_plan = {plan: weight for plan, weight in weights.items() if not _is_never_drawn(weight)}
+    weights_by_plan = {
+        plan: weight for plan, weight in weights.items() if not _is_never_drawn(weight)
+    }
     drawn_weights = list(weights_by_plan.values())
     drawn_moves: dict[str, Move] = {}
     for name, (weight, move) in user_moves.items():
@@ -406,7 +439,10 @@ def _apply_one_plan(
     *,
     empty: bool,
 ) -> Variation:
-    """Applies the plan with an index. All plans are computed as numbers, and only the chosen one on tiles."""
+    """Applies the plan with an index.
+
+    All plans are computed as numbers, and only the chosen one on tiles.
+    """
     draws = _Draws(bits[1:_BITS], grid.shape)
     change = _choose_change(index, [plan(draws) for plan in plans])
     window = None
@@ -423,8 +459,9 @@ def _choose_change(index: Int32[Array, ""], changes: Sequence[_Change]) -> _Chan
         candidates = [jnp.asarray(value, jnp.int32) for value in values]
         chosen_fields.append(jax.lax.select_n(index, *candidates))
     first, last, code, how, offset = chosen_fields
-    # One stored array, because XLA would compute the numbers again for every tile. If they were joined, XLA would
-    # compile the plans once for each of them. So each row of the array selects its numbers.
+    # One stored array, because XLA would compute the numbers again for every tile. If they were
+    # joined, XLA would compile the plans once for each of them. So each row of the array selects
+    # its numbers.
     row = np.arange(4)[:, None]
     numbers = jnp.where(np.array([True, False]), code, how)
     numbers = jnp.where(row == 2, offset, numbers)
@@ -441,17 +478,31 @@ def _choose_change(index: Int32[Array, ""], changes: Sequence[_Change]) -> _Chan
 
 
 def _apply_change(
-    change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"], window: Int8[Array, "H W"] | None
+    change: _Change,
+    grid: Int8[Array, "H W"],
+    mate: Int8[Array, "H W"],
+    window: Int8[Array, "H W"] | None,
 ) -> Variation:
-    """Computes the tiles of a change. Tiles of a `window` are written where the change refits a window."""
+    """Computes the tiles of a change.
+
+    Tiles of a `window` are written where the change refits a window.
+    """
     rows, columns = _row_and_column_indices(grid.shape)
     (north, west), (south, east) = change.first, change.last
     inside = (rows >= north) & (rows <= south) & (columns >= west) & (columns <= east)
     along = inside & ((rows == north) | (rows == south))
     upright = inside & ((columns == west) | (columns == east))
-    links = jnp.where(along & (columns < east), EAST, 0) | jnp.where(along & (columns > west), WEST, 0)
-    links = links | jnp.where(upright & (rows < south), SOUTH, 0) | jnp.where(upright & (rows > north), NORTH, 0)
-    written = jnp.where(change.code < 0, _copy(change, grid, mate), jnp.asarray(change.code, jnp.int8))
+    links = jnp.where(along & (columns < east), EAST, 0) | jnp.where(
+        along & (columns > west), WEST, 0
+    )
+    links = (
+        links
+        | jnp.where(upright & (rows < south), SOUTH, 0)
+        | jnp.where(upright & (rows > north), NORTH, 0)
+    )
+    written = jnp.where(
+        change.code < 0, _copy(change, grid, mate), jnp.asarray(change.code, jnp.int8)
+    )
     if window is not None:
         written = jnp.where(change.code == _REFITTED, window, written)
     is_toggled = change.code == _TOGGLED
@@ -462,7 +513,9 @@ def _apply_change(
     return materialize_variation(Variation(varied, dirty))
 
 
-def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
+def _copy(
+    change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]
+) -> Int8[Array, "H W"]:
     """Returns for each tile the transformed tile that a copy would write there, also outside the rectangle."""
     flipped = change.how & _FLIPPED > 0
     mirrored = change.how & _MIRRORED > 0
@@ -498,22 +551,28 @@ def _source_indices(
     return jnp.clip(sources, 0, length - 1)
 
 
-def _refit(bits: UInt32[Array, ""], change: _Change, grid: Int8[Array, "H W"], *, empty: bool) -> Int8[Array, "H W"]:
-    """Draws another valid window for the rectangle between four sides. Tiles outside it have no meaning."""
+def _refit(
+    bits: UInt32[Array, ""], change: _Change, grid: Int8[Array, "H W"], *, empty: bool
+) -> Int8[Array, "H W"]:
+    """Draws another valid window for the rectangle between four sides.
+
+    Tiles outside it have no meaning.
+    """
     height, width = (min(side, _WINDOW) for side in grid.shape)
     windows = valid_windows(height, width, empty=empty)
     north, west = change.first
     tiles = jax.lax.dynamic_slice(grid, (north, west), (height, width)).astype(jnp.int32)
 
-    # The windows of one border, whose links to the tiles around it are the same, are neighbours in the table.
+    # The windows of one border, whose links to the tiles around it are the same, are neighbours in
+    # the table.
     borders = tiles[0] & NORTH, tiles[-1] & SOUTH, tiles[:, 0] & WEST, tiles[:, -1] & EAST
     is_linked = (jnp.concatenate(borders) > 0).astype(jnp.int32)
     border = (is_linked << np.arange(is_linked.size, dtype=np.int32)).sum(dtype=jnp.int32)
     first = take(windows.first, border)
     count = take(windows.first, border + 1) - first
 
-    # A window is a number for each row, with four bits for each tile. If the present window is drawn, the next window
-    # replaces it, so that the move changes the grid.
+    # A window is a number for each row, with four bits for each tile. If the present window is
+    # drawn, the next window replaces it, so that the move changes the grid.
     present = (tiles << 4 * np.arange(width, dtype=np.int32)[None]).sum(axis=1, dtype=jnp.int32)
     number_of_choices = jnp.maximum(count, 1)
     index = randint(bits, number_of_choices)
@@ -616,7 +675,9 @@ def _plan_mate_block(draws: _Draws, offset: Int[ArrayLike, " 2"]) -> _Change:
     how = _FROM_MATE + sum(jnp.where(is_chosen, flag, 0) for is_chosen, flag in flags)
     backwards = jnp.stack([flipped, mirrored])
     first, last = draws.block
-    return _Change(first, last, _COPIED, how, jnp.where(backwards, draws.shape - 1 - offset, offset))
+    return _Change(
+        first, last, _COPIED, how, jnp.where(backwards, draws.shape - 1 - offset, offset)
+    )
 
 
 def _either(rows: Bool[Array, ""]) -> Bool[Array, " 2"]:

@@ -1,8 +1,8 @@
 """Mutations: functions from a grid to a changed grid and its dirty mask (paper, section "Mutation Operators").
 
-A `Move` changes a few tiles and marks them dirty. Neighbouring tiles need not match afterwards: `repair` lets the dirty
-tiles decide over their neighbours. A move takes its randomness as random bits. One draw then serves a whole generation,
-and a move is a plain function that can be repeated.
+A `Move` changes a few tiles and marks them dirty. Neighbouring tiles need not match afterwards:
+`repair` lets the dirty tiles decide over their neighbours. A move takes its randomness as random
+bits. One draw then serves a whole generation, and a move is a plain function that can be repeated.
 """
 
 from collections.abc import Callable
@@ -46,8 +46,8 @@ class Move(Record):
 
     Attributes:
       bits: int, the number of uint32 random numbers that it takes.
-      apply: (bits uint32 ``[bits]``, grid int8 ``[H, W]``, mate int8 ``[H, W]`` or None) -> `Variation`. A move may
-        copy a part of the mate; without a mate it copies from the grid.
+      apply: (bits uint32 ``[bits]``, grid int8 ``[H, W]``, mate int8 ``[H, W]`` or None) ->
+        `Variation`. A move may copy a part of the mate; without a mate it copies from the grid.
     """
 
     bits: int = option(REQUIRED, whole(0))
@@ -61,8 +61,11 @@ class Move(Record):
 def change_tile(alphabet: tuple[int, ...]) -> Move:
     """Changes one random tile to another code of the alphabet, each equally likely."""
     codes = jnp.array(alphabet, jnp.int8)
-    # The index of each code in the alphabet; of a code outside the alphabet, one more than the last.
-    index = jnp.array([alphabet.index(code) if code in alphabet else len(alphabet) for code in range(16)])
+    # The index of each code in the alphabet; of a code outside the alphabet, one more than the
+    # last.
+    index = jnp.array(
+        [alphabet.index(code) if code in alphabet else len(alphabet) for code in range(16)]
+    )
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty = _one_tile(bits, grid)
@@ -93,9 +96,9 @@ def paper_mutation(
 ) -> Move:
     """Makes the paper's two mutations in turn, each with its probability (table "Algorithm-specific parameters").
 
-    For an alphabet without crossings, returns the first one alone. The paper's base configuration also has a "mutation
-    rate 0.3", which is not used because its role is unclear: as a probability per tile it fits the paper's results
-    worst.
+    For an alphabet without crossings, returns the first one alone. The paper's base configuration
+    also has a "mutation rate 0.3", which is not used because its role is unclear: as a probability
+    per tile it fits the paper's results worst.
     """
     mutations = [(change_tile(alphabet), tile_rate)]
     if set(alphabet) & set(CROSSINGS):

@@ -1,7 +1,7 @@
 """The evolutionary loop: parents by tournament, mutation, repair, survivors by truncation.
 
-The paper uses it with and without an archive (section "Evolutionary Algorithm with MAP-Elites"). Lower fitness is
-better. Every tie is decided: the earlier grid wins.
+The paper uses it with and without an archive (section "Evolutionary Algorithm with MAP-Elites").
+Lower fitness is better. Every tie is decided: the earlier grid wins.
 """
 
 from dataclasses import dataclass
@@ -34,10 +34,12 @@ class EvolutionConfig(Record):
 
     Attributes:
       population: mu, the number of survivors of a generation; static, a size of arrays.
-      offspring: lambda, the number of grids that a generation makes and evaluates; static, a size of arrays.
-      tournament: the number of competitors from which each parent is chosen; static, a size of arrays.
-      survivors: "plus" keeps the best of parents and offspring, "comma" the best of the offspring alone; static. The
-        paper writes (mu, lambda), but selects from both.
+      offspring: lambda, the number of grids that a generation makes and evaluates; static, a size
+        of arrays.
+      tournament: the number of competitors from which each parent is chosen; static, a size of
+        arrays.
+      survivors: "plus" keeps the best of parents and offspring, "comma" the best of the offspring
+        alone; static. The paper writes (mu, lambda), but selects from both.
       tile_rate: probability that an offspring has one tile changed.
       crossing_rate: probability that it has one tile replaced by a crossing.
     """
@@ -59,18 +61,25 @@ class EvolutionConfig(Record):
 @name_wrong_arguments
 @runs_jax
 def random_population(problem: Problem, key: Key[Array, ""], count: int) -> Population:
-    """Returns a first population, sorted, best first; the key is consumed. Raises `InputError` for a count below 1."""
+    """Returns a first population, sorted, best first; the key is consumed.
+
+    Raises `InputError` for a count below 1.
+    """
     check_named("count", whole(1), count)
     return truncate(evaluate(problem, problem.random(key, count)), count=count)
 
 
-def tournament(bits: UInt32[Array, "count size"], population: Population) -> Int8[Array, "count H W"]:
+def tournament(
+    bits: UInt32[Array, "count size"], population: Population
+) -> Int8[Array, "count H W"]:
     """Chooses parents from a sorted population: each is the best of its competitors, drawn with replacement."""
     drawn = randint(bits, population.fitness.size)
     return population.grids[drawn.min(axis=1)]
 
 
-def breed(problem: Problem, mutation: Move, bits: UInt32[Array, "P bits"], parents: Int8[Array, "P H W"]) -> Population:
+def breed(
+    problem: Problem, mutation: Move, bits: UInt32[Array, "P bits"], parents: Int8[Array, "P H W"]
+) -> Population:
     """Returns one mutated, repaired and evaluated offspring of each parent, in the same order."""
 
     def offspring(bits: Array, parent: Array) -> Array:
@@ -103,7 +112,9 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
         parents = tournament(bits[:, : config.tournament], state)
         offspring = breed(problem, mutation, bits[:, config.tournament :], parents)
         state = survivors(config, state, offspring)
-        return state, Info(state.fitness[0], state.valid.sum(dtype=jnp.int32), count_refused(offspring))
+        return state, Info(
+            state.fitness[0], state.valid.sum(dtype=jnp.int32), count_refused(offspring)
+        )
 
     return Optimizer.of(init, step, lambda state: state, evaluations_per_step=config.offspring)
 
@@ -114,18 +125,25 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     """Evaluates grids, in their order. A fitness that is not finite becomes that of a vacant slot.
 
     Raises:
-      InputError: if the problem's evaluation has other shapes or kinds of numbers than `Evaluation` says.
+      InputError: if the problem's evaluation has other shapes or kinds of numbers than `Evaluation`
+        says.
     """
     evaluation = problem.evaluate(grids)
-    if not isinstance(evaluation, tuple | list) or [hasattr(part, "dtype") for part in evaluation] != [True, True]:
+    is_pair = isinstance(evaluation, tuple | list) and len(evaluation) == 2
+    if not is_pair or not all(hasattr(part, "dtype") for part in evaluation):
         words = "expected a tuple of two arrays, fitness and features"
         raise InputError(f"evaluate: {words}, got {shorten(repr(evaluation))}")
     fitness, features = evaluation
-    expected, got = ((len(grids),), (len(grids), len(problem.feature_names))), (fitness.shape, features.shape)
+    expected, got = (
+        ((len(grids),), (len(grids), len(problem.feature_names))),
+        (fitness.shape, features.shape),
+    )
     if expected != got:
         raise InputError(f"evaluate: expected fitness and features of shapes {expected}, got {got}")
     kinds = fitness.dtype, features.dtype
-    is_real = jnp.issubdtype(kinds[0], jnp.number) and not jnp.issubdtype(kinds[0], jnp.complexfloating)
+    is_real = jnp.issubdtype(kinds[0], jnp.number) and not jnp.issubdtype(
+        kinds[0], jnp.complexfloating
+    )
     if not (is_real and jnp.issubdtype(kinds[1], jnp.integer)):
         raise InputError(
             f"evaluate: expected a fitness of real numbers and features of whole numbers, got {kinds[0]} and {kinds[1]}"
@@ -139,13 +157,17 @@ def unevaluated(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     shapes = jax.eval_shape(partial(evaluate, problem), grids)
     kind = shapes.fitness.dtype
     return Population(
-        grids, jnp.full(len(grids), vacant_fitness(kind), kind), jnp.zeros(shapes.features.shape, jnp.int32)
+        grids,
+        jnp.full(len(grids), vacant_fitness(kind), kind),
+        jnp.zeros(shapes.features.shape, jnp.int32),
     )
 
 
 def select(which: Bool[Array, " P"], new: _Tree, old: _Tree) -> _Tree:
     """Returns a record of arrays ``[P, ...]``: row i of `new` if `which[i]` is True, otherwise row i of `old`."""
-    return jax.tree.map(lambda a, b: jnp.where(which.reshape(-1, *(1,) * (a.ndim - 1)), a, b), new, old)
+    return jax.tree.map(
+        lambda a, b: jnp.where(which.reshape(-1, *(1,) * (a.ndim - 1)), a, b), new, old
+    )
 
 
 def concatenate(*records: _Tree) -> _Tree:

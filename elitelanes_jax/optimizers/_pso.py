@@ -1,8 +1,9 @@
 """Particle swarm optimisation over tile probabilities (paper, section "Particle Swarm Optimization").
 
-A particle has a position and a velocity for every tile and every code that the tile may have. Tiles are drawn from the
-softmax of the velocities, and the grid is repaired. Positions and velocities are fixed-point numbers: unlike those of
-floats, sums and products of whole numbers are the same on every machine and in every batch.
+A particle has a position and a velocity for every tile and every code that the tile may have. Tiles
+are drawn from the softmax of the velocities, and the grid is repaired. Positions and velocities are
+fixed-point numbers: unlike those of floats, sums and products of whole numbers are the same on
+every machine and in every batch.
 """
 
 from dataclasses import dataclass
@@ -17,15 +18,21 @@ from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax.network.bits import categorical, random_bits, random_bits16, split, symmetric_uniform
+from elitelanes_jax.network.bits import (
+    categorical,
+    random_bits,
+    random_bits16,
+    split,
+    symmetric_uniform,
+)
 from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import evaluate, select
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
-# The largest difference of positions and the largest position, so that products fit int32. The paper's settings stay
-# far below.
+# The largest difference of positions and the largest position, so that products fit int32. The
+# paper's settings stay far below.
 _FARTHEST_PULL, _FARTHEST = 32 * UNIT, 2**29
 
 
@@ -35,7 +42,8 @@ class PsoConfig(Record):
     """Options; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over all but `particles`.
 
     Attributes:
-      particles: the number of particles, and of grids that a step evaluates; static, a size of arrays.
+      particles: the number of particles, and of grids that a step evaluates; static, a size of
+        arrays.
       inertia: w, the part of a velocity that a step keeps, 0 to 3.
       cognitive: c1, the pull towards a particle's own best position, 0 to 3.
       social: c2, the pull towards the best position of all particles, 0 to 3.
@@ -70,7 +78,11 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
     check_arguments(problem, config, PsoConfig)
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.particles, codes.size, *problem.shape)
-    inertia, cognitive, social = to_fixed(config.inertia), to_fixed(config.cognitive), to_fixed(config.social)
+    inertia, cognitive, social = (
+        to_fixed(config.inertia),
+        to_fixed(config.cognitive),
+        to_fixed(config.social),
+    )
     fastest, spread = to_fixed(config.fastest), to_fixed(config.start)
 
     def draw(key: Array, velocity: Array) -> Population:

@@ -1,9 +1,10 @@
 """Strips of three lines, refitted by an exact search over all their valid fillings.
 
-Two adjacent tiles may stay together if their sides carry a common label. A side that faces east or south offers labels
-a and b without a link (a turn: a alone), c and d with a link (a turn: c alone, a crossing: d alone). For sides that
-face west or north, a and b are exchanged, and c and d: so neither two turns nor two linked crossings have a common
-label. The labels between two columns of a strip are one of 64 states, and a set of states is 64 bits.
+Two adjacent tiles may stay together if their sides carry a common label. A side that faces east or
+south offers labels a and b without a link (a turn: a alone), c and d with a link (a turn: c alone,
+a crossing: d alone). For sides that face west or north, a and b are exchanged, and c and d: so
+neither two turns nor two linked crossings have a common label. The labels between two columns of a
+strip are one of 64 states, and a set of states is 64 bits.
 """
 
 from functools import cache
@@ -39,7 +40,9 @@ def _shown(side: int) -> Int32[np.ndarray, " 16"]:
     """Returns what each code shows on a side, an index into `_FORTH` or `_BACK`."""
     codes = np.arange(16)
     turn, crossing = (np.isin(codes, kinds) for kinds in (KINDS["turn"], CROSSINGS))
-    return np.where(codes & side, np.where(turn, 3, np.where(crossing, 4, 2)), turn).astype(np.int32)
+    return np.where(codes & side, np.where(turn, 3, np.where(crossing, 4, 2)), turn).astype(
+        np.int32
+    )
 
 
 _EAST, _SOUTH, _WEST, _NORTH = (_shown(side) for side in (EAST, SOUTH, WEST, NORTH))
@@ -52,12 +55,15 @@ class StripTables(NamedTuple):
     before: UInt32[np.ndarray, "B 2"]
     # [25 * 125, 2], the states east of a column, by what the column to its west shows.
     after: UInt32[np.ndarray, "A 2"]
-    between: UInt32[np.ndarray, "C 2"]  # [25 * 64, 2], the states west of a column with a state east of it
-    # [25 * 64 * 64], the at most two columns with a state east and a state west of them. Each has 12 bits, four a tile,
-    # the northernmost tile lowest. If one column fits, it is there twice; if none fits, the number is `_NONE`.
+    # [25 * 64, 2], the states west of a column with a state east of it.
+    between: UInt32[np.ndarray, "C 2"]
+    # [25 * 64 * 64], the at most two columns with a state east and a state west of them. Each has
+    # 12 bits, four a tile, the northernmost tile lowest. If one column fits, it is there twice; if
+    # none fits, the number is `_NONE`.
     columns: Int32[np.ndarray, " C"]
     shown: Int32[np.ndarray, " 4096"]  # what any column shows to the east, 5^line a tile
-    # [125, 4], the states that fit what a column shows to the east, and the states with the same links.
+    # [125, 4], the states that fit what a column shows to the east, and the states with the same
+    # links.
     forth: UInt32[np.ndarray, "125 4"]
     back: UInt32[np.ndarray, "4096 2"]  # the states west of any column that fit it
 
@@ -80,18 +86,23 @@ def strip_tables(*, empty: bool) -> StripTables:
             _states(_BACK, _WEST[list(column)]),
         )
         slots = np.ix_(*fitting)
-        pairs[slots] = np.where(pairs[slots] == _NONE, packed, pairs[slots] & 2**_BITS - 1) | packed << _BITS
+        pairs[slots] = (
+            np.where(pairs[slots] == _NONE, packed, pairs[slots] & 2**_BITS - 1) | packed << _BITS
+        )
     leads = (pairs != _NONE).reshape(_SHOWN**2, _STATES, _STATES)  # around, east, west
     shows = np.arange(_SHOWN**LINES)[:, None] // _SHOWN ** np.arange(LINES) % _SHOWN
     forth, back, alike = (
-        np.array([_states(labels, show) for show in shows]) for labels in (_FORTH, _BACK, _FORTH | _BACK)
+        np.array([_states(labels, show) for show in shows])
+        for labels in (_FORTH, _BACK, _FORTH | _BACK)
     )
     eight = (np.arange(256)[:, None] >> np.arange(8) & 1).astype(np.float32)
     before = eight @ leads.reshape(_SHOWN**2, _STATES // 8, 8, _STATES) > 0
     after = forth.astype(np.float32) @ leads.transpose(0, 2, 1) > 0
     east, west, both = (_packed(states.reshape(-1, _STATES)) for states in (before, after, leads))
     tiles = np.arange(16**LINES)[:, None] >> 4 * np.arange(LINES) & 15
-    shown, border = ((side[tiles] * _SHOWN ** np.arange(LINES)).sum(axis=1) for side in (_EAST, _WEST))
+    shown, border = (
+        (side[tiles] * _SHOWN ** np.arange(LINES)).sum(axis=1) for side in (_EAST, _WEST)
+    )
     return StripTables(
         east,
         west,
@@ -106,7 +117,12 @@ def strip_tables(*, empty: bool) -> StripTables:
 def _states(labels: Int[np.ndarray, " 5"], shown: Int[np.ndarray, " 3"]) -> Bool[np.ndarray, " 64"]:
     """Returns which states fit what the tiles of a column show."""
     states = np.arange(_STATES)
-    return np.logical_and.reduce([labels[kind] >> (states >> 2 * line & 3) & 1 for line, kind in enumerate(shown)]) > 0
+    return (
+        np.logical_and.reduce(
+            [labels[kind] >> (states >> 2 * line & 3) & 1 for line, kind in enumerate(shown)]
+        )
+        > 0
+    )
 
 
 def _packed(states: Bool[np.ndarray, "N 64"]) -> UInt32[np.ndarray, "N 2"]:
@@ -114,20 +130,23 @@ def _packed(states: Bool[np.ndarray, "N 64"]) -> UInt32[np.ndarray, "N 2"]:
 
 
 @name_wrong_arguments
-def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straight: Real[ArrayLike, ""] = 0.0) -> Move:
+def refit_strip(
+    *, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straight: Real[ArrayLike, ""] = 0.0
+) -> Move:
     """Replaces a stretch of three rows or columns by a valid filling that fits the tiles around it.
 
-    The search for fillings is exact: every valid filling has a probability over 0. A filling is valid if it has no
-    mismatch, dead end, adjacent turns and adjacent crossings, inside or with the tiles around it. If there is none, and
-    on grids with fewer than three rows or columns, the grid does not change. Short stretches of dense networks seldom
-    have another filling. So 7 of 8 stretches are made long enough for another one, which is then drawn. If all fillings
-    were equally likely, the streets of long ones would be short, and searches would reject them.
+    The search for fillings is exact: every valid filling has a probability over 0. A filling is
+    valid if it has no mismatch, dead end, adjacent turns and adjacent crossings, inside or with the
+    tiles around it. If there is none, and on grids with fewer than three rows or columns, the grid
+    does not change. Short stretches of dense networks seldom have another filling. So 7 of 8
+    stretches are made long enough for another one, which is then drawn. If all fillings were
+    equally likely, the streets of long ones would be short, and searches would reject them.
 
     Args:
       empty: whether cells of a filling may be empty.
       whole: probability that the stretch is as long as the grid. Otherwise its ends are random.
-      straight: probability that a line of three tiles across the strip has the same links to the next line as to the
-        line before, if a filling with these links exists.
+      straight: probability that a line of three tiles across the strip has the same links to the
+        next line as to the line before, if a filling with these links exists.
     """
 
     @runs_jax
@@ -147,16 +166,21 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5, straigh
         line, along = jnp.where(upright, columns, rows) - first, jnp.where(upright, rows, columns)
 
         side = max(height, width)
-        padded = materialize(jnp.pad(grid, ((1, side - height + 1), (1, side - width + 1)))).reshape(-1)
+        padded = jnp.pad(grid, ((1, side - height + 1), (1, side - width + 1)))
+        padded = materialize(padded).reshape(-1)
         lines, steps = first + np.arange(LINES + 2)[:, None], np.arange(1, side + 1)[None]
         stride = side + 2
-        tiles = lookup(padded, jnp.where(upright, steps * stride + lines, lines * stride + steps)).astype(jnp.int32)
+        indices = jnp.where(upright, steps * stride + lines, lines * stride + steps)
+        tiles = lookup(padded, indices).astype(jnp.int32)
         tiles = materialize(jnp.where(upright, transpose_codes(tiles), tiles))
         differs = bits[0] >> 1 & 7 > 0
         begin, strip = _refitted(bits[4], tiles, start, end, differs, straight, empty=empty)
         strip = materialize(strip)
         inside = (line >= 0) & (line < LINES) & (along >= begin) & (along <= end)
-        new = lookup(strip, jnp.broadcast_to(along, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1) & 15
+        new = (
+            lookup(strip, jnp.broadcast_to(along, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1)
+            & 15
+        )
         new = jnp.where(upright, transpose_codes(new), new)
         return Variation(jnp.where(inside, new.astype(jnp.int8), grid), inside)
 
@@ -175,8 +199,8 @@ def _refitted(
 ) -> tuple[Int32[Array, ""], Int32[Array, " N"]]:
     """Draws a valid filling of the columns `west` to `east` of a strip, whose tiles include the lines above and below.
 
-    If `differs`, `west` moves to the west until a column can show something else to the east, and the filling differs
-    from the present one.
+    If `differs`, `west` moves to the west until a column can show something else to the east, and
+    the filling differs from the present one.
 
     Returns `west`, and columns as in `StripTables`; the same as before if there is no filling.
     """
@@ -189,7 +213,11 @@ def _refitted(
     def back(states: Array, column: tuple[Array, Array]) -> tuple[Array, Array]:
         around, at_end = column
         states = jnp.where(at_end, end, states)
-        eights = (states[:, None] >> np.arange(0, 32, 8, dtype=np.uint32)[None] & 255).reshape(-1).astype(jnp.int32)
+        eights = (
+            (states[:, None] >> np.arange(0, 32, 8, dtype=np.uint32)[None] & 255)
+            .reshape(-1)
+            .astype(jnp.int32)
+        )
         sets = take(tables.before, (around * 8 + np.arange(8)) * 256 + eights)
         return jax.lax.reduce(sets, np.uint32(0), jax.lax.bitwise_or, (0,)), states
 
@@ -200,13 +228,17 @@ def _refitted(
     present = take(tables.forth, shown)[:, :2]
     others = take(tables.after, around * 125 + jnp.append(0, shown[:-1])) & ahead & ~present
     free = differs & _any(others) & (index <= east)
-    last = jnp.where(free, index, -1).max()  # of the columns with which the filling can begin to differ
+    # Of the columns with which the filling can begin to differ.
+    last = jnp.where(free, index, -1).max()
     west = jnp.where(last < 0, west, jnp.minimum(west, last))
     refused = jnp.where((index == last)[:, None], present, 0)
     inside = (index >= west) & (index <= east)
 
-    def forth(carry: tuple[Array, Array], column: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
-        shown, same = carry  # what the western column shows, and whether the filling is the present one so far
+    def forth(
+        carry: tuple[Array, Array], column: tuple[Array, ...]
+    ) -> tuple[tuple[Array, Array], Array]:
+        # What the western column shows, and whether the filling is the present one so far.
+        shown, same = carry
         index, around, old, inside, ahead, refused = column
         draws = mix(bits + (index * 8 + np.arange(8)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
         possible = take(tables.after, around * 125 + shown) & ahead & ~jnp.where(same, refused, 0)

@@ -1,7 +1,7 @@
 """All valid windows of a small size, by the links that lead out of them.
 
-A window is valid if its links match, no tile has a single connection, no two turns share a side and no two crossings
-are linked. There are a few thousand windows of 3 x 3 tiles.
+A window is valid if its links match, no tile has a single connection, no two turns share a side and
+no two crossings are linked. There are a few thousand windows of 3 x 3 tiles.
 """
 
 from functools import cache
@@ -16,13 +16,15 @@ from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, W
 class WindowTable(NamedTuple):
     """The N valid windows of h x w tiles, sorted by their border.
 
-    A border has 2 (h + w) bits, one for each link that leads out of the window: first to the north and to the south,
-    both from west to east, then to the west and to the east, both from north to south.
+    A border has 2 (h + w) bits, one for each link that leads out of the window: first to the north
+    and to the south, both from west to east, then to the west and to the east, both from north to
+    south.
     """
 
     # [2^(2 (h + w)) + 1], the index of the first window of each border, and last N.
     first: Int32[np.ndarray, " B"]
-    rows: Int32[np.ndarray, "N h"]  # the rows of each window: four bits a tile, the westernmost tile lowest
+    # The rows of each window: four bits a tile, the westernmost tile lowest.
+    rows: Int32[np.ndarray, "N h"]
 
 
 @cache
@@ -33,7 +35,9 @@ def valid_windows(height: int, width: int, *, empty: bool) -> WindowTable:
     rows = codes[:, None]
     for _ in range(width - 1):
         rows = _extended(rows, codes[:, None], beside[rows[:, -1:], codes])
-    under = np.logical_and.reduce([below[rows[:, [column]], rows[:, column]] for column in range(width)])
+    under = np.logical_and.reduce(
+        [below[rows[:, [column]], rows[:, column]] for column in range(width)]
+    )
     indices = np.arange(len(rows))
     windows = indices[:, None]
     for _ in range(height - 1):
@@ -51,7 +55,9 @@ def valid_windows(height: int, width: int, *, empty: bool) -> WindowTable:
 def _fitting(forth: int, back: int) -> Bool[np.ndarray, "16 16"]:
     """Returns which pairs of codes may be neighbours, the second on the side `forth` of the first."""
     one, other = np.indices((16, 16))
-    turns, crossings = (np.isin([one, other], codes).all(axis=0) for codes in (KINDS["turn"], CROSSINGS))
+    turns, crossings = (
+        np.isin([one, other], codes).all(axis=0) for codes in (KINDS["turn"], CROSSINGS)
+    )
     linked = one & forth > 0
     return (linked == (other & back > 0)) & ~turns & ~(crossings & linked)
 

@@ -21,9 +21,10 @@ class Info(NamedTuple):
 
     Attributes:
       best_fitness: the lowest fitness among the elites after the step.
-      elite_count: int32, the number of elites: filled niches of an archive, or the grids that the method keeps. A
-        refused grid is none.
-      refused: int32, the number of grids of the step whose evaluation was out of range or not a number.
+      elite_count: int32, the number of elites: filled niches of an archive, or the grids that the
+        method keeps. A refused grid is none.
+      refused: int32, the number of grids of the step whose evaluation was out of range or not a
+        number.
     """
 
     best_fitness: Real[Array, ""]
@@ -62,8 +63,9 @@ class Optimizer(NamedTuple):
       step: (key, state) -> (state, `Info`).
       elites: state -> `Population`, the grids that the optimiser has found; slots may be vacant.
       evaluations_per_step: int, the number of grids that a step evaluates.
-      init_unevaluated: key -> state, or None. This state's grids are not evaluated yet; a step from it with any key
-        returns what `init` returns. A search then compiles one program that evaluates grids instead of two.
+      init_unevaluated: key -> state, or None. This state's grids are not evaluated yet; a step from
+        it with any key returns what `init` returns. A search then compiles one program that
+        evaluates grids instead of two.
     """
 
     init: Callable[[Key[Array, ""]], Pytree]
@@ -82,7 +84,9 @@ class Optimizer(NamedTuple):
         init_unevaluated: Callable[..., Pytree] | None = None,
     ) -> "Optimizer":
         """Makes an optimiser that runs under any settings of JAX, and on sharded batches of seeds."""
-        init, step, elites = (runs_jax(divide_batches(function)) for function in (init, step, elites))
+        init, step, elites = (
+            runs_jax(divide_batches(function)) for function in (init, step, elites)
+        )
         return Optimizer(init, step, elites, evaluations_per_step, init_unevaluated)
 
     @property

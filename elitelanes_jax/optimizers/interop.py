@@ -1,8 +1,8 @@
 """A problem in the interfaces of QDax, evosax and pyribs. None of these libraries is imported here.
 
-Each function takes a `Problem` (see `road_problem`) and returns the functions that the loop of the other library calls.
-QDax and pyribs maximise, so they receive the negative fitness. QDax and evosax store it as float32, which represents
-whole numbers exactly up to 2**24 in size.
+Each function takes a `Problem` (see `road_problem`) and returns the functions that the loop of the
+other library calls. QDax and pyribs maximise, so they receive the negative fitness. QDax and evosax
+store it as float32, which represents whole numbers exactly up to 2**24 in size.
 """
 
 from collections.abc import Callable
@@ -28,18 +28,21 @@ from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.problem import Problem
 
 
-def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple[Array, Array, dict[str, Array]]]:
+def qdax_scoring_fn(
+    problem: Problem,
+) -> Callable[[Array, Key[Array, ""]], tuple[Array, Array, dict[str, Array]]]:
     """Makes the scoring function of QDax's `MAPElites` (QDax 0.5), on genotypes that are grids.
 
     Args:
       problem: with at least one axis.
 
     Returns:
-      (genotypes int8 ``[B, H, W]``, key) -> (fitness float32 ``[B]`` to be maximised, descriptor float32 ``[B, D]``,
-      extra scores). The descriptor is the bin on each axis, a whole number from 0; its nearest centroid in
-      `qdax_centroids` is the niche. The extra scores are ``{"features": int32 [B, F]}``, in the order of
-      `Problem.feature_names`. The key is not used, because the evaluation has no noise. A refused grid has the fitness
-      -inf and becomes no elite. Genotypes are not repaired; `Problem.random` and `qdax_moves` return repaired ones.
+      (genotypes int8 ``[B, H, W]``, key) -> (fitness float32 ``[B]`` to be maximised, descriptor
+      float32 ``[B, D]``, extra scores). The descriptor is the bin on each axis, a whole number from
+      0; its nearest centroid in `qdax_centroids` is the niche. The extra scores are
+      ``{"features": int32 [B, F]}``, in the order of `Problem.feature_names`. The key is not used,
+      because the evaluation has no noise. A refused grid has the fitness -inf and becomes no elite.
+      Genotypes are not repaired; `Problem.random` and `qdax_moves` return repaired ones.
 
     Raises:
       InputError: from the function, for genotypes of another shape or type.
@@ -79,7 +82,8 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
     """Returns centroids, float32 ``[N, D]``, that give QDax the same niches, in the order of `niche_index`.
 
-    They are whole numbers, so that distances are exact and only the niche's own centroid is nearest.
+    They are whole numbers, so that distances are exact and only the niche's own centroid is
+    nearest.
     """
     if not axes:
         raise InputError("axes: expected at least one, got none")
@@ -91,7 +95,9 @@ def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
 def qdax_moves(
     problem: Problem,
     weights: MoveWeights = MoveWeights(),
-) -> tuple[Callable[[Array, Key[Array, ""]], Array], Callable[[Array, Array, Key[Array, ""]], Array]]:
+) -> tuple[
+    Callable[[Array, Key[Array, ""]], Array], Callable[[Array, Array, Key[Array, ""]], Array]
+]:
     """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): a random move, then repair.
 
     Args:
@@ -99,9 +105,9 @@ def qdax_moves(
       weights: the weights of the moves.
 
     Returns:
-      Two functions of genotypes, int8 ``[B, H, W]``: the mutation, (genotypes, key) -> genotypes, whose moves copy
-      blocks within a grid; and the variation, (genotypes, mates, key) -> genotypes, whose moves copy blocks of the
-      mates. Keys are consumed.
+      Two functions of genotypes, int8 ``[B, H, W]``: the mutation, (genotypes, key) -> genotypes,
+      whose moves copy blocks within a grid; and the variation, (genotypes, mates, key) ->
+      genotypes, whose moves copy blocks of the mates. Keys are consumed.
 
     Raises:
       InputError: from the functions, for genotypes of another shape or type.
@@ -139,29 +145,37 @@ class EvosaxState(NamedTuple):
 class EvosaxTask(NamedTuple):
     """The interface of evosax's `Problem` (evosax 0.3): from logits to a fitness to be minimised.
 
-    A solution has K logits for each cell, ``[H·W·K]``, row by row, for the K codes of the problem's alphabet.
+    A solution has K logits for each cell, ``[H·W·K]``, row by row, for the K codes of the problem's
+    alphabet.
 
     Attributes:
       num_dims: H·W·K.
       init: key -> `EvosaxState`.
-      eval: (key, solutions float ``[B, num_dims]``, state) -> (fitness float32 ``[B]``, state, metrics). Metrics are
-        ``{"features": int32 [B, F]}``, in the order of `Problem.feature_names`. The key is not used, because the
-        evaluation has no noise.
-      sample: key -> a solution float32 ``[num_dims]``, standard normal; all codes are equally likely.
-      decode: a solution float ``[num_dims]`` -> its grid int8 ``[H, W]``: each cell has the code of its largest logit,
-        the first among equal ones; then `Problem.repair_raster` repairs the grid. NaN counts as the largest.
+      eval: (key, solutions float ``[B, num_dims]``, state) -> (fitness float32 ``[B]``, state,
+        metrics). Metrics are ``{"features": int32 [B, F]}``, in the order of
+        `Problem.feature_names`. The key is not used, because the evaluation has no noise.
+      sample: key -> a solution float32 ``[num_dims]``, standard normal; all codes are equally
+        likely.
+      decode: a solution float ``[num_dims]`` -> its grid int8 ``[H, W]``: each cell has the code of
+        its largest logit, the first among equal ones; then `Problem.repair_raster` repairs the
+        grid. NaN counts as the largest.
     """
 
     num_dims: int
     init: Callable[[Key[Array, ""]], EvosaxState]
-    eval: Callable[[Key[Array, ""], Array, EvosaxState], tuple[Array, EvosaxState, dict[str, Array]]]
+    eval: Callable[
+        [Key[Array, ""], Array, EvosaxState], tuple[Array, EvosaxState, dict[str, Array]]
+    ]
     sample: Callable[[Key[Array, ""]], Array]
     decode: Callable[[Array], Array]
 
 
 @runs_jax
 def evosax_task(problem: Problem) -> EvosaxTask:
-    """Makes the task that evosax's strategies solve. Its `eval` and `decode` refuse solutions of another length."""
+    """Makes the task that evosax's strategies solve.
+
+    Its `eval` and `decode` refuse solutions of another length.
+    """
     check_named("problem", instance(Problem), problem)
     codes = jnp.array(problem.alphabet, jnp.int8)
     height, width = problem.shape
@@ -203,8 +217,8 @@ def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
     """Returns arguments for pyribs's `GridArchive` (pyribs 0.12) that make its cells our niches, in the same order.
 
     Returns:
-      ``solution_dim``, H·W; ``dims``, the bins of each axis; and ``ranges``, from the start of the first bin to the end
-      of the last one.
+      ``solution_dim``, H·W; ``dims``, the bins of each axis; and ``ranges``, from the start of the
+      first bin to the end of the last one.
     """
     _check_niches(problem)
     dims = []
@@ -219,9 +233,10 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
     """Makes the function from solutions of pyribs to grids.
 
     Returns:
-      Solutions ``[B, H·W]``, row by row -> repaired grids int8 ``[B, H, W]``. Integers are tile codes. A real number x
-      is the code at index floor(x) of the problem's alphabet, limited to the first and the last index. The function
-      raises `InputError` for solutions of another shape, numbers that are not finite, or codes outside 0..15.
+      Solutions ``[B, H·W]``, row by row -> repaired grids int8 ``[B, H, W]``. Integers are tile
+      codes. A real number x is the code at index floor(x) of the problem's alphabet, limited to the
+      first and the last index. The function raises `InputError` for solutions of another shape,
+      numbers that are not finite, or codes outside 0..15.
     """
     check_named("problem", instance(Problem), problem)
     height, width = problem.shape
@@ -235,7 +250,9 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
         except ValueError as error:
             raise InputError(f"solutions: expected numbers [B, {size}], got: {error}") from None
         if array.ndim != 2 or array.shape[1] != size or array.dtype.kind not in "iuf":
-            raise InputError(f"solutions: expected numbers [B, {size}], got {array.dtype} {array.shape}")
+            raise InputError(
+                f"solutions: expected numbers [B, {size}], got {array.dtype} {array.shape}"
+            )
         if array.dtype.kind == "f":
             if not np.isfinite(array).all():
                 raise InputError("solutions: expected finite numbers, got NaN or infinity")
@@ -250,13 +267,15 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
     return to_grids
 
 
-def ribs_evaluate(problem: Problem) -> Callable[[Untyped], tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def ribs_evaluate(
+    problem: Problem,
+) -> Callable[[Untyped], tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Makes the evaluation in pyribs's loop (pyribs 0.12), between `ask` and `tell`.
 
     Returns:
-      Solutions ``[B, H·W]`` (see `ribs_grids`) -> (objective float64 ``[B]`` to be maximised, measures float64
-      ``[B, D]``, the values of the axes' features). pyribs cannot refuse a grid: a refused one has the lowest
-      objective, -2147483647 or that of float32.
+      Solutions ``[B, H·W]`` (see `ribs_grids`) -> (objective float64 ``[B]`` to be maximised,
+      measures float64 ``[B, D]``, the values of the axes' features). pyribs cannot refuse a grid: a
+      refused one has the lowest objective, -2147483647 or that of float32.
     """
     to_grids = ribs_grids(problem)
 

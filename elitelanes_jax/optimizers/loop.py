@@ -27,9 +27,9 @@ from elitelanes_jax.problem.archive import Population
 def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
     """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on the number and its index alone.
 
-    Key i is ``fold_in(key(seed, impl="threefry2x32"), i)``, whatever kind of key JAX is set to make. `indices` are
-    those of the keys; or their number K, for the first K. Raises `InputError` for another seed, or other indices than
-    0 to 2**32 - 1.
+    Key i is ``fold_in(key(seed, impl="threefry2x32"), i)``, whatever kind of key JAX is set to
+    make. `indices` are those of the keys; or their number K, for the first K. Raises `InputError`
+    for another seed, or other indices than 0 to 2**32 - 1.
     """
     seed = check_named("seed", SEED, seed)
     index = whole(0, 2**32 - 1)
@@ -45,7 +45,9 @@ def seed_key_data(seed: int, indices: Int[np.ndarray, " K"]) -> UInt32[np.ndarra
 
     In NumPy, because JAX needs a quarter of a second to trace, lower and load the same.
     """
-    return np.stack(threefry(np.array([[0], [seed]], np.uint32), indices.astype(np.uint32)), axis=-1)
+    return np.stack(
+        threefry(np.array([[0], [seed]], np.uint32), indices.astype(np.uint32)), axis=-1
+    )
 
 
 @name_wrong_arguments
@@ -55,7 +57,8 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
 
     Args:
       optimizer: on one problem.
-      keys: ``[S]``, one for each seed. With JAX's default kind of key a seed's result does not depend on other seeds.
+      keys: ``[S]``, one for each seed. With JAX's default kind of key a seed's result does not
+        depend on other seeds.
       generations: the number of generations, static.
 
     Returns:
@@ -63,15 +66,20 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
     """
     if not isinstance(optimizer, Optimizer):
         raise InputError(f"optimizer: expected an Optimizer, got {type(optimizer).__name__}")
-    if np.ndim(keys) != 1 + (getattr(keys, "dtype", None) == np.uint32):  # a key of the old style is a vector
-        raise InputError(f"keys: expected keys [S], such as those of seed_keys, got {shorten(repr(keys))}")
+    # A key of the old style is a vector.
+    if np.ndim(keys) != 1 + (getattr(keys, "dtype", None) == np.uint32):
+        raise InputError(
+            f"keys: expected keys [S], such as those of seed_keys, got {shorten(repr(keys))}"
+        )
     if not np.shape(keys)[0]:
         raise InputError("keys: expected at least one, got none")
     check_named("generations", whole(0), generations)
 
     def run_all(keys: Array) -> tuple[Pytree, Info]:
         first, states = optimizer.first_generation, start(optimizer, keys)
-        states, info = advance(optimizer, keys, states, first, generations, most=generations + 1 - first)
+        states, info = advance(
+            optimizer, keys, states, first, generations, most=generations + 1 - first
+        )
         return states, jax.tree.map(lambda array: array[1 - first :], info)
 
     return divide_batches(run_all, rows=(0, 1))(keys)
@@ -90,7 +98,8 @@ def over_seeds(function: Callable[..., Pytree], *trees: Pytree) -> Pytree:
     if jax.tree.leaves(trees)[0].shape[0] > 1:
         return jax.vmap(function)(*trees)
     found = function(*jax.tree.map(lambda array: array[0], trees))
-    return jax.tree.map(lambda array: jnp.asarray(array)[None], found)  # a user's may be a Python number
+    # A user's may be a Python number.
+    return jax.tree.map(lambda array: jnp.asarray(array)[None], found)
 
 
 @runs_jax
@@ -105,12 +114,13 @@ def advance(
 ) -> tuple[Pytree, Info]:
     """Runs the generations `first` to `last`, both included; a run begins with `Optimizer.first_generation`.
 
-    Generation i of a seed depends on ``fold_in(key, i)`` and the state before it alone. Therefore generations 1 to 200
-    equal 1 to 100 and then 101 to 200, bit for bit, and a seed's result does not depend on other seeds. `first` and
-    `last` may be traced: one compiled call serves every part of every run.
+    Generation i of a seed depends on ``fold_in(key, i)`` and the state before it alone. Therefore
+    generations 1 to 200 equal 1 to 100 and then 101 to 200, bit for bit, and a seed's result does
+    not depend on other seeds. `first` and `last` may be traced: one compiled call serves every part
+    of every run.
 
-    Returns the states, and an `Info` of arrays ``[most, S]``. Only the first `last` - `first` + 1 rows have a meaning;
-    if `last` is less than `first`, no generation is run. `most` is static.
+    Returns the states, and an `Info` of arrays ``[most, S]``. Only the first `last` - `first` + 1
+    rows have a meaning; if `last` is less than `first`, no generation is run. `most` is static.
     """
 
     @partial(jax.jit, inline=True)  # so that it is traced once, for the shapes and for the loop
@@ -127,8 +137,11 @@ def advance(
     no_row = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), row)
 
     def run_generation(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
-        # The loop of one round in `run_if` passes on the states of a round that does nothing without a copy.
-        return run_if(generation <= last, lambda _, carry: step(carry[0], generation), (states, no_row))
+        # The loop of one round in `run_if` passes on the states of a round that does nothing
+        # without a copy.
+        return run_if(
+            generation <= last, lambda _, carry: step(carry[0], generation), (states, no_row)
+        )
 
     return lax.scan(run_generation, states, first + jnp.arange(most, dtype=jnp.int32))
 
@@ -136,7 +149,9 @@ def advance(
 def check_state(state: Pytree) -> Pytree:
     """Returns what an optimiser's `init` returned; raises `InputError` if it has no array."""
     if not jax.tree.leaves(state):
-        raise InputError(f"optimizer: expected an init that returns a pytree of arrays, got {state!r}")
+        raise InputError(
+            f"optimizer: expected an init that returns a pytree of arrays, got {state!r}"
+        )
     return state
 
 
@@ -147,7 +162,9 @@ def check_elites(elites: UserValue, shape: tuple[int, int], features: int) -> Po
     grids, fitness, columns = (jnp.asarray(array) for array in elites)
     for name, array in (("grids", grids), ("features", columns)):
         if not jnp.issubdtype(array.dtype, jnp.integer):
-            raise InputError(f"optimizer: elites: expected {name} of whole numbers, got {array.dtype}")
+            raise InputError(
+                f"optimizer: elites: expected {name} of whole numbers, got {array.dtype}"
+            )
     grids, columns = grids.astype(jnp.int8), columns.astype(jnp.int32)
     check_array("optimizer: elites: fitness", fitness, slots or ("N",), jnp.int32, jnp.float32)
     check_array("optimizer: elites: grids", grids, (*slots, *shape), jnp.int8)
@@ -161,14 +178,18 @@ def _check_step(state: Pytree, outcome: UserValue) -> None:
         got = repr(outcome)
         if isinstance(outcome, tuple):
             got = f"({', '.join(type(part).__name__ for part in outcome)})"
-        raise InputError(f"optimizer: expected a step that returns (state, Info), got {shorten(got)}")
+        raise InputError(
+            f"optimizer: expected a step that returns (state, Info), got {shorten(got)}"
+        )
     new_state, info = outcome
     for name in Info._fields:
         shape = np.shape(getattr(info, name))
         if shape:
             raise InputError(f"optimizer: expected an Info of scalars, got {name} of shape {shape}")
     check_same_tree(
-        "optimizer: expected a step that keeps the structure, shapes and dtypes of its state", state, new_state
+        "optimizer: expected a step that keeps the structure, shapes and dtypes of its state",
+        state,
+        new_state,
     )
 
 

@@ -15,7 +15,10 @@ from elitelanes_jax.optimizers._annealed import (
     annealed_gwo,
     annealed_pso,
 )
-from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
+from elitelanes_jax.optimizers._annealed_map_elites import (
+    AnnealedMapElitesConfig,
+    annealed_map_elites,
+)
 from elitelanes_jax.optimizers._annealing import AnnealingConfig
 from elitelanes_jax.optimizers._gwo import GwoConfig, gwo
 from elitelanes_jax.optimizers._map_elites import MapElitesConfig, map_elites
@@ -38,15 +41,18 @@ Config: TypeAlias = (
 )
 """The configuration of a method; its type determines the method."""
 
-# No mirrored blocks and few copied blocks, so that the parts of a map differ. Outlines of rectangles lead from one
-# sparse network to the next: with this weight a run finds 67 towns of 12 x 12, with the usual weight 47. Many towns
-# have the same fitness, and most infeasible towns violate one constraint. Therefore equal grids replace elites, windows
-# are refitted, and a niche is pursued until its elite is feasible. Cycles from random grids fill no more niches.
+# No mirrored blocks and few copied blocks, so that the parts of a map differ. Outlines of
+# rectangles lead from one sparse network to the next: with this weight a run finds 67 towns of 12 x
+# 12, with the usual weight 47. Many towns have the same fitness, and most infeasible towns violate
+# one constraint. Therefore equal grids replace elites, windows are refitted, and a niche is pursued
+# until its elite is feasible. Cycles from random grids fill no more niches.
 _IRREGULAR = AnnealingConfig(
     chains=1,
     hottest=40,
     coldest=12,
-    moves=MoveWeights(outline=24, mirror=0, slide=1, transplant=4, displaced=1, refit=25, fill_probability=0.0),
+    moves=MoveWeights(
+        outline=24, mirror=0, slide=1, transplant=4, displaced=1, refit=25, fill_probability=0.0
+    ),
 )
 
 PRESETS: dict[tuple[str, str], Config] = {
@@ -91,7 +97,8 @@ R = TypeVar("R", bound=Record)
 def make_optimizer(problem: Problem, config: Config) -> Optimizer:
     """Returns the optimiser that a configuration belongs to, such as `annealed_ea` for an `AnnealingConfig`.
 
-    Raises `InputError` for anything else than the configuration of a method, such as one of `PRESETS`.
+    Raises `InputError` for anything else than the configuration of a method, such as one of
+    `PRESETS`.
     """
     _check_config(config)
     return _FACTORIES[type(config)](problem, config)
@@ -107,7 +114,9 @@ def with_moves(config: Config, moves: UserValue) -> Config:
     """Returns a configuration with other moves, see `MoveWeights.with_moves`; raises `InputError` if it has none."""
     annealing = _annealing(config)
     if annealing is None:
-        raise InputError(f"moves: expected a method with moves, such as preset tuned, got {type(config).__name__}")
+        raise InputError(
+            f"moves: expected a method with moves, such as preset tuned, got {type(config).__name__}"
+        )
     annealing = annealing.replace(moves=annealing.moves.with_moves(moves))
     return annealing if isinstance(config, AnnealingConfig) else config.replace(annealing=annealing)
 
@@ -115,7 +124,11 @@ def with_moves(config: Config, moves: UserValue) -> Config:
 def user_moves(config: Config) -> dict[str, Move]:
     """Returns the moves of the user in a configuration, by name."""
     annealing = _annealing(config)
-    return {} if annealing is None else {name: move for name, (_, move) in annealing.moves.user_moves.items()}
+    return (
+        {}
+        if annealing is None
+        else {name: move for name, (_, move) in annealing.moves.user_moves.items()}
+    )
 
 
 def _annealing(config: Config) -> AnnealingConfig | None:
@@ -126,10 +139,13 @@ def _annealing(config: Config) -> AnnealingConfig | None:
 def find_preset(config: Config) -> tuple[str, str, bool]:
     """Returns the method and preset of a configuration, and whether it equals the preset.
 
-    If it equals no preset, the preset is the first one of its type. Raises `InputError` for anything else.
+    If it equals no preset, the preset is the first one of its type. Raises `InputError` for
+    anything else.
     """
     _check_config(config)
-    alike = [(found, known == config) for found, known in PRESETS.items() if type(known) is type(config)]
+    alike = [
+        (found, known == config) for found, known in PRESETS.items() if type(known) is type(config)
+    ]
     (method, preset), exact = max(alike, key=lambda one: one[1])
     return method, preset, exact
 
@@ -140,7 +156,9 @@ def config_to_plain(config: Config) -> dict[str, Plain]:
     def plain(fields: list[tuple[str, Plain]]) -> dict[str, Plain]:
         values = dict(fields)
         if "user_moves" in values:
-            values["user_moves"] = {name: weight for name, (weight, _) in values["user_moves"].items()}
+            values["user_moves"] = {
+                name: weight for name, (weight, _) in values["user_moves"].items()
+            }
         return values
 
     return {"kind": type(config).__name__, **asdict(config, dict_factory=plain)}
@@ -153,7 +171,9 @@ def config_from_plain(plain: Plain) -> Config | None:
     """
     kinds = {kind.__name__: kind for kind in _FACTORIES}
     if not isinstance(plain, Mapping) or plain.get("kind") not in kinds:
-        raise InputError(f"config: expected a kind, one of {', '.join(kinds)}, got {shorten(repr(plain))}")
+        raise InputError(
+            f"config: expected a kind, one of {', '.join(kinds)}, got {shorten(repr(plain))}"
+        )
     fields = {name: value for name, value in plain.items() if name != "kind"}
     annealing = fields.get("annealing", fields)
     if isinstance(annealing, Mapping) and (annealing.get("moves") or {}).get("user_moves"):
@@ -166,5 +186,9 @@ def _from_plain(default: R, plain: Plain) -> R:
     if not isinstance(plain, Mapping) or set(plain) != set(names):
         raise InputError(f"config: expected {', '.join(names)}, got {shorten(repr(plain))}")
     parts = {name: getattr(default, name) for name in names}
-    nested = {name: _from_plain(part, plain[name]) for name, part in parts.items() if isinstance(part, Record)}
+    nested = {
+        name: _from_plain(part, plain[name])
+        for name, part in parts.items()
+        if isinstance(part, Record)
+    }
     return default.replace(**{**plain, **nested})

@@ -1,6 +1,7 @@
 """Populations, and the archive of MAP-Elites: a population with one slot for each niche.
 
-Mouret and Clune, "Illuminating search spaces by mapping elites", 2015; paper, section "Behavior Descriptors".
+Mouret and Clune, "Illuminating search spaces by mapping elites", 2015; paper, section "Behavior
+Descriptors".
 """
 
 from math import prod
@@ -37,7 +38,10 @@ class Population(NamedTuple):
 
     @property
     def valid(self) -> Bool[Array, "*S P"]:
-        """Bool ``[P]``: which slots are filled. The grid and the features of a vacant slot have no meaning."""
+        """Bool ``[P]``: which slots are filled.
+
+        The grid and the features of a vacant slot have no meaning.
+        """
         return self.fitness < vacant_fitness(self.fitness.dtype)
 
 
@@ -60,22 +64,28 @@ def finite_or_vacant(fitness: Real[Array, " P"]) -> Real[Array, " P"]:
 @runs_jax
 @divide_batches
 def insert(
-    archive: Population, niche: Int32[Array, "*K P"], found: Population, *, accept_equal: bool = False
+    archive: Population,
+    niche: Int32[Array, "*K P"],
+    found: Population,
+    *,
+    accept_equal: bool = False,
 ) -> Population:
     """Offers each grid to its niche, which keeps the grid of lowest fitness.
 
-    Among equal grids the elite stays, or else the first grid of the batch wins: the result does not depend on the order
-    in which a device writes.
+    Among equal grids the elite stays, or else the first grid of the batch wins: the result does not
+    depend on the order in which a device writes.
 
     Args:
       archive: one slot for each of N niches.
-      niche: int32 ``[P]``, the index of each grid's niche; or ``[K, P]`` to offer each grid to K niches.
+      niche: int32 ``[P]``, the index of each grid's niche; or ``[K, P]`` to offer each grid to K
+        niches.
       found: the P grids. A fitness that is not finite is refused.
       accept_equal: whether the first in the batch replaces an elite of equal fitness.
 
     Raises:
-      InputError: for another number of indices than of grids, another dtype of fitness or other shapes of grids and
-        features than the archive's, or an index of no niche; the last not under `jax.jit`.
+      InputError: for another number of indices than of grids, another dtype of fitness or other
+        shapes of grids and features than the archive's, or an index of no niche; the last not under
+        `jax.jit`.
     """
     archive, found = Population(*map(jnp.asarray, archive)), Population(*map(jnp.asarray, found))
     _check_offer(archive, niche, found)
@@ -87,17 +97,26 @@ def insert(
     if not accept_equal:
         contends &= fitness < archive.fitness[niche]
     niches, batch = archive.fitness.size, jnp.arange(niche.size, dtype=jnp.int32)
-    first = jnp.full(niches, batch.size, jnp.int32).at[niche].min(jnp.where(contends, batch, batch.size))
-    # Each winner writes to its own niche, and no other grid does. Losers write beyond the end, where nothing is stored.
+    first = (
+        jnp.full(niches, batch.size, jnp.int32)
+        .at[niche]
+        .min(jnp.where(contends, batch, batch.size))
+    )
+    # Each winner writes to its own niche, and no other grid does. Losers write beyond the end,
+    # where nothing is stored.
     slots = jnp.where(first[niche] == batch, niche, niches + batch)
 
     def write(into: Array, values: Array) -> Array:
         # XLA would compute grids twice if they were concatenated with themselves.
         for slots_of_round in slots.reshape(rounds.shape):
-            into = into.at[slots_of_round].set(jnp.asarray(values, into.dtype), mode="drop", unique_indices=True)
+            into = into.at[slots_of_round].set(
+                jnp.asarray(values, into.dtype), mode="drop", unique_indices=True
+            )
         return into
 
-    return Population(write(archive.grids, found.grids), lowest, write(archive.features, found.features))
+    return Population(
+        write(archive.grids, found.grids), lowest, write(archive.features, found.features)
+    )
 
 
 def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Population) -> None:
@@ -109,7 +128,9 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
     if not isinstance(niche, jax.core.Tracer) and np.size(niche):
         lowest, highest, niches = np.min(niche), np.max(niche), archive.fitness.size
         if not 0 <= lowest <= highest < niches:
-            raise InputError(f"niche: expected indices 0 to {niches - 1}, got {lowest} to {highest}")
+            raise InputError(
+                f"niche: expected indices 0 to {niches - 1}, got {lowest} to {highest}"
+            )
     if found.fitness.dtype != archive.fitness.dtype:
         raise InputError(
             f"found: expected a fitness of {archive.fitness.dtype}, as in the archive, got {found.fitness.dtype}"
@@ -117,15 +138,17 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
     for part in ("grids", "features"):
         expected, got = list(getattr(archive, part).shape[1:]), list(getattr(found, part).shape[1:])
         if got != expected:
-            raise InputError(f"found: expected {part} of shape {expected} each, as in the archive, got {got}")
+            raise InputError(
+                f"found: expected {part} of shape {expected} each, as in the archive, got {got}"
+            )
 
 
 @name_wrong_arguments
 def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.float64]:
     """Returns the sum over all elites of worst - fitness, if positive; float ``[...]``.
 
-    `fitness` is ``[..., N]``, lower is better, and anything in niches that are not `valid`, bool ``[..., N]``. Source:
-    Pugh, Soros and Stanley, "Quality diversity", 2016.
+    `fitness` is ``[..., N]``, lower is better, and anything in niches that are not `valid`, bool
+    ``[..., N]``. Source: Pugh, Soros and Stanley, "Quality diversity", 2016.
     """
     return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
 
@@ -134,8 +157,8 @@ def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.flo
 def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
     """Returns the filled share of the feasible niches, float ``[...]``.
 
-    `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be filled; by default
-    all.
+    `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be
+    filled; by default all.
     """
     valid = np.atleast_1d(np.asarray(valid, bool))
     feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)

@@ -193,7 +193,9 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
             bounds = _narrowed(_with(bounds, inequalities))
         except _ContradictionError as error:
             expected = f"a range that {ranged_maps} can be in"
-            raise InputError(f"where {str(item)!r}: expected {expected}, got one where {error}") from None
+            raise InputError(
+                f"where {str(item)!r}: expected {expected}, got one where {error}"
+            ) from None
         conjunction = "with" if ranged_maps == maps else "and"
         ranged_maps += f" {conjunction} {item}"
 
@@ -221,7 +223,9 @@ def _check_range(item: Range, bounds: FeatureBounds, maps: str) -> None:
     unless = ""
     if bounds.has_no_gaps and item.name in features_without_gaps(bounds.shape):
         unless = " unless rules or fixed cells leave cells empty"
-    raise InputError(f"where {str(item)!r}: expected a range with {expected}, which {maps} have{unless}")
+    raise InputError(
+        f"where {str(item)!r}: expected a range with {expected}, which {maps} have{unless}"
+    )
 
 
 def check_feasible(
@@ -265,12 +269,16 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
     if ends:
         row, column = ends[0]
         code = int(fix.grid[row, column])
-        raise InputError(f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}")
+        raise InputError(
+            f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}"
+        )
     if rules is not None:
         metrics = plain_measure(fix.grid)
         for name in RULES[rules].forbidden:
             if metrics[name]:
-                raise InputError(f"fix: expected cells that keep the rules of {rules}, got {name} {metrics[name]}")
+                raise InputError(
+                    f"fix: expected cells that keep the rules of {rules}, got {name} {metrics[name]}"
+                )
 
 
 def _check_room(fix: FixedCells, filled: bool) -> None:
@@ -403,7 +411,10 @@ def _negated(factors: Mapping[str, int], most: int) -> _Inequality:
 
 
 def _within(item: Range) -> list[_Inequality]:
-    """Returns the inequalities of a range. The range of a share limits a part by a multiple of its whole."""
+    """Returns the inequalities of a range.
+
+    The range of a share limits a part by a multiple of its whole.
+    """
     part, whole = SHARES.get(item.name, (item.name, ()))
     inequalities = []
     for limit, sign in ((item.low, 1), (item.high, -1)):

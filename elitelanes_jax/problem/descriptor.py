@@ -113,7 +113,9 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
     return checked
 
 
-def resolve_axes(axes: UserValue, shape: tuple[int, int], features: Collection[str] | None = ()) -> tuple[Axis, ...]:
+def resolve_axes(
+    axes: UserValue, shape: tuple[int, int], features: Collection[str] | None = ()
+) -> tuple[Axis, ...]:
     """Reads axes as `parse_axes` does, and replaces width 0 by the default width on grids of a shape."""
     resolved = []
     for axis in parse_axes(axes, features):
@@ -122,7 +124,9 @@ def resolve_axes(axes: UserValue, shape: tuple[int, int], features: Collection[s
     return tuple(resolved)
 
 
-def compute_descriptor(features: AnyArray, feature_names: Sequence[str], axes: tuple[Axis, ...]) -> AnyArray:
+def compute_descriptor(
+    features: AnyArray, feature_names: Sequence[str], axes: tuple[Axis, ...]
+) -> AnyArray:
     """Returns the values of the axes' features, int32 ``[..., D]``, from features ``[..., F]`` of NumPy or JAX."""
     return select_features(features, feature_names, [axis.metric for axis in axes])
 
@@ -134,9 +138,13 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     for axis in axes:
         if axis.bins < 1 or axis.width < 1:
             got = f"{axis.bins} of width {axis.width}"
-            raise InputError(f"axes {axis.metric!r}: expected at least one bin, of a width of at least 1, got {got}")
+            raise InputError(
+                f"axes {axis.metric!r}: expected at least one bin, of a width of at least 1, got {got}"
+            )
     if np.shape(descriptor)[-1:] != (len(axes),):
-        raise InputError(f"descriptor: expected shape [..., {len(axes)}], got {list(np.shape(descriptor))}")
+        raise InputError(
+            f"descriptor: expected shape [..., {len(axes)}], got {list(np.shape(descriptor))}"
+        )
     # With as many axes as the descriptor, see `xla.align`.
     aligned = (1,) * (np.ndim(descriptor) - 1) + (-1,)
     bins = np.array([axis.bins for axis in axes], np.int32).reshape(aligned)
@@ -166,7 +174,9 @@ def _axis_of(name: UserValue, bins: UserValue) -> Axis:
 def _parse_axis(text: str) -> Axis:
     parsed = _AXIS_TEXT.fullmatch(text)
     if parsed is None:
-        raise InputError(f"axes {text!r}: expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more")
+        raise InputError(
+            f"axes {text!r}: expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more"
+        )
     name, bins, width = parsed.groups()
     return Axis(name, int(bins), int(width or 0))
 
@@ -178,7 +188,9 @@ def _check_axis(value: UserValue, features: Collection[str] | None) -> Axis:
     elif isinstance(value, Mapping) and "metric" in value and set(value) <= set(Axis._fields):
         axis = Axis(**value)
     if not isinstance(axis, Axis):
-        raise InputError(f"axes: expected axes such as 'straight_share:10', got {shorten(repr(value))}")
+        raise InputError(
+            f"axes: expected axes such as 'straight_share:10', got {shorten(repr(value))}"
+        )
     source = f"axes {value!r}" if isinstance(value, str) else f"axes {axis.metric!r}"
     check_feature(source, axis.metric, features)
     # NumPy's numbers would not be written to JSON.

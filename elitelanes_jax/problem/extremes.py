@@ -23,7 +23,10 @@ from elitelanes_jax.problem.features import (
 _SHAPE = (12, 12)
 
 EXTREMES = Path(__file__).with_name("extremes.txt")
-"""The file of maps that ``docs/metrics.py`` found. Each line is a map, in rows with one hexadecimal digit per tile."""
+"""The file of maps that ``docs/metrics.py`` found.
+
+Each line is a map, in rows with one hexadecimal digit per tile.
+"""
 
 
 def features_of(grid: Int8[np.ndarray, "H W"]) -> dict[str, float]:
@@ -54,7 +57,9 @@ def feature_range(name: str) -> tuple[float, float]:
     are not known; so does `extreme_maps`.
     """
     if check_feature("name", name) in TOWN_FEATURES:
-        raise InputError(f"name: expected a metric or a share, got {name!r}, a town feature, whose range is not known")
+        raise InputError(
+            f"name: expected a metric or a share, got {name!r}, a town feature, whose range is not known"
+        )
     values = [features[name] for _, features in _measured()]
     return min(values), max(values)
 

@@ -81,7 +81,9 @@ def columns_for(*groups: Iterable[str]) -> tuple[str, ...]:
     return tuple(columns)
 
 
-def with_shares(features: AnyArray, feature_names: Sequence[str]) -> tuple[AnyArray, tuple[str, ...]]:
+def with_shares(
+    features: AnyArray, feature_names: Sequence[str]
+) -> tuple[AnyArray, tuple[str, ...]]:
     """Adds a column for each share that follows from the metrics, to features int32 ``[..., F]`` of NumPy or JAX.
 
     Returns int32 ``[..., F + S]``, of the same library, and the F + S names.
@@ -100,7 +102,9 @@ def with_shares(features: AnyArray, feature_names: Sequence[str]) -> tuple[AnyAr
     return xp.concatenate(arrays, axis=-1), tuple(names)
 
 
-def select_features(features: AnyArray, feature_names: Sequence[str], selected: Sequence[str]) -> AnyArray:
+def select_features(
+    features: AnyArray, feature_names: Sequence[str], selected: Sequence[str]
+) -> AnyArray:
     """Returns the columns of the selected features, int32 ``[..., D]``, of NumPy or JAX; computes those of shares."""
     if not set(selected) <= set(feature_names):
         features, feature_names = with_shares(features, feature_names)

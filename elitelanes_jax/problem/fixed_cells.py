@@ -19,7 +19,8 @@ class FixedCells(NamedTuple):
     """The fixed cells of a grid; hashable."""
 
     shape: tuple[int, int]  # (height, width) of the grid
-    codes: tuple[int | None, ...]  # the code of each fixed cell, None for each free cell, row by row
+    # The code of each fixed cell, None for each free cell, row by row.
+    codes: tuple[int | None, ...]
 
     @property
     def fixed(self) -> Bool[np.ndarray, "H W"]:
@@ -35,7 +36,9 @@ class FixedCells(NamedTuple):
     def rows(self) -> list[list[int | None]]:
         """The rows that `parse_fixed_cells` reads."""
         width = self.shape[1]
-        return [list(self.codes[start : start + width]) for start in range(0, len(self.codes), width)]
+        return [
+            list(self.codes[start : start + width]) for start in range(0, len(self.codes), width)
+        ]
 
 
 def parse_fixed_cells(cells: UserValue) -> FixedCells:
@@ -63,7 +66,9 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
         rows = [list(row) for row in cells]
     except TypeError:
         got = shorten(reprlib.repr(cells))
-        raise InputError(f"{name}: expected rows of tile codes, or null for free cells, got {got}") from None
+        raise InputError(
+            f"{name}: expected rows of tile codes, or null for free cells, got {got}"
+        ) from None
     lengths = sorted({len(row) for row in rows})
     if len(lengths) != 1:
         got = f"{len(rows)} rows of {shorten(' or '.join(map(str, lengths)) or '0')}"
@@ -76,7 +81,9 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
         code = rows[row][column]
         if code is not None and not (is_whole(code) and 0 <= code <= 15):
             got = f"{shorten(reprlib.repr(code))} at row {row}, column {column}"
-            raise InputError(f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}")
+            raise InputError(
+                f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}"
+            )
     codes = np.array([[-1 if code is None else code for code in row] for row in rows], int)
     _check_sides(name, codes)
     return FixedCells(shape, tuple(None if code < 0 else code for code in codes.ravel().tolist()))
@@ -107,7 +114,10 @@ def _read_rows(file: str | Path) -> Plain:
 
 
 def _check_sides(name: str, codes: Int[np.ndarray, "H W"]) -> None:
-    """Checks that no road leaves the grid or ends at a fixed neighbour. A free cell is -1, all bits."""
+    """Checks that no road leaves the grid or ends at a fixed neighbour.
+
+    A free cell is -1, all bits.
+    """
     height, width = codes.shape
     for side in SIDES:
         beside = np.pad(codes, 1)[1 + side.down :, 1 + side.right :][:height, :width]

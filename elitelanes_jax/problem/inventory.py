@@ -19,7 +19,9 @@ COUNTED = {
 """The feature that counts the tiles of each kind that maps consist of."""
 
 
-def parse_numbers(option: str, known: Iterable[str], numbers: UserValue, *, least: int) -> tuple[tuple[str, int], ...]:
+def parse_numbers(
+    option: str, known: Iterable[str], numbers: UserValue, *, least: int
+) -> tuple[tuple[str, int], ...]:
     """Reads whole numbers by name, from texts such as ``bridges=300``, a mapping or pairs.
 
     Raises `InputError` for anything else, a name that is not `known`, a number less than `least`,
@@ -62,7 +64,9 @@ def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
     return tuple((kind, counts.get(kind, 0)) for kind in COUNTED)
 
 
-def within_inventory(where: Iterable[Range], inventory: Iterable[tuple[str, int]]) -> tuple[Range, ...]:
+def within_inventory(
+    where: Iterable[Range], inventory: Iterable[tuple[str, int]]
+) -> tuple[Range, ...]:
     """Returns ranges with the upper limits that an inventory sets: a map needs at most the tiles that there are."""
     ranges = {item.name: item for item in where}
     for kind, count in inventory:

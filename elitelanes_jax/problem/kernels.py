@@ -61,7 +61,9 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
     check_features(features)
     for name, kernel in features.items():
         if not callable(kernel):
-            raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
+            raise InputError(
+                f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}"
+            )
         check_named(f"features: {name}", function_of("grid"), kernel)
         expected = f"features: expected {name}"
         grid = jax.ShapeDtypeStruct(shape, jnp.int8)
@@ -72,7 +74,9 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
     return dict(features)
 
 
-def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Sequence[str]) -> Fitness:
+def check_fitness(
+    fitness: UserValue, shape: tuple[int, int], feature_names: Sequence[str]
+) -> Fitness:
     """Checks that JAX can trace a fitness of the user, with arguments that `Fitness` lists, to a scalar."""
     if not callable(fitness):
         expected = "a function of metrics, features, grid or usual"
@@ -89,7 +93,9 @@ def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Seq
     result = _trace_shapes("fitness: expected", apply, grids, features, usual)
     is_scalar = getattr(result, "shape", None) == (1,)
     if not is_scalar or not jnp.issubdtype(result.dtype, jnp.number) or result.dtype.kind == "c":
-        raise InputError(f"fitness: expected it to return {_SCALAR}, got {_described(result, batch=1)}")
+        raise InputError(
+            f"fitness: expected it to return {_SCALAR}, got {_described(result, batch=1)}"
+        )
     return fitness
 
 
@@ -172,7 +178,9 @@ def with_town_features(
         if name in METRIC_NAMES or name in measured:
             continue
         if name not in TOWN_FEATURES:
-            raise InputError(f"{source}: expected features that the search has measured, got {name}")
+            raise InputError(
+                f"{source}: expected features that the search has measured, got {name}"
+            )
         missing.append(name)
     if missing:
         columns = _measure_in_batches(np.asarray(grids), tuple(missing))
@@ -234,16 +242,22 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
         if any(parameter.kind is Parameter.POSITIONAL_ONLY for parameter in parameters):
             raise TypeError("positional only")
     except (TypeError, ValueError):
-        raise InputError(f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}") from None
+        raise InputError(
+            f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}"
+        ) from None
     return tuple(parameter.name for parameter in parameters if parameter.default is Parameter.empty)
 
 
-def _trace_shapes(expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct) -> Pytree:
+def _trace_shapes(
+    expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct
+) -> Pytree:
     """Returns the shapes and dtypes that a user's function returns; errors of JAX become an `InputError`."""
     try:
         return jax.eval_shape(function, *arguments)
     except (jax.errors.JAXTypeError, jax.errors.JAXIndexError) as error:
-        raise InputError(f"{expected} to be a function that JAX can trace, got: {shorten(str(error), 160)}") from None
+        raise InputError(
+            f"{expected} to be a function that JAX can trace, got: {shorten(str(error), 160)}"
+        ) from None
 
 
 def _described(result: Pytree, batch: int = 0) -> str:
@@ -271,7 +285,10 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> tuple[str, bo
 
 
 def _has_floats(closed: "core.ClosedJaxpr") -> bool:
-    """Returns whether results of a jaxpr come from floats. Shares of metrics do, but few fitnesses use them."""
+    """Returns whether results of a jaxpr come from floats.
+
+    Shares of metrics do, but few fitnesses use them.
+    """
     needed = {*map(id, closed.jaxpr.outvars)}
     for equation in reversed(closed.jaxpr.eqns):
         if needed.isdisjoint(map(id, equation.outvars)):
@@ -283,7 +300,10 @@ def _has_floats(closed: "core.ClosedJaxpr") -> bool:
 
 
 def _constants(closed: "core.ClosedJaxpr") -> Iterator[bytes]:
-    """Yields the constants of a jaxpr and of its inner jaxprs. The text of a jaxpr has only their shapes."""
+    """Yields the constants of a jaxpr and of its inner jaxprs.
+
+    The text of a jaxpr has only their shapes.
+    """
     from jax.extend import core  # most searches have no functions of the user
 
     for constant in closed.consts:

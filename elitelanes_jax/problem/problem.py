@@ -52,20 +52,20 @@ class Problem:
 
     Attributes:
       shape: (height, width) of the grids, each at least 2.
-      evaluate: grids int8 ``[P, H, W]`` -> `Evaluation`; pure. Integers of a fitness are less than 2**29 in size. A
-        float fitness that is not finite is refused: its grid becomes no elite.
+      evaluate: grids int8 ``[P, H, W]`` -> `Evaluation`; pure. Integers of a fitness are less than
+        2**29 in size. A float fitness that is not finite is refused: its grid becomes no elite.
       feature_names: the names of the F columns of features.
       axes: axes of the descriptor space; MAP-Elites needs at least one.
       alphabet: the codes, among 0 to 15, that new tiles are drawn from.
-      repair: (grid, dirty, raster) -> grid, applied to every new grid; the last two are optional, and `raster` is given
-        by name. See `elitelanes_jax.network.repair`. By default a code outside the alphabet becomes one of its K codes,
-        the one at index code mod K.
-      penalties: features int32 ``[..., F]`` -> int32 ``[...]``, the part of the fitness that no reward lowers; by
-        default 0. The tuned MAP-Elites with `require_feasible`, as in its preset `irregular`, counts a niche as vacant
-        until this is 0 there.
+      repair: (grid, dirty, raster) -> grid, applied to every new grid; the last two are optional,
+        and `raster` is given by name. See `elitelanes_jax.network.repair`. By default a code
+        outside the alphabet becomes one of its K codes, the one at index code mod K.
+      penalties: features int32 ``[..., F]`` -> int32 ``[...]``, the part of the fitness that no
+        reward lowers; by default 0. The tuned MAP-Elites with `require_feasible`, as in its preset
+        `irregular`, counts a niche as vacant until this is 0 there.
       initial: int8 ``[N, H, W]``, grids that every run starts from, or None.
-      fill: whether `repair` leaves nothing to fill, so that moves need not. Otherwise moves may apply the repair of
-        roads.
+      fill: whether `repair` leaves nothing to fill, so that moves need not. Otherwise moves may
+        apply the repair of roads.
       fixed: bool ``[H, W]``, the cells that `repair` never changes, or None.
     """
 
@@ -84,8 +84,9 @@ class Problem:
         """Checks the fields and sets the defaults.
 
         Raises:
-          InputError: for a bad shape or alphabet, an axis whose feature is no column, a repair without these arguments,
-            fixed cells of another shape, or initial grids of another shape or with other codes.
+          InputError: for a bad shape or alphabet, an axis whose feature is no column, a repair
+            without these arguments, fixed cells of another shape, or initial grids of another shape
+            or with other codes.
         """
         shape = check_shape(self.shape, new=True)
         alphabet = check_alphabet(self.alphabet)
@@ -136,7 +137,8 @@ class Problem:
         """Returns a number of archives of vacant slots, end to end, for a fitness of a dtype.
 
         Raises:
-          InputError: for a dtype that does not hold the fitness of vacant slots, or if there are no axes.
+          InputError: for a dtype that does not hold the fitness of vacant slots, or if there are no
+            axes.
         """
         slots = copies * self.niches
         fitness_dtype = jnp.dtype(dtype)
@@ -164,7 +166,9 @@ class Problem:
         @divide_batches
         def draw(key: Array) -> Array:
             grids = self.random_unrepaired(key, count)
-            return jax.vmap(lambda grid, raster: self.repair(grid, raster=raster))(grids, self.drawn(count))
+            return jax.vmap(lambda grid, raster: self.repair(grid, raster=raster))(
+                grids, self.drawn(count)
+            )
 
         return draw(key)
 
@@ -180,7 +184,10 @@ class Problem:
         return grids.at[:initial_count].set(jnp.asarray(self.initial, jnp.int8))
 
     def drawn(self, count: int) -> Bool[np.ndarray, " count"]:
-        """Returns which of the grids that a run starts from are random ones. The initial ones come first."""
+        """Returns which of the grids that a run starts from are random ones.
+
+        The initial ones come first.
+        """
         initial_count = 0
         if self.initial is not None:
             initial_count = len(self.initial)
@@ -204,7 +211,10 @@ class Problem:
 
 
 def _is_empty(axes: UserValue) -> bool:
-    """Returns whether there are no axes. An empty text or mapping is left to `resolve_axes`, which refuses it."""
+    """Returns whether there are no axes.
+
+    An empty text or mapping is left to `resolve_axes`, which refuses it.
+    """
     return isinstance(axes, tuple | list) and not axes
 
 

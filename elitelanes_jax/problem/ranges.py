@@ -59,7 +59,9 @@ def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tup
     if isinstance(where, str):
         where = split_settings(where)
     if isinstance(where, Mapping):
-        ranges = [_range(f"where: {name}", name, limits, features) for name, limits in where.items()]
+        ranges = [
+            _range(f"where: {name}", name, limits, features) for name, limits in where.items()
+        ]
     elif isinstance(where, Iterable):
         ranges = [_read_range(item, features) for item in where]
     else:
@@ -179,7 +181,9 @@ def _parse(text: UserValue, features: Collection[str] | None) -> Range:
     return _range(source, name.strip(), limits.strip(), features)
 
 
-def _range(source: str, name: UserValue, limits: UserValue, features: Collection[str] | None) -> Range:
+def _range(
+    source: str, name: UserValue, limits: UserValue, features: Collection[str] | None
+) -> Range:
     check_feature(source, name, features)
     if isinstance(limits, str) and ".." in limits:
         low_text, high_text = limits.split("..", 1)

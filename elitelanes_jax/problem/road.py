@@ -27,7 +27,13 @@ from elitelanes_jax.network.sharding import divide_batches
 from elitelanes_jax.network.xla import align, materialize
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes
-from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, check_feature, columns_for, largest_addend
+from elitelanes_jax.problem.features import (
+    LARGEST_FITNESS,
+    SHARES,
+    check_feature,
+    columns_for,
+    largest_addend,
+)
 from elitelanes_jax.problem.fixed_cells import FixedCells, check_fits, parse_fixed_cells
 from elitelanes_jax.problem.kernels import (
     Fitness,
@@ -53,13 +59,14 @@ _Numbers: TypeAlias = Untyped
 class RoadProblem:
     """All that makes one road problem, checked; a pytree.
 
-    Programs are compiled for the static fields. The numbers, which may be traced, are weights, limits, feature_weights
-    and initial.
+    Programs are compiled for the static fields. The numbers, which may be traced, are weights,
+    limits, feature_weights and initial.
 
     Attributes:
       shape: (height, width) of the grids.
       axes: of the descriptor space.
-      feature_names: the names of the F columns of features: the metrics, then all others that are measured.
+      feature_names: the names of the F columns of features: the metrics, then all others that are
+        measured.
       alphabet: the codes that new tiles are drawn from.
       fill: whether repair also fills.
       fix: cells that never change, or None.
@@ -67,7 +74,8 @@ class RoadProblem:
       kernels: the names and kernels of the user's features among `feature_names`.
       fitness: of the user, or None.
       weights: of the metrics in the fitness.
-      limits: int32 ``[2, C]``, the least and the greatest value of each column of `with_shares`; None for no ranges.
+      limits: int32 ``[2, C]``, the least and the greatest value of each column of `with_shares`;
+        None for no ranges.
       feature_weights: int ``[K]``, of the `measured` features in the fitness; None if all are 0.
       initial: int8 ``[N, H, W]``, grids that every run starts from, or None.
     """
@@ -106,31 +114,39 @@ def road_problem(
 ) -> Problem:
     """Makes the paper's problem: road networks of one size.
 
-    A grid is refused if a feature or the fitness of the user is out of range or not a number (see `Kernel` and
-    `Fitness`), or if the sizes of the weighted features add up to over 2**29. It has the fitness of a vacant slot and
-    becomes no elite.
+    A grid is refused if a feature or the fitness of the user is out of range or not a number (see
+    `Kernel` and `Fitness`), or if the sizes of the weighted features add up to over 2**29. It has
+    the fitness of a vacant slot and becomes no elite.
 
     Args:
       shape: (height, width), each at least 2.
-      axes: axes of the descriptor space, such as ``"cyclomatic:8"`` or several `Axis`; by default `paper_axes`.
-      alphabet: the codes to draw from, by default all tiles with two or more connections. A repaired grid may hold
-        others: `dead_ends` and `coverage` count stubs and empty cells, `off_alphabet` any other code.
+      axes: axes of the descriptor space, such as ``"cyclomatic:8"`` or several `Axis`; by default
+        `paper_axes`.
+      alphabet: the codes to draw from, by default all tiles with two or more connections. A
+        repaired grid may hold others: `dead_ends` and `coverage` count stubs and empty cells,
+        `off_alphabet` any other code.
       weights: weights of the metrics in the fitness; may be traced.
       fill: whether repair also fills (see `elitelanes_jax.network.repair`).
-      where: ranges of features, such as ``{"bridges": (0, 3)}``; the distance from them adds to the fitness.
-      limits: the same as an array that may be traced: the least and the greatest value of each feature and then of each
-        share that follows from them; replaces `where`.
-      measured: the names of K features to measure beside the metrics; features of axes and ranges may be omitted.
-      feature_weights: int ``[K]``, weights of these features in the fitness, in the order of `measured`; may be traced.
-        By default 0.
-      features: kernels of the user's features, by name: letters, digits and _, and no name of another feature.
-      fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of ranges is added.
-      fix: cells that never change: rows of codes, with None for a free cell, or the path of a JSON file with them.
+      where: ranges of features, such as ``{"bridges": (0, 3)}``; the distance from them adds to the
+        fitness.
+      limits: the same as an array that may be traced: the least and the greatest value of each
+        feature and then of each share that follows from them; replaces `where`.
+      measured: the names of K features to measure beside the metrics; features of axes and ranges
+        may be omitted.
+      feature_weights: int ``[K]``, weights of these features in the fitness, in the order of
+        `measured`; may be traced. By default 0.
+      features: kernels of the user's features, by name: letters, digits and _, and no name of
+        another feature.
+      fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of
+        ranges is added.
+      fix: cells that never change: rows of codes, with None for a free cell, or the path of a JSON
+        file with them.
       initial: int8 ``[N, H, W]``, grids that every run starts from.
 
     Raises:
-      InputError: for a bad shape, alphabet, axis, range, feature, kernel, fitness, cell or initial grid, another number
-        of weights than K, or weights with which a fitness might not fit int32, if they are not traced.
+      InputError: for a bad shape, alphabet, axis, range, feature, kernel, fitness, cell or initial
+        grid, another number of weights than K, or weights with which a fitness might not fit int32,
+        if they are not traced.
     """
     shape = check_shape(shape, new=True)
     check_named("weights", instance(Weights), weights)
@@ -243,7 +259,10 @@ def _measure(road: RoadProblem, grids: Int8[Array, "P H W"]) -> Int32[Array, "P 
 def _weigh(
     road: RoadProblem, features: Int32[Array, "... F"], weights: Weights, *, rewards: bool = True
 ) -> Int32[Array, "..."]:
-    """Returns the weighted sum of features. Without `rewards`, addends of `feature_weights` below 0 do not count."""
+    """Returns the weighted sum of features.
+
+    Without `rewards`, addends of `feature_weights` below 0 do not count.
+    """
     height, width = road.shape
     total = weighted_sum(unstack_metrics(features, height * width), weights)
     if road.feature_weights is not None:
@@ -273,7 +292,9 @@ def _penalty(road: RoadProblem, features: Int32[Array, "... F"]) -> Int32[Array,
     return range_penalty(features, road.feature_names, road.limits, road.shape)
 
 
-def _refuse(road: RoadProblem, features: Int32[Array, "P F"], total: Real[Array, " P"]) -> Bool[Array, " P"]:
+def _refuse(
+    road: RoadProblem, features: Int32[Array, "P F"], total: Real[Array, " P"]
+) -> Bool[Array, " P"]:
     """Returns which grids have a value of the user's that is out of range or not a number."""
     refused = jnp.zeros(total.shape, bool)
     names = [name for name, _ in road.kernels]
@@ -320,17 +341,25 @@ def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyAr
     check_unique("measured", "name", measured)
     if array.shape != (len(measured),):
         got = f"shape {[*array.shape]}"
-        raise InputError(f"feature_weights: expected {len(measured)} numbers, one for each of measured, got {got}")
+        raise InputError(
+            f"feature_weights: expected {len(measured)} numbers, one for each of measured, got {got}"
+        )
     if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
         raise InputError(f"feature_weights: expected whole numbers, got {array.dtype}")
     for name in measured:
         if name in SHARES:
-            raise InputError(f"measured: expected features that may be weighed, got the share {name}")
+            raise InputError(
+                f"measured: expected features that may be weighed, got the share {name}"
+            )
     return array
 
 
 def _check_total(
-    shape: tuple[int, int], weights: Weights, measured: Sequence[str], feature_weights: AnyArray | None, penalty: int
+    shape: tuple[int, int],
+    weights: Weights,
+    measured: Sequence[str],
+    feature_weights: AnyArray | None,
+    penalty: int,
 ) -> None:
     """Checks that a fitness with these weights and a penalty fits int32; traced weights are unknown."""
     if isinstance(feature_weights, jax.core.Tracer):
@@ -351,7 +380,9 @@ def _check_total(
     check_weights(weights._replace(**sums), shape, other_addends)
 
 
-def _sum_exceeds(most: int, values: Int32[Array, "... K"], weights: Int32[Array, " K"]) -> Bool[Array, "..."]:
+def _sum_exceeds(
+    most: int, values: Int32[Array, "... K"], weights: Int32[Array, " K"]
+) -> Bool[Array, "..."]:
     """Returns whether the sizes of weighted values add up to over `most`, at most 2**29; exact, in 32 bits."""
     values, weights = align(values, weights)
     sizes = jnp.abs(weights).astype(jnp.uint32)

@@ -16,7 +16,9 @@ RULES = {
     # Duckietown's appearance specification, "Topological constraints".
     "duckietown": Rules(
         forbidden=("crowded_crossings", "unlinked_neighbours"),
-        weights=Weights(crowded_crossings=300, unlinked_neighbours=300, adjacent_turns=0, adjacent_crossings=0),
+        weights=Weights(
+            crowded_crossings=300, unlinked_neighbours=300, adjacent_turns=0, adjacent_crossings=0
+        ),
     ),
 }
 """Sets of rules, by name."""

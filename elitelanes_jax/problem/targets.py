@@ -28,12 +28,16 @@ def parse_targets(targets: UserValue, features: Collection[str] = ()) -> tuple[E
     """
     pairs = targets.items() if isinstance(targets, Mapping) else targets
     if isinstance(pairs, str) or not isinstance(pairs, Iterable):
-        raise InputError(f"targets: expected features with their values, got {shorten(repr(targets))}")
+        raise InputError(
+            f"targets: expected features with their values, got {shorten(repr(targets))}"
+        )
     read = tuple(_example_values(pair, features) for pair in pairs)
     check_unique("targets", "feature", [item.name for item in read])
     if read and any(len(item.values) != len(read[0].values) for item in read):
         counts = ", ".join(f"{item.name} {len(item.values)}" for item in read)
-        raise InputError(f"targets: expected the same number of values of each feature, got {counts}")
+        raise InputError(
+            f"targets: expected the same number of values of each feature, got {counts}"
+        )
     return read
 
 
@@ -50,7 +54,9 @@ class SupportPoints:
       examples: the values of D features on T example maps.
     """
 
-    def __init__(self, features: Float[np.ndarray, "M D"], examples: Iterable[ExampleValues]) -> None:
+    def __init__(
+        self, features: Float[np.ndarray, "M D"], examples: Iterable[ExampleValues]
+    ) -> None:
         values = np.array([item.values for item in examples]).T
         scale = values.std(axis=0)
         if len(features):
@@ -82,7 +88,9 @@ def _example_values(pair: UserValue, features: Collection[str]) -> ExampleValues
         name, values = pair
         values = list(values)
     except (TypeError, ValueError):
-        raise InputError(f"targets: expected a feature with its values, got {shorten(repr(pair))}") from None
+        raise InputError(
+            f"targets: expected a feature with its values, got {shorten(repr(pair))}"
+        ) from None
     check_feature("targets", name, features)
     least = -LARGEST if name in features else 0
     most = 1 if is_share(name) else LARGEST

@@ -13,7 +13,8 @@ _RESULT, _SETTINGS = "result.npz", "search.json"
 # The time between two checkpoints is at least 20 times the time that it takes to write one.
 _TIMES_WRITING = 20
 
-# A search that is interrupted earlier, in seconds, leaves no checkpoint, because it can soon be repeated.
+# A search that is interrupted earlier, in seconds, leaves no checkpoint, because it can soon be
+# repeated.
 _SECONDS_TO_KEEP = 10
 
 
@@ -32,7 +33,10 @@ class Checkpoint:
         self._began = self._due = float("inf")
 
     def load(self) -> Result | None:
-        """Returns the result so far, or None. Raises `InputError` for another search's result, or a damaged file."""
+        """Returns the result so far, or None.
+
+        Raises `InputError` for another search's result, or a damaged file.
+        """
         if not self.kept:
             return None
         hint = "use another folder, or delete this one to start anew"
@@ -50,7 +54,10 @@ class Checkpoint:
 
     @property
     def due(self) -> bool:
-        """Whether it is time to write. The timer starts at the first call, so compile time does not count."""
+        """Whether it is time to write.
+
+        The timer starts at the first call, so compile time does not count.
+        """
         now = time.monotonic()
         if self._began > now:
             self._began, self._due = now, now + self._every

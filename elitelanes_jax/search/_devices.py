@@ -39,7 +39,9 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
             return list(devices)
     elif is_whole(devices) and devices > 0:
         return list(islice(cycle(local), devices))
-    raise InputError(f"devices: expected JAX's devices, or their number, at least 1, got {devices!r}")
+    raise InputError(
+        f"devices: expected JAX's devices, or their number, at least 1, got {devices!r}"
+    )
 
 
 def divide(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
@@ -108,7 +110,10 @@ def _is_key(array: Pytree) -> bool:
 
 
 def _put(tree: Pytree, device: jax.Device) -> Pytree:
-    """Puts arrays on a device. Arrays for the default device are not bound to it: JAX would compile again for those."""
+    """Puts arrays on a device.
+
+    Arrays for the default device are not bound to it: JAX would compile again for those.
+    """
     if device == jax.local_devices()[0]:
         return tree
     return jax.device_put(tree, device)

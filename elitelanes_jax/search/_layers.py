@@ -12,7 +12,8 @@ from elitelanes_jax.search.like import settings_like
 from elitelanes_jax.search.settings import Settings
 from elitelanes_jax.search.spec import NOT_OF_STYLES, SearchSpec, check_options
 
-# Each of these options discards another option of the layers before it, which depends on it or would override it.
+# Each of these options discards another option of the layers before it, which depends on it or
+# would override it.
 _DISCARDS = {"method": "preset", "axes": "targets"}
 
 # Options with one value for each feature. They are merged feature by feature.
@@ -25,8 +26,8 @@ class Merged(NamedTuple):
     Attributes:
       small: for maps whose shorter side is under 12.
       large: for larger maps, or None if they have the same options.
-      origins: where an option comes from that the user did not give, such as "style 'town'", by the option's name. A
-        range has an entry of its own, "where NAME".
+      origins: where an option comes from that the user did not give, such as "style 'town'", by the
+        option's name. A range has an entry of its own, "where NAME".
     """
 
     small: Settings
@@ -85,8 +86,8 @@ def merge_layers(spec: SearchSpec) -> Merged:
 def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserValue]:
     """Merges layers of checked options; each layer overrides the layers before it.
 
-    Ranges and weights are merged feature by feature. A method discards the preset of the layers before, and axes
-    discard the targets.
+    Ranges and weights are merged feature by feature. A method discards the preset of the layers
+    before, and axes discard the targets.
     """
     merged: dict[str, UserValue] = {}
     for layer in layers:
@@ -94,12 +95,19 @@ def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserVa
             if layer.get(name) is not None:
                 merged.pop(other, None)
         for name, value in layer.items():
-            merged[name] = _merge_by_feature(merged.get(name, ()), value) if name in _BY_FEATURE else value
+            merged[name] = (
+                _merge_by_feature(merged.get(name, ()), value) if name in _BY_FEATURE else value
+            )
     return merged
 
 
-def _merge_by_feature(earlier: tuple[UserValue, ...], later: tuple[UserValue, ...]) -> tuple[UserValue, ...]:
-    """Merges items that start with a feature's name. Later items override earlier ones in their place."""
+def _merge_by_feature(
+    earlier: tuple[UserValue, ...], later: tuple[UserValue, ...]
+) -> tuple[UserValue, ...]:
+    """Merges items that start with a feature's name.
+
+    Later items override earlier ones in their place.
+    """
     names = {item[0] for item in later}
     if all(item[0] in names for item in earlier):
         return later  # in the order of a file that was read

@@ -1,7 +1,7 @@
 """The three programs of a search, which start it, advance it, and collect its elites.
 
-Each is compiled once in a process. They are also exported to disk, so that a later process neither traces nor lowers
-them; see `_stored_programs`.
+Each is compiled once in a process. They are also exported to disk, so that a later process neither
+traces nor lowers them; see `_stored_programs`.
 """
 
 import gc
@@ -99,9 +99,9 @@ class SearchFacts(NamedTuple):
 def _tracing() -> Iterator[None]:
     """Lets one thread trace at a time, without Python's garbage collector.
 
-    Threads that trace at once take turns, and all their programs come late. Tracing makes many lasting objects; the
-    collector takes a tenth of the time to look through them. The user's functions draw as by default, so that a search
-    can be continued under other settings of JAX.
+    Threads that trace at once take turns, and all their programs come late. Tracing makes many
+    lasting objects; the collector takes a tenth of the time to look through them. The user's
+    functions draw as by default, so that a search can be continued under other settings of JAX.
     """
     with _tracing_lock, default_draws():
         collects = gc.isenabled()
@@ -156,8 +156,8 @@ class Programs:
         if self._file is not None:
             self._stored = load(self._file)
 
-    # Not cached properties: Python 3.11 computes one of these at a time, of whatever object, so that a thread which
-    # traces and a thread which waits to trace would wait for each other.
+    # Not cached properties: Python 3.11 computes one of these at a time, of whatever object, so
+    # that a thread which traces and a thread which waits to trace would wait for each other.
     @property
     def facts(self) -> SearchFacts:
         """What is known of the search. Traces the optimiser unless a file has it."""
@@ -205,7 +205,8 @@ class Programs:
     def put_numbers(self, setup: Setup, fingerprint: int) -> tuple[Array, ...]:
         """Puts the numbers of a setup on the default device; `fingerprint` differs for other numbers.
 
-        Calls with equal numbers share one copy. Otherwise each program would copy them, which takes a millisecond.
+        Calls with equal numbers share one copy. Otherwise each program would copy them, which takes
+        a millisecond.
         """
         if self._last_numbers is None or self._last_numbers[0] != fingerprint:
             numbers = jax.device_put(tuple(jax.tree.leaves(setup)))
@@ -215,8 +216,9 @@ class Programs:
     def prepare(self, *, starts: bool, generations: int, counts: bool = True) -> None:
         """Compiles the programs for a run of some generations that are missing, side by side.
 
-        How far they are optimised depends on the cells that the searches in this process have evaluated. The bits are
-        the same. `counts` says whether this run counts among those searches.
+        How far they are optimised depends on the cells that the searches in this process have
+        evaluated. The bits are the same. `counts` says whether this run counts among those
+        searches.
         """
         height, width = self._problem.shape
         evaluations = generations * self.facts.evaluations_per_step * len(self._keys)
@@ -281,7 +283,10 @@ class Programs:
         return ProgramKey(program, device, level)
 
     def _program(self, program: str, device: jax.Device) -> Callable[..., Pytree]:
-        """Returns the compiled program of the highest level. Searches in other threads may have added one."""
+        """Returns the compiled program of the highest level.
+
+        Searches in other threads may have added one.
+        """
         compiled_keys = []
         for level in range(LEVELS):
             key = ProgramKey(program, device, level)
@@ -291,8 +296,8 @@ class Programs:
 
     def _compile(self, keys: Sequence[ProgramKey]) -> None:
         """Compiles programs. An interruption does not wait for the threads that compile."""
-        # A generator, so that this thread, which may have settings of JAX of its own, lowers a program while the
-        # programs before it compile in other threads.
+        # A generator, so that this thread, which may have settings of JAX of its own, lowers a
+        # program while the programs before it compile in other threads.
         calls = (partial(compile_at, self._lower(key), key.level) for key in keys)
         compiled_programs = side_by_side(calls, wait=False)
         self._compiled |= zip(keys, compiled_programs, strict=True)
@@ -321,7 +326,9 @@ class Programs:
             return self._exports[program]
         if self._stored is not None and program in self._stored.exports:
             try:
-                self._exports[program] = export.deserialize(bytearray(self._stored.exports[program]))
+                self._exports[program] = export.deserialize(
+                    bytearray(self._stored.exports[program])
+                )
             except Exception as error:  # of JAX, of any type
                 assert self._file is not None
                 announce_refused(self._file, error)
@@ -370,7 +377,9 @@ class Programs:
         return tuple(states)
 
 
-def _shape_on(sharding: jax.sharding.Sharding | None, leaf: jax.ShapeDtypeStruct) -> jax.ShapeDtypeStruct:
+def _shape_on(
+    sharding: jax.sharding.Sharding | None, leaf: jax.ShapeDtypeStruct
+) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding)
 
 
@@ -379,8 +388,8 @@ def find_programs(
 ) -> Programs:
     """Returns the programs of a search: those of an earlier call if there was one of the same shapes.
 
-    `single` says whether there was one key alone. The devices share the seeds. `floats` says whether the user's
-    functions compute with floats.
+    `single` says whether there was one key alone. The devices share the seeds. `floats` says
+    whether the user's functions compute with floats.
     """
     numbers, structure = jax.tree.flatten(setup)
     shapes = tuple((leaf.shape, leaf.dtype) for leaf in numbers)
@@ -413,8 +422,8 @@ def _find(
     return Programs(setup, keys, single, devices, floats, folder)
 
 
-# JAX keeps what it traced of a program as long as the program is kept here. The structures are those of a setup and of
-# the optimiser's state; numbers are the leaves of a setup.
+# JAX keeps what it traced of a program as long as the program is kept here. The structures are
+# those of a setup and of the optimiser's state; numbers are the leaves of a setup.
 
 
 @lru_cache(maxsize=_MOST_SEARCHES)

@@ -1,8 +1,8 @@
 """Exported programs of a search in a file: a later process loads them instead of tracing and lowering again.
 
-The name of a file is a digest of all that its programs depend on, so any change leads to another file. A file that
-cannot be read is replaced. The files are next to JAX's own cache of compiled programs, if that is in use. There JAX
-finds the compiled form of a loaded program.
+The name of a file is a digest of all that its programs depend on, so any change leads to another
+file. A file that cannot be read is replaced. The files are next to JAX's own cache of compiled
+programs, if that is in use. There JAX finds the compiled form of a loaded program.
 """
 
 import json
@@ -45,7 +45,11 @@ class StoredPrograms(NamedTuple):
 def find_folder() -> Path | None:
     """Returns the folder of the files; None if JAX keeps no compiled programs now, or not on one processor alone."""
     folder = jax.config.values.get("jax_compilation_cache_dir")
-    if not folder or "://" in folder or not jax.config.values.get("jax_enable_compilation_cache", True):
+    if (
+        not folder
+        or "://" in folder
+        or not jax.config.values.get("jax_enable_compilation_cache", True)
+    ):
         return None
     if jax.local_devices()[0].platform != "cpu" or jax.process_count() > 1:
         return None
@@ -57,8 +61,8 @@ def find_folder() -> Path | None:
 def find_file(folder: Path, *parts: Plain) -> Path | None:
     """Returns the file of the programs that depend on some values.
 
-    The `repr` of each value must say all that matters of it. Returns None if the sources have changed since this
-    process loaded them.
+    The `repr` of each value must say all that matters of it. Returns None if the sources have
+    changed since this process loaded them.
     """
     sources = _list_sources()
     if not sources or max(map(_last_change, sources)) > LOADED:
@@ -124,7 +128,10 @@ def announce_refused(file: Path, error: Exception) -> None:
 
 
 def save(file: Path, stored: StoredPrograms) -> None:
-    """Writes a file, and removes the least recently used files beyond the limit. A full disk keeps none."""
+    """Writes a file, and removes the least recently used files beyond the limit.
+
+    A full disk keeps none.
+    """
     sizes = {name: len(export) for name, export in stored.exports.items()}
     head = json.dumps({**stored.facts, "sizes": sizes}).encode()
     content = head + b"\n" + b"".join(stored.exports.values())

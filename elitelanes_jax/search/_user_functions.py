@@ -48,7 +48,9 @@ class Digest(NamedTuple):
     uses_floats: bool
 
 
-def ask_for_method(spec: SearchSpec, options: Mapping[str, UserValue], extensions: Extensions) -> SearchSpec:
+def ask_for_method(
+    spec: SearchSpec, options: Mapping[str, UserValue], extensions: Extensions
+) -> SearchSpec:
     """Returns a specification that asks for the method of a configuration, or for any method beside an optimiser.
 
     Args:
@@ -57,8 +59,8 @@ def ask_for_method(spec: SearchSpec, options: Mapping[str, UserValue], extension
       extensions: of the call.
 
     Raises:
-      InputError: for a configuration or an optimiser of the wrong type, both, or the configuration of another method
-        than the one in `options`.
+      InputError: for a configuration or an optimiser of the wrong type, both, or the configuration
+        of another method than the one in `options`.
     """
     config, optimizer = extensions.config, extensions.optimizer
     if optimizer is not None:
@@ -66,9 +68,13 @@ def ask_for_method(spec: SearchSpec, options: Mapping[str, UserValue], extension
             expected = "a function from a problem to an Optimizer (method= takes names)"
             raise InputError(f"optimizer: expected {expected}, got {shorten(repr(optimizer))}")
         if config is not None:
-            raise InputError(f"config: expected none with an optimizer, got {shorten(repr(config), 60)}")
+            raise InputError(
+                f"config: expected none with an optimizer, got {shorten(repr(config), 60)}"
+            )
         if extensions.moves is not None:
-            raise InputError("moves: expected a method with moves, such as preset tuned, got an optimizer")
+            raise InputError(
+                "moves: expected a method with moves, such as preset tuned, got an optimizer"
+            )
         if spec.options.get("method") == CUSTOM:  # of an earlier result
             return spec.replace(method="map-elites", preset="tuned")
         return spec
@@ -78,7 +84,9 @@ def ask_for_method(spec: SearchSpec, options: Mapping[str, UserValue], extension
         raise InputError(f"config: expected plain numbers, got an array in {config}")
     method, preset, _ = find_preset(config)
     if options.get("method", method) != method:
-        raise InputError(f"config: expected one of {options['method']}, got {type(config).__name__}")
+        raise InputError(
+            f"config: expected one of {options['method']}, got {type(config).__name__}"
+        )
     return spec.replace(method=method, preset=preset)
 
 
@@ -86,16 +94,23 @@ def check_extensions(search: Search, extensions: Extensions) -> None:
     """Checks the user's functions against a resolved search.
 
     Raises:
-      InputError: for a feature without a kernel, a function without a hash, or a fitness that JAX cannot trace.
+      InputError: for a feature without a kernel, a function without a hash, or a fitness that JAX
+        cannot trace.
     """
     for name in search.settings.features:
         if name not in extensions.kernels:
             expected = f"the kernel of {name}, as evolve(features={{name: kernel}})"
             raise InputError(f"features: expected {expected}, got none")
-    functions = {"optimizer": extensions.optimizer, "fitness": extensions.fitness, **extensions.kernels}
+    functions = {
+        "optimizer": extensions.optimizer,
+        "fitness": extensions.fitness,
+        **extensions.kernels,
+    }
     for name, function in functions.items():
         if not _is_hashable(function):
-            raise InputError(f"{name}: expected a function with a hash, got {shorten(repr(function))}")
+            raise InputError(
+                f"{name}: expected a function with a hash, got {shorten(repr(function))}"
+            )
     if extensions.fitness is not None:
         check_fitness(extensions.fitness, search.shape, search.feature_names)
 
@@ -144,7 +159,8 @@ def _name_of(factory: Factory) -> str:
 def digest_functions(setup: Setup) -> dict[str, Digest]:
     """Returns the digests of the user's functions, by name, because an edited function keeps its name.
 
-    They are traced at every call, because a global or an attribute that a function reads may have changed.
+    They are traced at every call, because a global or an attribute that a function reads may have
+    changed.
     """
     if setup.factory is not None:
         leaves, structure = jax.tree.flatten(setup)
@@ -168,12 +184,14 @@ def digest_functions(setup: Setup) -> dict[str, Digest]:
 
 @lru_cache(maxsize=32)
 def _digest_optimizer(
-    structure: Pytree, numbers: tuple[jax.ShapeDtypeStruct, ...], settings: tuple[tuple[str, Plain], ...]
+    structure: Pytree,
+    numbers: tuple[jax.ShapeDtypeStruct, ...],
+    settings: tuple[tuple[str, Plain], ...],
 ) -> Digest:
     """Returns the digest of the user's optimiser, which takes up to a second to trace.
 
-    `structure` is that of the setup; `numbers` are the shapes and dtypes of its leaves. `settings` are those of JAX,
-    which may change what is traced.
+    `structure` is that of the setup; `numbers` are the shapes and dtypes of its leaves. `settings`
+    are those of JAX, which may change what is traced.
     """
     setup: Setup = jax.tree.unflatten(structure, numbers)
     key = jax.eval_shape(partial(jax.random.key, impl=setup.key_kind), 0)

@@ -14,9 +14,9 @@ def use_compile_cache() -> Path | None:
 
     The programs of `evolve` are loaded without tracing, unless they contain your own functions.
 
-    The folder is ``elitelanes_jax`` in the user's cache, ``$XDG_CACHE_HOME`` or ``~/.cache``, unless JAX's own setting,
-    such as the variable JAX_COMPILATION_CACHE_DIR, names another one. The call changes JAX's settings for the whole
-    process: call it in programs, not in libraries.
+    The folder is ``elitelanes_jax`` in the user's cache, ``$XDG_CACHE_HOME`` or ``~/.cache``,
+    unless JAX's own setting, such as the variable JAX_COMPILATION_CACHE_DIR, names another one. The
+    call changes JAX's settings for the whole process: call it in programs, not in libraries.
 
     Returns:
       The folder, or None if none can be written to: the programs are then compiled each time.

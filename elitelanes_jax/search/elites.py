@@ -14,13 +14,14 @@ class MeasuredElites(NamedTuple):
 
     Attributes:
       grids: int8 ``[N, H, W]``.
-      fitness: int32 ``[N]``, or float32 for a float fitness of the user; lower is better. In a vacant slot the largest
-        int32, or infinity.
+      fitness: int32 ``[N]``, or float32 for a float fitness of the user; lower is better. In a
+        vacant slot the largest int32, or infinity.
       descriptor: int32 ``[N, D]``, the values of the axes' features.
-      valid: bool ``[N]``, which slots are filled. The other values of a vacant slot have no meaning.
+      valid: bool ``[N]``, which slots are filled. The other values of a vacant slot have no
+        meaning.
       metrics: `Metrics` of arrays ``[N]``.
-      features: int32 ``[N]`` by name: the other features that the search measured. Parts of 1 and ratios are in
-        thousandths.
+      features: int32 ``[N]`` by name: the other features that the search measured. Parts of 1 and
+        ratios are in thousandths.
     """
 
     grids: Int8[Array, "*S N H W"]
@@ -36,13 +37,18 @@ class MeasuredElites(NamedTuple):
 
     def by_name(self) -> dict[str, np.ndarray]:
         """Returns the metrics and the other features by name, as arrays of NumPy."""
-        return {name: np.asarray(values) for name, values in (self.metrics._asdict() | self.features).items()}
+        return {
+            name: np.asarray(values)
+            for name, values in (self.metrics._asdict() | self.features).items()
+        }
 
 
 def in_short(record: Pytree) -> str:
     """Returns the name, type and shape of each field of a record of arrays, in a line."""
     fields = (
-        f"{name} {value.dtype}{list(value.shape)}" if hasattr(value, "dtype") else f"{name} {type(value).__name__}"
+        f"{name} {value.dtype}{list(value.shape)}"
+        if hasattr(value, "dtype")
+        else f"{name} {type(value).__name__}"
         for name, value in record._asdict().items()
     )
     return f"{type(record).__name__}({', '.join(fields)})"

@@ -17,7 +17,13 @@ from jaxtyping import Array, Key, UInt32
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, flag, instance, none_or, real
 from elitelanes_jax._util.engine import Engine, Pool, check_pool
-from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten, warn_user
+from elitelanes_jax._util.errors import (
+    InputError,
+    NotEnoughMemoryError,
+    pluralize,
+    shorten,
+    warn_user,
+)
 from elitelanes_jax._util.folders import locked
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
@@ -45,15 +51,23 @@ from elitelanes_jax.search._user_functions import (
 )
 from elitelanes_jax.search.keys import SearchKeys, check_keys
 from elitelanes_jax.search.resolve import Room, Search, resolve
-from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted, check_can_save
+from elitelanes_jax.search.result import (
+    History,
+    Result,
+    RunState,
+    SearchInterrupted,
+    check_can_save,
+)
 from elitelanes_jax.search.spec import SearchOptions, SearchSpec
 
 T = TypeVar("T")
 
-# The seconds that a compiled call should take. Between two calls the progress is shown and a run can be interrupted.
+# The seconds that a compiled call should take. Between two calls the progress is shown and a run
+# can be interrupted.
 _SECONDS_A_CALL = 0.2
 
-# With less free memory, in bytes, the compiler ends the whole process. At 12 x 12, 0.1 GB are too few, 0.3 GB enough.
+# With less free memory, in bytes, the compiler ends the whole process. At 12 x 12, 0.1 GB are too
+# few, 0.3 GB enough.
 _COMPILER = 200_000_000
 
 
@@ -82,46 +96,56 @@ def evolve(
     """Evolves road networks.
 
     Args:
-      key: one `jax.random.key`; or an array of keys ``[S]``, to run many seeds in one compiled call; or a whole number,
-        which is the command's ``--seed``. With an array or a number, all arrays of the result have a leading seed axis
-        ``[S, ...]``, except the counts and the speed in the history. With JAX's default kind of key, each seed gives
-        the same result alone and among others, bit for bit.
+      key: one `jax.random.key`; or an array of keys ``[S]``, to run many seeds in one compiled
+        call; or a whole number, which is the command's ``--seed``. With an array or a number, all
+        arrays of the result have a leading seed axis ``[S, ...]``, except the counts and the speed
+        in the history. With JAX's default kind of key, each seed gives the same result alone and
+        among others, bit for bit.
       shape: (height, width) of the grids, each at least 2.
       seeds: the number of runs, if `key` is a whole number; defaults to 8, as in the command.
       spec: the search.
       config: a configuration of a method, instead of a preset; its type determines the method.
       optimizer: your own factory, `Problem` -> `Optimizer`, instead of a method.
-      state: of an earlier result, to continue from. 100 generations and 100 more equal 200, bit for bit.
-      checkpoint: a folder for the result so far, in ``result.npz`` for `Result.load`. If the process is killed, the
-        same call resumes and returns the same result, bit for bit except for the measured speeds. A larger budget
-        extends the search. Only one process at a time can use the folder.
-      every: seconds between two checkpoints; 0 writes one after every compiled call. Writing takes at most a twentieth
-        of the time.
-      progress: whether to show progress, in a terminal a line that changes, elsewhere a line every 30 seconds. By
-        default it is shown in a terminal or notebook, if a run takes over a second.
-      devices: the devices that share the seeds (processor cores, GPUs or TPU cores; a device may be repeated), or their
-        number; defaults to all local ones. The result is the same, bit for bit.
-      features: your own features by name: functions of one grid, int8 ``[H, W]``, that return an integer scalar, less
-        than 2**30 in size. `where`, `axes` and `weights` can use their names. They are compiled, so they must be pure.
-      fitness: your own fitness: a function of any of the arguments ``metrics``, ``features``, ``grid`` and ``usual``,
-        that returns a scalar; see `Fitness`. ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual
-        fitness. Ranges in `where` add their penalty to it. A grid with a feature or a fitness that is out of range, or
-        not a number, becomes no elite; the history counts these grids. A result without any elite is warned of.
-      moves: other weights of moves, such as ``{"mirror": 0}``, and your own moves with their weights, such as
-        ``{"zigzag": (4, zigzag)}``; see `MoveWeights.with_moves`. For the tuned methods.
-      executor: a `concurrent.futures.Executor`, or another object with its `submit`, whose workers share the seeds in
-        place of the devices here: spawned processes, Dask, Submitit, MPI. The result is the same, bit for bit except
-        for the measured speeds, but has no state to continue from. Your own functions travel by cloudpickle, or
-        without it by pickle.
-      parts: the number of parts that an executor's workers get; defaults to parts of up to 32 seeds.
+      state: of an earlier result, to continue from. 100 generations and 100 more equal 200, bit for
+        bit.
+      checkpoint: a folder for the result so far, in ``result.npz`` for `Result.load`. If the
+        process is killed, the same call resumes and returns the same result, bit for bit except for
+        the measured speeds. A larger budget extends the search. Only one process at a time can use
+        the folder.
+      every: seconds between two checkpoints; 0 writes one after every compiled call. Writing takes
+        at most a twentieth of the time.
+      progress: whether to show progress, in a terminal a line that changes, elsewhere a line every
+        30 seconds. By default it is shown in a terminal or notebook, if a run takes over a second.
+      devices: the devices that share the seeds (processor cores, GPUs or TPU cores; a device may be
+        repeated), or their number; defaults to all local ones. The result is the same, bit for bit.
+      features: your own features by name: functions of one grid, int8 ``[H, W]``, that return an
+        integer scalar, less than 2**30 in size. `where`, `axes` and `weights` can use their names.
+        They are compiled, so they must be pure.
+      fitness: your own fitness: a function of any of the arguments ``metrics``, ``features``,
+        ``grid`` and ``usual``, that returns a scalar; see `Fitness`.
+        ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual fitness. Ranges in
+        `where` add their penalty to it. A grid with a feature or a fitness that is out of range, or
+        not a number, becomes no elite; the history counts these grids. A result without any elite
+        is warned of.
+      moves: other weights of moves, such as ``{"mirror": 0}``, and your own moves with their
+        weights, such as ``{"zigzag": (4, zigzag)}``; see `MoveWeights.with_moves`. For the tuned
+        methods.
+      executor: a `concurrent.futures.Executor`, or another object with its `submit`, whose workers
+        share the seeds in place of the devices here: spawned processes, Dask, Submitit, MPI. The
+        result is the same, bit for bit except for the measured speeds, but has no state to continue
+        from. Your own functions travel by cloudpickle, or without it by pickle.
+      parts: the number of parts that an executor's workers get; defaults to parts of up to 32
+        seeds.
       **options: options of `SearchSpec`, which override those of `spec`.
 
     Raises:
-      InputError: for an argument out of its range, a state or a checkpoint of a run with another key or other options,
-        a checkpoint that another process uses, or a worker with other versions or functions.
+      InputError: for an argument out of its range, a state or a checkpoint of a run with another
+        key or other options, a checkpoint that another process uses, or a worker with other
+        versions or functions.
       ConnectionError: if the executor lost a part.
-      SearchInterrupted: at Ctrl-C, after the first generation; a `KeyboardInterrupt` whose ``result`` is the result so
-        far. A checkpoint has this result too, if the search took ten seconds.
+      SearchInterrupted: at Ctrl-C, after the first generation; a `KeyboardInterrupt` whose
+        ``result`` is the result so far. A checkpoint has this result too, if the search took ten
+        seconds.
       NotEnoughMemoryError: a `MemoryError`, if the search does not fit into the free memory.
     """
     shape = check_shape(shape, new=True)
@@ -269,7 +293,9 @@ class Run:
     def seeds(self) -> int:
         return len(self.keys.data)
 
-    def on_parts(self, program: Callable[..., T], arguments: Sequence[tuple[Pytree, ...]]) -> list[T]:
+    def on_parts(
+        self, program: Callable[..., T], arguments: Sequence[tuple[Pytree, ...]]
+    ) -> list[T]:
         """Calls a program with the device and the arguments of each part; returns the results in order."""
         calls = []
         for device, part in zip(self.devices, arguments, strict=False):
@@ -292,7 +318,9 @@ class Run:
         return Result(elites, history, state, self.search, self.config, self.setup.digests)
 
 
-def plan_run(search: Search, keys: SearchKeys, extensions: Extensions, devices: Sequence[jax.Device]) -> Run:
+def plan_run(
+    search: Search, keys: SearchKeys, extensions: Extensions, devices: Sequence[jax.Device]
+) -> Run:
     """Checks the user's functions, and finds the programs of a search."""
     check_extensions(search, extensions)
     config = find_config(search, extensions)
@@ -336,7 +364,9 @@ def _describe(setup: Setup) -> str:
     return repr((structure, [number.tolist() for number in numbers]))
 
 
-def _evolve(run: Run, first: int, inner: States | None, checkpoint: Checkpoint | None, progress: bool | None) -> Result:
+def _evolve(
+    run: Run, first: int, inner: States | None, checkpoint: Checkpoint | None, progress: bool | None
+) -> Result:
     """Runs a search from generation `first`, or from its checkpoint; `inner` is None at generation 0."""
     last = first + run.search.steps(run.programs.facts.evaluations_per_step)
     generation = first
@@ -429,7 +459,9 @@ def _check_budget(run: Run, checkpoint: Checkpoint, generation: int, last: int) 
     per_step = run.programs.facts.evaluations_per_step
     expected = f"{generation * per_step:,} evaluations ({generation} generations)"
     got = f"{last * per_step:,} evaluations ({last} generations)"
-    raise InputError(f"{checkpoint.folder}: expected {expected} or more, as many as are done, got {got}")
+    raise InputError(
+        f"{checkpoint.folder}: expected {expected} or more, as many as are done, got {got}"
+    )
 
 
 def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
@@ -479,9 +511,13 @@ def _identity(run: Run, first: int) -> dict[str, Plain]:
 def _restore(state: Pytree, run: Run) -> tuple[int, States]:
     """Returns the generation and the optimiser's states of a `RunState`, with an axis of seeds."""
     if not isinstance(state, RunState):
-        raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
+        raise InputError(
+            f"state: expected the state of a result of evolve, got {type(state).__name__}"
+        )
     if not jax.tree.leaves(state.inner):
-        raise InputError("state: expected one to continue from, got that of a result that was saved without its state")
+        raise InputError(
+            "state: expected one to continue from, got that of a result that was saved without its state"
+        )
     arrays = [jnp.asarray(leaf) for leaf in jax.tree.leaves(state.inner)]
     if run.keys.single:
         arrays = [array[None] for array in arrays]
@@ -541,7 +577,10 @@ def _advance(
 
 
 def _join_rows(infos: Sequence[Pytree], count: int, seeds: int) -> _Rows:
-    """Joins the reports of all parts. The last parts may repeat a seed, and calls have room for more generations."""
+    """Joins the reports of all parts.
+
+    The last parts may repeat a seed, and calls have room for more generations.
+    """
     fields = []
     for name in _Rows._fields:
         rows = np.concatenate([getattr(info, name) for info in infos], axis=1)

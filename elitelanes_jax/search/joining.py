@@ -30,7 +30,8 @@ def join_results(results: Sequence[Result]) -> Result:
     Raises:
       InputError: for no results, results of different searches, or a result that comes twice.
 
-    Warns if seeds of two results have equal arrays, because results without a state do not tell their keys.
+    Warns if seeds of two results have equal arrays, because results without a state do not tell
+    their keys.
     """
     check_named("results", listed(Result), results)
     if not results:
@@ -41,7 +42,10 @@ def join_results(results: Sequence[Result]) -> Result:
 
 
 def join_parts_of_run(results: Sequence[Result]) -> Result:
-    """Joins results as `join_results` does. Their keys are known to differ, so it warns of nothing."""
+    """Joins results as `join_results` does.
+
+    Their keys are known to differ, so it warns of nothing.
+    """
     for index, result in enumerate(results):
         _check_same_search(index, _search_of(result), _search_of(results[0]))
     _check_different_keys(results)
@@ -71,15 +75,22 @@ def _search_of(result: Result) -> dict[str, UserValue]:
     return common
 
 
-def _check_same_search(index: int, got: dict[str, UserValue], expected: dict[str, UserValue]) -> None:
+def _check_same_search(
+    index: int, got: dict[str, UserValue], expected: dict[str, UserValue]
+) -> None:
     for name in expected | got:
         if got.get(name) != expected.get(name):
             first, other = shorten(repr(expected.get(name)), 60), shorten(repr(got.get(name)), 60)
-            raise InputError(f"results: expected one search with {name} {first}, got {other} at index {index}")
+            raise InputError(
+                f"results: expected one search with {name} {first}, got {other} at index {index}"
+            )
 
 
 def _check_different_keys(results: Sequence[Result]) -> None:
-    """Checks the fingerprints, which depend on the keys. A result that was saved without its state has none."""
+    """Checks the fingerprints, which depend on the keys.
+
+    A result that was saved without its state has none.
+    """
     seen: dict[int, int] = {}
     for index, result in enumerate(results):
         if not jax.tree.leaves(result.state.inner):

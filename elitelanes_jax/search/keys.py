@@ -46,10 +46,18 @@ def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
         count = check_named("seeds", check_seeds, SEEDS if seeds is None else seeds)
         return keys_of_seeds(seed, range(count))
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        raise InputError(f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}")
+        raise InputError(
+            f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}"
+        )
     if seeds is not None:
-        raise InputError(f"seeds: expected none with keys, because each key is a seed, got {seeds!r}")
+        raise InputError(
+            f"seeds: expected none with keys, because each key is a seed, got {seeds!r}"
+        )
     if key.ndim > 1 or key.size == 0:
-        raise InputError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")
+        raise InputError(
+            f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}"
+        )
     data = np.asarray(jax.random.key_data(key))
-    return SearchKeys(data.reshape(-1, data.shape[-1]), str(jax.random.key_impl(key)), single=key.ndim == 0)
+    return SearchKeys(
+        data.reshape(-1, data.shape[-1]), str(jax.random.key_impl(key)), single=key.ndim == 0
+    )

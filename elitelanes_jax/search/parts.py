@@ -22,7 +22,8 @@ from elitelanes_jax.search.keys import SearchKeys
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
 
-# A core advances up to 32 seeds together, and a worker compiles for seconds: parts with fewer seeds do not pay.
+# A core advances up to 32 seeds together, and a worker compiles for seconds: parts with fewer seeds
+# do not pay.
 _SEEDS_A_PART = 32
 
 
@@ -52,18 +53,23 @@ def evolve_parts(
       pool: the executor, and the number of parts; by default parts have up to 32 seeds.
       extensions: of the search.
       functions: the name and the digest of each function in `extensions`, as it is here.
-      folder: keeps complete parts, so that the next call with an equal search evolves the others alone.
+      folder: keeps complete parts, so that the next call with an equal search evolves the others
+        alone.
       progress: as in `evolve`.
 
     Raises:
-      InputError: for one key alone, keys of another kind than JAX's default, a worker whose functions are others, or
-        what `call_on_workers` refuses.
+      InputError: for one key alone, keys of another kind than JAX's default, a worker whose
+        functions are others, or what `call_on_workers` refuses.
       ConnectionError: if the executor lost a part.
     """
     if keys.single:
-        raise InputError("key: expected several keys or a whole number, to be divided among workers, got one key")
+        raise InputError(
+            "key: expected several keys or a whole number, to be divided among workers, got one key"
+        )
     if keys.kind != THREEFRY:  # the bits of other keys depend on the whole batch
-        raise InputError(f"key: expected keys of {THREEFRY}, to be divided among workers, got {keys.kind}")
+        raise InputError(
+            f"key: expected keys of {THREEFRY}, to be divided among workers, got {keys.kind}"
+        )
     seeds = len(keys.data)
     count = pool.parts_for(-(-seeds // _SEEDS_A_PART), seeds)
     slices = [part_of(seeds, index, count) for index in range(count)]
@@ -73,7 +79,10 @@ def evolve_parts(
         if kept is not None:
             parts[index] = kept
     waiting = [index for index in range(count) if index not in parts]
-    tasks = [(search, keys._replace(data=keys.data[slices[index].start : slices[index].stop])) for index in waiting]
+    tasks = [
+        (search, keys._replace(data=keys.data[slices[index].start : slices[index].stop]))
+        for index in waiting
+    ]
     done = sum(len(slices[index]) for index in parts)
     with Progress(f"evolving in {count} parts", seeds, "seeds", done=done, shown=progress) as bar:
         for position, part in evolve_each(tasks, pool, extensions):
@@ -109,7 +118,9 @@ def join_parts(parts: Sequence[EvolvedPart]) -> Result:
     return join_parts_of_run([part.result for part in parts])
 
 
-def _evolve_task(extensions: Extensions, caches: bool, task: tuple[Search, SearchKeys]) -> EvolvedPart:
+def _evolve_task(
+    extensions: Extensions, caches: bool, task: tuple[Search, SearchKeys]
+) -> EvolvedPart:
     """Runs on a worker, which keeps compiled programs on disk if the caller does."""
     if caches:
         use_compile_cache()

@@ -108,13 +108,15 @@ def resolve(
     Args:
       spec: what the user asks for.
       shape: (height, width) of the grids, checked.
-      alphabet: the codes of the tile set, which the search draws from unless the user names an alphabet.
+      alphabet: the codes of the tile set, which the search draws from unless the user names an
+        alphabet.
       room_for: what the constraints must leave room for.
       shape_name: how messages call the shape.
 
     Raises:
-      InputError: for options that exclude each other, cells or initial maps of another shape, weights with which the
-        fitness of a grid could exceed 32 bits, or constraints that leave no room.
+      InputError: for options that exclude each other, cells or initial maps of another shape,
+        weights with which the fitness of a grid could exceed 32 bits, or constraints that leave no
+        room.
     """
     merged = merge_layers(spec)
     settings = merged.small
@@ -173,7 +175,9 @@ def search_from_plain(plain: Plain, shape: tuple[int, int]) -> Search:
     """
     options, large = _split_large(plain)
     if large is not None:
-        raise InputError(f"large: expected none in a search on one shape, got {shorten(repr(large))}")
+        raise InputError(
+            f"large: expected none in a search on one shape, got {shorten(repr(large))}"
+        )
     return _complete(settings_from_plain(options), shape)
 
 
@@ -201,7 +205,9 @@ def _spec_of_settings(settings: Settings) -> SearchSpec:
     return SearchSpec(**options)
 
 
-def resolve_again(search: Search, options: Mapping[str, UserValue], alphabet: tuple[int, ...]) -> Search:
+def resolve_again(
+    search: Search, options: Mapping[str, UserValue], alphabet: tuple[int, ...]
+) -> Search:
     """Resolves a search with other options for maps that are chosen among its elites.
 
     Args:
@@ -306,7 +312,9 @@ def _check_choices(settings: Settings) -> None:
         raise InputError(f"fill: expected {expected}, got True")
     if settings.initial and (settings.method, settings.preset) == ("pso", "paper"):
         expected = "none with the paper's PSO, whose particles are no grids; tuned would do"
-        raise InputError(f"initial: expected {expected}, got {pluralize(len(settings.initial), 'grid')}")
+        raise InputError(
+            f"initial: expected {expected}, got {pluralize(len(settings.initial), 'grid')}"
+        )
 
 
 def _check_shape(search: Search, shape_name: str) -> None:
@@ -320,10 +328,14 @@ def _check_shape(search: Search, shape_name: str) -> None:
         if "mean_detour" in search.measured:
             longest, what = LONGEST_DETOUR, "the mean detour"
         if max(shape) > longest:
-            raise InputError(f"{shape_name}: expected sides of at most {longest} for {what}, got {size}")
+            raise InputError(
+                f"{shape_name}: expected sides of at most {longest} for {what}, got {size}"
+            )
     for grid in settings.initial:
         if (len(grid), len(grid[0])) != shape:
-            raise InputError(f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}")
+            raise InputError(
+                f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}"
+            )
     penalty = largest_penalty(len(search.ranges), (*METRIC_NAMES, *search.measured))
     try:
         check_weights(search.weights, shape, penalty + largest_addend(settings.weights, shape))
@@ -352,7 +364,10 @@ def _check_room(search: Search, room_for: Room) -> None:
 
 @lru_cache(maxsize=32)
 def _check_ranges(ranges: tuple[Range, ...], shape: tuple[int, int], filled: bool) -> None:
-    """Checks ranges against the bounds of the metrics of repaired grids. A search may be repeated for other seeds."""
+    """Checks ranges against the bounds of the metrics of repaired grids.
+
+    A search may be repeated for other seeds.
+    """
     certain = {"dead_ends": 0, "empty_cells": 0} if filled else {}
     height, width = shape
     check_ranges(ranges, find_bounds(shape, certain), f"repaired grids of {height} x {width}")

@@ -22,7 +22,12 @@ from elitelanes_jax._util.types import AnyArray, Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.records import Metrics
-from elitelanes_jax.optimizers.presets import Config, config_from_plain, config_to_plain, find_preset
+from elitelanes_jax.optimizers.presets import (
+    Config,
+    config_from_plain,
+    config_to_plain,
+    find_preset,
+)
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import parse_axes
 from elitelanes_jax.problem.kernels import with_town_features
@@ -34,8 +39,9 @@ from elitelanes_jax.search.settings import CUSTOM, METHODS
 
 _FORMAT = "elitelanes result, version 1"
 
-# The arrays of a file: the dtype (or the allowed dtypes) and the axes. S is the axis of seeds, which the result of one
-# key lacks, N of the elites' slots, H and W of rows and columns, D of the descriptor's axes, G of generations.
+# The arrays of a file: the dtype (or the allowed dtypes) and the axes. S is the axis of seeds,
+# which the result of one key lacks, N of the elites' slots, H and W of rows and columns, D of the
+# descriptor's axes, G of generations.
 _FITNESS = ("int32", "float32")
 _ELITES: dict[str, tuple[str | tuple[str, ...], str]] = {
     "grids": ("int8", "SNHW"),
@@ -68,9 +74,11 @@ class History(NamedTuple):
       generation: int ``[G]``, counted from 1.
       evaluations: int ``[G]``, grids that one seed's steps have evaluated so far.
       best_fitness: int32 or float32 ``[G]``, the lowest among the elites.
-      elite_count: int32 ``[G]``, the number of elites: filled niches, or the grids that the method keeps.
+      elite_count: int32 ``[G]``, the number of elites: filled niches, or the grids that the method
+        keeps.
       evaluations_per_second: float ``[G]``, of all seeds together, measured.
-      refused: int32 ``[G]``, the number of grids of the generation that were refused, see `road_problem`.
+      refused: int32 ``[G]``, the number of grids of the generation that were refused, see
+        `road_problem`.
     """
 
     generation: Int[np.ndarray, " G"]
@@ -121,9 +129,10 @@ class RunState(NamedTuple):
 
     Attributes:
       generation: int32, the number of generations so far.
-      inner: the arrays of the optimiser's state, in the order of `jax.tree.leaves`; with a leading axis of seeds if the
-        result has one.
-      fingerprint: uint32, of the key and the options, so that a run with others cannot continue by mistake.
+      inner: the arrays of the optimiser's state, in the order of `jax.tree.leaves`; with a leading
+        axis of seeds if the result has one.
+      fingerprint: uint32, of the key and the options, so that a run with others cannot continue by
+        mistake.
     """
 
     generation: Int32[Array | np.ndarray, ""]
@@ -144,8 +153,8 @@ class Result:
       elites: the grids found, with their metrics.
       history: of the generations of this call.
       state: to continue from.
-      search: with all its settings. Its method and preset say what made the result; `custom` is your own configuration
-        or optimiser.
+      search: with all its settings. Its method and preset say what made the result; `custom` is
+        your own configuration or optimiser.
       config: the configuration of the method; None for your own optimiser.
       functions: names and digests of your own functions, which tell edited functions apart.
     """
@@ -160,7 +169,9 @@ class Result:
     @runs_jax
     def best(self) -> Int8[Array, "*S H W"]:
         """Returns the grid of lowest fitness, int8 ``[H, W]``; among equal ones the first."""
-        ranked = jnp.where(self.elites.valid, self.elites.fitness, vacant_fitness(self.elites.fitness.dtype))
+        ranked = jnp.where(
+            self.elites.valid, self.elites.fitness, vacant_fitness(self.elites.fitness.dtype)
+        )
         index = jnp.argmin(ranked, axis=-1)[..., None, None, None]
         return jnp.take_along_axis(self.elites.grids, index, axis=-3)[..., 0, :, :]
 
@@ -173,12 +184,13 @@ class Result:
     def maps(self, count: int = 16, *, where: UserValue = ()) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
 
-        If there are fewer maps than `count`, a warning says how many there are, and why the other elites were rejected.
+        If there are fewer maps than `count`, a warning says how many there are, and why the other
+        elites were rejected.
 
         Args:
           count: the number of maps.
-          where: ranges as in `evolve`, added to those of the search. They override the search's range of the same
-            feature.
+          where: ranges as in `evolve`, added to those of the search. They override the search's
+            range of the same feature.
 
         Returns:
           Maps with their metrics, sorted by niche, and within a niche by fitness.
@@ -205,7 +217,9 @@ class Result:
         search = with_ranges(self.search, ranges)
         elites = self.elites
         names = [item.name for item in search.ranges]
-        features: dict[str, AnyArray] = dict(with_town_features(elites.features, names, elites.grids, "where"))
+        features: dict[str, AnyArray] = dict(
+            with_town_features(elites.features, names, elites.grids, "where")
+        )
         return replace(self, elites=elites._replace(features=features), search=search)
 
     @jax.transfer_guard("allow")
@@ -218,7 +232,9 @@ class Result:
         min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
         """Chooses maps as `maps` does, and says why the others were rejected."""
-        return choose_maps(self.elites, self.search, count, seed, exclude=exclude, min_difference=min_difference)
+        return choose_maps(
+            self.elites, self.search, count, seed, exclude=exclude, min_difference=min_difference
+        )
 
     @jax.transfer_guard("allow")
     def __repr__(self) -> str:
@@ -241,7 +257,9 @@ class Result:
         if self.config is not None and self.search.settings.preset == CUSTOM:
             lines.append(f"  config   {self.config}")
         lines.append("  fields   elites, history, state, search, config")
-        lines.append("  methods  best(): the fittest grid; maps(count, where=...): chosen maps; save(path)")
+        lines.append(
+            "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; save(path)"
+        )
         return "\n".join(lines)
 
     def _describe_search(self) -> str:
@@ -264,12 +282,13 @@ class Result:
 
         Args:
           path: the file, ``.npz`` or without a suffix; an existing file is replaced.
-          state: whether to write the state and the measured speeds too. Without them equal searches give equal bytes.
+          state: whether to write the state and the measured speeds too. Without them equal searches
+            give equal bytes.
           seed: that the keys were made from, to be noted in the file.
 
         Raises:
-          InputError: if the name has the suffix of another format, such as .json, or your own optimiser's state has
-            leaves that are not arrays of numbers.
+          InputError: if the name has the suffix of another format, such as .json, or your own
+            optimiser's state has leaves that are not arrays of numbers.
           OSError: that names the file, if it cannot be written.
         """
         file = check_named("path", file_named(".npz"), path)
@@ -319,10 +338,14 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
         state = _read_state(arrays)
         generations = arrays.get("history.generation", np.empty(0))
         arrays.setdefault(_SPEED, np.full(generations.shape, np.nan))
-        arrays.setdefault(_REFUSED, np.zeros_like(arrays.get("history.elite_count", np.empty(0, np.int32))))
+        arrays.setdefault(
+            _REFUSED, np.zeros_like(arrays.get("history.elite_count", np.empty(0, np.int32)))
+        )
         _check_arrays(arrays, stored.search)
     except InputError as error:
-        raise InputError(f"{path}: expected a result, of generate or Result.save, got {error}") from None
+        raise InputError(
+            f"{path}: expected a result, of generate or Result.save, got {error}"
+        ) from None
     elites = _elites_from(arrays, stored.search.measured)
     history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
     result = Result(elites, history, state, stored.search, stored.config, stored.functions)
@@ -373,7 +396,9 @@ def check_can_save(state: Iterable[AnyArray | jax.ShapeDtypeStruct]) -> None:
     """Checks that an optimiser's state can be saved; raises `InputError` for keys, for instance."""
     for leaf in state:
         if jnp.issubdtype(leaf.dtype, jax.dtypes.extended) or leaf.dtype.kind not in "biufc":
-            raise InputError(f"state: expected arrays of NumPy's numbers, to be saved, got {leaf.dtype}")
+            raise InputError(
+                f"state: expected arrays of NumPy's numbers, to be saved, got {leaf.dtype}"
+            )
 
 
 def _arrays_of(elites: MeasuredElites, history: History) -> dict[str, np.ndarray]:
@@ -437,7 +462,9 @@ def _parse_settings(settings: Plain, shape: tuple[int, int]) -> _Stored:
     if search.settings.method != CUSTOM:
         config = config_from_plain(settings["config"])
     if config is not None and find_preset(config)[0] != search.settings.method:
-        raise InputError(f"config: expected one of {search.settings.method}, got {type(config).__name__}")
+        raise InputError(
+            f"config: expected one of {search.settings.method}, got {type(config).__name__}"
+        )
     seed = settings["seed"]
     if seed is not None and not is_whole(seed):
         raise InputError(f"seed: expected a whole number, got {seed!r}")
@@ -496,7 +523,10 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], search: Search) -> None:
 
 
 def _fits_sizes(shape: Sequence[int], letters: str, sizes: dict[str, int]) -> bool:
-    """Returns whether an array has the sizes of the axes so far. Adds the sizes of new axes to `sizes`."""
+    """Returns whether an array has the sizes of the axes so far.
+
+    Adds the sizes of new axes to `sizes`.
+    """
     if len(shape) != len(letters):
         return False
     for letter, size in zip(letters, shape, strict=True):

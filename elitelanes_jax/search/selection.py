@@ -24,7 +24,10 @@ from elitelanes_jax.search.resolve import Search
 _OUTSIDE = "outside the ranges"
 
 MIN_DIFFERENCE = (ALIKE, 0.05, 0.0)
-"""The least `difference` of two maps. The first share applies until there are no more such maps, then the next one."""
+"""The least `difference` of two maps.
+
+The first share applies until there are no more such maps, then the next one.
+"""
 
 _Grids: TypeAlias = NDArray[np.int8]
 _Round: TypeAlias = Callable[[NDArray[np.float64], float, int], Iterator[int]]
@@ -80,24 +83,26 @@ def choose_maps(
 ) -> Choice:
     """Chooses up to `count` maps of a search.
 
-    A map is one component without dead ends, boundary violations or mismatches. All its cells are tiles of the search's
-    alphabet, or empty where rules, fixed cells or an inventory allow it. It is in the ranges of the search,
-    keeps its rules, and has not the roads of an example map in `like`. Of maps whose roads are the same when moved,
-    rotated or mirrored, the fittest is chosen. With an inventory, the metrics of a map also say how many tiles of each
-    kind it leaves.
+    A map is one component without dead ends, boundary violations or mismatches. All its cells are
+    tiles of the search's alphabet, or empty where rules, fixed cells or an inventory allow it. It
+    is in the ranges of the search, keeps its rules, and has not the roads of an example map in
+    `like`. Of maps whose roads are the same when moved, rotated or mirrored, the fittest is chosen.
+    With an inventory, the metrics of a map also say how many tiles of each kind it leaves.
 
-    Every niche gives one map before any niche gives a second, and the seeds give equally many maps if possible. If the
-    specification has targets, maps are instead chosen one by one, so that the energy distance between the features of
-    the chosen maps and the targets is smallest. Niches in the axes' target bins come before all others.
+    Every niche gives one map before any niche gives a second, and the seeds give equally many maps
+    if possible. If the specification has targets, maps are instead chosen one by one, so that the
+    energy distance between the features of the chosen maps and the targets is smallest. Niches in
+    the axes' target bins come before all others.
 
     Args:
       elites: of a search.
       search: that found them.
       count: the number of maps.
       seed: of the run; it is noted in the maps.
-      exclude: grids, of any size, whose roads no chosen map may have; the chosen maps should differ from them too.
-      min_difference: the least `difference` of each map from all others. If there are too few such maps, the next share
-        applies.
+      exclude: grids, of any size, whose roads no chosen map may have; the chosen maps should differ
+        from them too.
+      min_difference: the least `difference` of each map from all others. If there are too few such
+        maps, the next share applies.
     """
     if elites.valid.ndim == 1:  # of one seed
         elites = jax.tree.map(lambda array: array[None], elites)
@@ -120,11 +125,18 @@ def choose_maps(
     if targets:
         pursuit = SupportPoints(_target_features(candidates.metrics, targets), targets)
     chosen: list[int] = []
-    # Niches outside the target bins were stepping stones. They give maps only if the others have too few.
+    # Niches outside the target bins were stepping stones. They give maps only if the others have
+    # too few.
     for group in (np.flatnonzero(candidates.on_target), np.flatnonzero(~candidates.on_target)):
-        order = _follow(pursuit, group) if pursuit else _spread(candidates.points[group], candidates.seeds[group])
+        order = (
+            _follow(pursuit, group)
+            if pursuit
+            else _spread(candidates.points[group], candidates.seeds[group])
+        )
         before = [*exclude, *candidates.grids[chosen]]
-        indices = _choose(order, candidates.grids[group], count - len(chosen), before, min_difference)
+        indices = _choose(
+            order, candidates.grids[group], count - len(chosen), before, min_difference
+        )
         chosen += group[indices].tolist()
     chosen.sort(key=lambda index: (*candidates.bins[index], index))
 
@@ -151,7 +163,10 @@ class _Candidates(NamedTuple):
 
     @staticmethod
     def take(
-        elites: MeasuredElites, indices: NDArray[np.int_], metrics: dict[str, NDArray[np.generic]], search: Search
+        elites: MeasuredElites,
+        indices: NDArray[np.int_],
+        metrics: dict[str, NDArray[np.generic]],
+        search: Search,
     ) -> "_Candidates":
         """Takes some of the elites ``[S, slots]``, by their flat indices; `metrics` are those of all, flat."""
         axes = search.axes
@@ -171,7 +186,9 @@ class _Candidates(NamedTuple):
 
     def road_map(self, index: int, search: Search, seed: int) -> RoadMap:
         """Returns a candidate as a map, with its metrics, and how many tiles of each kind it leaves of an inventory."""
-        metrics = {name: _value(name, values[index].item()) for name, values in self.metrics.items()}
+        metrics = {
+            name: _value(name, values[index].item()) for name, values in self.metrics.items()
+        }
         for kind, count in search.settings.inventory or ():
             used = self.metrics[COUNTED[kind]][index].item()
             metrics[f"{COUNTED[kind]}_left"] = count - used
@@ -227,18 +244,25 @@ def _value(name: str, number: float) -> float:
     return number / feature_unit(name) if is_scaled else number
 
 
-def _target_features(metrics: dict[str, NDArray[np.generic]], targets: Sequence[ExampleValues]) -> NDArray[np.float64]:
+def _target_features(
+    metrics: dict[str, NDArray[np.generic]], targets: Sequence[ExampleValues]
+) -> NDArray[np.float64]:
     """Returns the features that have targets, in the order and units of the targets."""
     names = [target.name for target in targets]
     columns = columns_for(names)
     features = np.stack([metrics[name] for name in columns], axis=-1).astype(np.int32)
-    return select_features(features, columns, names) / np.array([feature_unit(name) for name in names])
+    return select_features(features, columns, names) / np.array(
+        [feature_unit(name) for name in names]
+    )
 
 
-def _choose(order: _Round, grids: _Grids, count: int, before: Sequence[_Grids], shares: Sequence[float]) -> list[int]:
+def _choose(
+    order: _Round, grids: _Grids, count: int, before: Sequence[_Grids], shares: Sequence[float]
+) -> list[int]:
     """Chooses up to `count` of the maps `grids` ``[M, H, W]`` in rounds, and returns their indices.
 
-    Each differs from the maps before and from each other in the first share of its tiles, then in the next share.
+    Each differs from the maps before and from each other in the first share of its tiles, then in
+    the next share.
     """
     roads, largest = RoadSet(grids), max(shares)
     chosen: list[int] = []
@@ -258,8 +282,9 @@ def _choose(order: _Round, grids: _Grids, count: int, before: Sequence[_Grids], 
 def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
     """Orders maps, fittest first, at `points` ``[M, D]``, found by `seeds` ``[M]``: a round yields a map of each point.
 
-    If a round has fewer maps than points, the next point is always the farthest from those before. A point yields a map
-    of the seed that has given the fewest so far, because maps of one seed are related.
+    If a round has fewer maps than points, the next point is always the farthest from those before.
+    A point yields a map of the seed that has given the fewest so far, because maps of one seed are
+    related.
     """
     maps_of: Counter[int] = Counter()  # the maps that each seed has given
 

@@ -41,7 +41,9 @@ def check_method(method: UserValue) -> str:
     return one_of(*METHODS)(method)
 
 
-def parse_weights(weights: UserValue, user_features: Collection[str] = ()) -> tuple[tuple[str, int], ...]:
+def parse_weights(
+    weights: UserValue, user_features: Collection[str] = ()
+) -> tuple[tuple[str, int], ...]:
     """Reads `Weights`, or what `parse_numbers` reads; also accepts the names of the user's features."""
     known = (*Weights._fields, *TOWN_FEATURES, *user_features)
     if isinstance(weights, Weights):
@@ -62,12 +64,13 @@ def parse_initial(initial: UserValue) -> Grids:
 class Settings:
     """A value for each option of a search.
 
-    `SearchSpec` has the options that a user gave. `elitelanes_jax.search.resolve.resolve` adds those of the style and
-    of the example maps, and the defaults.
+    `SearchSpec` has the options that a user gave. `elitelanes_jax.search.resolve.resolve` adds
+    those of the style and of the example maps, and the defaults.
 
     Attributes:
       style: named options: town, paper, or a .toml file; your options override them
-      like: example maps, map.json or Duckietown's .yaml; maps have features in the same ranges, and none is a copy
+      like: example maps, map.json or Duckietown's .yaml; maps have features in the same ranges, and
+        none is a copy
       method: the method: map-elites, ea, pso or gwo
       preset: configuration of the method: tuned, paper, or for map-elites standard or irregular
       evaluations: grids that each run evaluates, rounded up to whole generations
@@ -76,12 +79,14 @@ class Settings:
       axes: axes of the niches, such as straight_share:10; by default the preset's
       where: ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..
       weights: weights of the fitness that differ from the usual ones, such as dead_ends=480
-      targets: features of example maps, by name; the chosen maps' features have the same distribution
+      targets: features of example maps, by name; the chosen maps' features have the same
+        distribution
       fix: JSON rows of tile codes that every map keeps, null for free cells
       rules: rules that every map keeps: duckietown
-      inventory: tiles that maps may need at most, such as straight=20 turn=10 crossing3=4, or a file .toml
-      fill: whether repair also gives every tile two connections; by default yes, unless rules or an inventory leave
-        cells empty
+      inventory: tiles that maps may need at most, such as straight=20 turn=10 crossing3=4, or a
+        file .toml
+      fill: whether repair also gives every tile two connections; by default yes, unless rules or an
+        inventory leave cells empty
       initial: maps that every run begins with, map.json or Duckietown's .yaml
       alphabet: tile codes to draw from; by default all with two or more connections
     """
@@ -93,13 +98,21 @@ class Settings:
     evaluations: int = option(200_000, whole(0), "N")
     generations: int | None = option(None, none_or(whole(0)), "N")
     features: tuple[str, ...] = option((), check_features)
-    axes: tuple[Axis, ...] | None = option(None, none_or(parse_axes), "NAME:BINS", many=True, after="features")
-    where: tuple[Range, ...] = option((), parse_ranges, "NAME=LOW..HIGH", many=True, after="features")
-    weights: tuple[tuple[str, int], ...] = option((), parse_weights, "NAME=N", many=True, after="features")
+    axes: tuple[Axis, ...] | None = option(
+        None, none_or(parse_axes), "NAME:BINS", many=True, after="features"
+    )
+    where: tuple[Range, ...] = option(
+        (), parse_ranges, "NAME=LOW..HIGH", many=True, after="features"
+    )
+    weights: tuple[tuple[str, int], ...] = option(
+        (), parse_weights, "NAME=N", many=True, after="features"
+    )
     targets: tuple[ExampleValues, ...] = option((), parse_targets, after="features")
     fix: FixedCells | None = option(None, none_or(parse_fixed_cells), "FILE")
     rules: str | None = option(None, none_or(one_of(*RULES)), "NAME")
-    inventory: tuple[tuple[str, int], ...] | None = option(None, none_or(parse_inventory), "KIND=N", many=True)
+    inventory: tuple[tuple[str, int], ...] | None = option(
+        None, none_or(parse_inventory), "KIND=N", many=True
+    )
     fill: bool | None = option(None, none_or(flag))
     initial: Grids = option((), parse_initial, "MAP", flag="from", many=True)
     alphabet: tuple[int, ...] | None = option(None, none_or(check_alphabet))

@@ -40,7 +40,9 @@ class SearchOptions(TypedDict, total=False):
     preset: str
     evaluations: int | str
     generations: int | str | None
-    axes: str | Iterable[str | Axis | Mapping[str, Any]] | Mapping[str, int | tuple[int, int]] | None
+    axes: (
+        str | Iterable[str | Axis | Mapping[str, Any]] | Mapping[str, int | tuple[int, int]] | None
+    )
     where: str | Iterable[str | Range] | Mapping[str, _Limits]
     weights: str | Weights | Mapping[str, int] | Iterable[str | tuple[str, int]]
     targets: Mapping[str, Sequence[float]] | Iterable[ExampleValues]
@@ -85,8 +87,8 @@ class SearchSpec:
     def __init__(self, **options: Unpack[SpecOptions]) -> None:
         """Makes a specification from options by name; all have defaults.
 
-        Your options override those that follow from the example maps, and these override the style's. Ranges and
-        weights are merged feature by feature.
+        Your options override those that follow from the example maps, and these override the
+        style's. Ranges and weights are merged feature by feature.
 
         Raises:
           InputError: for an unknown option, a wrong value, or two budgets.
@@ -157,5 +159,7 @@ def _check_budget(options: Mapping[str, UserValue]) -> bool:
     """Returns whether options have a budget; raises `InputError` for two."""
     budgets = [options[name] for name in _BUDGET if options.get(name) is not None]
     if len(budgets) == 2:
-        raise InputError("generations: expected it or evaluations, got both, {} and {}".format(*budgets))
+        raise InputError(
+            "generations: expected it or evaluations, got both, {} and {}".format(*budgets)
+        )
     return bool(budgets)

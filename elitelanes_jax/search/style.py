@@ -13,7 +13,10 @@ FOLDER = Path(__file__).parent / "styles"
 """The folder of the package's own styles."""
 
 STYLES = ("paper", "town")
-"""The names of the package's own styles. `paper` has no options, so it equals a search without a style."""
+"""The names of the package's own styles.
+
+`paper` has no options, so it equals a search without a style.
+"""
 
 
 class Style(NamedTuple):
@@ -36,7 +39,9 @@ def read_style(style: UserValue) -> Style:
         return _read_own(text)
     if not text.endswith(".toml"):
         names = f"one of {', '.join(STYLES)}, or a file that ends in .toml"
-        raise InputError(f"style: expected {names}, got {shorten(repr(style), 40)}{suggest(text, STYLES)}")
+        raise InputError(
+            f"style: expected {names}, got {shorten(repr(style), 40)}{suggest(text, STYLES)}"
+        )
     return Style(text, read_toml(text, f"style {text!r}"))
 
 

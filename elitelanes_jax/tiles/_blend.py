@@ -1,7 +1,7 @@
 """Blends photographs: a gain and an offset for each tile of a map, and feathered seams.
 
-Photographs differ in light and colour, so that each shows as a square on a map. The tiles of a map are made equal where
-their roads meet. Masks and labels do not change.
+Photographs differ in light and colour, so that each shows as a square on a map. The tiles of a map
+are made equal where their roads meet. Masks and labels do not change.
 """
 
 from collections.abc import Iterator
@@ -15,10 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 
 _STRIP = 1 / 2  # of a tile: the depth on both sides of a seam over which roads are compared
-_GAIN, _OFFSET = 1.0, 0.01  # the weights of (255 · (gain - 1))² and offset², relative to squared grey levels
+# The weights of (255 · (gain - 1))² and offset², relative to squared grey levels.
+_GAIN, _OFFSET = 1.0, 0.01
 _FEATHER = 0.02  # of a tile, on both sides of a seam; at least two pixels
 _PAIRS = 256  # the number of pairs of tiles that are compared at once
-_ROW = np.array([[1 / 255, 0, 0], [0, 0, 1], [0, -1 / 255, 0], [0, 0, -1]])  # an equation's row, from both levels and 1
+# An equation's row, from both levels and 1.
+_ROW = np.array([[1 / 255, 0, 0], [0, 0, 1], [0, -1 / 255, 0], [0, 0, -1]])
 
 
 def solve_tones(
@@ -29,15 +31,16 @@ def solve_tones(
 ) -> Float[NDArray, "H W 3 2"]:
     """Solves for the gains and offsets of all tiles of a map by linear least squares.
 
-    A seam is where the roads of two neighbours meet. The pixels within half a tile of a seam are compared with their
-    mirror images on the other side, if both have the same label: road, or the same kind of line. With less depth,
-    darker or redder borders of photographs would decide, and their middles would be too bright or too green. The
-    solution minimises the mean squared difference of these pairs, summed over all seams, plus (255 · (gain - 1))² and
-    0.01 · offset², summed over all tiles. The first cost keeps the contrast, the second one the colour of the whole
+    A seam is where the roads of two neighbours meet. The pixels within half a tile of a seam are
+    compared with their mirror images on the other side, if both have the same label: road, or the
+    same kind of line. With less depth, darker or redder borders of photographs would decide, and
+    their middles would be too bright or too green. The solution minimises the mean squared
+    difference of these pairs, summed over all seams, plus (255 · (gain - 1))² and 0.01 · offset²,
+    summed over all tiles. The first cost keeps the contrast, the second one the colour of the whole
     map. Each channel is solved alone.
 
-    `picture` has the index of each cell's picture in `images` and `labels`. Returns gain and offset of each cell and
-    channel; 1 and 0 if its road meets no other.
+    `picture` has the index of each cell's picture in `images` and `labels`. Returns gain and offset
+    of each cell and channel; 1 and 0 if its road meets no other.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import spsolve
@@ -45,14 +48,19 @@ def solve_tones(
     codes = np.asarray(grid)
     count = codes.size
     cells = np.arange(count).reshape(codes.shape)
-    # The normal equations of each channel; the unknowns are 255 · (gain - 1) and offset of each cell.
+    # The normal equations of each channel; the unknowns are 255 · (gain - 1) and offset of each
+    # cell.
     diagonal = np.arange(2 * count)
     positions, matrices = [np.stack([diagonal, diagonal])], [np.tile([_GAIN, _OFFSET], (3, count))]
     right = np.zeros((3, 2 * count))
     for turned, meets in _meetings(codes):
-        first, second = (_turn(cells, turned)[:, part][meets] for part in (slice(None, -1), slice(1, None)))
+        first, second = (
+            _turn(cells, turned)[:, part][meets] for part in (slice(None, -1), slice(1, None))
+        )
         pairs, pair = np.unique(
-            np.stack([picture.flat[first], picture.flat[second]], axis=1), axis=0, return_inverse=True
+            np.stack([picture.flat[first], picture.flat[second]], axis=1),
+            axis=0,
+            return_inverse=True,
         )
         products, sides = _equations(pairs, _turn(images, turned, 1), _turn(labels, turned, 1))
         unknowns = np.stack([2 * first, 2 * first + 1, 2 * second, 2 * second + 1], axis=-1)
@@ -69,7 +77,9 @@ def solve_tones(
     return np.stack(tones, axis=2) * (1 / 255, 1) + (1, 0)
 
 
-def apply_tones(image: UInt8[NDArray, "h w 3"], tones: Float[NDArray, "H W 3 2"]) -> UInt8[NDArray, "h w 3"]:
+def apply_tones(
+    image: UInt8[NDArray, "h w 3"], tones: Float[NDArray, "H W 3 2"]
+) -> UInt8[NDArray, "h w 3"]:
     """Multiplies each tile of a picture of H x W tiles by its gain, adds its offset, rounds, and clips to 0..255."""
     height, width = tones.shape[:2]
     size = image.shape[0] // height
@@ -78,17 +88,21 @@ def apply_tones(image: UInt8[NDArray, "h w 3"], tones: Float[NDArray, "H W 3 2"]
     toned = np.empty_like(image)
     for row, column in np.ndindex(height, width):
         cell = np.s_[row * size : (row + 1) * size, column * size : (column + 1) * size]
-        table = np.clip(np.rint(levels * gains[row, column] + offsets[row, column]), 0, 255).astype(np.uint8)
+        table = np.clip(np.rint(levels * gains[row, column] + offsets[row, column]), 0, 255).astype(
+            np.uint8
+        )
         toned[cell] = cv2.LUT(image[cell], table[None])
     return toned
 
 
-def feather(image: UInt8[NDArray, "h w 3"], labels: UInt8[NDArray, "h w"], grid: ArrayLike) -> UInt8[NDArray, "h w 3"]:
+def feather(
+    image: UInt8[NDArray, "h w 3"], labels: UInt8[NDArray, "h w"], grid: ArrayLike
+) -> UInt8[NDArray, "h w 3"]:
     """Blends the tiles of a picture where their roads meet.
 
-    Within 2 % of a tile of a seam, but at least two pixels, each pixel is mixed with its mirror image on the other side
-    if both have the same label. The mirror image's share is one half at the seam and falls with the distance by a
-    cosine.
+    Within 2 % of a tile of a seam, but at least two pixels, each pixel is mixed with its mirror
+    image on the other side if both have the same label. The mirror image's share is one half at the
+    seam and falls with the distance by a cosine.
     """
     codes = np.asarray(grid)
     size = image.shape[0] // codes.shape[0]
@@ -99,7 +113,10 @@ def feather(image: UInt8[NDArray, "h w 3"], labels: UInt8[NDArray, "h w"], grid:
         along = np.repeat(meets, size, axis=0)
         for distance in range(ceil(reach - 0.5)):
             share = np.float32((1 + np.cos(np.pi * (distance + 0.5) / reach)) / 4)
-            left, right = slice(size - 1 - distance, -size, size), slice(size + distance, None, size)
+            left, right = (
+                slice(size - 1 - distance, -size, size),
+                slice(size + distance, None, size),
+            )
             mixed = along & (marks[:, left] == marks[:, right])
             step = share * mixed[..., None] * (seen[:, right].astype(np.float32) - seen[:, left])
             delta[:, left] += step
@@ -134,9 +151,8 @@ def _equations(
         count = np.maximum(alike.sum(axis=2, keepdims=True), 1)
         for channel in range(3):
             here, there = images[..., channel][near][first], images[..., channel][far][second]
-            levels = np.stack([here, there, np.ones_like(here)], axis=1).reshape(len(first), 3, -1) * alike.astype(
-                float
-            )
+            levels = np.stack([here, there, np.ones_like(here)], axis=1)
+            levels = levels.reshape(len(first), 3, -1) * alike.astype(float)
             means = levels @ levels.swapaxes(1, 2) / count
             products[channel, some] = _ROW @ means @ _ROW.T
             sides[channel, some] = _ROW @ means @ (-1, 1, 0)

@@ -5,7 +5,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 _BRIGHTEST = 90.0  # asphalt in daylight, of 255
-_MOST_PX = 96  # the side of a tile at which the ground is measured: the time grows with its fourth power
+# The side of a tile at which the ground is measured: the time grows with its fourth power.
+_MOST_PX = 96
 _LEAST_GAIN = 0.6  # by which light is dimmed at most: brighter ground is no asphalt
 
 

@@ -1,8 +1,8 @@
 """Checks that roads and lines in the masks of a tile set agree with each other and with the pictures.
 
-Lengths are parts of a tile's side. The limits leave room: of 18 tiles, drawn and photographed, the nearest ones have
-stop lines on 11 % and separators on 3.1 % of a tile, all on the road and all distinct in the picture; middles 2.2 %
-off; stop lines across 92 % of a lane.
+Lengths are parts of a tile's side. The limits leave room: of 18 tiles, drawn and photographed, the
+nearest ones have stop lines on 11 % and separators on 3.1 % of a tile, all on the road and all
+distinct in the picture; middles 2.2 % off; stop lines across 92 % of a lane.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,8 +18,10 @@ from elitelanes_jax.tiles.files import Tile
 _MOST = {"red": 0.25, "yellow": 0.15}  # of a tile's area
 _ON_ROAD = 0.95  # the least part of a line's area on the road
 _OFF = 0.04  # the largest displacement of an edge or a middle
-_DISTINCT = 0.7  # the least part of a line's area that differs more from the road's colour than 95 % of the road
-_NEAR = 1 / 8  # the strip along a side that has its stop line, and where a separator's middle is measured
+# The least part of a line's area that differs more from the road's colour than 95 % of the road.
+_DISTINCT = 0.7
+# The strip along a side that has its stop line, and where a separator's middle is measured.
+_NEAR = 1 / 8
 _SEEN = 1 / 4  # the strip along a side in which a separator begins
 _COVERED = 0.75  # the least part of the incoming lane's width that its stop line covers
 _NAMES = {"red": "stop lines", "yellow": "lane separators"}
@@ -35,16 +37,22 @@ class _Road(NamedTuple):
 def misplaced_lines(tiles: Sequence[Tile]) -> list[tuple[str, str, str]]:
     """Returns the errors in the masks of a set: tile, mask, and what was expected and came.
 
-    Roads lead from side to side, through the middle of each. Lines are on the road. Separators are in its middle; a set
-    may have none, but not on some of its turns, straights and ends alone. Stop lines are across the incoming,
-    right-hand lane at each open side of a crossing. The tiles' roads must reach the sides that they open, and no other.
+    Roads lead from side to side, through the middle of each. Lines are on the road. Separators are
+    in its middle; a set may have none, but not on some of its turns, straights and ends alone. Stop
+    lines are across the incoming, right-hand lane at each open side of a crossing. The tiles' roads
+    must reach the sides that they open, and no other.
     """
     separated = any(tile.yellow.any() for tile in tiles)
     errors = []
     for tile in tiles:
         faults = list(_faults(tile, separated))
         if faults and CONNECTIONS[tile.code] > 2 and not list(_faults(_mirrored(tile), separated)):
-            faults = [("image", "expected a picture that is not mirrored, got stop lines on the outgoing lanes")]
+            faults = [
+                (
+                    "image",
+                    "expected a picture that is not mirrored, got stop lines on the outgoing lanes",
+                )
+            ]
         errors += [(tile.name, *fault) for fault in faults]
     return errors
 
@@ -69,16 +77,24 @@ def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:
         share, on_road = line.mean(), (line & tile.road).sum() / max(line.sum(), 1)
         sound[name] = share <= most and (not share or on_road >= _ON_ROAD)
         if share > most:
-            yield name, f"expected {_NAMES[name]} on {most:.0%} of the tile at most, got them on {share:.0%}"
+            yield (
+                name,
+                f"expected {_NAMES[name]} on {most:.0%} of the tile at most, got them on {share:.0%}",
+            )
         elif not sound[name]:
-            yield name, f"expected {_NAMES[name]} on the road, got {on_road:.0%} of their area on it"
+            yield (
+                name,
+                f"expected {_NAMES[name]} on the road, got {on_road:.0%} of their area on it",
+            )
         elif share and (distinct := _distinct(tile, line)) < _DISTINCT:
             yield (
                 name,
                 f"expected {_NAMES[name]} in other colours than the road, got {distinct:.0%} of their area",
             )
     for side in opened:
-        road, red, yellow = (np.rot90(mask, SIDES.index(side)) for mask in (tile.road, tile.red, tile.yellow))
+        road, red, yellow = (
+            np.rot90(mask, SIDES.index(side)) for mask in (tile.road, tile.red, tile.yellow)
+        )
         across = _across(road)
         crosses = CONNECTIONS[tile.code] > 2
         if sound["yellow"]:

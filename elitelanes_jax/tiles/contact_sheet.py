@@ -18,8 +18,9 @@ from elitelanes_jax.tiles.object_set import ObjectPictures, load_objects
 _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
 _GAP, _LINE = 28, 19
 _TITLE, _CAPTION = 0.8, 0.46
-# Of the faces of signs, in tiles: the width of a face, the border that those beside the map need, and how many times as
-# far from the corner of a crossing as their signs the faces are, and those of lights.
+# Of the faces of signs, in tiles: the width of a face, the border that those beside the map need,
+# and how many times as far from the corner of a crossing as their signs the faces are, and those of
+# lights.
 _FACE, _BORDER, _APART, _APART_LIGHT = 0.21, 0.55, 1.9, 1.4
 _EM = 29  # pixels of a letter's square at scale 1, in outline fonts
 
@@ -50,16 +51,22 @@ def contact_sheet(
     return sheet
 
 
-def pin_signs(picture: NDArray[np.uint8], objects: Sequence[MapObject], tile_px: int) -> NDArray[np.uint8]:
+def pin_signs(
+    picture: NDArray[np.uint8], objects: Sequence[MapObject], tile_px: int
+) -> NDArray[np.uint8]:
     """Returns a picture of a map with a border and with the faces of its signs and lights, upright.
 
-    As seen from above a sign is a post. Faces are farther from the corners of crossings than their signs, so that they
-    do not hide each other. Signs of street names are left out.
+    As seen from above a sign is a post. Faces are farther from the corners of crossings than their
+    signs, so that they do not hide each other. Signs of street names are left out.
     """
     border = round(_BORDER * tile_px)
-    framed = np.full((picture.shape[0] + 2 * border, picture.shape[1] + 2 * border, 3), _GROUND, np.uint8)
+    framed = np.full(
+        (picture.shape[0] + 2 * border, picture.shape[1] + 2 * border, 3), _GROUND, np.uint8
+    )
     framed[border:-border, border:-border] = picture
-    signs = [thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"]
+    signs = [
+        thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"
+    ]
     signs = [sign for sign in signs if sign.kind != "sign_street_name"]
     for sign, pictures in zip(signs, load_objects().choose(signs), strict=True):
         face = _face(pictures, round(_FACE * tile_px))
@@ -89,9 +96,11 @@ def _lay(picture: NDArray[np.uint8], face: NDArray[np.uint8], x: int, y: int) ->
     top, left = y - height // 2, x - width // 2
     rows = slice(max(top, 0), min(top + height, len(picture)))
     columns = slice(max(left, 0), min(left + width, picture.shape[1]))
-    part = face[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left].astype(float)
+    part = face[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    part = part.astype(float)
     opacity = part[..., 3:] / 255
-    picture[rows, columns] = (part[..., :3] * opacity + picture[rows, columns] * (1 - opacity)).round()
+    mixed = part[..., :3] * opacity + picture[rows, columns] * (1 - opacity)
+    picture[rows, columns] = mixed.round()
 
 
 @cache
@@ -110,11 +119,16 @@ def _length(text: str, scale: float) -> int:
 
 @name_wrong_arguments
 def write_text(
-    sheet: NDArray[np.uint8], text: str, position: tuple[int, int], scale: float, ink: tuple[int, int, int]
+    sheet: NDArray[np.uint8],
+    text: str,
+    position: tuple[int, int],
+    scale: float,
+    ink: tuple[int, int, int],
 ) -> None:
     """Writes a line of text on a picture uint8 ``[H, W, 3]``; letters outside ASCII become question marks.
 
-    `position` is x and y of its lower left corner in pixels, `scale` 1 about 22 pixels high, `ink` its colour in RGB.
+    `position` is x and y of its lower left corner in pixels, `scale` 1 about 22 pixels high, `ink`
+    its colour in RGB.
     """
     check_named("scale", real(0, 100, exclusive=True), scale)  # OpenCV 5 crashes for negative sizes
     if getattr(sheet, "dtype", None) != np.uint8 or sheet.ndim != 3:

@@ -1,7 +1,8 @@
 """Corrects a tile set by hand: the places of its tiles in photographs, their kinds, and their masks.
 
-A page asks for fits, cuts and masks, and keeps the corrections. `HandWork` computes fits, cuts and masks as
-`elitelanes tiles cut` and `elitelanes tiles masks` do, and writes the set. Values of the page are plain, as in JSON.
+A page asks for fits, cuts and masks, and keeps the corrections. `HandWork` computes fits, cuts and
+masks as `elitelanes tiles cut` and `elitelanes tiles masks` do, and writes the set. Values of the
+page are plain, as in JSON.
 """
 
 import os
@@ -63,7 +64,9 @@ class HandWork:
       saved: whether the set was written, and the earlier one is kept.
     """
 
-    def __init__(self, folder: Path, photographs: Sequence[Photograph], shape: tuple[int, int]) -> None:
+    def __init__(
+        self, folder: Path, photographs: Sequence[Photograph], shape: tuple[int, int]
+    ) -> None:
         """Reads the set, if there is one, and finds the tiles in the photographs.
 
         Raises:
@@ -74,12 +77,18 @@ class HandWork:
         self.saved = False
         self._saving = Lock()
         if folder.exists() and folder.resolve() == Path.cwd():
-            raise InputError(f"{folder}: expected a folder that can be renamed, got the current one")
+            raise InputError(
+                f"{folder}: expected a folder that can be renamed, got the current one"
+            )
         is_new = not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
         if is_new and not photographs:
-            raise InputError(f"{folder}: expected a tile set, got no files; --photos cuts tiles out of photographs")
+            raise InputError(
+                f"{folder}: expected a tile set, got no files; --photos cuts tiles out of photographs"
+            )
         tiles = [] if is_new else mask_folder(folder)
-        self._tiles = [self._add(tile.folder.name, _read(tile.folder), tile.masks) for tile in tiles]
+        self._tiles = [
+            self._add(tile.folder.name, _read(tile.folder), tile.masks) for tile in tiles
+        ]
         self._starts = [self._start(photograph, shape) for photograph in photographs]
         self._stamp = _stamp_of(folder)
 
@@ -108,12 +117,17 @@ class HandWork:
 
     def fit(self, values: Untyped) -> Plain:
         """Proposes where the tiles of a photograph are: near its corners, exactly at them, or found without corners."""
-        corners = None if values["corners"] is None else np.array(values["corners"], float).reshape(4, 2)
+        corners = (
+            None if values["corners"] is None else np.array(values["corners"], float).reshape(4, 2)
+        )
         shape = values["rows"], values["columns"]
         if not all(is_whole(side) and 1 <= side <= MOST_FLOOR_SIDE for side in shape):
-            raise InputError(f"expected 1 to {MOST_FLOOR_SIDE} rows and columns, got {shape[0]} and {shape[1]}")
+            raise InputError(
+                f"expected 1 to {MOST_FLOOR_SIDE} rows and columns, got {shape[0]} and {shape[1]}"
+            )
         fits = corners is None or not values["exact"]
-        return propose_tiles(self.photographs[values["photo"]], shape=shape, corners=corners, fit=fits)._asdict()
+        photograph = self.photographs[values["photo"]]
+        return propose_tiles(photograph, shape=shape, corners=corners, fit=fits)._asdict()
 
     def cut(self, values: Untyped) -> Plain:
         """Cuts the tiles of a proposal whose kind is sure; returns them with their proposed masks."""
@@ -121,15 +135,22 @@ class HandWork:
         proposal = Proposal(**values["proposal"])
         size = photograph.image.shape[1], photograph.image.shape[0]
         if np.shape(proposal.homography) != (3, 3) or (proposal.width, proposal.height) != size:
-            raise InputError(f"{photograph.name}: expected a proposal for this photograph, got another one")
+            raise InputError(
+                f"{photograph.name}: expected a proposal for this photograph, got another one"
+            )
         cuts = cut_tiles(photograph, proposal)
         if not cuts:
-            raise InputError(f"{photograph.name}: expected tiles of a sure kind, got none; set the kinds")
+            raise InputError(
+                f"{photograph.name}: expected tiles of a sure kind, got none; set the kinds"
+            )
         return [self._add(cut.name, _picture_of(cut.image), mask_cut(cut)) for cut in cuts]
 
     def mask(self, values: Untyped) -> Plain:
         """Proposes one mask of a tile by colours, in bits as `_pack` has them."""
-        ranges = {name: ",".join(f"{low}..{high}" for low, high in values["colours"][name]) for name in MASKS}
+        ranges = {
+            name: ",".join(f"{low}..{high}" for low, high in values["colours"][name])
+            for name in MASKS
+        }
         colours = {name: parse_colour(text) for name, text in ranges.items()}
         layer = self._pictures[values["id"]].layer
         return _pack(propose_layer_masks(layer, colours)[values["mask"]])
@@ -138,19 +159,24 @@ class HandWork:
         """Writes the set, whole or not at all. The first time, the earlier set is copied to a new name next to it.
 
         Returns:
-          The names of the tiles, where the earlier set is, and the problems that `elitelanes tiles check` finds.
+          The names of the tiles, where the earlier set is, and the problems that
+          `elitelanes tiles check` finds.
 
         Raises:
           InputError: without tiles, or if another program changed the folder.
         """
         names = _names(values)
         if _stamp_of(self.folder) != self._stamp:
-            raise InputError(f"{self.folder}: another program changed it; nothing was saved. Start the command again")
+            raise InputError(
+                f"{self.folder}: another program changed it; nothing was saved. Start the command again"
+            )
         kept = None
         with self._saving:
             if self.folder.exists() and any(self.folder.iterdir()) and not self.saved:
                 kept = _copy_aside(self.folder)
-            with output_folder(self.folder, {"command": "tiles edit"}, foreign=lambda _: None, force=True) as work:
+            with output_folder(
+                self.folder, {"command": "tiles edit"}, foreign=lambda _: None, force=True
+            ) as work:
                 self._write(work.files, dict(zip(names, values, strict=True)))
             self.saved = True
             self._stamp = _stamp_of(self.folder)
@@ -180,23 +206,36 @@ class HandWork:
 
     def _start(self, photograph: Photograph, shape: tuple[int, int]) -> dict[str, Plain]:
         height, width = photograph.image.shape[:2]
-        start = {"name": photograph.name, "width": width, "height": height, "rows": shape[0], "columns": shape[1]}
+        start = {
+            "name": photograph.name,
+            "width": width,
+            "height": height,
+            "rows": shape[0],
+            "columns": shape[1],
+        }
         try:
-            return start | {"proposal": propose_tiles(photograph, shape=shape)._asdict(), "advice": ""}
+            return start | {
+                "proposal": propose_tiles(photograph, shape=shape)._asdict(),
+                "advice": "",
+            }
         except InputError as error:
             return start | {"proposal": None, "advice": str(error)}
 
-    def _add(self, name: str, picture: _Picture, masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, Plain]:
+    def _add(
+        self, name: str, picture: _Picture, masks: Mapping[str, NDArray[np.bool_]]
+    ) -> dict[str, Plain]:
         """Keeps a tile's picture; returns its values for the page.
 
-        `by_colours` says of each mask whether it is the one that the default colours propose. The page's sliders begin
-        at these colours, so that they would replace any other mask.
+        `by_colours` says of each mask whether it is the one that the default colours propose. The
+        page's sliders begin at these colours, so that they would replace any other mask.
         """
         identifier = sha256(name.encode() + picture.file).hexdigest()[:16]
         self._pictures[identifier] = picture
         proposed = propose_layer_masks(picture.layer)
         packed: dict[str, Plain] = {mask: _pack(pixels) for mask, pixels in masks.items()}
-        by_colours: dict[str, Plain] = {mask: np.array_equal(masks[mask], proposed[mask]) for mask in masks}
+        by_colours: dict[str, Plain] = {
+            mask: np.array_equal(masks[mask], proposed[mask]) for mask in masks
+        }
         kind, side = name.rpartition("_")[0], len(picture.layer.pixels)
         return {
             "id": identifier,
@@ -222,7 +261,9 @@ class HandWork:
                 target,
                 symlinks=True,
                 dirs_exist_ok=True,
-                ignore=lambda folder, names: skipped & set(names) if Path(folder) == self.folder else set(),
+                ignore=lambda folder, names: (
+                    skipped & set(names) if Path(folder) == self.folder else set()
+                ),
             )
         written = []
         for name, tile in tiles.items():

@@ -1,4 +1,7 @@
-"""A tile, and readers of its pictures and masks. They collect problems, so that one call names all."""
+"""A tile, and readers of its pictures and masks.
+
+They collect problems, so that one call names all.
+"""
 
 import zlib
 from collections.abc import Mapping
@@ -33,7 +36,8 @@ class Tile(NamedTuple):
       red: bool ``[S, S]``, the stop lines.
       yellow: bool ``[S, S]``, the lane separators.
       opaque: bool ``[S, S]``, the pixels that show the tile and not the ground; None for all.
-      transparent: the share of pixels that are not wholly opaque in each file that has some, by the file's name.
+      transparent: the share of pixels that are not wholly opaque in each file that has some, by the
+        file's name.
     """
 
     name: str
@@ -63,8 +67,8 @@ class Layer(NamedTuple):
 def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     """Reads a PNG picture of 8 bits per channel; `problems` gets a line if the file exists but is not such a picture.
 
-    Returns uint8 ``[H, W, 4]``, RGB and opacity, if the file has transparency, ``[H, W]`` if it is grey, otherwise
-    ``[H, W, 3]``, RGB. Returns None if there is no file.
+    Returns uint8 ``[H, W, 4]``, RGB and opacity, if the file has transparency, ``[H, W]`` if it is
+    grey, otherwise ``[H, W, 3]``, RGB. Returns None if there is no file.
     """
     if not file.is_file():
         return None
@@ -96,8 +100,8 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
 def read_image(file: Path, problems: list[str]) -> Layer | None:
     """Reads the picture of a tile, and lays it over the ground.
 
-    A pixel of an opacity below one half is ground, where no road is. A more opaque pixel is mixed with the ground.
-    Returns None if the file is missing, or if `problems` gets a line.
+    A pixel of an opacity below one half is ground, where no road is. A more opaque pixel is mixed
+    with the ground. Returns None if the file is missing, or if `problems` gets a line.
     """
     picture = read_picture(file, problems)
     if picture is None:
@@ -109,7 +113,9 @@ def read_image(file: Path, problems: list[str]) -> Layer | None:
     opacity = _opacity(picture)
     opaque = opacity >= OPAQUE
     if not opaque.any():
-        problems.append(f"{file}: expected a picture with opaque pixels, got one that is transparent everywhere")
+        problems.append(
+            f"{file}: expected a picture with opaque pixels, got one that is transparent everywhere"
+        )
         return None
     if (opacity < 255).any():
         share = np.where(opaque, opacity, 0)[..., None] / 255
@@ -120,8 +126,8 @@ def read_image(file: Path, problems: list[str]) -> Layer | None:
 def read_mask(file: Path, image: Layer | None, problems: list[str]) -> Layer | None:
     """Reads a mask of 0 and one other value, as large as the image if there is one.
 
-    A transparent pixel is 0, whatever its hidden colour is. Returns None if the file is missing or has another size.
-    `problems` gets a line for each error.
+    A transparent pixel is 0, whatever its hidden colour is. Returns None if the file is missing or
+    has another size. `problems` gets a line for each error.
     """
     picture = read_picture(file, problems)
     if picture is None:
@@ -143,11 +149,15 @@ def read_mask(file: Path, image: Layer | None, problems: list[str]) -> Layer | N
         mask = colours[..., 0]
     fits = image is None or mask.shape == image.opaque.shape
     if image is not None and not fits:
-        problems.append(f"{file}: expected {size_of(image.pixels)} pixels like image.png, got {size_of(mask)}")
+        problems.append(
+            f"{file}: expected {size_of(image.pixels)} pixels like image.png, got {size_of(mask)}"
+        )
     values = np.flatnonzero(np.bincount(mask.ravel()))
     if len(values) > 2 or (len(values) == 2 and values[0] != 0):
         listed = ", ".join(map(str, values[:5])) + (", ..." if len(values) > 5 else "")
-        problems.append(f"{file}: expected a mask of two values, 0 and one other, got {len(values)}: {listed}")
+        problems.append(
+            f"{file}: expected a mask of two values, 0 and one other, got {len(values)}: {listed}"
+        )
     if opaque.any() and not opaque.all() and not mask.any():
         problems.append(f"{file}: expected a mask in white, got one in black on transparent ground")
     return Layer(mask > 0, opaque, 1 - float(opaque.mean())) if fits else None
@@ -167,10 +177,11 @@ def size_of(picture: np.ndarray) -> str:
 def _plain_png(content: bytes) -> tuple[bytes, int | None]:
     """Returns the parts of a PNG file that hold its pixels, if they are complete; otherwise raises `ValueError`.
 
-    For damaged files the decoder complains to the terminal, and some of the other parts unpack to any size.
+    For damaged files the decoder complains to the terminal, and some of the other parts unpack to
+    any size.
 
-    The second value is the grey of 8 bits that a file of greys declares transparent, or None. OpenCV drops it, and
-    reads the transparency of all other files.
+    The second value is the grey of 8 bits that a file of greys declares transparent, or None.
+    OpenCV drops it, and reads the transparency of all other files.
     """
     if content[:8] != _PNG or content[12:16] != b"IHDR":
         raise ValueError("it is not a PNG file")
@@ -182,7 +193,9 @@ def _plain_png(content: bytes) -> tuple[bytes, int | None]:
     for _ in range(_MOST_PARTS):
         end = start + 12 + int.from_bytes(content[start : start + 4])
         kind, data = content[start + 4 : start + 8], content[start + 8 : end - 4]
-        if end > len(content) or zlib.crc32(data, zlib.crc32(kind)) != int.from_bytes(content[end - 4 : end]):
+        if end > len(content) or zlib.crc32(data, zlib.crc32(kind)) != int.from_bytes(
+            content[end - 4 : end]
+        ):
             break
         if kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"):
             parts.append(content[start:end])

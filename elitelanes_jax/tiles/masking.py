@@ -1,7 +1,7 @@
 """Proposes masks by colour for tiles that have only a photograph, to be corrected by hand.
 
-Tape is found by its hue, asphalt by its darkness. The road is the largest dark piece, with the tape on it, within the
-white tape along its edges.
+Tape is found by its hue, asphalt by its darkness. The road is the largest dark piece, with the tape
+on it, within the white tape along its edges.
 """
 
 import re
@@ -24,10 +24,14 @@ from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
 _CLEAN = 1 / 96  # of a tile: thinner pieces are no tape, narrower gaps are wear
 _CUT = 1 / 48  # of a tile: parts joined to the road by a narrower bridge are beyond a worn edge
-_RIM = 0.004  # of a tile: one of four photographs has a white line of 0.0025 along a side that its road leaves by
+# Of a tile: one of four photographs has a white line of 0.0025 along a side that its road leaves
+# by.
+_RIM = 0.004
 _SLIVER = 0.02  # of a tile: a cut is off by less
-_LEAST = {"red": 0.003, "yellow": 0.0004}  # of a tile's area: smaller pieces are specks; a tenth of a line or dash
-# Shadows are brightened until the ground has this brightness. Between road and white tape, more contrast is needed.
+# Of a tile's area: smaller pieces are specks; a tenth of a line or dash.
+_LEAST = {"red": 0.003, "yellow": 0.0004}
+# Shadows are brightened until the ground has this brightness. Between road and white tape, more
+# contrast is needed.
 _DARKEST = {"tape": 55, "road": 65}
 _TOP = (179, 255, 255)
 _SHEET_PX = 240  # side of a tile on the sheet
@@ -70,7 +74,11 @@ def parse_colour(text: str) -> Colour:
     limits = [int(number) for number in match.groups()] if match else []
     pairs = list(zip(limits[::2], limits[1::2], strict=True))
     upside_down = any(low > high for low, high in pairs[1:])
-    if not match or upside_down or any(max(pair) > top for pair, top in zip(pairs, _TOP, strict=True)):
+    if (
+        not match
+        or upside_down
+        or any(max(pair) > top for pair, top in zip(pairs, _TOP, strict=True))
+    ):
         raise InputError(
             f"expected H..H,S..S,V..V with hues 0 to 179, saturations and values 0 to 255, such as "
             f"{COLOURS['red']}, got {text[:40]!r}"
@@ -79,7 +87,9 @@ def parse_colour(text: str) -> Colour:
 
 
 @name_wrong_arguments
-def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLOURS) -> dict[str, NDArray[np.bool_]]:
+def propose_masks(
+    image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLOURS
+) -> dict[str, NDArray[np.bool_]]:
     """Proposes masks for a photograph of a tile.
 
     Args:
@@ -90,9 +100,15 @@ def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLO
       bool ``[S, S]`` for each of these names. Lines are on the road, and do not overlap.
     """
     if getattr(image, "dtype", None) != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise InputError(f"image: expected uint8 [S, S, 3], got {getattr(image, 'dtype', '')} {list(np.shape(image))}")
-    if not isinstance(colours, Mapping) or not all(isinstance(colours.get(name), tuple) for name in COLOURS):
-        raise InputError(f"colours: expected a Colour for {', '.join(COLOURS)}, got {shorten(repr(colours))}")
+        raise InputError(
+            f"image: expected uint8 [S, S, 3], got {getattr(image, 'dtype', '')} {list(np.shape(image))}"
+        )
+    if not isinstance(colours, Mapping) or not all(
+        isinstance(colours.get(name), tuple) for name in COLOURS
+    ):
+        raise InputError(
+            f"colours: expected a Colour for {', '.join(COLOURS)}, got {shorten(repr(colours))}"
+        )
     size = image.shape[0]
     fine = _disc(size * _CLEAN)
     lines = {}
@@ -106,7 +122,9 @@ def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLO
     return {"road": road, "red": lines["red"] & road, "yellow": lines["yellow"] & road}
 
 
-def propose_layer_masks(image: Layer, colours: Mapping[str, Colour] = COLOURS) -> dict[str, NDArray[np.bool_]]:
+def propose_layer_masks(
+    image: Layer, colours: Mapping[str, Colour] = COLOURS
+) -> dict[str, NDArray[np.bool_]]:
     """Proposes masks as `propose_masks` does; the transparent pixels of the picture are on no mask."""
     # White is neither asphalt nor a line.
     on_white = np.where(image.opaque[..., None], image.pixels, np.uint8(255))
@@ -150,7 +168,9 @@ def mask_folder(
     for tile_folder in folders:
         file = tile_folder / "image.png"
         if not file.is_file():
-            problems.append(f"{tile_folder}: expected a photograph of the tile, image.png, got none")
+            problems.append(
+                f"{tile_folder}: expected a photograph of the tile, image.png, got none"
+            )
             continue
         image = read_image(file, problems)
         if image is None:
@@ -160,12 +180,18 @@ def mask_folder(
             continue
         proposals.append(_propose(tile_folder, image, colours, overwrite, problems))
     if problems:
-        raise InputError(problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""))
+        raise InputError(
+            problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
+        )
     return proposals
 
 
 def _propose(
-    folder: Path, image: Layer, colours: Mapping[str, Colour], overwrite: Collection[str], problems: list[str]
+    folder: Path,
+    image: Layer,
+    colours: Mapping[str, Colour],
+    overwrite: Collection[str],
+    problems: list[str],
 ) -> Proposal:
     """Proposes the masks that a tile lacks; `problems` gets a line for each error of an existing mask."""
     proposed = propose_layer_masks(image, colours)
@@ -188,35 +214,52 @@ def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint
             painted[proposal.masks[name]] = colour
         pair, size = np.hstack([proposal.image, painted]), (2 * _SHEET_PX, _SHEET_PX)
         pictures.append(np.asarray(cv2.resize(pair, size, interpolation=cv2.INTER_AREA), np.uint8))
-        shares = ", ".join(f"{name} {100 * mask.mean():.1f} %" for name, mask in proposal.masks.items())
+        shares = ", ".join(
+            f"{name} {100 * mask.mean():.1f} %" for name, mask in proposal.masks.items()
+        )
         road = proposal.masks["road"]
-        reached = ", ".join(side.letter for side in SIDES if edge_pixels(road, side).any()) or "no side"
+        reached = (
+            ", ".join(side.letter for side in SIDES if edge_pixels(road, side).any()) or "no side"
+        )
         proposed = ", ".join(proposal.proposed) or "nothing"
-        captions.append((f"{proposal.folder.name}: {shares}", f"road reaches {reached}; proposed: {proposed}"))
+        captions.append(
+            (f"{proposal.folder.name}: {shares}", f"road reaches {reached}; proposed: {proposed}")
+        )
     return contact_sheet(title, pictures, captions)
 
 
 def _in_range(image: NDArray[np.uint8], colour: Colour, darkest: float) -> NDArray[np.uint8]:
     """Finds a colour in a picture whose ground is brought to at least the brightness `darkest`."""
-    hsv = np.asarray(cv2.cvtColor(cv2.medianBlur(even_light(image, darkest), 3), cv2.COLOR_RGB2HSV), np.uint8)
+    hsv = np.asarray(
+        cv2.cvtColor(cv2.medianBlur(even_light(image, darkest), 3), cv2.COLOR_RGB2HSV), np.uint8
+    )
     (first, last), *rest = colour
     hues = [(first, last)] if first <= last else [(first, _TOP[0]), (0, last)]
     masks = [
-        cv2.inRange(hsv, np.array([low, *(pair[0] for pair in rest)]), np.array([high, *(pair[1] for pair in rest)]))
+        cv2.inRange(
+            hsv,
+            np.array([low, *(pair[0] for pair in rest)]),
+            np.array([high, *(pair[1] for pair in rest)]),
+        )
         for low, high in hues
     ]
     return np.asarray(np.bitwise_or.reduce(masks), np.uint8)
 
 
-def _clean(mask: NDArray[np.uint8], close: NDArray[np.uint8], cut: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _clean(
+    mask: NDArray[np.uint8], close: NDArray[np.uint8], cut: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
     """Closes the gaps of a mask, then removes bridges and specks, all narrower than a disc.
 
-    The outermost pixels do not count: they may show a little of what is beyond the tile. Outwards from there the mask
-    repeats the pixels next to them, so that a narrow rest of tape at the border stays a line.
+    The outermost pixels do not count: they may show a little of what is beyond the tile. Outwards
+    from there the mask repeats the pixels next to them, so that a narrow rest of tape at the border
+    stays a line.
     """
     rim = max(1, round(len(mask) * _RIM))
     around = rim + max(len(close), len(cut))
-    wide = cv2.copyMakeBorder(mask[rim:-rim, rim:-rim], around, around, around, around, cv2.BORDER_REPLICATE)
+    wide = cv2.copyMakeBorder(
+        mask[rim:-rim, rim:-rim], around, around, around, around, cv2.BORDER_REPLICATE
+    )
     closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, close)
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, cut)
     beyond = around - rim

@@ -2,14 +2,17 @@
 
 An object set has a folder for each object, such as ``duckie_1``. Each has
 
-- ``object.toml``: ``kind``, one of `OBJECT_KINDS`; ``height`` and ``footprint = [length, width]``, in metres; optional
-  ``tag = [middle, side]``, for an AprilTag in front: how high its middle is, and the side of its black square;
-- ``image.png``: the object from its front, with transparency. Its lowest row is the floor, its top row the height, and
-  its middle column the middle of the object. Tags on the floor, of height 0, have none;
-- ``image_45.png`` and other numbers of degrees, as many as there are: from a viewer so far counter-clockwise from the
-  object's front, as seen from above. The nearest view is drawn; with ``image.png`` alone all sides look the same;
-- ``top.png``: the object from above, as large as the footprint, its front to the right. Without it, views from above
-  show ``image.png``, lying on the floor, its top ahead.
+- ``object.toml``: ``kind``, one of `OBJECT_KINDS`; ``height`` and ``footprint = [length, width]``,
+  in metres; optional ``tag = [middle, side]``, for an AprilTag in front: how high its middle is,
+  and the side of its black square;
+- ``image.png``: the object from its front, with transparency. Its lowest row is the floor, its top
+  row the height, and its middle column the middle of the object. Tags on the floor, of height 0,
+  have none;
+- ``image_45.png`` and other numbers of degrees, as many as there are: from a viewer so far
+  counter-clockwise from the object's front, as seen from above. The nearest view is drawn; with
+  ``image.png`` alone all sides look the same;
+- ``top.png``: the object from above, as large as the footprint, its front to the right. Without it,
+  views from above show ``image.png``, lying on the floor, its top ahead.
 """
 
 import re
@@ -31,7 +34,14 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, base_kind, check_kind, nearest_view
+from elitelanes_jax.formats.objects import (
+    OBJECT_KINDS,
+    OPAQUE,
+    MapObject,
+    base_kind,
+    check_kind,
+    nearest_view,
+)
 from elitelanes_jax.formats.tags import LARGEST_TAG
 from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.pasting import Placed, paste
@@ -48,8 +58,10 @@ class ObjectPictures:
       kind: one of `OBJECT_KINDS`.
       height: metres from the lowest to the top row of the views.
       footprint: length and width in metres of the picture from above.
-      tag: metres from the floor to the middle of its AprilTag, and the side of the tag's black square; None without.
-      views: uint8 ``[rows, columns, 4]``, RGB and opacity, by degrees counter-clockwise from the front; sorted.
+      tag: metres from the floor to the middle of its AprilTag, and the side of the tag's black
+        square; None without.
+      views: uint8 ``[rows, columns, 4]``, RGB and opacity, by degrees counter-clockwise from the
+        front; sorted.
       top: uint8 ``[rows, columns, 4]``, from above, its front to the right.
     """
 
@@ -89,7 +101,9 @@ class ObjectSet:
     @property
     def views(self) -> dict[str, Mapping[int, NDArray[np.uint8]]]:
         """The views of the first object of each kind, by degrees; for the cameras of `elitelanes_jax.drive`."""
-        return {kind: pictures[0].views for kind, pictures in self.kinds.items() if kind in OBJECT_KINDS}
+        return {
+            kind: pictures[0].views for kind, pictures in self.kinds.items() if kind in OBJECT_KINDS
+        }
 
     @cached_property
     def digest(self) -> str:
@@ -102,7 +116,9 @@ class ObjectSet:
                 digest.update(repr((angle, pixels.shape)).encode() + pixels.tobytes())
         return digest.hexdigest()[:16]
 
-    def choose(self, objects: Sequence[MapObject], seed: int | list[int] = 0) -> list[ObjectPictures]:
+    def choose(
+        self, objects: Sequence[MapObject], seed: int | list[int] = 0
+    ) -> list[ObjectPictures]:
         """Chooses pictures for each object at random among those of its kind, with the object's own AprilTag.
 
         Raises:
@@ -114,7 +130,9 @@ class ObjectSet:
             choices = self.kinds.get(thing.kind) or self.kinds.get(base_kind(thing.kind))
             if not choices:
                 known = ", ".join(self.kinds)
-                raise InputError(f"objects: expected kinds that the set {self.name!r} has ({known}), got {thing.kind}")
+                raise InputError(
+                    f"objects: expected kinds that the set {self.name!r} has ({known}), got {thing.kind}"
+                )
             pictures = choices[int(lot * len(choices))]
             if thing.tag is not None:
                 pictures = _with_tag(pictures, thing.tag)
@@ -131,7 +149,9 @@ def _with_tag(pictures: ObjectPictures, number: int) -> ObjectPictures:
     if not pictures.height:  # a tag on the floor
         top = pictures.top
         metre = top.shape[1] / pictures.footprint[0]  # in pixels
-        return replace(pictures, top=_paint_tag(top, number, top.shape[0] / 2, side * metre, side * metre))
+        return replace(
+            pictures, top=_paint_tag(top, number, top.shape[0] / 2, side * metre, side * metre)
+        )
     views = {}
     for angle, pixels in pictures.views.items():
         metre = pixels.shape[0] / pictures.height
@@ -151,11 +171,14 @@ def draw_tag(number: UserValue) -> NDArray[np.uint8]:
     """
     number = check_named("tag", whole(0, LARGEST_TAG), number)
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    # OpenCV has the family upside down: only then is the first row of tag 0 the first six bits of its code.
+    # OpenCV has the family upside down: only then is the first row of tag 0 the first six bits of
+    # its code.
     return np.asarray(cv2.aruco.generateImageMarker(family, number, 8)[::-1, ::-1], np.uint8)
 
 
-def _paint_tag(pixels: NDArray[np.uint8], number: int, row: float, high: float, wide: float) -> NDArray[np.uint8]:
+def _paint_tag(
+    pixels: NDArray[np.uint8], number: int, row: float, high: float, wide: float
+) -> NDArray[np.uint8]:
     """Paints an AprilTag around the middle column, as bright as the brightest of the tag that was there."""
     left, top = (pixels.shape[1] - wide) / 2, row - high / 2
     old = pixels[round(top) : round(top + high), round(left) : round(left + wide), :3]
@@ -176,9 +199,13 @@ def lay_flat(thing: MapObject, pictures: ObjectPictures, tile_px: int) -> Placed
     if pictures.height:
         scale *= thing.height / pictures.height
     centre = np.array([[1, 0, -columns / 2], [0, 1, -rows / 2], [0, 0, 1]])
-    size = np.diag([pictures.footprint[0] * scale / columns, pictures.footprint[1] * scale / rows, 1])
+    size = np.diag(
+        [pictures.footprint[0] * scale / columns, pictures.footprint[1] * scale / rows, 1]
+    )
     cosine, sine = np.cos(thing.angle), np.sin(thing.angle)
-    turn = np.array([[cosine, sine, thing.x * tile_px], [-sine, cosine, thing.y * tile_px], [0, 0, 1]])
+    turn = np.array(
+        [[cosine, sine, thing.x * tile_px], [-sine, cosine, thing.y * tile_px], [0, 0, 1]]
+    )
     return Placed(pictures.top, turn @ size @ centre)
 
 
@@ -219,11 +246,19 @@ def load_objects(folder: ObjectSet | str | Path | None = None) -> ObjectSet:
 
 def _load(folder: Path) -> ObjectSet:
     if not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder of objects, got {'a file' if folder.exists() else 'none'}")
-    pictured = {file.parent for name in ("image.png", "object.toml") for file in folder.glob(f"*/{name}")}
+        raise InputError(
+            f"{folder}: expected a folder of objects, got {'a file' if folder.exists() else 'none'}"
+        )
+    pictured = {
+        file.parent for name in ("image.png", "object.toml") for file in folder.glob(f"*/{name}")
+    }
     if not pictured:
-        raise InputError(f"{folder}: expected folders with object.toml and image.png, such as duckie_1, got none")
-    return ObjectSet(folder.resolve().name, tuple(_load_pictures(parent) for parent in sorted(pictured)))
+        raise InputError(
+            f"{folder}: expected folders with object.toml and image.png, such as duckie_1, got none"
+        )
+    return ObjectSet(
+        folder.resolve().name, tuple(_load_pictures(parent) for parent in sorted(pictured))
+    )
 
 
 def _load_pictures(folder: Path) -> ObjectPictures:
@@ -252,7 +287,9 @@ def _view_files(folder: Path) -> dict[int, Path]:
         if match:
             views[int(match[1] or 0)] = file
     if views and max(views) > 359:
-        raise InputError(f"{folder}: expected views image_1.png to image_359.png, got image_{max(views)}.png")
+        raise InputError(
+            f"{folder}: expected views image_1.png to image_359.png, got image_{max(views)}.png"
+        )
     return views
 
 
@@ -269,15 +306,21 @@ def _read_about(file: Path) -> _About:
     about = read_toml(file, str(file))
     for key in sorted(set(about) | set(_KEYS)):
         if key in about and key not in (*_KEYS, _TAG):
-            raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {shorten(repr(key))}")
+            raise InputError(
+                f"{file}: expected the keys {', '.join(_KEYS)}, got {shorten(repr(key))}"
+            )
         if key not in about:
             raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got no {key}")
     kind = check_named(str(file), check_kind, about["kind"])
     height, is_flat = about["height"], OBJECT_KINDS[base_kind(kind)].height == 0
     if is_flat and not (is_real(height) and height == 0):
-        raise InputError(f"{file}: height: expected 0 for tags on the floor, got {shorten(repr(height), 40)}")
+        raise InputError(
+            f"{file}: height: expected 0 for tags on the floor, got {shorten(repr(height), 40)}"
+        )
     if not is_flat and not (is_real(height) and 0 < height <= 10):
-        raise InputError(f"{file}: height: expected metres over 0, to 10, got {shorten(repr(height), 40)}")
+        raise InputError(
+            f"{file}: height: expected metres over 0, to 10, got {shorten(repr(height), 40)}"
+        )
     footprint = _read_pair(about["footprint"])
     if footprint is None or not all(0 < side <= 10 for side in footprint):
         got = shorten(repr(about["footprint"]), 40)
@@ -286,7 +329,9 @@ def _read_about(file: Path) -> _About:
     if _TAG in about:
         tag = _read_pair(about[_TAG])
         if tag is None:
-            raise InputError(f"{file}: tag: expected [middle, side] in metres, got {shorten(repr(about[_TAG]), 40)}")
+            raise InputError(
+                f"{file}: tag: expected [middle, side] in metres, got {shorten(repr(about[_TAG]), 40)}"
+            )
     return _About(kind, float(height), footprint, tag)
 
 

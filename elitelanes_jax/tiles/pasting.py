@@ -1,7 +1,7 @@
 """Pasting flat pictures into a picture, each through a 3 x 3 matrix, with an exact mask of what is seen of each.
 
-A pixel of the picture belongs to an object if its centre is on an opaque pixel of the object's picture. So masks need
-no interpolation. Colours are averaged over four samples a pixel.
+A pixel of the picture belongs to an object if its centre is on an opaque pixel of the object's
+picture. So masks need no interpolation. Colours are averaged over four samples a pixel.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,7 +33,8 @@ class Seen(NamedTuple):
     """What is seen of a pasted picture. Boxes are x, y, width and height in pixels."""
 
     box: tuple[int, int, int, int]  # of what is seen; of width 0 if nothing is
-    whole: tuple[float, float, float, float]  # of all of it, as if nothing hid it and the other picture had no edges
+    # Of all of it, as if nothing hid it and the other picture had no edges.
+    whole: tuple[float, float, float, float]
     visible: float  # the share of its pixels that is seen
 
 
@@ -42,8 +43,8 @@ def paste(
 ) -> tuple[NDArray[np.uint16], list[Seen]]:
     """Pastes pictures from back to front into an image, which is changed.
 
-    `near` is the least third coordinate of points that are drawn. Returns uint16 ``[h, w]``, 1 + the index of the
-    picture that is seen at each pixel, or 0; and what is seen of each.
+    `near` is the least third coordinate of points that are drawn. Returns uint16 ``[h, w]``, 1 +
+    the index of the picture that is seen at each pixel, or 0; and what is seen of each.
     """
     size = image.shape[0], image.shape[1]
     owners = np.zeros(size, np.uint16)
@@ -56,7 +57,9 @@ def paste(
             owners[window][mask] = index + 1
             _blend(image[window], one, window, near)
     masks = [owners[window] == index + 1 for index, window in enumerate(windows)]
-    return owners, [_seen(*one, size, near) for one in zip(placed, windows, masks, covered, strict=True)]
+    return owners, [
+        _seen(*one, size, near) for one in zip(placed, windows, masks, covered, strict=True)
+    ]
 
 
 def outline(pixels: UInt8[NDArray, "rows columns 4"]) -> Int[NDArray, "N 2"]:
@@ -65,13 +68,17 @@ def outline(pixels: UInt8[NDArray, "rows columns 4"]) -> Int[NDArray, "N 2"]:
     rows = np.flatnonzero(opaque.any(axis=1))
     first, last = opaque[rows].argmax(axis=1), opaque.shape[1] - opaque[rows, ::-1].argmax(axis=1)
     below = rows + 1
-    return np.column_stack([np.concatenate([first, first, last, last]), np.concatenate([rows, below, rows, below])])
+    return np.column_stack(
+        [np.concatenate([first, first, last, last]), np.concatenate([rows, below, rows, below])]
+    )
 
 
 def project(points: Shaped[NDArray, "N 2"], matrix: Float[NDArray, "3 3"]) -> Float[NDArray, "N 3"]:
     """Returns where a matrix maps points to: x, y and the third coordinate, by which both were divided."""
     across = np.column_stack([points, np.ones(len(points))]) @ matrix.T
-    return np.column_stack([across[:, :2] / np.where(across[:, 2:] == 0, 1, across[:, 2:]), across[:, 2]])
+    return np.column_stack(
+        [across[:, :2] / np.where(across[:, 2:] == 0, 1, across[:, 2:]), across[:, 2]]
+    )
 
 
 _Window: TypeAlias = tuple[slice, slice]  # rows and columns
@@ -113,7 +120,13 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
     """Blends the colours of a picture into the pixels of a window."""
     height, width = part.shape[:2]
     rows, columns = one.pixels.shape[:2]
-    shift = np.array([[_FINER, 0, -_FINER * window[1].start], [0, _FINER, -_FINER * window[0].start], [0, 0, 1.0]])
+    shift = np.array(
+        [
+            [_FINER, 0, -_FINER * window[1].start],
+            [0, _FINER, -_FINER * window[0].start],
+            [0, 0, 1.0],
+        ]
+    )
     matrix = shift @ one.matrix
     opacity = one.pixels[..., 3:] / np.float32(255)
     paint = np.dstack([one.pixels[..., :3] * opacity, opacity * 255]).astype(np.float32)
@@ -124,28 +137,45 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
             small = max(round(columns * shrunk), 1), max(round(rows * shrunk), 1)
             paint = cv2.resize(paint, small, interpolation=cv2.INTER_AREA).astype(np.float32)
             matrix = matrix @ np.diag([columns / small[0], rows / small[1], 1])
-    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])  # OpenCV's positions are those of pixels' centres
+    # OpenCV's positions are those of pixels' centres.
+    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])
     size = width * _FINER, height * _FINER
-    fine = cv2.warpPerspective(paint, np.linalg.inv(half) @ matrix @ half, size, flags=cv2.INTER_LINEAR)
+    fine = cv2.warpPerspective(
+        paint, np.linalg.inv(half) @ matrix @ half, size, flags=cv2.INTER_LINEAR
+    )
     if (corners[:, 2] <= near).any():
         back = np.linalg.inv(matrix)[2]
-        inverse = back[0] * (np.arange(size[0]) + 0.5) + back[1] * (np.arange(size[1]) + 0.5)[:, None] + back[2]
+        inverse = (
+            back[0] * (np.arange(size[0]) + 0.5)
+            + back[1] * (np.arange(size[1]) + 0.5)[:, None]
+            + back[2]
+        )
         fine[(inverse <= 0) | (inverse * near >= 1)] = 0
     seen = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
-    part[:] = np.clip(np.rint(part * (1 - seen[..., 3:] / 255) + seen[..., :3]), 0, 255).astype(np.uint8)
+    part[:] = np.clip(np.rint(part * (1 - seen[..., 3:] / 255) + seen[..., :3]), 0, 255).astype(
+        np.uint8
+    )
 
 
 def _seen(
-    one: Placed, window: _Window, mask: Bool[NDArray, "h w"], covered: int, size: tuple[int, int], near: float
+    one: Placed,
+    window: _Window,
+    mask: Bool[NDArray, "h w"],
+    covered: int,
+    size: tuple[int, int],
+    near: float,
 ) -> Seen:
     """Describes what is seen of a picture by the mask of its window, and by the pixels that it would have alone."""
     if not mask.any():
         return Seen((0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0), 0.0)
-    rows, columns = (np.flatnonzero(mask.any(axis=1 - axis)) + window[axis].start for axis in (0, 1))
+    rows, columns = (
+        np.flatnonzero(mask.any(axis=1 - axis)) + window[axis].start for axis in (0, 1)
+    )
     points = project(outline(one.pixels), one.matrix)
     points = points[points[:, 2] > near]
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    if (low < 0).any() or (high > size[::-1]).any():  # the area of its pixels, also beyond the edges
+    # The area of its pixels, also beyond the edges.
+    if (low < 0).any() or (high > size[::-1]).any():
         v, u = np.nonzero(one.pixels[..., 3] >= OPAQUE)
         depth = project(np.column_stack([u + 0.5, v + 0.5]), one.matrix)[:, 2]
         area = (abs(np.linalg.det(one.matrix)) / depth[depth > near] ** 3).sum()
@@ -155,15 +185,20 @@ def _seen(
 
 
 def paste_objects(
-    layers: Mapping[str, NDArray[np.uint8]], placed: Sequence[Placed], order: Sequence[int], near: float = 0.0
+    layers: Mapping[str, NDArray[np.uint8]],
+    placed: Sequence[Placed],
+    order: Sequence[int],
+    near: float = 0.0,
 ) -> tuple[NDArray[np.uint16], list[Seen]]:
     """Pastes objects into the layers of a picture, which are changed: into "image", and 0 into the masks and labels.
 
-    `order` has the objects' indices on the map. Returns what `paste` does, but with these indices. Raises `InputError`
-    for an object beyond the first 65,535, whose index does not fit.
+    `order` has the objects' indices on the map. Returns what `paste` does, but with these indices.
+    Raises `InputError` for an object beyond the first 65,535, whose index does not fit.
     """
     if max(order, default=0) >= _MOST:
-        raise InputError(f"objects: expected at most {_MOST:,} in pictures of a map, got {max(order) + 1:,} or more")
+        raise InputError(
+            f"objects: expected at most {_MOST:,} in pictures of a map, got {max(order) + 1:,} or more"
+        )
     owners, seen = paste(layers["image"], placed, near)
     for name, layer in layers.items():
         if name != "image":

@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, file_named, instance, is_whole, listed, path, real, whole
+from elitelanes_jax._util.checks import (
+    check_named,
+    file_named,
+    instance,
+    is_whole,
+    listed,
+    path,
+    real,
+    whole,
+)
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
@@ -44,8 +53,8 @@ class Picture(NamedTuple):
       red: uint8 ``[H·P, W·P]``, 0 or 255, the stop lines.
       yellow: uint8 ``[H·P, W·P]``, 0 or 255, the lane separators.
       labels: uint8 ``[H·P, W·P]``, indices in `LABELS`.
-      instances: uint16 ``[H·P, W·P]``, 0, or the number of the object that is seen, its index on the map plus 1; None
-        without objects. Where there is an object, masks and labels are 0.
+      instances: uint16 ``[H·P, W·P]``, 0, or the number of the object that is seen, its index on
+        the map plus 1; None without objects. Where there is an object, masks and labels are 0.
     """
 
     image: NDArray[np.uint8]
@@ -100,13 +109,20 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
     """Lists the pictures of each cell of a grid; the errors are those of `choose_tiles`."""
     grid = np.asarray(check_grid(grid))
     if not isinstance(tiles, TileSet):
-        raise InputError(f"tiles: expected a TileSet, as load_tiles gives it, got {shorten(repr(tiles))}")
+        raise InputError(
+            f"tiles: expected a TileSet, as load_tiles gives it, got {shorten(repr(tiles))}"
+        )
     for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
-        code, drawn = int(grid[row, column]), ", ".join(str(code) for code in tiles.rotations if code)
+        code, drawn = (
+            int(grid[row, column]),
+            ", ".join(str(code) for code in tiles.rotations if code),
+        )
         remedy = "; a tile end_1 in the set would draw it, --dead-ends grass or without_dead_ends removes these roads"
         raise InputError(
             f"grid: expected tiles that the set {tiles.name!r} can draw (codes {drawn}), "
-            f"got {code} ({KIND_OF[code]}) at row {row}, column {column}" + remedy * (KIND_OF[code] == "end")
+            f"got {code} ({KIND_OF[code]}) at row {row}, column {column}"
+            + remedy
+            * (KIND_OF[code] == "end")
         )
     pictures: list[RotatedTile] = []
     first, count = np.zeros((2, 16), int)
@@ -129,17 +145,18 @@ def render(
     """Draws a map, with its objects as seen from above.
 
     Args:
-      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. The set has a picture for each code.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. The set has a picture for each
+        code.
       tiles: whose pictures to draw with, a set or its folder; by default the package's own.
       tile_px: side of a tile in pixels, 16 to 512.
-      seed: of the choice among the pictures of each code (see `choose_tiles`). By default a map is drawn with the same
-        pictures as before, if the set has them; other maps have seed 0.
+      seed: of the choice among the pictures of each code (see `choose_tiles`). By default a map is
+        drawn with the same pictures as before, if the set has them; other maps have seed 0.
       chosen: the choice, instead of the seed's.
       objects: the pictures of the map's objects, a set or its folder; by default the package's own.
 
     Raises:
-      InputError: for a bad map, a cell or an object without picture in its set, a choice that does not show
-        the grid, or a size out of its range.
+      InputError: for a bad map, a cell or an object without picture in its set, a choice that does
+        not show the grid, or a size out of its range.
     """
     tile_px = check_tile_px(tile_px)
     if not isinstance(tiles, TileSet):
@@ -152,10 +169,14 @@ def render(
     if chosen is None:
         chosen = choose_tiles(road_map.codes, tiles, 0 if seed is None else seed)
     picture = chosen[..., 0] * 4 + chosen[..., 1]
-    layers = {name: _lay_out(rotated[picture]) for name, rotated in scale_tiles(tiles, tile_px).items()}
+    layers = {
+        name: _lay_out(rotated[picture]) for name, rotated in scale_tiles(tiles, tile_px).items()
+    }
     if tiles.blend:
         small = scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
-        toned = apply_tones(layers["image"], solve_tones(road_map.codes, picture, small["image"], small["labels"]))
+        toned = apply_tones(
+            layers["image"], solve_tones(road_map.codes, picture, small["image"], small["labels"])
+        )
         layers["image"] = feather(toned, layers["labels"], road_map.codes)
         if any(tile.opaque is not None for tile in tiles.tiles):
             # Transparent pixels show the ground of empty cells, whose light does not change.
@@ -164,7 +185,9 @@ def render(
     if objects is not None:
         objects = load_objects(objects)
     if things := road_map.objects:
-        placed, order = lay_all_flat(things, load_objects(objects).choose(things, seed or 0), tile_px)
+        placed, order = lay_all_flat(
+            things, load_objects(objects).choose(things, seed or 0), tile_px
+        )
         instances, _ = paste_objects(layers, placed, order)
     return Picture(**layers, instances=instances)
 
@@ -177,15 +200,17 @@ def _own_tiles() -> TileSet:
 def check_tile_px(tile_px: UserValue) -> int:
     """Checks the side of a tile in pixels, 16 to 512."""
     if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
-        raise InputError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
+        raise InputError(
+            f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}"
+        )
     return int(tile_px)
 
 
 def recall_choice(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
     """Returns the choice of tiles that a map was drawn with, as `choose_tiles` makes it.
 
-    Returns None if it was drawn with another set or not at all, the set lacks a tile, or a tile does not show its
-    cell's code.
+    Returns None if it was drawn with another set or not at all, the set lacks a tile, or a tile
+    does not show its cell's code.
     """
     drawn = road_map.drawn
     if drawn is None or drawn.tile_set != tiles.name:
@@ -217,7 +242,9 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
     shown = np.full((len(tiles.pictures), 4), -1)
     for code, draws in tiles.rotations.items():
         shown[tuple(np.array(draws).T)] = code
-    known = (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.pictures)) & (chosen[..., 1] < 4)
+    known = (
+        (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.pictures)) & (chosen[..., 1] < 4)
+    )
     safe = np.where(known[..., None], chosen, 0)
     return np.argwhere(~known | (shown[safe[..., 0], safe[..., 1]] != grid))
 
@@ -263,7 +290,11 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
     Raises `InputError` for values that are not uint8 or uint16, another shape, or no pixel.
     """
     pixels = np.asarray(pixels)
-    if pixels.dtype not in (np.uint8, np.uint16) or not pixels.size or pixels.shape[2:] not in ((), (3,), (4,)):
+    if (
+        pixels.dtype not in (np.uint8, np.uint16)
+        or not pixels.size
+        or pixels.shape[2:] not in ((), (3,), (4,))
+    ):
         raise InputError(
             f"pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got {pixels.dtype} {list(pixels.shape)}"
         )
@@ -274,12 +305,15 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
 
 
 @name_wrong_arguments
-def stand(objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path | None = None) -> list[Standing]:
+def stand(
+    objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path | None = None
+) -> list[Standing]:
     """Returns how objects look from their front, for the floors of 3-D simulators; tags on the floor are left out.
 
     Args:
       objects: of a map; None is no object.
-      pictures: of objects, a set or its folder; by default the package's own. `render` chooses the same ones.
+      pictures: of objects, a set or its folder; by default the package's own. `render` chooses the
+        same ones.
 
     Raises:
       InputError: for anything else, or a kind without pictures in the set.
@@ -308,8 +342,8 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     """Scales all layers of all T tiles of a set in all four rotations to P = `size` pixels a side.
 
     Returns:
-      uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow and labels. Index
-      ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
+      uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow
+      and labels. Index ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
 
     Raises:
       InputError: for anything else than a tile set, or a size that is not a whole number from 1 on.
@@ -318,7 +352,9 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     layers: dict[str, list[NDArray[np.uint8]]] = {}
     for tile in tiles.pictures:
         masks = {name: _resize_mask(getattr(tile, name), size, name) for name in MASKS}
-        labels = np.where(masks["yellow"], 3, np.where(masks["red"], 2, masks["road"])).astype(np.uint8)
+        labels = np.where(masks["yellow"], 3, np.where(masks["red"], 2, masks["road"])).astype(
+            np.uint8
+        )
         drawn = {name: mask * np.uint8(255) for name, mask in masks.items()}
         for name, layer in (drawn | {"image": _resize(tile.image, size), "labels": labels}).items():
             layers.setdefault(name, []).extend(np.rot90(layer, turns) for turns in range(4))
@@ -328,7 +364,8 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
 def show_paved(tiles: TileSet, chosen: NDArray[np.int_], tile_px: int) -> NDArray[np.bool_]:
     """Returns where a map shows its tiles and not the ground, bool ``[H·P, W·P]``.
 
-    Empty cells and the transparent pixels of tile pictures are ground. `chosen` is what `choose_tiles` returns.
+    Empty cells and the transparent pixels of tile pictures are ground. `chosen` is what
+    `choose_tiles` returns.
     """
     return _lay_out(scale_opaque(tiles, tile_px)[chosen[..., 0] * 4 + chosen[..., 1]])
 
@@ -348,15 +385,18 @@ def _resize(picture: np.ndarray, size: int) -> np.ndarray:
     if picture.shape[0] == size:
         return picture
     shrinks = size < picture.shape[0]
-    return cv2.resize(picture, (size, size), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+    return cv2.resize(
+        picture, (size, size), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    )
 
 
 def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bool_]:
     """Scales a mask: it keeps the pixels that it covers by half or more.
 
-    Lines that are about as thin as a pixel would then grow or vanish at some sizes. If a line's area would change by
-    more than a third, the most covered pixels are kept instead, as many as its area, and equally covered ones together.
-    So each class keeps its share of the picture, unless it is a straight line along a tile's side: that stays a line.
+    Lines that are about as thin as a pixel would then grow or vanish at some sizes. If a line's
+    area would change by more than a third, the most covered pixels are kept instead, as many as its
+    area, and equally covered ones together. So each class keeps its share of the picture, unless it
+    is a straight line along a tile's side: that stays a line.
     """
     cover = _resize(mask.astype(np.float32), size)
     half, area = cover >= 0.5, round(float(cover.sum()))

@@ -11,7 +11,8 @@ from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.files import Tile
 
 _SEEN = 1 / 5  # the strip along a side in which a separator begins
-_DASH = 1 / 24  # the depth of a separator that is measured: on a turn it leaves the middle further inside
+# The depth of a separator that is measured: on a turn it leaves the middle further inside.
+_DASH = 1 / 24
 _WHITE = 130  # the least brightness of white tape in even light
 _NEAR = 0.04  # tiles between the road's edge and the white line, at most
 
@@ -23,7 +24,8 @@ class SideLines(NamedTuple):
       side: N, E, S or W.
       road: where the road begins and ends.
       separator: the middle of the lane separator; None if there is none.
-      white: the middles of the white lines to the left and right of the road; None where there is none.
+      white: the middles of the white lines to the left and right of the road; None where there is
+        none.
       lane: tiles from the road's middle to the middle of a lane, the mean of both lanes.
     """
 
@@ -47,7 +49,9 @@ def measure_sides(tile: Tile) -> list[SideLines]:
 
 def describe_lanes(tiles: Sequence[Tile], lane_offset: float) -> str:
     """Returns a table of the lines at each open side, and the mean place of the lanes beside `lane_offset`."""
-    rows = ["in tiles from the left end of each side, seen from inside: road, separator, white lines; lanes' offset"]
+    rows = [
+        "in tiles from the left end of each side, seen from inside: road, separator, white lines; lanes' offset"
+    ]
     offsets: dict[bool, list[float]] = {True: [], False: []}
     for tile in tiles:
         for side in measure_sides(tile):
@@ -59,14 +63,21 @@ def describe_lanes(tiles: Sequence[Tile], lane_offset: float) -> str:
             )
     # Half the width of a separator is part of the offset.
     offset = np.mean(offsets[True] or offsets[False])
-    return "\n".join([*rows, f"lanes run {offset:.3f} tiles beside the road's middle; lane_offset is {lane_offset:g}"])
+    return "\n".join(
+        [
+            *rows,
+            f"lanes run {offset:.3f} tiles beside the road's middle; lane_offset is {lane_offset:g}",
+        ]
+    )
 
 
 def _text(place: float | None) -> str:
     return "none" if place is None else f"{place:.3f}"
 
 
-def _measure(letter: str, road: NDArray[np.bool_], yellow: NDArray[np.bool_], bright: NDArray[np.bool_]) -> SideLines:
+def _measure(
+    letter: str, road: NDArray[np.bool_], yellow: NDArray[np.bool_], bright: NDArray[np.bool_]
+) -> SideLines:
     size = len(road)
     columns = np.flatnonzero(road[0])
     start, end = float(columns[0]) / size, float(columns[-1] + 1) / size
@@ -78,8 +89,14 @@ def _measure(letter: str, road: NDArray[np.bool_], yellow: NDArray[np.bool_], br
         separator = float(dash[0] + dash[-1] + 1) / 2 / size
         half = float(np.median(yellow[rows].sum(axis=1))) / 2 / size
     first = np.asarray(bright[: max(1, size // 64)].any(axis=0), np.bool_)
-    white = _white_line(first[: columns[0]][::-1], size), _white_line(first[columns[-1] + 1 :], size)
-    places = (None if white[0] is None else start - white[0], None if white[1] is None else end + white[1])
+    white = (
+        _white_line(first[: columns[0]][::-1], size),
+        _white_line(first[columns[-1] + 1 :], size),
+    )
+    places = (
+        None if white[0] is None else start - white[0],
+        None if white[1] is None else end + white[1],
+    )
     return SideLines(letter, (start, end), separator, places, ((end - start) / 2 + half) / 2)
 
 

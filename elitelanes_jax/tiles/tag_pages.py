@@ -30,8 +30,9 @@ _FAINT = "#6d737d"
 def write_tags(road_map: UserValue, file: str | Path) -> int:
     """Writes the AprilTags of a map's signs and floor tags, to print without scaling; returns their number.
 
-    A tag is a black square of 6.5 cm. It has a white margin, a grey line to cut along, and a caption with its number
-    and the kind of its sign. Tags are in ascending order, each as often as the map has it.
+    A tag is a black square of 6.5 cm. It has a white margin, a grey line to cut along, and a
+    caption with its number and the kind of its sign. Tags are in ascending order, each as often as
+    the map has it.
 
     Args:
       road_map: a `RoadMap` or a file.
@@ -75,7 +76,13 @@ def _pages(tags: Sequence[tuple[int, str]]) -> Iterator[Untyped]:
         ax.set_axis_off()
         left = (_A4[0] - _COLUMNS * _CUT) / 2
         ax.plot([left, left + _BAR], [12, 12], color="black", lw=1, marker="|")
-        ax.text(left + _BAR + 4, 12, "10 cm: print at 100 %, without scaling to the page", size=8, va="center")
+        ax.text(
+            left + _BAR + 4,
+            12,
+            "10 cm: print at 100 %, without scaling to the page",
+            size=8,
+            va="center",
+        )
         for index, (number, kind) in enumerate(tags[first : first + of_page]):
             row, column = divmod(index, _COLUMNS)
             _draw_tag(ax, number, kind, left + column * _CUT, _TOP + row * (_CUT + _CAPTION))
@@ -91,7 +98,12 @@ def _draw_tag(ax: Untyped, number: int, kind: str, left: float, top: float) -> N
     squares = []
     for row, column in np.argwhere(draw_tag(number) == 0).tolist():
         x, y = left + (column + 1) * _CELL, top + (row + 1) * _CELL
-        squares.append(Outline([(x, y), (x + _CELL, y), (x + _CELL, y + _CELL), (x, y + _CELL), (x, y)], closed=True))
+        squares.append(
+            Outline(
+                [(x, y), (x + _CELL, y), (x + _CELL, y + _CELL), (x, y + _CELL), (x, y)],
+                closed=True,
+            )
+        )
     # As one outline, because viewers show lines between shapes that touch.
     ax.add_patch(PathPatch(Outline.make_compound_path(*squares), color="black", lw=0))
     words = f"{number}   {kind.removeprefix('sign_').replace('_', ' ')}"

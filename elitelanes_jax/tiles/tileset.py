@@ -108,7 +108,9 @@ class TileSet:
         draws: dict[int, list[RotatedTile]] = {}
         for index, tile in enumerate(self.pictures):
             for turns in range(4):
-                draws.setdefault(rotate_codes(tile.code, turns), []).append(RotatedTile(index, turns))
+                draws.setdefault(rotate_codes(tile.code, turns), []).append(
+                    RotatedTile(index, turns)
+                )
         return {code: tuple(draws[code]) for code in sorted(draws)}
 
     @cached_property
@@ -124,7 +126,9 @@ class TileSet:
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns all that pictures of maps depend on, plain values for JSON: the pictures as their digest."""
-        about: dict[str, Plain] = {name: getattr(self, name) for name in ("name", "licence", "blend")}
+        about: dict[str, Plain] = {
+            name: getattr(self, name) for name in ("name", "licence", "blend")
+        }
         if self.lane_offset != LANE_OFFSET:
             about["lane_offset"] = self.lane_offset
         return about | {"tiles": self.digest}
@@ -214,7 +218,10 @@ def _missing_kinds(tiles: Iterable[Tile]) -> list[str]:
 
 
 def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
-    """Returns the folders of a set's tiles by kind and number. Folders with other names are added to the problems."""
+    """Returns the folders of a set's tiles by kind and number.
+
+    Folders with other names are added to the problems.
+    """
     if not folder.is_dir():
         got = "a file" if folder.exists() else "none"
         problems.append(f"{folder}: expected a folder of tile pictures, got {got}")
@@ -228,7 +235,9 @@ def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
         if name and name[1] in kinds:
             folders.append((kinds.index(name[1]), int(name[2]), entry))
         elif any((entry / f"{file}.png").exists() for file in _FILES):
-            problems.append(f"{entry}: expected a folder <kind>_<number>, the kind one of {', '.join(kinds)}")
+            problems.append(
+                f"{entry}: expected a folder <kind>_<number>, the kind one of {', '.join(kinds)}"
+            )
     return [entry for _, _, entry in sorted(folders)]
 
 
@@ -249,12 +258,16 @@ def describe_tiles(tiles: TileSet) -> str:
         see_through = f", transparent: {shares}" if shares else ""
         lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels{see_through}")
     drawn = {code: len(draws) for code, draws in tiles.rotations.items() if code}
-    lines.append(f"rotated, {sum(drawn.values())} pictures of the codes {', '.join(map(str, drawn))}")
+    lines.append(
+        f"rotated, {sum(drawn.values())} pictures of the codes {', '.join(map(str, drawn))}"
+    )
     for kind in _absent_kinds(tiles.tiles):
         effect = "maps with dead ends cannot be drawn" if kind == "end" else "maps will have none"
         lines.append(f"no {kind}: {effect}")
     if any(tile.transparent for tile in tiles.tiles):
-        lines.append("transparent pixels of a mask are 0; those of a picture are ground, without road and lines")
+        lines.append(
+            "transparent pixels of a mask are 0; those of a picture are ground, without road and lines"
+        )
     if not any(tile.yellow.any() for tile in tiles.tiles):
         lines.append("no lane separators")
     return "\n".join(lines)
@@ -290,7 +303,9 @@ def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
     before = len(problems)
     missing = [f"{name}.png" for name in _FILES if not (folder / f"{name}.png").is_file()]
     if missing:
-        problems.append(f"{folder}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}")
+        problems.append(
+            f"{folder}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}"
+        )
     image = read_image(folder / "image.png", problems)
     road = read_mask(folder / "road.png", image, problems)
     red = read_mask(folder / "red.png", image, problems)
@@ -305,7 +320,9 @@ def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
         got = ", ".join(side.letter for side in reached) or "none"
         if (road.pixels & ~image.opaque).any():
             got += ", because image.png is transparent on a part of the road"
-        problems.append(f"{folder / 'road.png'}: expected a road that reaches {_EXPECTED[kind]} of the tile, got {got}")
+        problems.append(
+            f"{folder / 'road.png'}: expected a road that reaches {_EXPECTED[kind]} of the tile, got {got}"
+        )
         return None
     layers = {"image": image, "road": road, "red": red, "yellow": yellow}
     return Tile(
@@ -316,5 +333,7 @@ def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
         red=red.pixels & image.opaque,
         yellow=yellow.pixels & image.opaque,
         opaque=None if image.opaque.all() else image.opaque,
-        transparent={name: layer.transparent for name, layer in layers.items() if layer.transparent},
+        transparent={
+            name: layer.transparent for name, layer in layers.items() if layer.transparent
+        },
     )

@@ -31,7 +31,9 @@ def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
     rows, columns = (int((side - 2 * margin) / TILE_SIZE + _ROUNDING) for side in sides)
     if min(rows, columns) < _SMALLEST:
         least = _SMALLEST * TILE_SIZE + 2 * margin
-        raise InputError(f"floor: expected at least {least:.2f} x {least:.2f} m, got {sides[1]:g} x {sides[0]:g} m")
+        raise InputError(
+            f"floor: expected at least {least:.2f} x {least:.2f} m, got {sides[1]:g} x {sides[0]:g} m"
+        )
     return rows, columns
 
 

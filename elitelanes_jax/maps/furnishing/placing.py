@@ -25,7 +25,9 @@ from elitelanes_jax.maps.furnishing.street_names import Tags, place_street_names
 
 
 @name_wrong_arguments
-def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0, lane_offset: float = LANE_OFFSET) -> RoadMap:
+def furnish(
+    source: UserValue, spec: UserValue = "all", *, seed: int = 0, lane_offset: float = LANE_OFFSET
+) -> RoadMap:
     """Returns a map with objects by a specification, instead of the objects that it has.
 
     The objects depend on the arguments and the map's codes only.
@@ -37,21 +39,27 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0, lane_o
         settings such as ``duckies=6`` that override these words, and a file .toml, .json or .yaml
         with objects of your own.
       seed: of the places of objects, 0 to 2**32 - 1.
-      lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5. A tile set may have its
-        own, `TileSet.lane_offset`.
+      lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5. A
+        tile set may have its own, `TileSet.lane_offset`.
 
     Raises:
-      InputError: for a bad map or specification, a crossing that has no room for its signs, tag numbers that would be
-        used twice with `unique_tags`, objects of your own outside the map or where a sign has to be, numbers of
-        objects that do not fit, or a `lane_offset` out of its range.
+      InputError: for a bad map or specification, a crossing that has no room for its signs, tag
+        numbers that would be used twice with `unique_tags`, objects of your own outside the map or
+        where a sign has to be, numbers of objects that do not fit, or a `lane_offset` out of its
+        range.
     """
     road_map = as_map(source)
     asked: FurnishSpec = check_named("furnish", parse_furnish, spec)
     lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
-    return replace(road_map, objects=_objects(road_map.codes, asked, check_named("seed", SEED, seed), lane_offset))
+    return replace(
+        road_map,
+        objects=_objects(road_map.codes, asked, check_named("seed", SEED, seed), lane_offset),
+    )
 
 
-def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int, lane_offset: float) -> tuple[MapObject, ...]:
+def _objects(
+    codes: NDArray[np.int8], spec: FurnishSpec, seed: int, lane_offset: float
+) -> tuple[MapObject, ...]:
     space, tags = Space(codes), Tags(unique=spec.unique_tags)
     for thing in check_objects(spec.objects, *codes.shape):
         space.add(thing)

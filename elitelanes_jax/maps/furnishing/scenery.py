@@ -24,8 +24,8 @@ _QUARTERS = (0.0, pi / 2, pi, -pi / 2)
 def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float) -> None:
     """Adds the objects of a specification to those that are on the map, large ones first.
 
-    Each amount has random numbers of its own. Without a side of a road, objects beside roads are in blocks. The middle
-    of a lane is `lane_offset` tiles from the road's middle.
+    Each amount has random numbers of its own. Without a side of a road, objects beside roads are in
+    blocks. The middle of a lane is `lane_offset` tiles from the road's middle.
 
     Raises:
       InputError: if a number of objects do not fit; the message names the amount and how many fit.
@@ -37,11 +37,18 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
         random = np.random.default_rng([seed, index])
         placed = _place(space, name, scenery, count, random, lane_offset)
         if placed < count and amount >= 1:
-            raise InputError(f"{name}: expected a number that fits, got {count}, of which {placed} fit")
+            raise InputError(
+                f"{name}: expected a number that fits, got {count}, of which {placed} fit"
+            )
 
 
 def _place(
-    space: Space, name: str, scenery: "_Scenery", count: int, random: np.random.Generator, lane_offset: float
+    space: Space,
+    name: str,
+    scenery: "_Scenery",
+    count: int,
+    random: np.random.Generator,
+    lane_offset: float,
 ) -> int:
     """Places up to `count` objects of an amount; returns how many fitted."""
     spots = scenery.list_spots(space.codes).tolist()
@@ -56,7 +63,9 @@ def _place(
             break
         spot = spots[random.integers(len(spots))]
         x, y, angle = draw(spot, random, lane_offset)
-        candidate = make_object(scenery.kind, x, y, round(angle, 6), static=name != "crossing_duckies")
+        candidate = make_object(
+            scenery.kind, x, y, round(angle, 6), static=name != "crossing_duckies"
+        )
         placed += space.place(candidate, in_lane=name.startswith("lane_"))
     return placed
 

@@ -56,7 +56,9 @@ def has_free_corners(codes: NDArray[np.int8], crossing: Cell) -> bool:
     return True
 
 
-def place_signs(arms: Mapping[Cell, list[int]], free: set[Cell], which: str, lit: set[Cell]) -> list[MapObject]:
+def place_signs(
+    arms: Mapping[Cell, list[int]], free: set[Cell], which: str, lit: set[Cell]
+) -> list[MapObject]:
     """Returns the signs of all crossings, without tags: for each stop line the topology, then the control.
 
     `arms` has the sides of the roads at each crossing. The crossings in `lit` have traffic lights.

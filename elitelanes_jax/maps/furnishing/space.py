@@ -18,7 +18,9 @@ _CLEARANCE = 0.01  # between footprints, in tiles
 
 def make_object(kind: str, x: float, y: float, angle: float, *, static: bool = True) -> MapObject:
     """Returns an object of its kind's usual height, with its position rounded to six digits."""
-    return MapObject(kind, round(x, 6), round(y, 6), angle, OBJECT_KINDS[kind].height, static=static)
+    return MapObject(
+        kind, round(x, 6), round(y, 6), angle, OBJECT_KINDS[kind].height, static=static
+    )
 
 
 def outline_of(thing: MapObject) -> list[Point]:
@@ -26,7 +28,10 @@ def outline_of(thing: MapObject) -> list[Point]:
     length, width = (side / 2 / TILE_SIZE for side in thing.footprint)
     along, across = (cos(thing.angle), -sin(thing.angle)), (sin(thing.angle), cos(thing.angle))
     steps = [(u * length, v * width) for u, v in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
-    return [(thing.x + u * along[0] + v * across[0], thing.y + u * along[1] + v * across[1]) for u, v in steps]
+    return [
+        (thing.x + u * along[0] + v * across[0], thing.y + u * along[1] + v * across[1])
+        for u, v in steps
+    ]
 
 
 def _are_close(rectangle: Sequence[Point], other: Sequence[Point]) -> bool:
@@ -53,7 +58,9 @@ class Space:
 
     def place(self, thing: MapObject, *, in_lane: bool = False) -> bool:
         """Adds an object if it fits: off all roads unless it is in a lane, and clear of the other objects."""
-        fits = (in_lane or all(map(self._is_free, _cells(outline_of(thing))))) and self.is_clear(thing)
+        fits = (in_lane or all(map(self._is_free, _cells(outline_of(thing))))) and self.is_clear(
+            thing
+        )
         if fits:
             self.add(thing)
         return fits
@@ -61,7 +68,9 @@ class Space:
     def is_clear(self, thing: MapObject) -> bool:
         """Returns whether an object keeps clear of those that were added."""
         corners = outline_of(thing)
-        return not any(_are_close(corners, other) for cell in _cells(corners) for other in self._outlines[cell])
+        return not any(
+            _are_close(corners, other) for cell in _cells(corners) for other in self._outlines[cell]
+        )
 
     def add(self, thing: MapObject) -> None:
         """Adds an object without checking whether it fits."""

@@ -20,7 +20,9 @@ _FILES = (".toml", ".json", ".yaml")
 def _amount(value: UserValue) -> float:
     number: float = real(0, _MOST, unit="a share from 0 to 1, or a whole number")(value)
     if number > 1 and number != int(number):
-        raise InputError(f"expected a share from 0 to 1, or a whole number, got {shorten(repr(value), 40)}")
+        raise InputError(
+            f"expected a share from 0 to 1, or a whole number, got {shorten(repr(value), 40)}"
+        )
     return number
 
 
@@ -84,7 +86,10 @@ class FurnishSpec(Record):
 
     @property
     def on_blocks(self) -> dict[str, float]:
-        """The numbers of objects, by setting, that a map without empty cells has no room for. Shares are left out."""
+        """The numbers of objects, by setting, that a map without empty cells has no room for.
+
+        Shares are left out.
+        """
         amounts = {}
         for name, field in self.options().items():
             if field.metavar != "AMOUNT" or name.startswith("lane_"):
@@ -147,7 +152,9 @@ def _furnish_of(words: Sequence[str]) -> FurnishSpec:
             values["objects"] = values.get("objects", ()) + _read_objects(word)
         elif word != "all":
             names = ", ".join(f"{name}=..." for name in settings)
-            expected = f"all, signs, street_names, unique_tags, {names}, or a file .toml, .json or .yaml"
+            expected = (
+                f"all, signs, street_names, unique_tags, {names}, or a file .toml, .json or .yaml"
+            )
             raise InputError(f"expected {expected}, got {shorten(repr(word), 40)}")
     return spec.replace(**values)
 

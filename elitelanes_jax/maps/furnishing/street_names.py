@@ -20,8 +20,10 @@ from elitelanes_jax.lanes.links import Cell, linked_tiles, walk_roads
 from elitelanes_jax.maps.furnishing.space import Point, Space, make_object
 from elitelanes_jax.network.codes import KIND_OF, SIDES
 
-_CORNER = 0.28  # tiles from the middle of a turn, along both sides: between the white tape and the tile's corner
-_BESIDE = 0.58  # tiles from the middle of a straight tile: as far from the road's tile as signs of crossings
+# Tiles from the middle of a turn, along both sides: between the white tape and the tile's corner.
+_CORNER = 0.28
+# Tiles from the middle of a straight tile: as far from the road's tile as signs of crossings.
+_BESIDE = 0.58
 
 
 class Tags:
@@ -36,7 +38,9 @@ class Tags:
         """Notes the tag of an object of the user's; raises `InputError` if it is in use and tags must be unique."""
         if thing.tag is not None:
             if self._unique and self._used[thing.tag]:
-                raise InputError(f"unique_tags: expected each tag of your own objects once, got {thing.tag} twice")
+                raise InputError(
+                    f"unique_tags: expected each tag of your own objects once, got {thing.tag} twice"
+                )
             self._used[thing.tag].append((thing.x, thing.y))
 
     def give(self, sign: MapObject, numbers: Sequence[int] | None = None) -> MapObject:

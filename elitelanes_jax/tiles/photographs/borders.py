@@ -1,8 +1,9 @@
 """Measures where the border of tiles is seen, by the colours that tell their ground from the floor around them.
 
-On a floor that is nearly as dark as asphalt, no edge is seen at most points of a side. So each side is first the line
-that separates the colours inside from those outside best: all pixels near the side count, as in a region-based active
-contour (Chan and Vese 2001). Then it is the line at which colours change most on the average along a part of the side.
+On a floor that is nearly as dark as asphalt, no edge is seen at most points of a side. So each side
+is first the line that separates the colours inside from those outside best: all pixels near the
+side count, as in a region-based active contour (Chan and Vese 2001). Then it is the line at which
+colours change most on the average along a part of the side.
 """
 
 from typing import NamedTuple
@@ -23,15 +24,19 @@ ALONG = 24
 MOST_CONTRAST = 6.0
 """The contrast of a side whose colours all tell the tile from the floor."""
 
-_SHARP_REACH = 0.015  # tiles between the border by colours, which a shadow under the tile shifts, and the sharpest edge
+# Tiles between the border by colours, which a shadow under the tile shifts, and the sharpest edge.
+_SHARP_REACH = 0.015
 _PART = 8  # points of a side over which the sharpest edge is averaged
 _RING = 0.18  # tiles beyond the reach from which the colours of the floor and of the tile are taken
 _STEP = 1 / 320  # tiles between two places across a side
 _FINE = 4  # places along a side for each point
-_TAPE_DENSITY = -3.0  # the logarithm of the density of tape, and of all else on a tile that is not asphalt
-_MOST_LIKELY = MOST_CONTRAST / 2  # the largest logarithm of a ratio of likelihoods that one pixel counts for
+# The logarithm of the density of tape, and of all else on a tile that is not asphalt.
+_TAPE_DENSITY = -3.0
+# The largest logarithm of a ratio of likelihoods that one pixel counts for.
+_MOST_LIKELY = MOST_CONTRAST / 2
 _BESIDE = 0.04  # tiles on both sides of a border whose colours are compared
-_BESIDE_REACH = 0.05  # tiles on both sides of a border whose colours are no sample of the floor's or the tile's
+# Tiles on both sides of a border whose colours are no sample of the floor's or the tile's.
+_BESIDE_REACH = 0.05
 _GRAIN = 0.01  # the least standard deviation of a floor's colours, in logarithms
 _DARK = 8  # added to colours before their logarithm is taken: noise is as large in dark pixels
 
@@ -58,8 +63,9 @@ def outer_sides(codes: NDArray[np.int8]) -> Sides:
 def contrasts(image: NDArray[np.uint8], view: View, sides: Sides) -> NDArray[np.float64]:
     """Returns how far the colours beside each side ``[S]`` are the tile's inside and not outside.
 
-    It is the difference of the logarithms of likelihoods within 4 % of a tile, the median along the side: 6 if all
-    colours tell the tile from the floor, 0 if none does, or if the same colours are on both sides.
+    It is the difference of the logarithms of likelihoods within 4 % of a tile, the median along the
+    side: 6 if all colours tell the tile from the floor, 0 if none does, or if the same colours are
+    on both sides.
     """
     reach = _BESIDE_REACH
     steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
@@ -103,11 +109,15 @@ def colour_border(image: NDArray[np.uint8], view: View, sides: Sides, reach: flo
     steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
     points, outwards, colours = _point_colours(image, view, sides, steps)
     return Border(
-        points, outwards, np.stack([_separate(_likelihoods(side, steps, reach), steps, reach) for side in colours])
+        points,
+        outwards,
+        np.stack([_separate(_likelihoods(side, steps, reach), steps, reach) for side in colours]),
     )
 
 
-def _likelihoods(colours: NDArray[np.float64], steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+def _likelihoods(
+    colours: NDArray[np.float64], steps: NDArray[np.float64], reach: float
+) -> NDArray[np.float64]:
     """Returns the logarithm of how much likelier each colour ``[A, T, 3]`` of a side is the tile's than the floor's."""
     floor = colours[:, steps > reach].reshape(-1, 3)
     tile = colours[:, steps < -reach].reshape(-1, 3)
@@ -128,7 +138,9 @@ def _log_density(colours: NDArray[np.float64], sample: NDArray[np.float64]) -> N
     return np.asarray(-0.5 * square - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1])
 
 
-def _separate(likely: NDArray[np.float64], steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+def _separate(
+    likely: NDArray[np.float64], steps: NDArray[np.float64], reach: float
+) -> NDArray[np.float64]:
     """Returns the offset outwards of the border at each point ``[A]`` of a side, near the line that separates it best.
 
     NaN where nothing separates near the line.
@@ -166,7 +178,8 @@ def sharpest_border(image: NDArray[np.uint8], view: View, sides: Sides) -> Borde
 def shadow_width(image: NDArray[np.uint8], view: View, sides: Sides, reach: float) -> float:
     """Returns how far outside of the sharpest edge the border by colours is, in tiles, on the average of all sides.
 
-    A shadow under the tiles moves the border by colours outwards. NaN if no change of colours is the largest nearby.
+    A shadow under the tiles moves the border by colours outwards. NaN if no change of colours is
+    the largest nearby.
     """
     _, _, steps, contrasting = _contrasting_profiles(image, view, sides)
     edge = _sharpest(contrasting.mean(axis=(0, 1))[None], steps)[0]
@@ -183,7 +196,9 @@ def _contrasting_profiles(
     points, outwards, colours = _profiles(image, view, sides, steps)
     for side in range(len(sides)):
         floor = colours[side][:, steps > _SHARP_REACH + 0.02].reshape(-1, 3)
-        colours[side] = colours[side] @ np.linalg.cholesky(np.linalg.inv(np.cov(floor.T) + np.eye(3) * _GRAIN**2))
+        colours[side] = colours[side] @ np.linalg.cholesky(
+            np.linalg.inv(np.cov(floor.T) + np.eye(3) * _GRAIN**2)
+        )
     return points, outwards, steps, colours
 
 

@@ -20,7 +20,8 @@ from elitelanes_jax.tiles.photographs.views import flatten, places_of
 from elitelanes_jax.tiles.rendering import write_png
 from elitelanes_jax.tiles.tileset import MASKS
 
-_SIZES = (128, 512)  # the least and the largest side of a picture; between them, what the photograph has
+# The least and the largest side of a picture; between them, what the photograph has.
+_SIZES = (128, 512)
 _COMPARED_PX = 96  # the side of a tile at which pictures are compared
 _COPY = 0.2  # the correlation of the ground from which two pictures show the same tile
 _RIM = 0.03  # tiles from a side within which the tape of a neighbour lies
@@ -70,10 +71,15 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
     for row, column in np.argwhere((codes > 0) & (sure >= SURE)).tolist():
         places = places_of(1, 1, 2 * tile_px, 0) + np.array([column, row])
         large = flatten(photograph.image, proposal.view, places, 2 * tile_px)
-        image = np.asarray(cv2.resize(large, (tile_px, tile_px), interpolation=cv2.INTER_AREA), np.uint8)
+        image = np.asarray(
+            cv2.resize(large, (tile_px, tile_px), interpolation=cv2.INTER_AREA), np.uint8
+        )
         code = int(codes[row, column])
         others = [cut for cut in (*earlier, *cuts) if KIND_OF[cut.code] == KIND_OF[code]]
-        copied = next((cut.name for cut in others if not cut.copy_of and likeness(cut, code, image) > _COPY), "")
+        copied = next(
+            (cut.name for cut in others if not cut.copy_of and likeness(cut, code, image) > _COPY),
+            "",
+        )
         name = f"{KIND_OF[code]}_{len(others) + 1}"
         cuts.append(Cut(name, code, image, photograph.name, row, column, copied))
     return cuts
@@ -86,7 +92,11 @@ def likeness(cut: Cut, code: int, image: NDArray[np.uint8]) -> float:
     best = 0.0
     for turns in _turns_to_first(KINDS[KIND_OF[code]][0]):
         both = bare & np.rot90(other_bare, turns)
-        pair = np.corrcoef(ground[both], np.rot90(other, turns)[both]) if both.sum() > 100 else np.zeros((2, 2))
+        pair = (
+            np.corrcoef(ground[both], np.rot90(other, turns)[both])
+            if both.sum() > 100
+            else np.zeros((2, 2))
+        )
         best = max(best, float(pair[0, 1]))
     return best
 
@@ -94,11 +104,15 @@ def likeness(cut: Cut, code: int, image: NDArray[np.uint8]) -> float:
 def _texture(code: int, image: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Returns the fine brightness of a tile turned to its kind's first code, and where there is no tape near."""
     turned = np.rot90(image, _turns_to_first(code)[0])
-    small = np.asarray(cv2.resize(turned, (_COMPARED_PX,) * 2, interpolation=cv2.INTER_AREA), np.uint8)
+    small = np.asarray(
+        cv2.resize(turned, (_COMPARED_PX,) * 2, interpolation=cv2.INTER_AREA), np.uint8
+    )
     value = np.log(small.max(axis=2).astype(np.float32) + 4)
     tape = value > np.log(ground_of(small, _COMPARED_PX)) + 0.3
     bare = cv2.erode((~tape).astype(np.float32), np.ones((9, 9)), borderValue=0)
-    mean = cv2.GaussianBlur(value * bare, (0, 0), 3) / np.maximum(cv2.GaussianBlur(bare, (0, 0), 3), 1e-3)
+    mean = cv2.GaussianBlur(value * bare, (0, 0), 3) / np.maximum(
+        cv2.GaussianBlur(bare, (0, 0), 3), 1e-3
+    )
     return np.asarray((value - mean) * bare, np.float32), bare > 0
 
 

@@ -1,8 +1,9 @@
 """Reads the kind and the direction of every tile of a floor: which picture of a tile set each cell looks like.
 
-Each cell is compared with all pictures of the set in all rotations, displaced by up to an eighth of a tile, without the
-light: colours are relative to the ground around them. Neighbours agree about the side that they share. This is a Markov
-random field on the grid; belief propagation (Pearl 1982) finds its best codes.
+Each cell is compared with all pictures of the set in all rotations, displaced by up to an eighth of
+a tile, without the light: colours are relative to the ground around them. Neighbours agree about
+the side that they share. This is a Markov random field on the grid; belief propagation (Pearl 1982)
+finds its best codes.
 """
 
 from typing import NamedTuple
@@ -22,12 +23,14 @@ READ_PX = 32
 MARGIN_PX = READ_PX // 8
 """The margin in pixels around a floor, in which its tiles are looked for."""
 
-_EMPTY = 0.42  # the correlation that counts for a cell without a tile: tiles of other sets have more
+# The correlation that counts for a cell without a tile: tiles of other sets have more.
+_EMPTY = 0.42
 _DISAGREE = 0.25  # the correlation that a road which ends at a side costs; at the border half of it
 _COLOURED = 0.25  # the least correlation of coloured lines with those of a cell's code
 _ROUNDS = 12
 _MOST_PICTURES = 3  # of each code that cells are compared with
-_CHROMA = 2.0  # the weight of colour beside brightness: white lines are the largest but tell kinds apart least
+# The weight of colour beside brightness: white lines are the largest but tell kinds apart least.
+_CHROMA = 2.0
 
 
 class Kinds(NamedTuple):
@@ -36,8 +39,10 @@ class Kinds(NamedTuple):
     Attributes:
       codes: int8 ``[H, W]``, 0 for cells without a tile.
       alike: float ``[H, W]``, the correlation with the most similar picture of the code.
-      margins: float ``[H, W]``, by how much the code is better than any other; 0 if a cell may have no tile.
-      scores: float ``[H, W, 16]``, the correlation with each code's most similar picture; -1 if the set has none.
+      margins: float ``[H, W]``, by how much the code is better than any other; 0 if a cell may have
+        no tile.
+      scores: float ``[H, W, 16]``, the correlation with each code's most similar picture; -1 if the
+        set has none.
     """
 
     codes: NDArray[np.int8]
@@ -50,7 +55,8 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
     """Reads the codes of a floor.
 
     Args:
-      flat: uint8, RGB, the floor from above, a tile `READ_PX` pixels wide, with a margin of `MARGIN_PX` around it.
+      flat: uint8, RGB, the floor from above, a tile `READ_PX` pixels wide, with a margin of
+        `MARGIN_PX` around it.
       rows: of tiles.
       columns: of tiles.
       tiles: whose pictures the cells are compared with.
@@ -66,7 +72,9 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
     return Kinds(codes.astype(np.int8), alike, margins, scores)
 
 
-def _correlate(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet) -> NDArray[np.float64]:
+def _correlate(
+    flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet
+) -> NDArray[np.float64]:
     pictures = scale_tiles(tiles, READ_PX)["image"]
     templates = [
         (code, _without_light(pictures[4 * drawn.tile + drawn.quarter_turns]))
@@ -81,29 +89,41 @@ def _correlate(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
     side = READ_PX + 2 * MARGIN_PX
     for row in range(rows):
         for column in range(columns):
-            cell = floor[row * READ_PX : row * READ_PX + side, column * READ_PX : column * READ_PX + side]
+            cell = floor[
+                row * READ_PX : row * READ_PX + side, column * READ_PX : column * READ_PX + side
+            ]
             for code, template in templates:
                 alike = cv2.matchTemplate(cell, template, cv2.TM_CCOEFF_NORMED).max()
                 scores[row, column, code] = max(scores[row, column, code], alike)
     return scores
 
 
-def _lacks_colour(flat: NDArray[np.uint8], codes: NDArray[np.int_], tiles: TileSet) -> NDArray[np.bool_]:
+def _lacks_colour(
+    flat: NDArray[np.uint8], codes: NDArray[np.int_], tiles: TileSet
+) -> NDArray[np.bool_]:
     """Finds cells ``[H, W]`` without the coloured lines of their code, where most cells have them.
 
-    The edges of a bright floor in cells without a tile look like white lines, but nothing in such a cell is coloured.
+    The edges of a bright floor in cells without a tile look like white lines, but nothing in such a
+    cell is coloured.
     """
     pictures, floor = scale_tiles(tiles, READ_PX)["image"], _without_light(flat)[..., 1:]
     side = READ_PX + 2 * MARGIN_PX
     alike = np.ones(codes.shape)
     for row, column in np.argwhere(codes > 0).tolist():
-        cell = floor[row * READ_PX : row * READ_PX + side, column * READ_PX : column * READ_PX + side]
+        cell = floor[
+            row * READ_PX : row * READ_PX + side, column * READ_PX : column * READ_PX + side
+        ]
         correlations = []
         for drawn in tiles.rotations[int(codes[row, column])][:_MOST_PICTURES]:
             template = _without_light(pictures[4 * drawn.tile + drawn.quarter_turns])[..., 1:]
             for channel in range(2):
-                part, lines = np.ascontiguousarray(cell[..., channel]), np.ascontiguousarray(template[..., channel])
-                correlations.append(float(cv2.matchTemplate(part, lines, cv2.TM_CCOEFF_NORMED).max()))
+                part, lines = (
+                    np.ascontiguousarray(cell[..., channel]),
+                    np.ascontiguousarray(template[..., channel]),
+                )
+                correlations.append(
+                    float(cv2.matchTemplate(part, lines, cv2.TM_CCOEFF_NORMED).max())
+                )
         alike[row, column] = max(correlations)
     if codes.size == 1 or np.median(alike[codes > 0] if codes.any() else 0) < 2 * _COLOURED:
         return np.zeros(codes.shape, np.bool_)
@@ -134,7 +154,8 @@ def _agree(scores: NDArray[np.float64]) -> NDArray[np.float64]:
         sent = np.empty_like(messages)
         for index, side in enumerate(SIDES):
             back = (index + 2) % 4
-            # What a cell tells its neighbour on a side: its best score for an open and for a closed side.
+            # What a cell tells its neighbour on a side: its best score for an open and for a closed
+            # side.
             told = total - messages[index]
             is_open = (codes & side.bit) > 0
             opened, closed = told[..., is_open].max(axis=-1), told[..., ~is_open].max(axis=-1)
@@ -145,7 +166,9 @@ def _agree(scores: NDArray[np.float64]) -> NDArray[np.float64]:
             message = np.where(faces, (if_open - best)[..., None], (if_closed - best)[..., None])
             moved = np.roll(message, (side.down, side.right), (0, 1))
             edge = [slice(None), slice(None)]
-            edge[0 if side.down else 1] = slice(0, 1) if side.down + side.right > 0 else slice(-1, None)
+            edge[0 if side.down else 1] = (
+                slice(0, 1) if side.down + side.right > 0 else slice(-1, None)
+            )
             moved[tuple(edge)] = outside[back]
             sent[back] = moved
         messages = sent

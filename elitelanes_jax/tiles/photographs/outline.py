@@ -1,7 +1,8 @@
 """Finds the corners of tiles in a photograph: guesses to start from, to be fitted later.
 
-Guesses are made of four masks: what differs from the colours at the photograph's border (GrabCut, Rother et al. 2004),
-bright tape, another hue than the border's, and the dark part. Each is the quadrangle around the largest piece.
+Guesses are made of four masks: what differs from the colours at the photograph's border (GrabCut,
+Rother et al. 2004), bright tape, another hue than the border's, and the dark part. Each is the
+quadrangle around the largest piece.
 """
 
 from itertools import combinations
@@ -48,7 +49,15 @@ def _unlike_border(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     labels[edge] = cv2.GC_BGD
     if likely[~edge].any() and not likely[~edge].all():
         cv2.setRNGSeed(0)  # its clusters start at random
-        cv2.grabCut(small, labels, (0, 0, 0, 0), np.zeros((1, 65)), np.zeros((1, 65)), 4, cv2.GC_INIT_WITH_MASK)
+        cv2.grabCut(
+            small,
+            labels,
+            (0, 0, 0, 0),
+            np.zeros((1, 65)),
+            np.zeros((1, 65)),
+            4,
+            cv2.GC_INIT_WITH_MASK,
+        )
     return np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
 
 
@@ -57,7 +66,9 @@ def _dark(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     value = small.max(axis=2).astype(np.float32) + 4
     light = cv2.GaussianBlur(cv2.dilate(value, np.ones((25, 25), np.uint8)), (0, 0), 60)
     relative = np.clip(value / light * 200, 0, 255).astype(np.uint8)
-    return np.asarray(cv2.threshold(relative, 0, 1, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)[1], np.uint8)
+    return np.asarray(
+        cv2.threshold(relative, 0, 1, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)[1], np.uint8
+    )
 
 
 def _tape(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -72,10 +83,14 @@ def _other_colour(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     logs = np.log(cv2.GaussianBlur(small, (0, 0), 2).astype(np.float32) + 4)
     hue = logs[..., [0, 2]] - logs[..., [1]]
     rim = max(3, min(small.shape[:2]) // 20)
-    edge = np.concatenate([part.reshape(-1, 2) for part in (hue[:rim], hue[-rim:], hue[:, :rim], hue[:, -rim:])])
+    edge = np.concatenate(
+        [part.reshape(-1, 2) for part in (hue[:rim], hue[-rim:], hue[:, :rim], hue[:, -rim:])]
+    )
     away = np.linalg.norm(hue - np.median(edge, axis=0), axis=-1)
     # Red and yellow tape are far away from both; what tells asphalt from the floor is little.
-    scaled = np.clip(away / np.clip(np.percentile(away, 90), 0.06, 0.5) * 255, 0, 255).astype(np.uint8)
+    scaled = np.clip(away / np.clip(np.percentile(away, 90), 0.06, 0.5) * 255, 0, 255).astype(
+        np.uint8
+    )
     return np.asarray(cv2.threshold(scaled, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[1], np.uint8)
 
 
@@ -103,7 +118,9 @@ def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
             continue
         quad = (meet[:, :2] / meet[:, 2:]).astype(np.float32)
         area = cv2.contourArea(quad)
-        around = all(cv2.pointPolygonTest(quad, tuple(map(float, point)), True) > -3 for point in edges)
+        around = all(
+            cv2.pointPolygonTest(quad, tuple(map(float, point)), True) > -3 for point in edges
+        )
         if around and cv2.isContourConvex(quad) and (best is None or area < best[0]):
             best = area, quad
     return None if best is None else first_at_top_left(best[1].astype(np.float64))

@@ -35,7 +35,8 @@ class Proposal(NamedTuple):
       photo: the name of the photograph.
       width: of the photograph in pixels.
       height: of the photograph in pixels.
-      corners: of the tiles in pixels, x and y, ``[4][2]``: clockwise, from the first row's first tile.
+      corners: of the tiles in pixels, x and y, ``[4][2]``: clockwise, from the first row's first
+        tile.
       homography: ``[3][3]``, from tiles (x to the right, y down) to pixels without distortion.
       radial: distortion of the lens, see `View`.
       codes: of the tiles ``[H][W]``; 0 is a cell without a tile.
@@ -70,14 +71,22 @@ _CROPPED = (
 )
 _HIDDEN = "the tile's border is not seen; photograph it on a floor of another colour, or give its exact corners"
 
-# Limits at which a score is a half, their widths, and what to do below. A negative width is of an upper limit. Measured
-# on photographs of `experiments/perception/cutting.py`.
+# Limits at which a score is a half, their widths, and what to do below. A negative width is of an
+# upper limit. Measured on photographs of `experiments/perception/cutting.py`.
 _LIMITS: dict[str, dict[str, tuple[float, float, str]]] = {
     "floor": {
         "alike": (0.5, 0.03, _UNLIKE),
         "out_of_square": (0.025, -0.004, _CROPPED),
-        "repeats": (0.87, 0.015, "the tiles do not repeat in this grid; check the size, and give the corners"),
-        "spread": (0.009, -0.0008, "too few lines and too little of the border are seen; photograph it from closer"),
+        "repeats": (
+            0.87,
+            0.015,
+            "the tiles do not repeat in this grid; check the size, and give the corners",
+        ),
+        "spread": (
+            0.009,
+            -0.0008,
+            "too few lines and too little of the border are seen; photograph it from closer",
+        ),
     },
     "tile": {
         "alike": (0.5, 0.03, _UNLIKE),
@@ -111,9 +120,10 @@ def propose_tiles(
     Args:
       photograph: from `read_photograph`.
       shape: rows and columns of tiles. A single tile may lie in any direction.
-      corners: of all tiles in pixels ``[4, 2]``, clockwise from the first row's first tile, off by up to a tenth of a
-        tile. By default they are found.
-      codes: of the map that is laid, ``[H, W]``, in any of the four directions. By default they are read.
+      corners: of all tiles in pixels ``[4, 2]``, clockwise from the first row's first tile, off by
+        up to a tenth of a tile. By default they are found.
+      codes: of the map that is laid, ``[H, W]``, in any of the four directions. By default they are
+        read.
       tiles: pictures that kinds are read with; by default the package's own.
       fit: whether the corners are fitted to the photograph, or taken as they are.
 
@@ -122,9 +132,13 @@ def propose_tiles(
     """
     shape = shape if codes is None else codes.shape
     tiles = load_tiles() if tiles is None else tiles
-    quads = find_corners(photograph.image) if corners is None else [check_corners(photograph, corners)]
+    quads = (
+        find_corners(photograph.image) if corners is None else [check_corners(photograph, corners)]
+    )
     starts = [
-        start for quad in quads for start in _starts(photograph.image, quad, shape, codes, tiles, corners is None)
+        start
+        for quad in quads
+        for start in _starts(photograph.image, quad, shape, codes, tiles, corners is None)
     ]
     if not quads:
         raise InputError(
@@ -133,7 +147,9 @@ def propose_tiles(
         )
     if not starts:
         floor = f"{shape[0]} x {shape[1]} road tiles"
-        raise InputError(f"{photograph.name}: expected {floor}, found none; check the size, and give the corners")
+        raise InputError(
+            f"{photograph.name}: expected {floor}, found none; check the size, and give the corners"
+        )
     starts.sort(key=lambda start: -start.support)
     proposals = []
     for start in starts[: _STARTS if fit else 1]:
@@ -145,7 +161,9 @@ def propose_tiles(
             fitted = fit_view(photograph.image, start.view, start.codes)
         kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
         told = {"out_of_square"} if corners is not None else set[str]()
-        proposals.append(_proposal(photograph, fitted, kinds, codes, told if fit else told | {"contrast"}))
+        proposals.append(
+            _proposal(photograph, fitted, kinds, codes, told if fit else told | {"contrast"})
+        )
         if proposals[-1].score > _ENOUGH:
             break
     return max(proposals, key=lambda proposal: proposal.score)
@@ -159,26 +177,34 @@ def check_corners(photograph: Photograph, corners: Points) -> Points:
     height, width = photograph.image.shape[:2]
     outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)
     if outside.any():
-        raise InputError(f"corners: expected points within {photograph.name}, {width} x {height} pixels")
+        raise InputError(
+            f"corners: expected points within {photograph.name}, {width} x {height} pixels"
+        )
     x, y = points.T
     area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
     if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:
-        raise InputError("corners: expected the corners of a convex area in order around it, got lines that cross")
+        raise InputError(
+            "corners: expected the corners of a convex area in order around it, got lines that cross"
+        )
     if area < 0:
-        raise InputError("corners: expected them clockwise, as in the photograph, got them counter-clockwise")
+        raise InputError(
+            "corners: expected them clockwise, as in the photograph, got them counter-clockwise"
+        )
     return points
 
 
 def out_of_square(view: View) -> float:
     """Returns how far the tiles are from squares in space, 0 for squares: ratio of the sides, and angle in radians.
 
-    The camera's axis is the photograph's middle, and its pixels are square. The focal length is unknown; the usual one
-    that fits best counts.
+    The camera's axis is the photograph's middle, and its pixels are square. The focal length is
+    unknown; the usual one that fits best counts.
     """
     middle = np.array([[1, 0, -(view.width - 1) / 2], [0, 1, -(view.height - 1) / 2], [0, 0, 1.0]])
     across, down = (middle @ view.homography)[:, :2].T
     focal = view.width * _FOCAL[:, None]
-    across, down = (np.hstack([side[:2] / focal, np.full_like(focal, side[2])]) for side in (across, down))
+    across, down = (
+        np.hstack([side[:2] / focal, np.full_like(focal, side[2])]) for side in (across, down)
+    )
     lengths = np.linalg.norm(across, axis=1), np.linalg.norm(down, axis=1)
     slant = np.arcsin(np.clip((across * down).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1))
     return float(np.hypot(np.log(lengths[0] / lengths[1]), slant).min())
@@ -218,9 +244,17 @@ def _starts(
 
 
 def _read(
-    image: NDArray[np.uint8], view: View, shape: tuple[int, int], tiles: TileSet, *, within: bool = False
+    image: NDArray[np.uint8],
+    view: View,
+    shape: tuple[int, int],
+    tiles: TileSet,
+    *,
+    within: bool = False,
 ) -> Kinds:
-    """Reads the kinds of a floor. `within` mirrors it at its border, so that a bright floor adds no light."""
+    """Reads the kinds of a floor.
+
+    `within` mirrors it at its border, so that a bright floor adds no light.
+    """
     places = places_of(*shape, READ_PX, MARGIN_PX)
     if within:
         end = np.array(shape[::-1])
@@ -233,12 +267,18 @@ def _alike(kinds: Kinds, codes: NDArray[np.int8]) -> NDArray[np.float64]:
 
 
 def _proposal(
-    photograph: Photograph, fit: Fit, kinds: Kinds, codes: NDArray[np.int8] | None, told: Collection[str]
+    photograph: Photograph,
+    fit: Fit,
+    kinds: Kinds,
+    codes: NDArray[np.int8] | None,
+    told: Collection[str],
 ) -> Proposal:
     laid = kinds.codes if codes is None else codes
     rows, columns = laid.shape
     height, width = photograph.image.shape[:2]
-    corners = fit.view.pixels_of(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float))
+    corners = fit.view.pixels_of(
+        np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
+    )
     alike = _alike(kinds, laid)
     evidence = {
         "alike": float(alike[laid > 0].mean()) if laid.any() else 0.0,
@@ -271,11 +311,14 @@ def _proposal(
 def _judge(evidence: dict[str, float], kind: str, told: Collection[str]) -> tuple[float, str]:
     """Returns the score of a proposal, and what to do about its weakest evidence.
 
-    Evidence that the user's corners replace, `told`, does not count: a cropped photograph looks as if its tiles were no
-    squares, and exact corners need no contrast.
+    Evidence that the user's corners replace, `told`, does not count: a cropped photograph looks as
+    if its tiles were no squares, and exact corners need no contrast.
     """
     limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in told}
-    sures = {name: _sigmoid((evidence[name] - limit) / width) for name, (limit, width, _) in limits.items()}
+    sures = {
+        name: _sigmoid((evidence[name] - limit) / width)
+        for name, (limit, width, _) in limits.items()
+    }
     weakest = min(sures, key=lambda name: sures[name])
     # Nothing else counts where there are no tiles at all.
     reason = "alike" if sures["alike"] < SURE else weakest

@@ -71,13 +71,17 @@ class Lens(NamedTuple):
     def straighten(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns where pixels ``[N, 2]`` are without the distortion."""
         undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
-        points = undistort(pixels[None].astype(np.float64), self.matrix, self.distortion, P=self.matrix)
+        points = undistort(
+            pixels[None].astype(np.float64), self.matrix, self.distortion, P=self.matrix
+        )
         return np.asarray(points, np.float64).reshape(-1, 2)
 
     def straighten_image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Returns an image of the lens's size without the distortion."""
         if self.fisheye:
-            return np.asarray(cv2.fisheye.undistortImage(image, self.matrix, self.distortion, None, self.matrix))
+            return np.asarray(
+                cv2.fisheye.undistortImage(image, self.matrix, self.distortion, None, self.matrix)
+            )
         return np.asarray(cv2.undistort(image, self.matrix, self.distortion), np.uint8)
 
 
@@ -86,7 +90,8 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
     """Reads a JPEG or PNG file of a photograph, turned upright as its EXIF data say.
 
     Args:
-      file: of at most 128 MiB. A JPEG of more than 26 megapixels is read at a half, a quarter or an eighth of its size.
+      file: of at most 128 MiB. A JPEG of more than 26 megapixels is read at a half, a quarter or an
+        eighth of its size.
       lens: from `read_lens`. Its distortion is removed.
 
     Raises:
@@ -98,7 +103,9 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
     except OSError as error:
         raise InputError(f"{file}: {_WORDS}, got: {reason(error)}") from None
     if content[4:8] == b"ftyp":
-        raise InputError(f"{file}: {_WORDS}, got HEIC, AVIF or a film; convert it to JPEG, or let the phone take JPEGs")
+        raise InputError(
+            f"{file}: {_WORDS}, got HEIC, AVIF or a film; convert it to JPEG, or let the phone take JPEGs"
+        )
     is_jpeg = content[:3] == b"\xff\xd8\xff"
     if not is_jpeg and content[:8] != b"\x89PNG\r\n\x1a\n":
         raise InputError(f"{file}: {_WORDS}, got another file")
@@ -111,14 +118,18 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
     shrunk = next(shrunk for shrunk in (1, 2, 4, 8) if width * height <= _MOST_READ * shrunk**2)
     flags = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
     try:
-        picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags.get(shrunk, cv2.IMREAD_REDUCED_COLOR_8))
+        picture = cv2.imdecode(
+            np.frombuffer(content, np.uint8), flags.get(shrunk, cv2.IMREAD_REDUCED_COLOR_8)
+        )
     except cv2.error:
         picture = None
     if picture is None:
         raise InputError(f"{file}: {_WORDS}, got one that cannot be read")
     if min(picture.shape[:2]) < _LEAST_SIDE:
         got = f"{picture.shape[1]} x {picture.shape[0]}"
-        raise InputError(f"{file}: expected a photograph of at least {_LEAST_SIDE} pixels a side, got {got}")
+        raise InputError(
+            f"{file}: expected a photograph of at least {_LEAST_SIDE} pixels a side, got {got}"
+        )
     image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
     if lens is not None:
         try:
@@ -140,17 +151,25 @@ def read_lens(file: str | Path) -> Lens:
     except OSError as error:
         raise InputError(f"{file}: expected a camera's calibration, got: {reason(error)}") from None
     except (yaml.YAMLError, ValueError, RecursionError):
-        raise InputError(f"{file}: expected a camera's calibration in YAML, got another file") from None
+        raise InputError(
+            f"{file}: expected a camera's calibration in YAML, got another file"
+        ) from None
     values = values if isinstance(values, dict) else {}
     model = values.get("distortion_model", "plumb_bob")
     if model not in ("plumb_bob", "rational_polynomial", "equidistant", "fisheye"):
-        raise InputError(f"{file}: distortion_model: expected plumb_bob, rational_polynomial or equidistant")
+        raise InputError(
+            f"{file}: distortion_model: expected plumb_bob, rational_polynomial or equidistant"
+        )
     fisheye = model in ("equidistant", "fisheye")
     matrix = _numbers(file, values, "camera_matrix", (9,)).reshape(3, 3)
-    distortion = _numbers(file, values, "distortion_coefficients", (4,) if fisheye else (4, 5, 8, 12, 14))
+    distortion = _numbers(
+        file, values, "distortion_coefficients", (4,) if fisheye else (4, 5, 8, 12, 14)
+    )
     width, height = (values.get(name, 0) for name in ("image_width", "image_height"))
     if not all(is_whole(side) and 0 < side < 1e5 for side in (width, height)):
-        raise InputError(f"{file}: expected image_width and image_height in pixels, got {width!r} and {height!r}")
+        raise InputError(
+            f"{file}: expected image_width and image_height in pixels, got {width!r} and {height!r}"
+        )
     return Lens(matrix, distortion, fisheye, int(width), int(height))
 
 
@@ -158,7 +177,9 @@ def _numbers(file: Path, values: dict, name: str, lengths: tuple[int, ...]) -> N
     entry = values.get(name)
     data = entry.get("data") if isinstance(entry, dict) else None
     if not isinstance(data, list) or len(data) not in lengths or not all(map(is_real, data)):
-        raise InputError(f"{file}: {name}: expected data, a list of {' or '.join(map(str, lengths))} numbers")
+        raise InputError(
+            f"{file}: {name}: expected data, a list of {' or '.join(map(str, lengths))} numbers"
+        )
     return np.array(data, np.float64)
 
 
@@ -172,7 +193,15 @@ def _jpeg_size(content: bytes) -> tuple[int, int]:
     while start + 9 < len(content) and content[start] == 0xFF:
         marker = content[start + 1]
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            return int.from_bytes(content[start + 7 : start + 9]), int.from_bytes(content[start + 5 : start + 7])
+            return int.from_bytes(content[start + 7 : start + 9]), int.from_bytes(
+                content[start + 5 : start + 7]
+            )
         filler = marker == 0xFF or 0xD0 <= marker <= 0xD8
-        start += 1 if marker == 0xFF else 2 if filler else 2 + int.from_bytes(content[start + 2 : start + 4])
+        start += (
+            1
+            if marker == 0xFF
+            else 2
+            if filler
+            else 2 + int.from_bytes(content[start + 2 : start + 4])
+        )
     return 0, 0

@@ -1,9 +1,10 @@
 """Fits the lattice of tiles to a photograph of a floor.
 
-Tiles of a kind look alike, in all rotations. So the floor itself, seen from above, is the template: each cell is
-compared with the mean of all other cells of its kind, turned to its direction. Where the room's floor around the tiles
-has another colour, the border of the floor is a second measurement. Both are linear in a small change of the view, and
-one least-squares problem: Gauss and Newton's method (Lucas and Kanade 1981 for pictures), with Tukey's weights.
+Tiles of a kind look alike, in all rotations. So the floor itself, seen from above, is the template:
+each cell is compared with the mean of all other cells of its kind, turned to its direction. Where
+the room's floor around the tiles has another colour, the border of the floor is a second
+measurement. Both are linear in a small change of the view, and one least-squares problem: Gauss and
+Newton's method (Lucas and Kanade 1981 for pictures), with Tukey's weights.
 """
 
 from typing import NamedTuple
@@ -28,18 +29,27 @@ from elitelanes_jax.tiles.photographs.views import Points, View, flatten, places
 
 Field = NDArray[np.float32]
 
-_STEPS = ((24, 0.14, 6), (48, 0.06, 5), (64, 0.03, 5))  # pixels of a tile, search of the border in tiles, iterations
+# Pixels of a tile, search of the border in tiles, iterations.
+_STEPS = ((24, 0.14, 6), (48, 0.06, 5), (64, 0.03, 5))
 _MARGIN = 0.4  # tiles around the floor that the border's colours are read from
 _CLEAR = 4.0  # times the change of colour in the floor's texture that an edge has at least
-_RING = 0.16  # tiles outside of the search in which the floor's colour is measured: light differs further away
+# Tiles outside of the search in which the floor's colour is measured: light differs further away.
+_RING = 0.16
 _AWAY = 4.0  # standard deviations of the floor's colour from which a colour is another one
 _EDGE_NOISE = 0.0015  # tiles by which points of a sharp border deviate from a line
-_GRAIN = 1000.0  # pixels that count as one measurement, because texture and tape are larger than a pixel
-_VAGUE = 0.01  # tiles: cells that tell the corners with a larger standard deviation do not judge the border
-_CONFLICT = 0.011  # tiles between a border and where cells have it, from which it is none: cells are right within 0.007
-_EXACT = 0.003  # tiles: the standard deviation of the corners to which the border by colours adds nothing
-_COLOUR_STEPS = ((0.04, False), (0.02, True), (0.02, True))  # reach in tiles, whether a shadow is taken off
-_COLOUR_NOISE = 0.01  # tiles by which a border by colours deviates: six points of a side count as independent
+# Pixels that count as one measurement, because texture and tape are larger than a pixel.
+_GRAIN = 1000.0
+# Tiles: cells that tell the corners with a larger standard deviation do not judge the border.
+_VAGUE = 0.01
+# Tiles between a border and where cells have it, from which it is none: cells are right within
+# 0.007.
+_CONFLICT = 0.011
+# Tiles: the standard deviation of the corners to which the border by colours adds nothing.
+_EXACT = 0.003
+# Reach in tiles, whether a shadow is taken off.
+_COLOUR_STEPS = ((0.04, False), (0.02, True), (0.02, True))
+# Tiles by which a border by colours deviates: six points of a side count as independent.
+_COLOUR_NOISE = 0.01
 _COLOUR_ROUNDS = 3  # of Gauss and Newton's method at each reach
 _CLEAR_COLOURS = 2.5  # of 6: the least contrast of a side whose border is looked for by colours
 _WEAK = 25.0  # holds what nothing measures within a fifth of the floor
@@ -57,9 +67,10 @@ class Fit(NamedTuple):
     Attributes:
       view: of the floor.
       spread: float ``[9, 9]``, the covariance of the view's parameters, as `_basis` has them.
-      alike: the correlation of the cells with the mean of their kind, 0 to 1; 0 if nothing can be compared.
-      border: float ``[4]``, the share of points on the borders to the north, east, south and west where a border is
-        seen within 0.8 % of a tile.
+      alike: the correlation of the cells with the mean of their kind, 0 to 1; 0 if nothing can be
+        compared.
+      border: float ``[4]``, the share of points on the borders to the north, east, south and west
+        where a border is seen within 0.8 % of a tile.
     """
 
     view: View
@@ -68,7 +79,9 @@ class Fit(NamedTuple):
     border: NDArray[np.float64]
 
 
-def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], *, bends: bool = True) -> Fit:
+def fit_view(
+    image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], *, bends: bool = True
+) -> Fit:
     """Fits the view of a floor of several tiles to a photograph.
 
     Args:
@@ -84,7 +97,8 @@ def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], *, b
     alone = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.zeros(4, bool), bends)
     cells_tell = largest_spread(alone, *codes.shape) <= _VAGUE
     if cells_tell:
-        # Tape along the border of a floor that is as dark as asphalt looks like a border, but cells say where it is.
+        # Tape along the border of a floor that is as dark as asphalt looks like a border, but cells
+        # say where it is.
         offsets = _border_offsets(image, alone.view, codes, reach).offsets
         trusted = _agree(_by_direction(codes, offsets))
         fit = _refine(image, alone, codes, groups, tile_px, reach, rounds, trusted, bends)
@@ -96,12 +110,18 @@ def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], *, b
 
 def _agree(side_offsets: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
     """Returns for each side's offsets in tiles whether the border is where cells have it, or is not seen."""
-    medians = [np.nanmedian(offsets) if np.isfinite(offsets).any() else 0.0 for offsets in side_offsets]
+    medians = [
+        np.nanmedian(offsets) if np.isfinite(offsets).any() else 0.0 for offsets in side_offsets
+    ]
     return np.abs(medians) < _CONFLICT
 
 
 def _fit_colours(
-    image: NDArray[np.uint8], fit: Fit, codes: NDArray[np.int8], groups: list[list["_Seen"]], bends: bool
+    image: NDArray[np.uint8],
+    fit: Fit,
+    codes: NDArray[np.int8],
+    groups: list[list["_Seen"]],
+    bends: bool,
 ) -> Fit:
     """Fits the border by colours, where no edge is seen at single points: on floors nearly as dark as asphalt.
 
@@ -121,7 +141,9 @@ def _fit_colours(
             alike = fit.alike
             if groups:
                 tape = tape_of(flatten(image, fit.view, places, tile_px), tile_px)
-                alike = _add_cells(matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px)
+                alike = _add_cells(
+                    matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px
+                )
             border = colour_border(image, fit.view, sides, reach)
             border = border._replace(offsets=border.offsets - shadow)
             add_offsets(matrix, vector, fit.view, border, rows, columns, noise=_COLOUR_NOISE)
@@ -160,7 +182,9 @@ def _refine(
         alike = 0.0
         if groups:
             tape = tape_of(flatten(image, fit.view, places, tile_px), tile_px)
-            alike = _add_cells(matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px)
+            alike = _add_cells(
+                matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px
+            )
         border = _add_border(matrix, vector, image, fit.view, codes, reach, trusted)
         step = solve_equations(fit.view, matrix, vector, rows, columns)
         if step is None:
@@ -203,7 +227,10 @@ def _is_seen(view: View, rows: int, columns: int) -> bool:
     corners = view.pixels_of(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float))
     if not np.isfinite(corners).all() or np.abs(corners).max() > 4 * max(view.width, view.height):
         return False
-    return cv2.isContourConvex(corners.astype(np.float32)) and view.tile_pixels(rows, columns) > _LEAST_PX
+    return (
+        cv2.isContourConvex(corners.astype(np.float32))
+        and view.tile_pixels(rows, columns) > _LEAST_PX
+    )
 
 
 def largest_spread(fit: Fit, rows: int, columns: int) -> float:
@@ -217,7 +244,9 @@ def largest_spread(fit: Fit, rows: int, columns: int) -> float:
 def tape_of(flat: NDArray[np.uint8], tile_px: int) -> Field:
     """Returns how much brighter than the ground around it each pixel is, as a logarithm: tape without light."""
     value = flat.max(axis=2).astype(np.float32) + 4
-    tape = np.clip(np.log(cv2.GaussianBlur(value, (0, 0), tile_px / 40) / ground_of(flat, tile_px)), -0.2, 1.2)
+    tape = np.clip(
+        np.log(cv2.GaussianBlur(value, (0, 0), tile_px / 40) / ground_of(flat, tile_px)), -0.2, 1.2
+    )
     return np.asarray(cv2.GaussianBlur(tape, (0, 0), tile_px / 40), np.float32)
 
 
@@ -235,7 +264,9 @@ def _groups(codes: NDArray[np.int8]) -> list[list[_Seen]]:
     for row, column in np.argwhere(codes > 0).tolist():
         kind = KIND_OF[int(codes[row, column])]
         first = KINDS[kind][0]
-        turns = tuple(turn for turn in range(4) if rotate_codes(int(codes[row, column]), turn) == first)
+        turns = tuple(
+            turn for turn in range(4) if rotate_codes(int(codes[row, column]), turn) == first
+        )
         groups.setdefault(kind, []).append(_Seen(row, column, turns))
     return [cells for cells in groups.values() if sum(len(cell.turns) for cell in cells) > 1]
 
@@ -243,16 +274,30 @@ def _groups(codes: NDArray[np.int8]) -> list[list[_Seen]]:
 def _basis(view: View, places: Points, rows: int, columns: int) -> NDArray[np.float64]:
     """Returns how each parameter moves positions ``[..., 2]`` in tiles: ``[9, ..., 2]``.
 
-    The first eight are a homography's, in units of half the floor. The last is the radial distortion.
+    The first eight are a homography's, in units of half the floor. The last is the radial
+    distortion.
     """
     half = np.array([columns, rows]) / 2
     u, v = np.moveaxis(places / half - 1, -1, 0)
     one, none = np.ones_like(u), np.zeros_like(u)
-    moves = [(one, none), (u, none), (v, none), (none, one), (none, u), (none, v), (u * u, u * v), (u * v, v * v)]
+    moves = [
+        (one, none),
+        (u, none),
+        (v, none),
+        (none, one),
+        (none, u),
+        (none, v),
+        (u * u, u * v),
+        (u * v, v * v),
+    ]
     basis = np.stack([np.stack(move, axis=-1) * half for move in moves])
     step = 1e-3
-    right = (view.pixels_of(places + step * _RIGHT) - view.pixels_of(places - step * _RIGHT)) / (2 * step)
-    down = (view.pixels_of(places + step * _DOWN) - view.pixels_of(places - step * _DOWN)) / (2 * step)
+    right = (view.pixels_of(places + step * _RIGHT) - view.pixels_of(places - step * _RIGHT)) / (
+        2 * step
+    )
+    down = (view.pixels_of(places + step * _DOWN) - view.pixels_of(places - step * _DOWN)) / (
+        2 * step
+    )
     bent = np.linalg.solve(np.stack([right, down], axis=-1), view.bend(places)[..., None])[..., 0]
     return np.concatenate([basis, bent[None]])
 
@@ -282,12 +327,15 @@ def _add_cells(
     for cells in groups:
         windows = [
             layers[
-                :, cell.row * tile_px : (cell.row + 1) * tile_px, cell.column * tile_px : (cell.column + 1) * tile_px
+                :,
+                cell.row * tile_px : (cell.row + 1) * tile_px,
+                cell.column * tile_px : (cell.column + 1) * tile_px,
             ]
             for cell in cells
         ]
         turned = [
-            [np.rot90(window, turn, (1, 2)) for turn in cell.turns] for cell, window in zip(cells, windows, strict=True)
+            [np.rot90(window, turn, (1, 2)) for turn in cell.turns]
+            for cell, window in zip(cells, windows, strict=True)
         ]
         total, count = sum(sum(pictures) for pictures in turned), sum(map(len, turned))
         for pictures in turned:
@@ -305,7 +353,9 @@ def _add_cells(
     return float(np.clip(1 - rest[0].var() / max(mean.var() + rest[0].var() / 2, 1e-6), 0, 1))
 
 
-def _border_offsets(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], reach: float) -> Border:
+def _border_offsets(
+    image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], reach: float
+) -> Border:
     """Returns where the border is seen on both sides of where a view has it."""
     sides = outer_sides(codes)
     outwards = np.array([normal for _, normal in sides], float)[:, None]
@@ -313,7 +363,9 @@ def _border_offsets(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8
     points = np.array([middle for middle, _ in sides])[:, None] + along * outwards[..., ::-1]
     steps = np.arange(_MARGIN, -reach - 0.06, -_STEP)
     profile = points[:, :, None] + steps[:, None] * outwards[:, :, None]  # from outside to inside
-    colours = flatten(image, view, profile.reshape(-1, len(steps), 2), 1 / _STEP).reshape(-1, len(steps), 3)
+    colours = flatten(image, view, profile.reshape(-1, len(steps), 2), 1 / _STEP).reshape(
+        -1, len(steps), 3
+    )
     lab = cv2.cvtColor(colours, cv2.COLOR_RGB2LAB).reshape(*profile.shape[:3], 3).astype(np.float32)
     return Border(points, outwards, _first_edges(lab, steps, reach))
 
@@ -324,7 +376,9 @@ def _directions(codes: NDArray[np.int8]) -> NDArray[np.int_]:
     return np.array([order.index(normal) for _, normal in outer_sides(codes)], int)
 
 
-def _by_direction(codes: NDArray[np.int8], values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def _by_direction(
+    codes: NDArray[np.int8], values: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
     """Returns values ``[S, A]`` of the outer sides to the north, east, south and west."""
     directions = _directions(codes)
     return [values[directions == direction] for direction in range(4)]
@@ -341,7 +395,10 @@ def _add_border(
 ) -> NDArray[np.float64]:
     """Adds the border's place to the normal equations; returns the share of each side's points where one is seen."""
     border = _border_offsets(image, view, codes, reach)
-    weight = _tukey(np.nan_to_num(border.offsets / reach, nan=1.0)) * trusted[_directions(codes)][:, None]
+    weight = (
+        _tukey(np.nan_to_num(border.offsets / reach, nan=1.0))
+        * trusted[_directions(codes)][:, None]
+    )
     rows, columns = codes.shape
     add_offsets(matrix, vector, view, border, rows, columns, weight)
     offsets = np.nan_to_num(border.offsets, nan=1.0)
@@ -360,14 +417,16 @@ def add_offsets(
 ) -> None:
     """Adds the offsets of a border to the normal equations.
 
-    `trust` says how far each is trusted, 0 to 1. Offsets of more than four times the usual one, or of `noise` in tiles
-    if that is more, do not count.
+    `trust` says how far each is trusted, 0 to 1. Offsets of more than four times the usual one, or
+    of `noise` in tiles if that is more, do not count.
     """
     seen = np.isfinite(border.offsets)
     offsets = np.where(seen, border.offsets, 1.0)
     scale = max(1.48 * float(np.median(np.abs(offsets[seen]))) if seen.any() else 1.0, noise)
     weight = trust * seen * _tukey(offsets / (4 * scale)) / (scale**2 * ALONG / 6)
-    basis = (_basis(view, border.points, rows, columns) * border.outwards).sum(axis=-1).reshape(9, -1)
+    basis = (
+        (_basis(view, border.points, rows, columns) * border.outwards).sum(axis=-1).reshape(9, -1)
+    )
     weighted = basis * weight.ravel()
     matrix += weighted @ basis.T
     vector += weighted @ offsets.ravel()
@@ -376,18 +435,22 @@ def add_offsets(
 def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
     """Returns how far outside the border is at each point ``[S, A]`` in tiles; NaN where none is seen.
 
-    Going inwards, the border is the first strong edge where the colour stops to be the ground's for a while.
+    Going inwards, the border is the first strong edge where the colour stops to be the ground's for
+    a while.
 
     Args:
       colours: Lab ``[S, A, T, 3]``, from outside to inside.
       steps: the distance outside of each of the T places.
       reach: of the search.
     """
-    colours = np.asarray(cv2.blur(colours.reshape(-1, *colours.shape[2:]), (3, 1)), np.float32).reshape(colours.shape)
+    blurred = cv2.blur(colours.reshape(-1, *colours.shape[2:]), (3, 1))
+    colours = np.asarray(blurred, np.float32).reshape(colours.shape)
     nearest = max(reach, 0.08) + 0.02
     in_ring = (steps > nearest) & (steps < nearest + _RING)
     ring = colours[:, :, in_ring]
-    near = sliding_window_view(np.pad(ring, ((0, 0), (2, 2), (0, 0), (0, 0)), mode="edge"), 5, axis=1)
+    near = sliding_window_view(
+        np.pad(ring, ((0, 0), (2, 2), (0, 0), (0, 0)), mode="edge"), 5, axis=1
+    )
     near = near.swapaxes(3, 4).reshape(*ring.shape[:2], -1, 3)  # of five neighbouring points
     ground = np.median(near, axis=2, keepdims=True)
     noise = np.maximum(1.48 * np.median(np.abs(near - ground), axis=2, keepdims=True), 2.0)
@@ -401,10 +464,15 @@ def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> ND
     edge = np.pad(edge, ((0, 0), (0, 0), (1, 1)))
     window = np.clip(first[..., None] + np.arange(-3, length + 1), 1, len(steps) - 2)
     strength = np.take_along_axis(edge, window, 2)
-    peak = (strength >= np.take_along_axis(edge, window - 1, 2)) & (strength >= np.take_along_axis(edge, window + 1, 2))
-    # Behind a narrow strip of asphalt, white tape is a stronger edge than the border. It alone is brighter inside.
+    peak = (strength >= np.take_along_axis(edge, window - 1, 2)) & (
+        strength >= np.take_along_axis(edge, window + 1, 2)
+    )
+    # Behind a narrow strip of asphalt, white tape is a stronger edge than the border. It alone is
+    # brighter inside.
     rise = np.pad(colours[:, :, 2:, 0] - colours[:, :, :-2, 0], ((0, 0), (0, 0), (1, 1)))
-    darkens = np.where(np.take_along_axis(rise, window, 2) < 0.5 * strength, strength, 0).max(axis=2, keepdims=True)
+    darkens = np.where(np.take_along_axis(rise, window, 2) < 0.5 * strength, strength, 0).max(
+        axis=2, keepdims=True
+    )
     texture = np.median(edge[:, :, in_ring], axis=2, keepdims=True)
     largest = strength.max(axis=2, keepdims=True)
     is_clear = darkens >= np.maximum(_CLEAR * texture, 0.15 * largest)

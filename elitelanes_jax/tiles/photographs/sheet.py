@@ -42,7 +42,10 @@ def draw_proposal(photograph: Photograph, proposal: Proposal) -> NDArray[np.uint
 
 
 def draw_sheet(
-    title: str, photographs: Sequence[NDArray[np.uint8]], proposals: Sequence[Proposal], tiles: NDArray[np.uint8]
+    title: str,
+    photographs: Sequence[NDArray[np.uint8]],
+    proposals: Sequence[Proposal],
+    tiles: NDArray[np.uint8],
 ) -> NDArray[np.uint8]:
     """Returns one picture, RGB: the photographs of `draw_proposal`, below them the sheet of tiles with their masks."""
     captions = []

@@ -7,7 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.tiles.photographs.borders import colour_border, outer_sides, sharpest_border
-from elitelanes_jax.tiles.photographs.registration import Fit, add_offsets, begin_equations, solve_equations
+from elitelanes_jax.tiles.photographs.registration import (
+    Fit,
+    add_offsets,
+    begin_equations,
+    solve_equations,
+)
 from elitelanes_jax.tiles.photographs.views import View
 
 SIDES_OF_TILE = outer_sides(np.ones((1, 1), np.int8))

@@ -1,7 +1,7 @@
 """Where tiles are in a photograph: a homography, and the radial distortion of the lens.
 
-Positions in tiles are x to the right and y down. A floor of H x W tiles covers 0 to W and 0 to H. Positions in pixels
-are OpenCV's: the middle of the first pixel is (0, 0).
+Positions in tiles are x to the right and y down. A floor of H x W tiles covers 0 to W and 0 to H.
+Positions in pixels are OpenCV's: the middle of the first pixel is (0, 0).
 """
 
 from typing import NamedTuple
@@ -18,7 +18,8 @@ class View(NamedTuple):
 
     Attributes:
       homography: float ``[3, 3]``, from tiles to pixels without distortion.
-      radial: a point at the distance r from the photograph's centre, in half diagonals, is seen at r + radial·r³.
+      radial: a point at the distance r from the photograph's centre, in half diagonals, is seen at
+        r + radial·r³.
       width: of the photograph in pixels.
       height: of the photograph in pixels.
     """
@@ -39,7 +40,9 @@ class View(NamedTuple):
         """Returns how pixels ``[..., 2]`` of positions in tiles move for each unit of `radial`."""
         flat = np.ascontiguousarray(places, np.float64).reshape(1, -1, 2)
         away = (cv2.perspectiveTransform(flat, self.homography) - self._centre) / self._half
-        return np.asarray(away * (away**2).sum(axis=-1, keepdims=True) * self._half).reshape(places.shape)
+        return np.asarray(away * (away**2).sum(axis=-1, keepdims=True) * self._half).reshape(
+            places.shape
+        )
 
     def scaled(self, scale: float) -> "View":
         """Returns the view of the same photograph in another size."""
@@ -50,7 +53,9 @@ class View(NamedTuple):
 
     def tile_pixels(self, rows: int, columns: int) -> float:
         """Returns the side in pixels of a tile in the floor's middle."""
-        middle = np.array([columns, rows]) / 2 + np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+        middle = np.array([columns, rows]) / 2 + np.array(
+            [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]
+        )
         return float(np.sqrt(cv2.contourArea(self.pixels_of(middle).astype(np.float32))))
 
     @property
@@ -76,14 +81,21 @@ def places_of(rows: int, columns: int, tile_px: int, margin: int) -> Points:
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
-def flatten(image: NDArray[np.uint8], view: View, places: Points, tile_px: float) -> NDArray[np.uint8]:
+def flatten(
+    image: NDArray[np.uint8], view: View, places: Points, tile_px: float
+) -> NDArray[np.uint8]:
     """Returns the pixels of a photograph ``[H, W, 3]`` at positions ``[..., 2]`` in tiles.
 
-    A tile's side has `tile_px` positions. The photograph is first reduced to about this scale, so that nothing aliases.
+    A tile's side has `tile_px` positions. The photograph is first reduced to about this scale, so
+    that nothing aliases.
     """
     middle = places.reshape(-1, 2).mean(axis=0) * 2
     if view.tile_pixels(middle[1], middle[0]) > 2 * tile_px:
         view = view.scaled(1.4 * tile_px / view.tile_pixels(middle[1], middle[0]))
-        image = np.asarray(cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_AREA), np.uint8)
+        image = np.asarray(
+            cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_AREA), np.uint8
+        )
     x, y = np.moveaxis(view.pixels_of(places).astype(np.float32), -1, 0)
-    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    return np.asarray(
+        cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8
+    )
