@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt32
 
 from elitelanes_jax._util.checks import SEED, check_named, is_whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, warn_user
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.bits import THREEFRY
 from elitelanes_jax.optimizers.loop import seed_key_data
@@ -38,6 +38,8 @@ def keys_of_seeds(seed: int, indices: Iterable[int]) -> SearchKeys:
 def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
     """Returns the keys of a whole number and a number of seeds, of one key, or of an array of keys.
 
+    Warns of keys that come twice.
+
     Raises:
       InputError: for anything else.
     """
@@ -58,6 +60,11 @@ def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
             f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}"
         )
     data = np.asarray(jax.random.key_data(key))
-    return SearchKeys(
-        data.reshape(-1, data.shape[-1]), str(jax.random.key_impl(key)), single=key.ndim == 0
-    )
+    data = data.reshape(-1, data.shape[-1])
+    repeated = len(data) - len(np.unique(data, axis=0))
+    if repeated:
+        warn_user(
+            f"key: expected keys that differ, got {repeated} of {len(data)} again: equal keys give "
+            "equal results"
+        )
+    return SearchKeys(data, str(jax.random.key_impl(key)), single=key.ndim == 0)

@@ -347,6 +347,12 @@ def test_bad_arguments_are_named(change, message):
         evolve(**arguments)
 
 
+def test_keys_that_come_twice_are_a_warning():
+    keys = jax.random.split(KEY, 3)[np.array([0, 1, 0])]
+    with pytest.warns(UserWarning, match="^key: expected keys that differ, got 1 of 3 again"):
+        search(keys, SHAPE, generations=1)
+
+
 @pytest.mark.usefixtures("any_types")
 def test_a_state_of_another_run_is_refused():
     state = search(KEY, SHAPE, generations=0).state
