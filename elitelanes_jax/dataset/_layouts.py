@@ -14,7 +14,7 @@ from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.sums import SUMS
 from elitelanes_jax.dataset._coco import SHORT_NAMES, Record, Records, annotate, coco_rows
-from elitelanes_jax.dataset._samples import Sample
+from elitelanes_jax.dataset._samples import Sample, layer_names
 from elitelanes_jax.dataset._shards import OpenShard, open_parquet, open_tar
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.spec import SPLITS
@@ -101,7 +101,7 @@ class Layout(NamedTuple):
         if self.open_shard is not None:
             patterns = [re.escape(self.shard_file(split, 0, 0)) for split in range(len(SPLITS))]
             return "|".join(patterns).replace("00000", r"\d{5,}")
-        layers = ("image", "labels", "instances")
+        layers = layer_names(has_objects=True)
         pictures = [self.file(split, 0, layer) for split in range(len(SPLITS)) for layer in layers]
         return "|".join(re.escape(picture).replace("000000", r"\d{6,}") for picture in pictures)
 
@@ -221,7 +221,7 @@ def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Recor
     for record in read():
         names = {
             f"{layer}_file_name": f"{layer}/{record['number']:06d}.png"
-            for layer in ("image", "labels", *(["instances"] if "objects" in record else []))
+            for layer in layer_names(has_objects="objects" in record)
         }
         # In columns, by the names that Hugging Face's guides have for boxes.
         if "objects" in record:

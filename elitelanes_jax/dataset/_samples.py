@@ -56,6 +56,11 @@ class Sample(NamedTuple):
     record: dict[str, Plain]
 
 
+def layer_names(*, has_objects: bool) -> tuple[str, ...]:
+    """Returns the names of a sample's layers, those of `Sample.layers`."""
+    return ("image", "labels", "instances") if has_objects else ("image", "labels")
+
+
 @name_wrong_arguments
 def draw_sample(
     road_map: RoadMap,

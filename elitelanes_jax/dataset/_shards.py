@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from elitelanes_jax._util.types import Plain, Untyped
-from elitelanes_jax.dataset._samples import Sample
+from elitelanes_jax.dataset._samples import Sample, layer_names
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet
@@ -140,7 +140,7 @@ def _schema(fields: ShardFields) -> Untyped:
     def numbers(*names: str) -> Untyped:
         return pa.struct(dict.fromkeys(names, number))
 
-    layers = ["image", "labels", *(["instances"] if fields.objects else [])]
+    layers = layer_names(has_objects=fields.objects)
     columns = dict.fromkeys(layers, picture) | {
         "number": whole,
         "size": pa.list_(whole),

@@ -18,6 +18,7 @@ from elitelanes_jax._util.sums import SUMS, read_checked, read_sums
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._drawing import Samples
 from elitelanes_jax.dataset._layouts import PART, RECORD, Layout, find_layout, foreign_to_dataset
+from elitelanes_jax.dataset._samples import layer_names
 from elitelanes_jax.dataset.make import finish
 from elitelanes_jax.maps.parts import order_parts
 from elitelanes_jax.maps.spec import SPLITS, parse_part
@@ -97,10 +98,7 @@ def _copy_pictures(folder: Path, out: Path, layout: Layout) -> None:
     """Copies the pictures of a part's samples, each with its checksum checked."""
     sums = _read_sums(folder)
     for split, record in _read_parts([folder]):
-        layers = ["image", "labels"]
-        if "objects" in record:
-            layers.append("instances")
-        for layer in layers:
+        for layer in layer_names(has_objects="objects" in record):
             name = layout.file(split, record["number"], layer)
             copied = out / name
             copied.parent.mkdir(parents=True, exist_ok=True)

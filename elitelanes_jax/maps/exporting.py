@@ -129,7 +129,7 @@ def _movingai(road_map: RoadMap, name: str, **cells: int) -> Iterable[str]:
 
 
 def lane_offset_of(tiles: "TileSet | None") -> float:
-    """Returns `TileSet.lane_offset` of a tile set; None stands for the package's own, and loads no OpenCV."""
+    """Returns the `lane_offset` of a tile set. None stands for the package's own set."""
     return LANE_OFFSET if tiles is None else tiles.lane_offset
 
 

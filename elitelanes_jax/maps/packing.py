@@ -121,12 +121,12 @@ def pack(
 
 
 def _announce_limits(spec: PackSpec, towns: Sequence[_Town]) -> None:
-    """Says of each format of how many maps its programs cannot use a part, and what of the first one."""
+    """Says for each format how many maps have a part that its programs cannot use, and which part the first one has."""
+    written = [without_ends(town.road_map, spec.formats.dead_ends) for town in towns]
     for to in spec.to:
         limits = []
-        for town in towns:
-            written = without_ends(town.road_map, spec.formats.dead_ends)
-            limits += FORMATS[to].limits(written)[:1]
+        for road_map in written:
+            limits += FORMATS[to].limits(road_map)[:1]
         if limits:
             announce_at_end(
                 to, f"{len(limits)} of {pluralize(len(towns), 'map')}, the first: {limits[0]}"

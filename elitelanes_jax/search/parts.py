@@ -52,7 +52,7 @@ def evolve_parts(
       keys: of all seeds.
       pool: the executor, and the number of parts; by default parts have up to 32 seeds.
       extensions: of the search.
-      functions: the name and the digest of each function in `extensions`, as it is here.
+      functions: the name and the digest of each function in `extensions`, in this process.
       folder: keeps complete parts, so that the next call with an equal search evolves the others
         alone.
       progress: as in `evolve`.

@@ -99,7 +99,7 @@ def _profiles(
 def _point_colours(
     image: NDArray[np.uint8], view: View, sides: Sides, steps: NDArray[np.float64]
 ) -> tuple[Points, Points, NDArray[np.float64]]:
-    """Returns points, directions, and the mean colours ``[4, A, T, 3]`` at each point, as `_profiles` does."""
+    """Returns points, directions, and the mean colours ``[S, A, T, 3]`` at each point, as `_profiles` does."""
     points, outwards, colours = _profiles(image, view, sides, steps)
     return points, outwards, colours.reshape(len(sides), ALONG, _FINE, len(steps), 3).mean(axis=2)
 

@@ -125,12 +125,11 @@ def _fit_colours(
 ) -> Fit:
     """Fits the border by colours, where no edge is seen at single points: on floors nearly as dark as asphalt.
 
-    Returns the fit as it is if the colours do not say where the border is.
+    Returns `fit` itself if the colours do not say where the border is.
     """
     before = fit
     rows, columns = codes.shape
     tile_px = _STEPS[-1][0]
-    places = places_of(rows, columns, tile_px, 0)
     for reach, has_shadow in _COLOUR_STEPS:
         sides = _clear_sides(image, fit.view, codes)
         shadow = shadow_width(image, fit.view, sides, reach) if sides and has_shadow else 0.0
@@ -138,12 +137,7 @@ def _fit_colours(
             return before
         for _ in range(_COLOUR_ROUNDS):
             matrix, vector = begin_equations(fit.view, bends=bends)
-            alike = fit.alike
-            if groups:
-                tape = tape_of(flatten(image, fit.view, places, tile_px), tile_px)
-                alike = _add_cells(
-                    matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px
-                )
+            alike = _add_cells(matrix, vector, image, fit.view, codes.shape, groups, tile_px)
             border = colour_border(image, fit.view, sides, reach)
             border = border._replace(offsets=border.offsets - shadow)
             add_offsets(matrix, vector, fit.view, border, rows, columns, noise=_COLOUR_NOISE)
@@ -176,15 +170,9 @@ def _refine(
 ) -> Fit:
     """Takes Gauss-Newton steps at one size, with the borders to the north, east, south and west that are trusted."""
     rows, columns = codes.shape
-    places = places_of(rows, columns, tile_px, 0)
     for _ in range(rounds):
         matrix, vector = begin_equations(fit.view, bends=bends)
-        alike = 0.0
-        if groups:
-            tape = tape_of(flatten(image, fit.view, places, tile_px), tile_px)
-            alike = _add_cells(
-                matrix, vector, tape, _basis(fit.view, places, rows, columns), groups, tile_px
-            )
+        alike = _add_cells(matrix, vector, image, fit.view, codes.shape, groups, tile_px)
         border = _add_border(matrix, vector, image, fit.view, codes, reach, trusted)
         step = solve_equations(fit.view, matrix, vector, rows, columns)
         if step is None:
@@ -314,12 +302,22 @@ def _moved_view(view: View, change: NDArray[np.float64], rows: int, columns: int
 def _add_cells(
     matrix: NDArray[np.float64],
     vector: NDArray[np.float64],
-    tape: Field,
-    basis: NDArray[np.float64],
+    image: NDArray[np.uint8],
+    view: View,
+    shape: tuple[int, ...],
     groups: list[list[_Seen]],
     tile_px: int,
 ) -> float:
-    """Adds the comparison of cells to the normal equations; returns the cells' correlation with their kind's mean."""
+    """Adds the comparison of cells to the normal equations; returns the cells' correlation with their kind's mean.
+
+    Without groups it adds nothing, and returns 0.
+    """
+    if not groups:
+        return 0.0
+    rows, columns = shape
+    places = places_of(rows, columns, tile_px, 0)
+    tape = tape_of(flatten(image, view, places, tile_px), tile_px)
+    basis = _basis(view, places, rows, columns)
     down, right = np.gradient(tape)
     moves = (basis[..., 0] * right + basis[..., 1] * down) * tile_px
     layers = np.concatenate([tape[None], moves]).astype(np.float32)

@@ -35,14 +35,8 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
         for _ in range(_ROUNDS):
             matrix, vector = begin_equations(fit.view, bends=True)
             if reach is None:
-                add_offsets(
-                    matrix,
-                    vector,
-                    fit.view,
-                    sharpest_border(image, fit.view, SIDES_OF_TILE),
-                    1,
-                    1,
-                )
+                border = sharpest_border(image, fit.view, SIDES_OF_TILE)
+                add_offsets(matrix, vector, fit.view, border, 1, 1)
             else:
                 # One side may be off by the whole reach, and the others by nothing.
                 border = colour_border(image, fit.view, SIDES_OF_TILE, reach)
