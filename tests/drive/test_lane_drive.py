@@ -215,3 +215,16 @@ def test_the_expert_drives_a_thousand_routes_on_a_thousand_maps(kind):
         maps = np.stack([without_dead_ends(grid) for grid in maps])
     params = LaneDriveParams(make_levels(jax.random.key(8), maps))
     check_rides(params, jax.device_get(ride(params, jax.random.key(9), 1200)))
+
+
+@pytest.mark.parametrize(("faces", "speed", "sign"), [(0, 0.5, 1), (0, -0.5, -1), (np.pi, 0.5, -1), (np.pi, -0.5, 0)])
+def test_only_a_robot_that_faces_along_its_lane_makes_progress(faces, speed, sign):
+    """Else a driver can learn to turn round on the spot and to drive in reverse."""
+    free = {"offset_cost": 0.0, "heading_cost": 0.0, "oncoming_cost": 0.0, "leaving_cost": 0.0}
+    params = LaneDriveParams(make_levels(jax.random.key(2), [TOWN], 1), action="twist", start_d=0, start_phi=0, **free)
+    _, state = LaneDrive.reset(jax.random.key(3), params)
+    turned = state._replace(pose=state.pose._replace(theta=state.pose.theta + jnp.float32(faces)))
+    done = LaneDrive.step(jax.random.key(0), turned, jnp.array([speed, 0.0]), params)
+    tiles = 0.5 * float(params.robot.top_speed) * float(params.robot.dt) / TILE
+    assert bool(done.info.own_lane)
+    assert float(done.reward) == pytest.approx(sign * tiles, rel=1e-3)
