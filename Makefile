@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive pufferdrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -123,6 +123,24 @@ metadrive: $(READY) .venv-metadrive/.ready
 	.venv-metadrive/bin/python -m pip install --quiet --disable-pip-version-check metadrive-simulator==0.4.3 \
 	  eclipse-sumo sumolib
 	touch $@
+
+# PufferDrive's core in C, without its window: of a fork, because later versions do not join lanes by themselves.
+# PUFFERDRIVE= names a checkout of that commit; without it, git clones one.
+PUFFERDRIVE ?= .venv-pufferdrive/source
+PUFFERDRIVE_FORK := https://github.com/CILAB-MA/PufferDrive
+PUFFERDRIVE_COMMIT := 0439aa59ed73188036f7ca46b03a3d657caacc45
+DRIVE := $(PUFFERDRIVE)/pufferlib/ocean/drive
+
+pufferdrive: $(READY) .venv-pufferdrive/pufferdrive_check
+	$(BIN)/python -m pytest -m slow tests/formats/test_pufferdrive.py
+
+.venv-pufferdrive/pufferdrive_check: tests/formats/pufferdrive_check.c
+	mkdir -p .venv-pufferdrive
+	test -d $(PUFFERDRIVE) || git clone --quiet $(PUFFERDRIVE_FORK) $(PUFFERDRIVE)
+	test "$(PUFFERDRIVE)" != .venv-pufferdrive/source || git -C $(PUFFERDRIVE) checkout --quiet $(PUFFERDRIVE_COMMIT)
+	sed -e '/"raylib.h"/d' -e '/"raymath.h"/d' -e '/"rlgl.h"/d' -e '/^const Color STONE_GRAY/,$$d' $(DRIVE)/drive.h \
+	  > .venv-pufferdrive/drive_core.h
+	gcc -O2 -w -D_GNU_SOURCE -include stdbool.h -I.venv-pufferdrive -I$(DRIVE) -o $@ $< -lm
 
 # webdataset, and Hugging Face's datasets on Parquet.
 shards: .venv-shards/.ready

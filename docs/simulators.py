@@ -1,8 +1,10 @@
 """Draws the pictures of docs/simulators.md that the simulators in the environment can draw.
 
-MUJOCO_GL=egl python docs/simulators.py, in .venv-mujoco and .venv-simulators of make simulators
+MUJOCO_GL=egl python docs/simulators.py, in .venv-mujoco, in .venv-simulators of make simulators, and in .venv where
+make metadrive and make pufferdrive have run
 """
 
+import json
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -19,7 +21,9 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import read_map
 from elitelanes_jax.drive import Camera, Pose, look, make_atlas
-from elitelanes_jax.formats import RoadMap, Streets, to_mjcf, to_opendrive, to_sumo
+from elitelanes_jax.formats import RoadMap, Streets, to_mjcf, to_opendrive, to_pufferdrive, to_sumo
+from elitelanes_jax.lanes.curves import lane_polyline
+from elitelanes_jax.lanes.movements import lane_graph
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles
 
@@ -27,6 +31,9 @@ FOLDER = Path(__file__).parent
 _TILE, _ROWS, _COLUMNS = 0.585, 480, 640
 _STREETS, _PX = Streets(8.43), 80  # Duckietown's proportions
 _SCALE = _PX / _STREETS.tile  # pixels to the metre
+_BLUE, _WHITE, _YELLOW, _PINK = (0, 220, 255), (255, 255, 255), (255, 220, 0), (255, 60, 220)
+_METADRIVE = FOLDER.parent / ".venv-metadrive" / "bin"
+_PUFFERDRIVE = FOLDER.parent / ".venv-pufferdrive" / "pufferdrive_check"
 
 
 def main() -> None:
@@ -35,6 +42,9 @@ def main() -> None:
     if find_spec("carla") and find_spec("sumo"):
         carla = np.pad(draw_carla(), [(0, 0), (0, 12), (0, 0)], constant_values=255)
         write("networks.jpg", np.hstack([carla, draw_sumo()]))
+    if _METADRIVE.exists() and _PUFFERDRIVE.exists():
+        metadrive = np.pad(draw_metadrive(), [(0, 0), (0, 12), (0, 0)], constant_values=255)
+        write("drivers.jpg", np.hstack([metadrive, draw_pufferdrive()]))
 
 
 def draw_mujoco() -> None:
@@ -109,6 +119,54 @@ def draw_sumo() -> NDArray[np.uint8]:
         corners = x + 1j * y + ahead * np.array([-0.9j, 0.9j, 0.9j - 2.6, -0.9j - 2.6])
         cv2.fillConvexPoly(image, np.array([pixel(one.real, one.imag) for one in corners]), (255, 220, 0), cv2.LINE_AA)
     return image
+
+
+def draw_metadrive() -> NDArray[np.uint8]:
+    """Draws where two cars of MetaDrive's IDM policy were, once a second."""
+    town = read_map(FOLDER / "examples" / "town.json")
+    image, _ = floor(town)
+    streets = Streets(tile=30, lane=12)  # the same proportions, for cars of full size
+    middle = np.array(town.codes.shape[::-1]) / 2
+    with TemporaryDirectory() as folder:
+        kinds = ("nod.xml", "edg.xml", "con.xml", "netccfg")
+        for kind, text in zip(kinds, to_sumo(town, "net", streets), strict=True):
+            Path(folder, f"net.{kind}").write_text(text)
+        Path(folder, "net.xodr").write_text(to_opendrive(town, streets))
+        subprocess.run([_METADRIVE / "netconvert", "-c", "net.netccfg"], cwd=folder, check=True, capture_output=True)
+        script = FOLDER.parent / "tests" / "formats" / "metadrive_reads.py"
+        command = [_METADRIVE / "python", script, "1", Path(folder, "net")]
+        printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    for track, colour in zip(json.loads(last_line(printed))["tracks"], (_BLUE, _YELLOW), strict=True):
+        for place in track[::10]:
+            # MetaDrive's origin is the middle of the map, and y is north.
+            column, row = middle + np.array(place) * [1, -1] / streets.tile
+            cv2.circle(image, (round(column * _PX), round(row * _PX)), 4, colour, -1, cv2.LINE_AA)
+    return image
+
+
+def draw_pufferdrive() -> NDArray[np.uint8]:
+    """Draws PufferDrive's cars at the start, and the lanes between which it found links, white in crossings."""
+    town = read_map(FOLDER / "examples" / "town.json")
+    image, pixel = floor(town)
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "town.bin")
+        file.write_bytes(to_pufferdrive(town, "town", _STREETS).binary)
+        command = [_PUFFERDRIVE, "1", file]
+        state = json.loads(last_line(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
+    movements = lane_graph(town.codes, turn_back=True).list_movements()
+    tiles = [movement.node.tile for movement in movements]
+    for index in sorted({index for link in state["links"] for index in link}):
+        points = np.rint(lane_polyline(movements[index], _STREETS.lane / 2 / _STREETS.tile) * _PX).astype(np.int32)
+        colour = _WHITE if tiles.count(tiles[index]) > 2 else _BLUE
+        cv2.polylines(image, [points], False, colour, 2, cv2.LINE_AA)
+    for x, y, heading in state["cars"]:
+        corners = x + 1j * y + np.exp(1j * heading) * np.array([1.3 + 0.9j, 1.3 - 0.9j, -1.3 - 0.9j, -1.3 + 0.9j])
+        cv2.fillConvexPoly(image, np.array([pixel(one.real, one.imag) for one in corners]), _YELLOW, cv2.LINE_AA)
+    return image
+
+
+def last_line(text: str) -> str:
+    return text.strip().splitlines()[-1]
 
 
 def floor(town: RoadMap) -> tuple[NDArray[np.uint8], Callable[[float, float], tuple[int, int]]]:

@@ -40,6 +40,7 @@ ENVIRONMENTS = {
     "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh", "usd-core")),
     "pogema": Environment(".venv-pogema", ("pogema",)),
     "metadrive": Environment(".venv-metadrive", ("metadrive-simulator", "eclipse-sumo")),
+    "pufferdrive": Environment(".venv"),
     "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),
     "shards": Environment(".venv-shards", ("webdataset", "datasets", "pyarrow")),
     "yolo": Environment(".venv-yolo", ("ultralytics", "torch")),

@@ -92,6 +92,8 @@ def _train_sb3(params: LaneDriveParams, seed: int, steps: int) -> Policy:
 
     envs = VecNormalize(sb3_vec_env(LaneDrive, params, stable_baselines3, envs=ENVS))
     settings = {"n_steps": 64, "batch_size": 2048, "n_epochs": 5, "learning_rate": lambda left: 1e-3 * left}
+    # With the default of 0 a random driver leaves its lane so often that it learns to stand still.
+    settings["policy_kwargs"] = {"log_std_init": -1.0}
     model = stable_baselines3.PPO("MlpPolicy", envs, seed=seed, device="cpu", **settings)
     model.learn(steps)
     return lambda seen: model.predict(envs.normalize_obs(seen), deterministic=True)[0]

@@ -113,15 +113,18 @@ def read(name, has_driver):
     # The environment's own car stands beside the map.
     config = {"use_render": False, "log_level": logging.CRITICAL, "horizon": 10**6}
     env = Town(config | {"vehicle_config": {"spawn_position_heading": [(-2000, -2000), 0.0]}})
-    arrived, aside = 0, 0.0
+    arrived, aside, tracks = 0, 0.0, []
     try:
         for number in range(CARS if has_driver else 1):
             Driver.number = number
             env.reset()
             driver = env.engine.managers.get("driver")
+            tracks.append([])
             # A step is 0.1 s. A route has a point for each metre, and a car takes 0.2 s for one.
             for _ in range(4 * len(driver.points) if has_driver else 20):
                 env.step([0, -1])
+                if has_driver:
+                    tracks[-1].append(driver.car.position.tolist())
                 if has_driver and driver.has_arrived:
                     arrived += 1
                     break
@@ -131,7 +134,7 @@ def read(name, has_driver):
     finally:
         env.close()
     roads = load_opendrive_map(f"{name}.xodr").roads
-    return {"lanes": lanes, "roads": len(roads), "arrived": arrived, "aside": aside}
+    return {"lanes": lanes, "roads": len(roads), "arrived": arrived, "aside": aside, "tracks": tracks}
 
 
 if __name__ == "__main__":

@@ -1,9 +1,15 @@
-"""Maps for PufferDrive, read back by an independent reader that joins lanes by the rules of PufferDrive."""
+"""Maps for PufferDrive, read back by an independent reader that joins lanes by the rules of PufferDrive.
+
+`make pufferdrive` compiles PufferDrive's own core, which then reads a thousand towns.
+"""
 
 import json
 import struct
+import subprocess
+from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import numpy as np
 import pytest
 
@@ -13,8 +19,11 @@ from elitelanes_jax.formats.pufferdrive import AGENTS
 from elitelanes_jax.formats.streets import to_metres
 from elitelanes_jax.lanes.curves import lane_polyline
 from elitelanes_jax.lanes.movements import BACK, lane_graph
+from elitelanes_jax.network.growth import grow_town
 
 VEHICLE, LANE, LINE, EDGE, STOP_SIGN = 1, 4, 5, 6, 7
+PROGRAM = Path(__file__).parents[2] / ".venv-pufferdrive" / "pufferdrive_check"
+TOWNS, SEEDS, STEPS = 1000, 4, 5
 RING = [[6, 3], [12, 9]]
 EIGHT = [[6, 3, 0], [12, 15, 3], [0, 12, 9]]
 DEAD_ENDS = [[2, 0], [14, 1], [8, 0]]
@@ -181,3 +190,39 @@ def test_no_car_starts_where_it_turns_back():
 def test_a_map_without_a_lane_is_refused(grid):
     with pytest.raises(InputError, match="expected a"):
         to_pufferdrive(RoadMap(np.array(grid, np.int8)), "map")
+
+
+def grow_towns():
+    """Returns different towns of 6 x 6 to 9 x 9 tiles."""
+    grow = jax.jit(grow_town, static_argnums=1)
+    towns = {}
+    seed = 0
+    while len(towns) < TOWNS:
+        side = 6 + seed % 4
+        town = np.asarray(grow(jax.random.fold_in(jax.random.key(37), seed), (side, side)))
+        towns[side, town.tobytes()] = town
+        seed += 1
+    return list(towns.values())
+
+
+@pytest.mark.slow
+def test_pufferdrive_joins_our_lanes_and_no_car_starts_off_the_road(tmp_path):
+    if not PROGRAM.exists():
+        pytest.skip("PufferDrive is not here: make pufferdrive")
+    cars = 0
+    for town in grow_towns():
+        files = []
+        for seed in range(SEEDS):
+            files.append(tmp_path / f"{seed}.bin")
+            files[-1].write_bytes(to_pufferdrive(town, "town", seed=seed).binary)
+        done = subprocess.run([PROGRAM, str(STEPS), *files], check=True, capture_output=True, text=True)
+        lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"links"')]
+        successors = lane_graph(town, turn_back=True).list_successors()
+        links = [[lane, after] for lane, row in enumerate(successors) for after in row]
+        assert len(lines) == SEEDS
+        for line in lines:
+            assert sorted(line["links"]) == links
+            assert line["shrunk"] == line["full"] == [0, 0, 0]
+            cars += len(line["cars"])
+    print(f"{TOWNS} towns, {cars} cars")
+    assert cars >= 100_000
