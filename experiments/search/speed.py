@@ -117,9 +117,10 @@ def _evaluations() -> tuple[Callable[[Grids], NDArray[np.int32]], dict[str, Eval
     """Returns our compiled fitness, and all candidates by name."""
     import jax
 
+    from elitelanes_jax.network import vmap_in_blocks
     from experiments.search.baselines import cpp_fitness, networkx_fitness
 
-    kernel = jax.jit(jax.vmap(evaluate))
+    kernel = jax.jit(vmap_in_blocks(evaluate))
     candidates: dict[str, Evaluation] = {
         "elitelanes_jax": lambda grids: jax.block_until_ready(kernel(grids)),
         "networkx": networkx_fitness,

@@ -35,6 +35,14 @@ def test_only_a_processor_works_in_blocks():
         assert text.count("stablehlo.while") == loops
 
 
+@pytest.mark.parametrize(("shape", "loops"), [((400, 12, 12), 0), ((500, 12, 12), 1), ((2, 256, 256), 1)])
+def test_a_block_has_65536_numbers_by_default(shape, loops):
+    grids = jax.ShapeDtypeStruct(shape, jnp.int8)
+    kernel = vmap_in_blocks(lambda grid: grid.sum(dtype=jnp.int32))
+    text = jax.jit(kernel).trace(grids).lower(lowering_platforms=("cpu",)).as_text()
+    assert text.count("stablehlo.while") == loops
+
+
 @pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize("block", [0, 2.5, "many"])
 def test_a_wrong_block_is_named(block):
