@@ -82,7 +82,9 @@ def _run(options: argparse.Namespace) -> None:
 
 def _params(towns: NDArray[np.int8], seed: int) -> LaneDriveParams:
     levels = make_levels(jax.random.key(seed), towns, max(len(towns), 1024))
-    return LaneDriveParams(levels, limit=RIDE, task="lane", action="twist", offset_cost=10.0)
+    # If leaving the road costs 10, the default, a random driver may learn to stand still.
+    costs = {"offset_cost": 10.0, "leaving_cost": 3.0}
+    return LaneDriveParams(levels, limit=RIDE, task="lane", action="twist", **costs)
 
 
 def _train_sb3(params: LaneDriveParams, seed: int, steps: int) -> Policy:
@@ -92,8 +94,6 @@ def _train_sb3(params: LaneDriveParams, seed: int, steps: int) -> Policy:
 
     envs = VecNormalize(sb3_vec_env(LaneDrive, params, stable_baselines3, envs=ENVS))
     settings = {"n_steps": 64, "batch_size": 2048, "n_epochs": 5, "learning_rate": lambda left: 1e-3 * left}
-    # With the default of 0 a random driver leaves its lane so often that it learns to stand still.
-    settings["policy_kwargs"] = {"log_std_init": -1.0}
     model = stable_baselines3.PPO("MlpPolicy", envs, seed=seed, device="cpu", **settings)
     model.learn(steps)
     return lambda seen: model.predict(envs.normalize_obs(seen), deterministic=True)[0]
