@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 from elitelanes_jax import read_map
 from elitelanes_jax.drive import Camera, Pose, look, make_atlas
 from elitelanes_jax.formats import RoadMap, Streets, to_mjcf, to_opendrive, to_pufferdrive, to_sumo
-from elitelanes_jax.lanes.curves import lane_polyline
-from elitelanes_jax.lanes.movements import lane_graph
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles
 
@@ -134,7 +132,7 @@ def draw_metadrive() -> NDArray[np.uint8]:
         Path(folder, "net.xodr").write_text(to_opendrive(town, streets))
         subprocess.run([_METADRIVE / "netconvert", "-c", "net.netccfg"], cwd=folder, check=True, capture_output=True)
         script = FOLDER.parent / "tests" / "formats" / "metadrive_reads.py"
-        command = [_METADRIVE / "python", script, "1", Path(folder, "net")]
+        command = [str(_METADRIVE / "python"), str(script), "1", str(Path(folder, "net"))]
         printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     for track, colour in zip(json.loads(last_line(printed))["tracks"], (_BLUE, _YELLOW), strict=True):
         for place in track[::10]:
@@ -148,17 +146,19 @@ def draw_pufferdrive() -> NDArray[np.uint8]:
     """Draws PufferDrive's cars at the start, and the lanes between which it found links, white in crossings."""
     town = read_map(FOLDER / "examples" / "town.json")
     image, pixel = floor(town)
+    made = to_pufferdrive(town, "town", _STREETS)
     with TemporaryDirectory() as folder:
         file = Path(folder, "town.bin")
-        file.write_bytes(to_pufferdrive(town, "town", _STREETS).binary)
-        command = [_PUFFERDRIVE, "1", file]
+        file.write_bytes(made.binary)
+        command = [str(_PUFFERDRIVE), "1", str(file)]
         state = json.loads(last_line(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
-    movements = lane_graph(town.codes, turn_back=True).list_movements()
-    tiles = [movement.node.tile for movement in movements]
+    roads = json.loads(made.text)["roads"]
     for index in sorted({index for link in state["links"] for index in link}):
-        points = np.rint(lane_polyline(movements[index], _STREETS.lane / 2 / _STREETS.tile) * _PX).astype(np.int32)
-        colour = _WHITE if tiles.count(tiles[index]) > 2 else _BLUE
-        cv2.polylines(image, [points], False, colour, 2, cv2.LINE_AA)
+        places = [(place["x"], place["y"]) for place in roads[index]["geometry"]]
+        x, y = places[len(places) // 2]
+        code = town.codes[int(len(town.codes) - y / _STREETS.tile), int(x / _STREETS.tile)]
+        colour = _WHITE if int(code).bit_count() > 2 else _BLUE
+        cv2.polylines(image, [np.array([pixel(*place) for place in places])], False, colour, 2, cv2.LINE_AA)
     for x, y, heading in state["cars"]:
         corners = x + 1j * y + np.exp(1j * heading) * np.array([1.3 + 0.9j, 1.3 - 0.9j, -1.3 - 0.9j, -1.3 + 0.9j])
         cv2.fillConvexPoly(image, np.array([pixel(one.real, one.imag) for one in corners]), _YELLOW, cv2.LINE_AA)

@@ -83,8 +83,7 @@ def _run(options: argparse.Namespace) -> None:
 def _params(towns: NDArray[np.int8], seed: int) -> LaneDriveParams:
     levels = make_levels(jax.random.key(seed), towns, max(len(towns), 1024))
     # If leaving the road costs 10, the default, a random driver may learn to stand still.
-    costs = {"offset_cost": 10.0, "leaving_cost": 3.0}
-    return LaneDriveParams(levels, limit=RIDE, task="lane", action="twist", **costs)
+    return LaneDriveParams(levels, limit=RIDE, task="lane", action="twist", offset_cost=10.0, leaving_cost=3.0)
 
 
 def _train_sb3(params: LaneDriveParams, seed: int, steps: int) -> Policy:
