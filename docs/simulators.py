@@ -29,7 +29,7 @@ FOLDER = Path(__file__).parent
 _TILE, _ROWS, _COLUMNS = 0.585, 480, 640
 _STREETS, _PX = Streets(8.43), 80  # Duckietown's proportions
 _SCALE = _PX / _STREETS.tile  # pixels to the metre
-_BLUE, _WHITE, _YELLOW, _PINK = (0, 220, 255), (255, 255, 255), (255, 220, 0), (255, 60, 220)
+_BLUE, _WHITE, _YELLOW = (0, 220, 255), (255, 255, 255), (255, 220, 0)
 _METADRIVE = FOLDER.parent / ".venv-metadrive" / "bin"
 _PUFFERDRIVE = FOLDER.parent / ".venv-pufferdrive" / "pufferdrive_check"
 
@@ -38,11 +38,9 @@ def main() -> None:
     if find_spec("mujoco"):
         draw_mujoco()
     if find_spec("carla") and find_spec("sumo"):
-        carla = np.pad(draw_carla(), [(0, 0), (0, 12), (0, 0)], constant_values=255)
-        write("networks.jpg", np.hstack([carla, draw_sumo()]))
+        write_pair("networks.jpg", draw_carla(), draw_sumo())
     if _METADRIVE.exists() and _PUFFERDRIVE.exists():
-        metadrive = np.pad(draw_metadrive(), [(0, 0), (0, 12), (0, 0)], constant_values=255)
-        write("drivers.jpg", np.hstack([metadrive, draw_pufferdrive()]))
+        write_pair("drivers.jpg", draw_metadrive(), draw_pufferdrive())
 
 
 def draw_mujoco() -> None:
@@ -83,7 +81,7 @@ def draw_carla() -> NDArray[np.uint8]:
     city = carla.Map("town", to_opendrive(town, _STREETS))
     for point in city.generate_waypoints(0.5):
         start, ahead = point.transform.location, point.transform.get_forward_vector()
-        colour = (255, 255, 255) if point.is_junction else (0, 220, 255)
+        colour = _WHITE if point.is_junction else _BLUE
         cv2.line(image, pixel(start.x, -start.y), pixel(start.x + 0.35 * ahead.x, -start.y - 0.35 * ahead.y), colour, 2)
     for one in city.get_all_landmarks():  # CARLA's y is south
         place, colour = one.transform.location, (255, 60, 220) if one.is_dynamic else (255, 140, 40)
@@ -98,9 +96,7 @@ def draw_sumo() -> NDArray[np.uint8]:
     town = read_map(FOLDER / "examples" / "town.json")
     image, pixel = floor(town)
     with TemporaryDirectory() as folder:
-        kinds = ("nod.xml", "edg.xml", "con.xml", "netccfg")
-        for kind, text in zip(kinds, to_sumo(town, "net", _STREETS), strict=True):
-            Path(folder, f"net.{kind}").write_text(text)
+        write_network(folder, town, _STREETS)
         bots = '<additional><vType id="DEFAULT_VEHTYPE" length="2.6" width="1.8" minGap="1"/></additional>'
         Path(folder, "bots.xml").write_text(bots)
         for command in (
@@ -115,7 +111,7 @@ def draw_sumo() -> NDArray[np.uint8]:
         x, y, angle = (float(car.attrib[key]) for key in ("x", "y", "angle"))
         ahead = 1j * np.exp(-1j * np.radians(angle))  # clockwise from north; x and y are those of the front
         corners = x + 1j * y + ahead * np.array([-0.9j, 0.9j, 0.9j - 2.6, -0.9j - 2.6])
-        cv2.fillConvexPoly(image, np.array([pixel(one.real, one.imag) for one in corners]), (255, 220, 0), cv2.LINE_AA)
+        cv2.fillConvexPoly(image, np.array([pixel(one.real, one.imag) for one in corners]), _YELLOW, cv2.LINE_AA)
     return image
 
 
@@ -126,9 +122,7 @@ def draw_metadrive() -> NDArray[np.uint8]:
     streets = Streets(tile=30, lane=12)  # the same proportions, for cars of full size
     middle = np.array(town.codes.shape[::-1]) / 2
     with TemporaryDirectory() as folder:
-        kinds = ("nod.xml", "edg.xml", "con.xml", "netccfg")
-        for kind, text in zip(kinds, to_sumo(town, "net", streets), strict=True):
-            Path(folder, f"net.{kind}").write_text(text)
+        write_network(folder, town, streets)
         Path(folder, "net.xodr").write_text(to_opendrive(town, streets))
         subprocess.run([_METADRIVE / "netconvert", "-c", "net.netccfg"], cwd=folder, check=True, capture_output=True)
         script = FOLDER.parent / "tests" / "formats" / "metadrive_reads.py"
@@ -169,10 +163,22 @@ def last_line(text: str) -> str:
     return text.strip().splitlines()[-1]
 
 
+def write_network(folder: str, town: RoadMap, streets: Streets) -> None:
+    """Writes the files of which SUMO's netconvert makes a network."""
+    kinds = ("nod.xml", "edg.xml", "con.xml", "netccfg")
+    for kind, text in zip(kinds, to_sumo(town, "net", streets), strict=True):
+        Path(folder, f"net.{kind}").write_text(text)
+
+
 def floor(town: RoadMap) -> tuple[NDArray[np.uint8], Callable[[float, float], tuple[int, int]]]:
     """Returns a picture of a map, and where places in it are, in metres east and north of its south-west corner."""
     image = np.ascontiguousarray(render(town.codes, tile_px=_PX).image)
     return image, lambda east, north: (round(east * _SCALE), round(len(image) - north * _SCALE))
+
+
+def write_pair(name: str, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> None:
+    gap = np.full((len(left), 12, 3), 255, np.uint8)
+    write(name, np.hstack([left, gap, right]))
 
 
 def write(name: str, image: NDArray[np.uint8]) -> None:

@@ -59,8 +59,8 @@ class LaneDriveParams(Record):
       start_d: the largest distance of the start from the lane's centre, in tiles, to either side,
         at most `lane_offset`.
       start_phi: the largest angle between the start and the lane, in radians, to either side.
-      progress_reward: for each tile driven in the own lane, facing along it; driven against it, a
-        cost.
+      progress_reward: for each tile that a robot drives along its own lane and faces along it. A
+        tile driven against the lane counts as -1.
       offset_cost: per second, for each tile from the lane's centre.
       heading_cost: per second, for each radian from the lane's direction.
       oncoming_cost: per second in the oncoming lane.
@@ -363,9 +363,10 @@ def _move(
     success &= params.task == "route"
     laneless = (_turns_of(grid[here.row, here.column], here.heading) & 3) == 0
     off_road = ~success & (astray | laneless | ~(left & right))
-    along = wheels.speed * robot.dt / TILE * jnp.cos(phi)
+    facing = jnp.cos(phi)
+    along = wheels.speed * robot.dt / TILE * facing
     # A robot that faces the other way and drives in reverse makes no progress.
-    along = jnp.where(jnp.cos(phi) > 0, along, jnp.minimum(along, 0))
+    along = jnp.where(facing > 0, along, jnp.minimum(along, 0))
     collision = None
     if state.objects is not None:
         collision = touches(state.objects, state.pose, pose, robot.width / 2)

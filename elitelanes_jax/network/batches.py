@@ -16,8 +16,8 @@ from elitelanes_jax._util.types import Pytree
 
 R = TypeVar("R")
 
-# Numbers in the arguments of a block. The kernels' arrays of so many numbers fit caches of 1 to 2
-# MB: 455 grids of 12 x 12, or one of 256 x 256, which takes half as long so.
+# The most numbers in the arguments of a block: 455 grids of 12 x 12, or one of 256 x 256. What our
+# kernels compute from them fits into caches of 1 to 2 MB.
 _NUMBERS = 2**16
 
 
@@ -26,16 +26,16 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
     """Returns the batched form of a kernel, as `jax.vmap` does, for batches of any size.
 
     On a processor it computes one block after another, because the intermediate arrays of a whole
-    batch do not fit its caches. The fitness of 262,144 grids of 12 x 12 tiles takes half as long
-    so. On other devices the whole batch is computed at once. The results are those of `jax.vmap`,
+    batch do not fit its caches. The fitness of 262,144 grids of 12 x 12 tiles takes half of the
+    time. On other devices the whole batch is computed at once. The results are those of `jax.vmap`,
     bit for bit, if those of the kernel do not depend on the size of a batch, as ours do not. A
     batch that is sharded over devices is divided by `jax.shard_map` first.
 
     Args:
       kernel: of pytrees of arrays, such as `measure`, `repair`, or a function of one's own that
         calls them.
-      block: the most elements in a block, 1 or more. None: those that have 65,536 numbers in all,
-        as 455 grids of 12 x 12 tiles, which suits caches of 1 to 2 MB.
+      block: the most elements in a block, 1 or more. By default as many as have 65,536 numbers in
+        all, such as 455 grids of 12 x 12 tiles. That suits caches of 1 to 2 MB.
 
     Returns:
       A function of pytrees of arrays with a leading axis of equal length, which the results have

@@ -125,9 +125,9 @@ def read(name, has_driver):
                 env.step([0, -1])
                 if has_driver:
                     tracks[-1].append(driver.car.position.tolist())
-                if has_driver and driver.has_arrived:
-                    arrived += 1
-                    break
+                    if driver.has_arrived:
+                        arrived += 1
+                        break
             if has_driver:
                 aside = max(aside, driver.aside)
         lanes = sorted(env.engine.map_manager.graph.lanes)

@@ -209,7 +209,7 @@ def grow_towns():
 def test_pufferdrive_joins_our_lanes_and_no_car_starts_off_the_road(tmp_path):
     if not PROGRAM.exists():
         pytest.skip("PufferDrive is not here: make pufferdrive")
-    cars = 0
+    cars = joined = 0
     for town in grow_towns():
         files = []
         for seed in range(SEEDS):
@@ -220,9 +220,10 @@ def test_pufferdrive_joins_our_lanes_and_no_car_starts_off_the_road(tmp_path):
         successors = lane_graph(town, turn_back=True).list_successors()
         links = [[lane, after] for lane, row in enumerate(successors) for after in row]
         assert len(lines) == SEEDS
+        joined += len(links)
         for line in lines:
             assert sorted(line["links"]) == links
             assert line["shrunk"] == line["full"] == [0, 0, 0]
             cars += len(line["cars"])
-    print(f"{TOWNS} towns, {cars} cars")
+    print(f"{TOWNS} towns, {joined} links, {cars} cars")
     assert cars >= 100_000
