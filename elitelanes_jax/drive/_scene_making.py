@@ -35,7 +35,8 @@ def make_scenes(
     Args:
       maps: one or more, as `as_maps` takes them: integer codes ``[M, H, W]``, a list of grids, or
         `RoadMap`s. Their objects are shown.
-      tiles: the tile set; by default the package's own.
+      tiles: the tile set; by default the package's own. Poses are on its lanes: see
+        `TileSet.lane_offset`.
       tile_px: side of the largest pictures of tiles in pixels: 16, 32, 64, 128, 256 or 512. Near
         pixels of a picture of 120 x 160 need 256, and smaller pictures need less.
       objects: the pictures of objects; by default the package's own.
@@ -67,6 +68,7 @@ def make_scenes(
         jnp.asarray(table),
         jnp.asarray(counts),
         billboards,
+        tiles.lane_offset,
     )
 
 

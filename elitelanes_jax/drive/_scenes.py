@@ -1,7 +1,10 @@
 """Maps and pictures as arrays, from which `views` draws."""
 
+from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
+import jax
 from jaxtyping import Array, Int32, UInt32
 
 from elitelanes_jax.drive._objects import Billboards, Objects
@@ -31,8 +34,14 @@ class SceneMap(NamedTuple):
     objects: Objects | None
 
 
-class Scenes(NamedTuple):
-    """Maps, and the pictures that show them.
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["maps", "pyramid", "tiles", "picture_counts", "billboards"],
+    meta_fields=["lane_offset"],
+)
+@dataclass(frozen=True)
+class Scenes:
+    """Maps, and the pictures that show them. A pytree, whose `lane_offset` compiled programs contain.
 
     Attributes:
       maps: a batch of M maps.
@@ -43,6 +52,7 @@ class Scenes(NamedTuple):
       picture_counts: int32 ``[16]``, the number of pictures that show each code. Columns after it
         are not used.
       billboards: the pictures of objects; None without objects.
+      lane_offset: from the road's middle to the centre of a lane in tiles, of the tile set; static.
     """
 
     maps: SceneMap
@@ -50,6 +60,7 @@ class Scenes(NamedTuple):
     tiles: Int32[Array, "16 V"]
     picture_counts: Int32[Array, " 16"]
     billboards: Billboards | None
+    lane_offset: float
 
     @property
     def tile_bits(self) -> int:

@@ -65,7 +65,7 @@ class Views(NamedTuple):
       labels: uint8 ``[B, rows, columns]``, indices of `tiles.LABELS`; 0 beyond the map, above the
         horizon and on objects.
       lanes: float32 ``[B, 3]``, the offset from the nearest lane in tiles and the angle to it in
-        radians, both to the left, and its curvature in 1 / tiles.
+        radians, both to the left, and its curvature in 1 / tiles. Lanes are those of the tile set.
       poses: of the middle between the wheels, each field float32 ``[B]``.
       maps: int32 ``[B]``, the index of the map.
       instances: int32 ``[B, rows, columns]``, 0, or the index of the object that is seen plus 1;
@@ -281,7 +281,8 @@ def _plan_view(
     which, *wobbles, lines = numbers[:5]
     number = (which * len(scenes.maps.codes)).astype(jnp.int32)
     scene = jax.tree.map(lambda part: part[number], scenes.maps)
-    pose = _draw_pose(numbers[5:_NUMBERS], pose_seed, scene, variation)
+    lane_offset = scenes.lane_offset
+    pose = _draw_pose(numbers[5:_NUMBERS], pose_seed, scene, variation, lane_offset)
     lower, tilt, wide = (1 + (2 * wobble - 1) * variation.wobble for wobble in wobbles)
     camera = camera.replace(
         height=camera.height * lower,
@@ -296,7 +297,7 @@ def _plan_view(
     return _Plan(
         number,
         pose,
-        _lane_of(pose, scene),
+        _lane_of(pose, scene, lane_offset),
         _choose_pictures(tile_seed, scene, scenes),
         _meet_ground(pose, camera, scenes.tile_bits, samples, smaller=True),
         _meet_ground(pose, camera, scenes.tile_bits, 1, smaller=False),
@@ -308,7 +309,11 @@ def _plan_view(
 
 
 def _draw_pose(
-    numbers: Float[Array, "4"], seed: UInt32[Array, ""], scene: SceneMap, variation: Variation
+    numbers: Float[Array, "4"],
+    seed: UInt32[Array, ""],
+    scene: SceneMap,
+    variation: Variation,
+    lane_offset: float,
 ) -> Pose:
     """Returns the pose of uniform numbers.
 
@@ -323,7 +328,13 @@ def _draw_pose(
         movement = Movement(*scene.movements[index])
         heading = jnp.deg2rad(variation.heading)
         return pose_beside(
-            movement, along, beside, turned, offset=variation.offset, heading=heading
+            movement,
+            along,
+            beside,
+            turned,
+            offset=variation.offset,
+            heading=heading,
+            lane_offset=lane_offset,
         )
 
     objects = scene.objects
@@ -345,11 +356,12 @@ def _draw_pose(
     return jax.lax.while_loop(is_bad, retry, (jnp.int32(0), place(numbers)))[1]
 
 
-def _lane_of(pose: Pose, scene: SceneMap) -> Float[Array, "3"]:
+def _lane_of(pose: Pose, scene: SceneMap, lane_offset: float) -> Float[Array, "3"]:
     row, column = jnp.floor(pose.y).astype(jnp.int32), jnp.floor(pose.x).astype(jnp.int32)
-    movement = nearest_movement(scene.links[row + 1, column + 1], pose, row, column)
-    d, phi, _ = lane_errors(pose, movement)
-    return jnp.stack([d, phi, lane_curvature(movement.turn)])
+    code = scene.links[row + 1, column + 1]
+    movement = nearest_movement(code, pose, row, column, lane_offset)
+    d, phi, _ = lane_errors(pose, movement, lane_offset)
+    return jnp.stack([d, phi, lane_curvature(movement.turn, lane_offset)])
 
 
 def _choose_pictures(seed: Array, scene: SceneMap, scenes: Scenes) -> Int32[Array, " N"]:

@@ -132,7 +132,7 @@ def _masks_of(image: Picture) -> Picture:
 def _robot_view(codes: NDArray[np.int8], tiles: TileSet) -> Picture:
     scaled, chosen = scale_tiles(tiles, 256), choose_tiles(codes, tiles)
     atlas, cells = make_atlas(scaled["image"], scaled["labels"]), chosen[..., 0] * 4 + chosen[..., 1]
-    pose = random_pose(jax.random.key(POSE), codes)
+    pose = random_pose(jax.random.key(POSE), codes, lane_offset=tiles.lane_offset)
     camera = Camera(rows=4 * HEIGHT, columns=4 * WIDTH)
     return np.asarray(look(jax.random.key(0), pose, cells.astype(np.int32), atlas, camera).image)
 

@@ -1,5 +1,6 @@
 """Views in JAX: against the dataset's camera, and against a slow oracle of what varies."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from elitelanes_jax.drive import VARIED, Camera, Pose, Variation, lane_pose, mak
 from elitelanes_jax.drive import _variation as varying
 from elitelanes_jax.drive import _views as drawing
 from elitelanes_jax.drive.robot import TILE, Robot
+from elitelanes_jax.lanes.movements import movements_of
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.network.bits import seed_key
 from elitelanes_jax.tiles.files import GROUND
@@ -151,6 +153,23 @@ def test_lanes_are_those_of_lane_pose_and_within_the_ranges(grids, scenes):
     # On a crossing another lane may be nearer than the one on which the pose was drawn.
     assert 0.03 < np.median(np.abs(seen.lanes[:, 1])) < 0.15
     assert 20 < seen.maps.sum() < 44
+
+
+def test_lanes_and_poses_are_those_of_the_tile_sets_own_lane_offset(grids, drawn_tiles):
+    scenes = make_scenes(grids, replace(drawn_tiles, lane_offset=0.15), tile_px=16)
+    plans = plans_of(jax.random.key(2), scenes, 48, variation=Variation(offset=0))
+    curvatures = set()
+    for index, number in enumerate(plans.map):
+        pose = Pose(*(part[index] for part in plans.pose))
+        lane = lane_pose(grids[number], pose, lane_offset=0.15)
+        nearest = _robot_views._nearest(movements_of(grids[number]), *map(float, pose), 0.15)
+        expected = lane.d, lane.phi, nearest["curvature"]
+        np.testing.assert_allclose(plans.lane[index], expected, atol=1e-5)
+        np.testing.assert_allclose(plans.lane[index], [*nearest.values()], atol=1e-5)
+        curvatures.add(round(nearest["curvature"], 4))
+    # On a crossing another lane may be nearer than the one on which the pose was drawn.
+    assert (np.abs(plans.lane[:, 0]) < 1e-5).mean() > 0.8
+    assert curvatures == {0.0, round(-1 / 0.35, 4), round(1 / 0.65, 4)}
 
 
 def test_objects_hide_labels_and_no_robot_touches_them(furnished, crowded):
