@@ -323,7 +323,7 @@ def _render(
     instances = None
     if objects is not None and billboards is not None:
         sizes = camera.height, camera.forward, camera.objects
-        hit, index, instances = stand(pose, objects, billboards, rays, *sizes)
+        hit, index, instances = stand(pose, objects, objects.kind, billboards, rays, *sizes)
         road = pixel
         pixel = once(
             lambda: jnp.where(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), road)

@@ -2,7 +2,7 @@
 
 In views an object is an upright picture at its position, parallel to the view's rows. So without
 distortion a row of pixels shows one row of each picture, and one look-up for the row tells which of
-its pixels are opaque.
+its pixels are opaque. Tags on the floor are pictures on the ground, which only `views` draws.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,6 +27,8 @@ from elitelanes_jax.network.xla import once
 _SIDE = 64  # rows and columns of the pictures
 _VIEWS = 8  # evenly around an object
 _INDEX = 24  # bits of an index of a pixel of a picture
+_MOST_PICTURES = 2**_INDEX // (_VIEWS * _SIDE**2)
+_BEHIND = 1e4  # tiles, added to distances of objects behind a robot, so that others are nearer
 _AWAY = -1e6  # tiles, the position of objects that fill up a batch
 
 
@@ -51,13 +53,15 @@ class Objects(NamedTuple):
 
 
 class Billboards(NamedTuple):
-    """Pictures of objects, for cameras: S x S pixels of all V views of all K kinds.
+    """Pictures of objects, for cameras: S x S pixels of all V views of N objects.
+
+    Those of `make_billboards` have an object for each of `OBJECT_KINDS`.
 
     Attributes:
-      pixels: uint32 ``[K * V * S * S]``, red, green and blue from the lowest byte, row by row.
-      opaque: uint32 ``[K * V * S, S / 32]``, a bit for each pixel of a row, the first one the
+      pixels: uint32 ``[N * V * S * S]``, red, green and blue from the lowest byte, row by row.
+      opaque: uint32 ``[N * V * S, S / 32]``, a bit for each pixel of a row, the first one the
         lowest.
-      aspect: float32 ``[K * V]``, width over height.
+      aspect: float32 ``[N * V]``, width over height.
     """
 
     pixels: UInt32[Array, " N"]
@@ -93,8 +97,7 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
 def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     """Makes the pictures that cameras show of objects; what has none is not shown.
 
-    Each picture is scaled to 64 x 64 pixels. Nobody can read an AprilTag at this size, so all signs
-    of a kind show the tag of their view.
+    Each picture is scaled to 64 x 64 pixels. All signs of a kind show the tag of their view.
 
     Args:
       views: uint8 ``[rows, columns, 4]``, RGB and opacity, by kind and by degrees counter-clockwise
@@ -103,11 +106,26 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     Raises:
       InputError: for unknown kinds, or arrays of other shapes.
     """
-    pixels = np.zeros((len(OBJECT_KINDS), _VIEWS, _SIDE, _SIDE, 4), np.uint8)
-    aspect = np.ones((len(OBJECT_KINDS), _VIEWS), np.float32)
-    for name, pictures in views.items():
+    for name in views:
         if name not in OBJECT_KINDS:
             raise InputError(f"objects: expected kinds of {', '.join(OBJECT_KINDS)}, got {name!r}")
+    return pack_billboards([views.get(kind, {}) for kind in OBJECT_KINDS])
+
+
+def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
+    """Packs the views of objects, by degrees. An object without any is not shown.
+
+    Raises:
+      InputError: for arrays of other shapes, or more than 512 objects, whose pixels 24 bits count.
+    """
+    if len(objects) > _MOST_PICTURES:
+        raise InputError(
+            f"objects: expected at most {_MOST_PICTURES} different objects, counting each AprilTag, "
+            f"got {len(objects)}"
+        )
+    pixels = np.zeros((len(objects), _VIEWS, _SIDE, _SIDE, 4), np.uint8)
+    aspect = np.ones((len(objects), _VIEWS), np.float32)
+    for index, pictures in enumerate(objects):
         for view in range(_VIEWS if pictures else 0):
             picture = np.asarray(pictures[nearest_view(pictures, 360 / _VIEWS * view)])
             if picture.ndim != 3 or picture.shape[2] != 4 or picture.dtype != np.uint8:
@@ -115,9 +133,8 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
                     f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}"
                 )
             down, across = ((np.arange(_SIDE) + 0.5) * side // _SIDE for side in picture.shape[:2])
-            cell = list(OBJECT_KINDS).index(name), view
-            pixels[cell] = picture[down.astype(int)[:, None], across.astype(int)]
-            aspect[cell] = picture.shape[1] / picture.shape[0]
+            pixels[index, view] = picture[down.astype(int)[:, None], across.astype(int)]
+            aspect[index, view] = picture.shape[1] / picture.shape[0]
     opaque = (pixels[..., 3] >= OPAQUE).reshape(-1, _SIDE // 32, 32)
     words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(
         axis=-1, dtype=np.uint32
@@ -141,6 +158,7 @@ class Rays(NamedTuple):
 def stand(
     pose: Pose,
     objects: Objects,
+    pictures: Int32[Array, " M"],
     billboards: Billboards,
     rays: Rays,
     height: Numeric,
@@ -150,15 +168,16 @@ def stand(
     """Finds the objects that are seen, among the `count` nearest ones in front of a camera.
 
     The pose is that of the middle between the wheels. The camera is `height` metres above the
-    ground, and `forward` metres ahead of this middle. Returns for each pixel whether there is an
-    object, the index in `Billboards.pixels`, and the object's index plus 1, or 0.
+    ground, and `forward` metres ahead of this middle. `pictures` has the index of each object in
+    the billboards. Returns for each pixel whether there is an object, the index in
+    `Billboards.pixels`, and the object's index plus 1, or 0.
     """
     cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
     east, north = (objects.x - pose.x) * TILE, (pose.y - objects.y) * TILE
     ahead, left = east * cosine + north * sine - forward, north * cosine - east * sine
     towards = jnp.arctan2(-left, -ahead) + pose.theta - objects.angle
     view = jnp.round(towards / (2 * jnp.pi / _VIEWS)).astype(jnp.int32) % _VIEWS
-    picture = objects.kind * _VIEWS + view
+    picture = pictures * _VIEWS + view
     width = objects.height * billboards.aspect[picture]
     # At the most oblique ray.
     reach = ahead * jnp.abs(rays.right).max() / jnp.maximum(jnp.min(rays.forward), 1e-6) + width / 2
@@ -205,11 +224,88 @@ def stand(
             seen = jnp.where(hit, ((index + 1) << _INDEX) + first[index] + column, seen)
         return seen
 
-    seen = once(layers)
+    return _read_layers(once(layers), near)
+
+
+def _read_layers(
+    seen: Int32[Array, "rows columns"], near: Int32[Array, " C"]
+) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
+    """Returns what `stand` does, from the number of each pixel's object among `near` and the index of its pixel."""
     instances = jnp.concatenate([jnp.zeros(1, jnp.int32), near.astype(jnp.int32) + 1])[
         seen >> _INDEX
     ]
     return seen > 0, seen & ((1 << _INDEX) - 1), instances
+
+
+class Floor(NamedTuple):
+    """The objects on the floor of a map. A batch has N in front of every shape.
+
+    Attributes:
+      index: int32 ``[F]``, of the map's objects, ascending. -1 fills up a batch.
+      length: float32 ``[F]``, metres along the object's angle.
+      width: float32 ``[F]``, metres.
+    """
+
+    index: Int32[Array, " F"]
+    length: Float[Array, " F"]
+    width: Float[Array, " F"]
+
+
+def lie(
+    pose: Pose,
+    objects: Objects,
+    floor: Floor,
+    pictures: Int32[Array, " M"],
+    billboards: Billboards,
+    x: tuple[Float[Array, "rows 1"], Float[Array, "rows 1"]],
+    y: tuple[Float[Array, "rows 1"], Float[Array, "rows 1"]],
+    column: Int32[Array, " columns"],
+    count: int,
+) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
+    """Finds the objects on the floor that are seen, as `stand` does, among the `count` nearest ones.
+
+    Rows of pixels see lines on the ground: `x` and `y` are the position at column 0 in tiles, and
+    the step to the next column. A row without ground has the position NaN.
+    """
+    east, south = objects.x[floor.index] - pose.x, objects.y[floor.index] - pose.y
+    is_ahead = east * jnp.cos(pose.theta) > south * jnp.sin(pose.theta)
+    away = jnp.hypot(east, south) + jnp.where(is_ahead, 0, _BEHIND)
+    away = jnp.where(floor.index >= 0, away, jnp.inf)
+    # Ascending, because of two objects the later one is on top, as in datasets.
+    slots = jnp.sort(jax.lax.top_k(-away, min(count, len(away)))[1])
+    near = floor.index[slots]
+    cosine, sine = jnp.cos(objects.angle[near]), jnp.sin(objects.angle[near])
+
+    def layers() -> Array:
+        seen = jnp.zeros((len(x[0]), len(column)), jnp.int32)
+        for number in range(len(near)):
+            east, south = x[0] - objects.x[near[number]], y[0] - objects.y[near[number]]
+            turn = cosine[number], sine[number]
+            # Tiles along the object's angle and to its right, which is downwards in the picture.
+            ahead, beside = _turn(east, south, turn)
+            ahead_step, beside_step = _turn(x[1], y[1], turn)
+            along = _SIDE * TILE / floor.length[slots[number]]
+            sideways = _SIDE * TILE / floor.width[slots[number]]
+            across = jnp.floor(_SIDE / 2 + (ahead + ahead_step * column) * along)
+            below = jnp.floor(_SIDE / 2 + (beside + beside_step * column) * sideways)
+            inside = (across >= 0) & (across < _SIDE) & (below >= 0) & (below < _SIDE)
+            inside &= near[number] >= 0
+            across, below = (
+                jnp.where(inside, part, 0).astype(jnp.int32) for part in (across, below)
+            )
+            row = pictures[near[number]] * (_VIEWS * _SIDE) + below
+            word = billboards.opaque.at[row, across >> 5].get(mode="promise_in_bounds")
+            hit = inside & ((word >> (across & 31).astype(jnp.uint32)) & 1 > 0)
+            seen = jnp.where(hit, ((number + 1) << _INDEX) + row * _SIDE + across, seen)
+        return seen
+
+    return _read_layers(once(layers), near)
+
+
+def _turn(east: Array, south: Array, turn: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Returns the parts of a way along an angle and to its right; `turn` has the angle's cosine and sine."""
+    cosine, sine = turn
+    return east * cosine - south * sine, east * sine + south * cosine
 
 
 def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[Array, ""]:

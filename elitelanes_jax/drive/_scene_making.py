@@ -9,12 +9,12 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.drive._objects import make_billboards, make_objects
+from elitelanes_jax.drive._objects import Billboards, Floor, make_objects, pack_billboards
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
 from elitelanes_jax.formats.road_map import RoadMap, as_maps
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import movements_of
-from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
+from elitelanes_jax.tiles.object_set import ObjectPictures, ObjectSet, load_objects
 from elitelanes_jax.tiles.rendering import check_tile_px, scale_tiles, show_paved
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -39,11 +39,12 @@ def make_scenes(
         `TileSet.lane_offset`.
       tile_px: side of the largest pictures of tiles in pixels: 16, 32, 64, 128, 256 or 512. Near
         pixels of a picture of 120 x 160 need 256, and smaller pictures need less.
-      objects: the pictures of objects; by default the package's own.
+      objects: the pictures of objects; by default the package's own. They are scaled to 64 x 64
+        pixels.
 
     Raises:
-      InputError: for no map, a map without a lane, a code or an object without a picture, or a bad
-        size.
+      InputError: for no map, a map without a lane, a code or an object without a picture, a bad
+        size, or objects of more than 512 different pictures and tags.
     """
     road_maps = check_named("maps", as_maps, maps)
     tiles = load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
@@ -54,14 +55,7 @@ def make_scenes(
     for index, road_map in enumerate(road_maps):
         _check_map(f"maps[{index}]", road_map, tiles)
     table, counts = _list_pictures(tiles)
-    placed = make_objects(road_maps)
-    billboards = None
-    if placed is not None:
-        pictures = load_objects(objects)
-        for road_map in road_maps:
-            check_named("objects", pictures.choose, road_map.objects or ())
-        billboards = make_billboards(pictures.views)
-    scene_maps = _stack(road_maps)._replace(objects=placed)
+    scene_maps, billboards = _place_objects(_stack(road_maps), road_maps, objects)
     return Scenes(
         scene_maps,
         _make_pyramid(tiles, tile_px),
@@ -98,8 +92,58 @@ def _stack(road_maps: list[RoadMap]) -> SceneMap:
         links[inside] = linked_codes(np.asarray(road_map.codes))
         movements[index, : counts[index]] = listed[index]
     return SceneMap(
-        jnp.asarray(codes), jnp.asarray(links), jnp.asarray(movements), jnp.asarray(counts), None
+        jnp.asarray(codes),
+        jnp.asarray(links),
+        jnp.asarray(movements),
+        jnp.asarray(counts),
+        None,
+        None,
+        None,
     )
+
+
+def _place_objects(
+    scene_maps: SceneMap, road_maps: list[RoadMap], objects: ObjectSet | None
+) -> tuple[SceneMap, Billboards | None]:
+    """Returns the maps with their objects, and the pictures of these."""
+    placed = make_objects(road_maps)
+    if placed is None:
+        return scene_maps, None
+    object_set = load_objects(objects)
+    pictures: list[ObjectPictures] = []
+    choices_of: dict[tuple[str, int | None], tuple[int, int]] = {}
+    choices = np.zeros((*placed.x.shape, 2), np.int32)
+    floors: list[list[tuple[int, float, float]]] = []
+    for number, road_map in enumerate(road_maps):
+        floors.append([])
+        for index, thing in enumerate(road_map.objects or ()):
+            kind = thing.kind, thing.tag
+            if kind not in choices_of:
+                more = check_named("objects", object_set.choices, thing)
+                choices_of[kind] = len(pictures), len(more)
+                pictures += more
+            choices[number, index] = choices_of[kind]
+            if not (first := pictures[choices_of[kind][0]]).height:
+                floors[-1].append((index, *first.footprint))
+    scene_maps = scene_maps._replace(
+        objects=placed, choices=jnp.asarray(choices), floor=_stack_floors(floors)
+    )
+    views = [one.views if one.height else {0: one.top} for one in pictures]
+    return scene_maps, pack_billboards(views)
+
+
+def _stack_floors(floors: list[list[tuple[int, float, float]]]) -> Floor | None:
+    """Stacks the index, the length and the width of objects on the floors of maps."""
+    most = max(map(len, floors))
+    if not most:
+        return None
+    values = np.ones((len(floors), most, 3), np.float32)
+    values[..., 0] = -1
+    for number, floor in enumerate(floors):
+        if floor:
+            values[number, : len(floor)] = floor
+    index, length, width = np.moveaxis(values, -1, 0)
+    return Floor(jnp.asarray(index, jnp.int32), jnp.asarray(length), jnp.asarray(width))
 
 
 def _list_pictures(tiles: TileSet) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 from jaxtyping import Array, Int32, UInt32
 
-from elitelanes_jax.drive._objects import Billboards, Objects
+from elitelanes_jax.drive._objects import Billboards, Floor, Objects
 
 PAVED = 64
 """The bit of a pyramid's label byte that is set where a tile is not ground.
@@ -25,6 +25,9 @@ class SceneMap(NamedTuple):
       movements: int32 ``[N, 4]``, row, column, heading and turn, without the border.
       movement_count: int32, the number of movements. Rows after it are not used.
       objects: of the map; None if no map has any.
+      choices: int32 ``[O, 2]``, the first of the billboards that may show each object, and how many
+        may; None if no map has objects.
+      floor: the objects on the floor; None if no map has any.
     """
 
     codes: Int32[Array, "H W"]
@@ -32,6 +35,8 @@ class SceneMap(NamedTuple):
     movements: Int32[Array, "N 4"]
     movement_count: Int32[Array, ""]
     objects: Objects | None
+    choices: Int32[Array, "O 2"] | None
+    floor: Floor | None
 
 
 @partial(

@@ -25,7 +25,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive._camera import Camera, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
-from elitelanes_jax.drive._objects import Objects, Rays, stand
+from elitelanes_jax.drive._objects import Floor, Objects, Rays, lie, stand
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
 from elitelanes_jax.drive._variation import (
     LOOK_NUMBERS,
@@ -117,6 +117,8 @@ class _Plan(NamedTuple):
       camera: as it was drawn.
       look: the numbers of the variation.
       objects: of the map; None if no map has any.
+      pictures: int32 ``[O]``, the billboards that show the objects; None if no map has objects.
+      floor: the objects on the floor; None if no map has any.
     """
 
     map: Int32[Array, ""]
@@ -129,6 +131,8 @@ class _Plan(NamedTuple):
     camera: Camera
     look: Look
     objects: Objects | None
+    pictures: Int32[Array, " O"] | None
+    floor: Floor | None
 
 
 @name_wrong_arguments
@@ -305,6 +309,8 @@ def _plan_view(
         camera,
         look,
         scene.objects,
+        _choose_billboards(tile_seed, scene),
+        scene.floor,
     )
 
 
@@ -373,6 +379,15 @@ def _choose_pictures(seed: Array, scene: SceneMap, scenes: Scenes) -> Int32[Arra
     return scenes.tiles[codes, chosen]
 
 
+def _choose_billboards(seed: Array, scene: SceneMap) -> Int32[Array, " O"] | None:
+    """Draws a picture for each object among all that may show it."""
+    if scene.choices is None:
+        return None
+    first, number = scene.choices.T
+    lots = uniform(hash_bits(fork(seed, 1), number.shape))
+    return first + (lots * number).astype(jnp.int32)
+
+
 def _meet_ground(
     pose: Pose, camera: Camera, tile_bits: int, samples: int, *, smaller: bool
 ) -> _Rows:
@@ -417,7 +432,7 @@ def _draw_view(scenes: Scenes, plan: _Plan) -> tuple[UInt32[Array, "rows columns
     """Draws one view; returns red, green, blue and label from the lowest byte, and the objects' indices."""
     camera = plan.camera
     samples = plan.samples.x.shape[0] // camera.rows
-    fine = _stand(plan, scenes, samples)
+    fine = _stand(plan, scenes, samples, plan.samples)
     red_blue, green_paved, above = once(lambda: _sum_samples(plan, scenes, samples, fine))
     share = np.float32(1 / samples**2)
     sums = red_blue & 0xFFFF, green_paved & 0xFFFF, red_blue >> 16
@@ -438,14 +453,37 @@ class _Standing(NamedTuple):
     instances: Int32[Array, "rows columns"]
 
 
-def _stand(plan: _Plan, scenes: Scenes, samples: int) -> _Standing | None:
-    if plan.objects is None or scenes.billboards is None:
+def _stand(plan: _Plan, scenes: Scenes, samples: int, ground: _Rows) -> _Standing | None:
+    """Draws the objects; `ground` is where the rows of samples meet it."""
+    objects, pictures, billboards = plan.objects, plan.pictures, scenes.billboards
+    if objects is None or pictures is None or billboards is None:
         return None
-    objects, billboards, camera = plan.objects, scenes.billboards, plan.camera
+    camera = plan.camera
     rays: Rays = once(lambda: rays_of(camera, samples))
     sizes = camera.height, camera.forward, camera.objects
-    hit, index, instances = stand(plan.pose, objects, billboards, rays, *sizes)
+    hit, index, instances = stand(plan.pose, objects, pictures, billboards, rays, *sizes)
+    if plan.floor is not None:
+        columns = camera.columns * samples
+        column = jnp.arange(columns) - columns // 2
+        x, y = _lines_in_tiles(ground)
+        lying, lying_index, lying_instances = lie(
+            plan.pose, objects, plan.floor, pictures, billboards, x, y, column, camera.objects
+        )
+        index = jnp.where(hit, index, lying_index)
+        instances = jnp.where(hit, instances, lying_instances)
+        hit |= lying
     return _Standing(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), instances)
+
+
+def _lines_in_tiles(ground: _Rows) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Returns the lines of `lie`."""
+    tile = np.float32(1 / (1 << _UNIT))
+    x, x_step, y, y_step = (
+        part.astype(jnp.float32) * tile
+        for part in (ground.x, ground.x_step, ground.y, ground.y_step)
+    )
+    # Without the map's border of one tile.
+    return (jnp.where(ground.seen, x - 1, jnp.nan), x_step), (y - 1, y_step)
 
 
 def _sum_samples(
@@ -508,7 +546,7 @@ def _label(plan: _Plan, scenes: Scenes) -> tuple[UInt32[Array, "rows columns"], 
     columns = plan.camera.columns
     word = _look_up(plan.centres, jnp.arange(columns) - columns // 2, plan, scenes)
     label = jnp.where(plan.centres.seen, word >> 24 & (PAVED - 1), 0)
-    standing = _stand(plan, scenes, 1)
+    standing = _stand(plan, scenes, 1, plan.centres)
     if standing is None:
         return label, None
     return jnp.where(standing.hit, 0, label), standing.instances

@@ -127,17 +127,30 @@ class ObjectSet:
         lots = np.random.default_rng(seed).random(len(objects))
         chosen = []
         for thing, lot in zip(objects, lots, strict=True):
-            choices = self.kinds.get(thing.kind) or self.kinds.get(base_kind(thing.kind))
-            if not choices:
-                known = ", ".join(self.kinds)
-                raise InputError(
-                    f"objects: expected kinds that the set {self.name!r} has ({known}), got {thing.kind}"
-                )
-            pictures = choices[int(lot * len(choices))]
-            if thing.tag is not None:
-                pictures = _with_tag(pictures, thing.tag)
-            chosen.append(pictures)
+            choices = self._of_kind(thing.kind)
+            chosen.append(_with_own_tag(choices[int(lot * len(choices))], thing))
         return chosen
+
+    def choices(self, thing: MapObject) -> list[ObjectPictures]:
+        """Returns all pictures among which `choose` draws for an object.
+
+        Raises:
+          InputError: for a kind without pictures in the set.
+        """
+        return [_with_own_tag(pictures, thing) for pictures in self._of_kind(thing.kind)]
+
+    def _of_kind(self, kind: str) -> tuple[ObjectPictures, ...]:
+        choices = self.kinds.get(kind) or self.kinds.get(base_kind(kind))
+        if not choices:
+            known = ", ".join(self.kinds)
+            raise InputError(
+                f"objects: expected kinds that the set {self.name!r} has ({known}), got {kind}"
+            )
+        return choices
+
+
+def _with_own_tag(pictures: ObjectPictures, thing: MapObject) -> ObjectPictures:
+    return pictures if thing.tag is None else _with_tag(pictures, thing.tag)
 
 
 @lru_cache(maxsize=1024)

@@ -11,17 +11,21 @@ import pytest
 import views_oracle
 from driving_oracle import drawn_maps
 
-from elitelanes_jax import InputError, read_map, render
+from elitelanes_jax import InputError, RoadMap, read_map, render
 from elitelanes_jax.dataset import _robot_views, _transforms
 from elitelanes_jax.dataset._variation import vary_motion
 from elitelanes_jax.drive import VARIED, Camera, Pose, Variation, lane_pose, make_scenes, stream_views, views
 from elitelanes_jax.drive import _variation as varying
 from elitelanes_jax.drive import _views as drawing
 from elitelanes_jax.drive.robot import TILE, Robot
+from elitelanes_jax.formats import MapObject
+from elitelanes_jax.formats.objects import NEAR
 from elitelanes_jax.lanes.movements import movements_of
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.network.bits import seed_key
+from elitelanes_jax.tiles import load_objects
 from elitelanes_jax.tiles.files import GROUND
+from elitelanes_jax.tiles.pasting import paste_objects
 
 pytestmark = pytest.mark.usefixtures("standard")  # `views` allows promotions itself
 
@@ -75,7 +79,7 @@ def viewpoint_of(plan, camera):
     matrix = _robot_views.project(drawn, size) @ onto_ground @ to_robot
     lines = 0.0 if plan.lines is None else float(plan.lines) / 2**20 * np.sin(2 * np.pi * 0.09)
     sky = tuple(int(part) for part in np.ravel(plan.camera.sky))
-    return _robot_views.Viewpoint(matrix, size, sky, TILE_PX, lines, {})
+    return _robot_views.Viewpoint(matrix, size, sky, TILE_PX, lines, {"pose": pose, "camera": drawn})
 
 
 @pytest.mark.parametrize("lines", [pytest.param(None, marks=pytest.mark.slow), 0.07])
@@ -116,7 +120,7 @@ def test_pictures_are_those_of_the_slow_oracle(crowded, variation):
 
 def layers_of(scenes, plan):
     """Roads and objects, their share, and the share of the sky, without variation."""
-    sums = drawing._sum_samples(plan, scenes, 2, drawing._stand(plan, scenes, 2))
+    sums = drawing._sum_samples(plan, scenes, 2, drawing._stand(plan, scenes, 2, plan.samples))
     red_blue, green_paved, above = sums
     road = [part / 4 for part in (red_blue & 0xFFFF, green_paved & 0xFFFF, red_blue >> 16)]
     return road, (green_paved >> 16) / (4 * 64), above / 4
@@ -179,6 +183,42 @@ def test_objects_hide_labels_and_no_robot_touches_them(furnished, crowded):
     for thing in furnished.objects:
         away = np.hypot(thing.x - seen.poses.x, thing.y - seen.poses.y) * TILE
         assert not thing.height or (away > thing.radius + Robot().width / 2 - 1e-5).all()
+
+
+def test_objects_have_the_masks_and_the_pictures_that_datasets_have(drawn_tiles):
+    grid, objects, camera = np.array([[6, 7, 3], [12, 13, 9]], np.int8), load_objects(), Camera(rows=60, columns=80)
+    spots = [(0.15, 0.2), (0.8, 0.75), (1.5, 0.05), (1.1, 0.9), (2.8, 0.2), (2.2, 0.8), (1.8, 1.9)]
+    lying = [(0.5, 0.3), (0.3, 1.0), (1.5, 1.5), (1.5, 0.45), (2.7, 1.0), (2.6, 1.6)]
+    things = [MapObject("duckie", x, y, 2 * x, 0.09) for x, y in spots]
+    things += [MapObject("sign_stop", 1.95, 0.02, 2.0, 0.2, tag) for tag in (24, 25)]
+    things += [MapObject("floor_tag", x, y, 2 * x - 3 * y, 0.0, 300 + number) for number, (x, y) in enumerate(lying)]
+    scenes = make_scenes(RoadMap(grid, objects=things), tile_px=TILE_PX)
+    seen = jax.device_get(views(jax.random.key(4), scenes, 16, camera=camera))
+    plans = plans_of(jax.random.key(4), scenes, 16, camera)
+    choices, first = [objects.choices(thing) for thing in things], np.asarray(scenes.maps.choices)[0, :, 0]
+    same, difference, other, shown = [], [], [], set()
+    for index in range(16):
+        plan = jax.tree.map(lambda part, index=index: part[index], plans)
+        chosen = np.stack(np.divmod(plan.cells.reshape(4, 5)[1:-1, 1:-1], 4), axis=-1)
+        ground = render(grid, drawn_tiles, tile_px=TILE_PX, chosen=chosen).image
+        viewpoint, images = viewpoint_of(plan, camera), []
+        for shift in (0, 1):
+            pictures = [one[(plan.pictures[i] - first[i] + shift) % len(one)] for i, one in enumerate(choices)]
+            layers = {"image": _robot_views.see(ground, viewpoint, GROUND)}
+            placed, order, _ = _robot_views.stand(things, pictures, viewpoint, TILE_PX)
+            owners, _ = paste_objects(layers, placed, order, NEAR)
+            images.append(np.abs(layers["image"].astype(int) - seen.images[index]))
+            if not shift:
+                same.append(owners == seen.instances[index])
+                inside = (owners > 0) & same[-1]
+        difference.append(images[0][inside])
+        other.append(images[1][inside & np.isin(owners, range(1, len(spots) + 1))])
+        shown |= set(np.unique(seen.instances[index]).tolist())
+        assert (seen.labels[index][inside] == 0).all()
+    print(np.mean(same), np.mean(np.concatenate(difference)), np.mean(np.concatenate(other)), shown)
+    assert {len(set(column)) for column in plans.pictures.T} <= {1, 3, 4}
+    assert set((plans.pictures - first)[:, 0]) == {0, 1, 2, 3}
+    assert shown > set(range(10, 16)) and len(shown) > 12
 
 
 def test_ranges_may_differ_between_the_pictures_of_a_batch(scenes):
