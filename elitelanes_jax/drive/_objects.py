@@ -241,12 +241,12 @@ class Floor(NamedTuple):
     """The objects on the floor of a map. A batch has N in front of every shape.
 
     Attributes:
-      index: int32 ``[F]``, of the map's objects, ascending. -1 fills up a batch.
+      indices: int32 ``[F]``, of the map's objects, ascending. -1 fills up a batch.
       length: float32 ``[F]``, metres along the object's angle.
       width: float32 ``[F]``, metres.
     """
 
-    index: Int32[Array, " F"]
+    indices: Int32[Array, " F"]
     length: Float[Array, " F"]
     width: Float[Array, " F"]
 
@@ -267,13 +267,13 @@ def lie(
     Rows of pixels see lines on the ground: `x` and `y` are the position at column 0 in tiles, and
     the step to the next column. A row without ground has the position NaN.
     """
-    east, south = objects.x[floor.index] - pose.x, objects.y[floor.index] - pose.y
+    east, south = objects.x[floor.indices] - pose.x, objects.y[floor.indices] - pose.y
     is_ahead = east * jnp.cos(pose.theta) > south * jnp.sin(pose.theta)
     away = jnp.hypot(east, south) + jnp.where(is_ahead, 0, _BEHIND)
-    away = jnp.where(floor.index >= 0, away, jnp.inf)
+    away = jnp.where(floor.indices >= 0, away, jnp.inf)
     # Ascending, because of two objects the later one is on top, as in datasets.
     slots = jnp.sort(jax.lax.top_k(-away, min(count, len(away)))[1])
-    near = floor.index[slots]
+    near = floor.indices[slots]
     cosine, sine = jnp.cos(objects.angle[near]), jnp.sin(objects.angle[near])
 
     def layers() -> Array:
