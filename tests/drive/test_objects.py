@@ -11,7 +11,7 @@ from standing_oracle import CAMERA, TOWN, draw_back_to_front, some_objects, some
 
 from elitelanes_jax import InputError, RoadMap
 from elitelanes_jax.drive import Camera, LaneDrive, Pose, look_around, make, make_billboards, make_objects, make_sight
-from elitelanes_jax.drive._objects import touches
+from elitelanes_jax.drive._objects import pack_billboards, touches
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
 from elitelanes_jax.tiles import load_objects, scale_tiles
@@ -129,4 +129,6 @@ def test_faults_are_named():
         make_billboards({"dragon": {}})
     with pytest.raises(InputError, match=r"objects: expected uint8 \[rows, columns, 4\], got float64 \(2, 2\)"):
         make_billboards({"cone": {0: np.zeros((2, 2))}})
+    with pytest.raises(InputError, match="objects: expected at most 512 different objects, .* got 513"):
+        pack_billboards([{}] * 513)
     assert set(load_objects().views) == set(OBJECT_KINDS)
