@@ -1,19 +1,25 @@
 """Searches and datasets on executors give the bytes of one machine: threads, spawned processes, Dask, Submitit."""
 
+import errno
 import json
 import os
+import pickle
 import re
 import shutil
 import signal
+import sys
 import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from folders import files
-from given_maps import small
+from given_maps import random_maps, small
 from killed_runs import digest
 
 from elitelanes_jax import GenerateSpec, InputError, SearchSpec, evolve, generate, make_dataset
@@ -21,6 +27,7 @@ from elitelanes_jax._util import engine
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import merge_dataset
 from elitelanes_jax.search import parts as search_parts
+from elitelanes_jax.tiles import default_objects, default_tiles, packed
 
 SEARCH = SearchSpec(method="ea", preset="paper", generations=20)
 SPEC = GenerateSpec(size=(5, 6), seeds=6, maps=3, tile_px=16, search=SEARCH)
@@ -77,9 +84,10 @@ class OneByOne:
     """Runs each call when it is submitted, as an executor of another library may; counts the calls."""
 
     def __init__(self, *, fails=()):
-        self.calls, self.fails = 0, fails
+        self.calls, self.fails, self.sizes = 0, fails, []
 
     def submit(self, function, *arguments):
+        self.sizes.append(len(pickle.dumps(arguments)))
         future = Future()
         if self.calls in self.fails:
             future.set_exception(self.fails[self.calls])
@@ -149,6 +157,43 @@ def test_datasets_have_the_same_files(dataset, tmp_path, threads):
     assert files(tmp_path / "given") == dataset
 
 
+def test_tasks_name_the_packages_own_pictures(tmp_path):
+    furnished, executor = small(maps=3, maps_from=random_maps(3), split=(1, 0, 0), furnish="lane_duckies=1"), OneByOne()
+    make_dataset(furnished, tmp_path / "sent", executor=executor, parts=3)
+    assert executor.calls == 3
+    assert max(executor.sizes) < 20_000
+
+
+def test_tasks_pack_pictures_of_ones_own(tmp_path):
+    tiles = shutil.copytree(default_tiles(), tmp_path / "tiles")
+    (tiles / "tileset.toml").write_text('name = "mine"\n')
+    picture = cv2.imread(str(tiles / "turn_1" / "image.png"))[:64, :64]
+    for folder in tiles.glob("*_*"):
+        for file in folder.glob("*.png"):
+            cv2.imwrite(str(file), cv2.resize(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), (64, 64), interpolation=0))
+    decoded = sum(1 for _ in tiles.glob("*/image.png")) * picture.size * 2  # the masks are as large as the pictures
+    objects = tmp_path / "objects"
+    shutil.copytree(default_objects() / "duckie_1", objects / "duckie_1")
+    options = {"maps_from": random_maps(3), "split": (1, 0, 0), "furnish": "lane_duckies=1"}
+    spec, executor = small(maps=3, tiles=tiles, objects=objects, **options), OneByOne()
+    make_dataset(spec, tmp_path / "here")
+    make_dataset(spec, tmp_path / "sent", executor=executor, parts=2)
+    assert files(tmp_path / "sent") == files(tmp_path / "here")
+    in_objects = sum(file.stat().st_size for file in objects.rglob("*.png"))
+    assert max(executor.sizes) < decoded / 2 + 2 * in_objects
+
+
+def test_a_worker_with_other_pictures_in_its_package_is_named(tmp_path, monkeypatch):
+    class Changed(OneByOne):
+        def submit(self, *arguments):
+            tiles = packed.load_tiles()
+            monkeypatch.setattr(packed, "_own_tiles", lambda: replace(tiles, name="changed"))
+            return super().submit(*arguments)
+
+    with pytest.raises(InputError, match=r"^worker .*: expected the package's tiles .*, as here, got .*'changed'"):
+        make_dataset(small(), tmp_path / "out", executor=Changed(), parts=1)
+
+
 @pytest.mark.slow
 def test_evolved_datasets_have_the_same_files(tmp_path, threads):
     make_dataset(EVOLVED, tmp_path / "one machine")
@@ -193,11 +238,19 @@ def test_pictures_that_returned_are_not_drawn_again(dataset, tmp_path):
 WRONG = {
     "a number": ({"executor": 3}, "executor: expected a concurrent.futures.Executor, or another object"),
     "a class": ({"executor": ThreadPoolExecutor}, "executor: expected a concurrent.futures.Executor, or another"),
+    "no function": ({"executor": SimpleNamespace(submit=3)}, "executor: expected a concurrent.futures.Executor, or a"),
     "no executor": ({"parts": 3}, "parts: expected an executor to run 3 parts on, got none"),
     "no parts": ({"executor": OneByOne(), "parts": 0}, "parts: expected a whole number, 1 or more, got 0"),
     "devices": ({"executor": OneByOne(), "devices": 2}, "devices: expected none with an executor, got 2"),
     "a checkpoint": ({"executor": OneByOne(), "checkpoint": "x"}, "checkpoint: expected none with an executor, got"),
 }
+
+
+def test_an_executor_without_futures_is_refused():
+    executor = SimpleNamespace(submit=lambda *arguments: None)
+    words = "executor: expected submit to return a future with the methods done, result and cancel, got None"
+    with pytest.raises(InputError, match=f"^{words}$"):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, executor=executor)
 
 
 @pytest.mark.usefixtures("any_types")
@@ -230,9 +283,36 @@ def test_a_shut_down_executor_is_one_line():
 def test_a_worker_with_other_versions_is_named(monkeypatch):
     here = engine.installed_versions()
     answers = iter([here, here | {"jax": "0.1"}])
-    monkeypatch.setattr(engine, "installed_versions", lambda: next(answers))
+    monkeypatch.setattr(engine, "installed_versions", lambda *others: next(answers))
     with pytest.raises(InputError, match=rf"^worker .*: expected jax {here['jax']}, as here, got 0\.1$"):
         evolve(0, (4, 4), seeds=2, spec=SEARCH, executor=OneByOne(), parts=1)
+
+
+def test_a_worker_with_another_pyarrow_is_named(monkeypatch, tmp_path):
+    here = engine.installed_versions("pyarrow")
+    if here["pyarrow"] == "none":
+        pytest.skip("needs pyarrow")
+    answers, versions = iter([{}, {"pyarrow": "1.0"}]), engine.installed_versions
+    monkeypatch.setattr(engine, "installed_versions", lambda *others: versions(*others) | next(answers))
+    words = rf"worker .*: expected pyarrow {here['pyarrow']}, as here, got 1\.0"
+    with pytest.raises(InputError, match=f"^{words}$"):
+        make_dataset(small(format="parquet"), tmp_path / "out", executor=OneByOne(), parts=1)
+
+
+def fail_on_disk(_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/tmp/x")
+
+
+def fail_by_a_bug(_):
+    raise ZeroDivisionError("of a worker")
+
+
+def test_errors_of_a_worker_name_it():
+    with pytest.raises(OSError, match=r"No space left on device: 'worker .+: /tmp/x'$"):
+        list(engine.call_on_workers(OneByOne(), fail_on_disk, [0]))
+    with pytest.raises(ZeroDivisionError) as error, ThreadPoolExecutor(1) as pool:
+        list(engine.call_on_workers(pool, fail_by_a_bug, [0]))
+    assert error.value.__notes__[0].startswith("on the worker ")
 
 
 def test_workers_without_the_package_are_one_line():
@@ -382,6 +462,15 @@ def cluster():
 
 
 @pytest.mark.slow
+def test_dask_does_not_warn(cluster, dataset, tmp_path):
+    from distributed import Client
+
+    with Client(cluster) as client:
+        make_dataset(small(views=2), tmp_path / "dataset", executor=client.get_executor(), parts=3)
+    assert files(tmp_path / "dataset") == dataset
+
+
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_a_killed_dask_worker_changes_nothing(cluster, long, dataset, tmp_path, monkeypatch):
     from distributed import Client
@@ -441,6 +530,7 @@ def test_submitits_local_executor_gives_the_same_files(whole, dataset, tmp_path)
         ("timeout_min=60", "--slurm: expected SLURM's program sbatch on the PATH, got none; cluster=local needs none"),
         ("timeout", "--slurm: expected options of Submitit such as timeout_min=60, got 'timeout'"),
         ("cluster=local nothing=3", "--slurm: expected options of Submitit, got "),
+        ("cluster=local timeout_min=abc", "--slurm: expected options of Submitit, got "),
         (
             "cluster=moon",
             "--slurm: expected options of Submitit, got AutoExecutor doesn't know any executor named moon",
@@ -453,3 +543,39 @@ def test_wrong_options_of_submitit_are_one_line(options, message, tmp_path, caps
     assert main([*COMMAND, "--slurm", options, "--out", str(tmp_path / "maps")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"elitelanes: {message}")
+    assert not list(tmp_path.iterdir())
+
+
+class Submitit(OneByOne):
+    """In place of Submitit's module and executor."""
+
+    AutoExecutor = staticmethod(lambda folder, cluster: Submitit())
+
+    def update_parameters(self, **values):
+        raise ValueError(repr(values))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("cluster=local a=1 b='2 c'", "options of Submitit, got {'a': 1, 'b': '2 c'}"),
+        ("a='1", 'quotes in pairs, got "a=\'1"'),
+    ],
+)
+def test_values_with_spaces_are_quoted(options, message, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "submitit", Submitit)
+    assert main([*COMMAND, "--slurm", options, "--out", str(tmp_path / "maps")]) == 2
+    assert capsys.readouterr().err == f"elitelanes: --slurm: expected {message}\n"
+
+
+@pytest.mark.parametrize(
+    ("option", "module", "hint"),
+    [
+        ("--dask", "distributed", "Dask: pip install dask distributed, or the extra dask of elitelanes_jax"),
+        ("--slurm", "submitit", "Submitit: pip install submitit, or the extra cluster of elitelanes_jax"),
+    ],
+)
+def test_without_its_package_an_option_names_the_extra(option, module, hint, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    assert main([*COMMAND, option, "a=1", "--out", str(tmp_path / "maps")]) == 2
+    assert capsys.readouterr().err == f"elitelanes: {option} needs {hint}\n"

@@ -2,14 +2,17 @@
 
 import os
 import pickle
+import re
+import signal
 import warnings
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from copy import copy, deepcopy
 from dataclasses import fields, is_dataclass
 from functools import cache
 from inspect import isclass
 from multiprocessing import get_context
 
+import cv2
 import jax
 import numpy as np
 import pytest
@@ -18,6 +21,7 @@ from test_wrong_types import EVERY, arguments
 from workers import interrupt, search
 
 from elitelanes_jax import InputError, RoadMap, SearchInterrupted, drive, measure, rotate
+from elitelanes_jax._util.engine import call_on_workers
 from elitelanes_jax._util.errors import MissingPackageError
 from elitelanes_jax.drive import GymnaxEnv
 from elitelanes_jax.formats import MapObject, make_plan
@@ -101,11 +105,12 @@ def test_an_interruption_in_a_worker_reaches_its_parent_with_the_result():
 
 
 def in_a_fork(function):
-    """What a function returns or raises in a forked process, as text."""
+    """What a function returns or raises in a forked process, as text; "" if it takes a minute."""
     read, write = os.pipe()
     with warnings.catch_warnings(action="ignore"):  # of Python and JAX about threads
         child = os.fork()
     if not child:
+        signal.alarm(60)
         try:
             text = repr(function())
         except BaseException as error:
@@ -121,8 +126,26 @@ def in_a_fork(function):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
 def test_after_a_fork_what_needs_jax_says_so_in_one_line():
     measure(GRID)  # JAX has started
-    for function in (lambda: measure(GRID), lambda: jax.jit(measure)(GRID), search):
+    for function in (lambda: measure(GRID), lambda: jax.jit(measure)(GRID), search, on_a_worker):
         said = in_a_fork(function)
-        assert said.startswith("InputError: process: expected a process in which JAX can run, got a fork")
+        assert re.match("InputError: (worker .+: )?process: expected a process in which JAX can run, got a fork", said)
         assert "spawn" in said and "\n" not in said
     assert in_a_fork(lambda: rotate(RoadMap(GRID).codes).tolist()) == str(rotate(GRID).tolist())
+
+
+def on_a_worker():
+    """Calls a function that does not need JAX, as the drawing of a dataset."""
+    return list(call_on_workers(ThreadPoolExecutor(1), len, ["ab"]))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
+def test_opencv_works_after_a_fork():
+    picture = np.zeros((2000, 2000, 3), np.uint8)
+    matrix, threads = np.eye(3), cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        cv2.warpPerspective(picture, matrix, (2000, 2000))  # OpenCV has started its threads
+        assert in_a_fork(lambda: cv2.warpPerspective(picture, matrix, (2000, 2000)).shape) == "(2000, 2000, 3)"
+        assert in_a_fork(cv2.getNumThreads) == "2" and cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(threads)

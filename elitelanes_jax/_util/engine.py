@@ -12,12 +12,14 @@ from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 from elitelanes_jax._util.checks import check_named, none_or, whole
 from elitelanes_jax._util.errors import (
     InputError,
+    MissingPackageError,
     NotEnoughMapsError,
     NotEnoughMemoryError,
     shorten,
 )
 from elitelanes_jax._util.interruption import raise_if_interrupted
 from elitelanes_jax._util.packages import installed_versions
+from elitelanes_jax._util.running import check_not_forked
 from elitelanes_jax._util.types import Untyped, UserValue
 
 A = TypeVar("A")
@@ -70,7 +72,7 @@ def check_pool(executor: UserValue, parts: UserValue) -> Pool | None:
         if parts is not None:
             raise InputError(f"parts: expected an executor to run {parts} parts on, got none")
         return None
-    if isinstance(executor, type) or not isinstance(executor, Engine):
+    if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
         expected = "a concurrent.futures.Executor, or another object with its method submit"
         raise InputError(f"executor: expected {expected}, got {shorten(repr(executor))}")
     return Pool(executor, parts)
@@ -94,7 +96,10 @@ class _Outcome(NamedTuple):
 
 
 def call_on_workers(
-    executor: Engine, function: Callable[[A], R], arguments: Sequence[A]
+    executor: Engine,
+    function: Callable[[A], R],
+    arguments: Sequence[A],
+    packages: Sequence[str] = (),
 ) -> Iterator[tuple[int, R]]:
     """Calls a function with each argument on an executor's workers; yields (index, result) as the calls end.
 
@@ -102,12 +107,18 @@ def call_on_workers(
     it is installed. A worker loads the function once. When the iterator ends early, calls that have
     not started are cancelled.
 
+    Args:
+      executor: starts the calls.
+      function: of one argument.
+      arguments: one for each call.
+      packages: whose versions are compared besides those of `installed_versions`.
+
     Raises:
-      InputError: if the function cannot be pickled, a worker has other versions, or the function
-        raised it.
+      InputError: if the function cannot be pickled, the executor returns no futures, a worker has
+        other versions or was forked after JAX started, or the function raised it.
       ConnectionError: if the executor lost a call.
     """
-    payload, versions = _dump(function), installed_versions()
+    payload, versions = _dump(function), installed_versions(*packages)
     together = getattr(executor, "batch", nullcontext)  # Submitit's, which makes an array of jobs
     running: dict[int, Untyped] = {}
     first, pause = 0, _SOON
@@ -116,8 +127,9 @@ def call_on_workers(
             if fresh := range(first, min(first + _AT_ONCE - len(running), len(arguments))):
                 with _naming_loss(first, len(arguments)), together():
                     for index in fresh:
-                        running[index] = executor.submit(
-                            _call, versions, payload, pickle.dumps(arguments[index])
+                        argument = pickle.dumps(arguments[index])
+                        running[index] = _check_future(
+                            executor.submit(_call, versions, payload, argument)
                         )
                 first = fresh.stop
             raise_if_interrupted()
@@ -132,6 +144,14 @@ def call_on_workers(
     finally:
         for future in running.values():
             future.cancel()
+
+
+def _check_future(value: UserValue) -> UserValue:
+    """Checks what an executor's `submit` returned."""
+    if not all(callable(getattr(value, name, None)) for name in ("done", "result", "cancel")):
+        expected = "submit to return a future with the methods done, result and cancel"
+        raise InputError(f"executor: expected {expected}, got {shorten(repr(value))}")
+    return value
 
 
 def _dump(function: Callable[..., Untyped]) -> bytes:
@@ -162,24 +182,47 @@ def _load(payload: bytes) -> Callable[..., Untyped]:
     try:
         return pickle.loads(payload)
     except ImportError as error:
-        expected = f"worker {platform.node()}: expected the modules of your functions"
+        expected = "expected the modules of your functions"
         hint = "cloudpickle.register_pickle_by_value(module) sends a module's functions"
         raise InputError(f"{expected}, got: {error}; {hint}") from None
 
 
 def _call(versions: dict[str, str], payload: bytes, argument: bytes) -> _Outcome:
-    """Runs on a worker.
+    """Runs on a worker, whose versions are checked before it loads the function.
 
-    The versions come first, because those of another version may not load the rest.
+    Another version may not be able to load it.
     """
     try:
-        for name, version in installed_versions().items():
-            if version != versions.get(name):
-                expected = f"{name} {versions.get(name)}, as here"
-                raise InputError(f"worker {platform.node()}: expected {expected}, got {version}")
-        return _Outcome(_load(payload)(pickle.loads(argument)), None)
+        check_not_forked()
+        _check_versions(versions)
+        function = _load(payload)
+    except InputError as error:
+        return _Outcome(None, InputError(f"worker {platform.node()}: {error}"))
+    try:
+        return _Outcome(function(pickle.loads(argument)), None)
     except _OURS as error:
-        return _Outcome(None, error)
+        return _Outcome(None, _name_worker(error))
+    except Exception as error:
+        error.add_note(f"on the worker {platform.node()}")
+        raise
+
+
+def _check_versions(expected: dict[str, str]) -> None:
+    """Checks that this worker has the versions of the caller."""
+    for name, version in installed_versions(*expected).items():
+        if version != expected.get(name):
+            raise InputError(f"expected {name} {expected.get(name)}, as here, got {version}")
+
+
+def _name_worker(error: Exception) -> Exception:
+    """Returns an error with the worker's name, unless the error is about the input and not about the worker."""
+    worker = f"worker {platform.node()}"
+    if isinstance(error, OSError) and error.errno is not None:
+        place = worker if error.filename is None else f"{worker}: {error.filename}"
+        return OSError(error.errno, error.strerror, place)
+    if isinstance(error, OSError | NotEnoughMemoryError | MissingPackageError):
+        return type(error)(f"{worker}: {error}")
+    return error
 
 
 def _read(future: Untyped, index: int, count: int) -> Untyped:

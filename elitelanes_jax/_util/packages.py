@@ -17,12 +17,26 @@ _OPENCV = (
     "opencv-contrib-python",
 )
 
+EXTRAS = {
+    "anywidget": "widget",
+    "distributed": "dask",
+    "matplotlib": "plots",
+    "networkx": "exports",
+    "pyarrow": "shards",
+    "pycocotools": "coco",
+    "submitit": "cluster",
+}
+"""The extra that brings a package, by the name of the package's module."""
 
-def installed_versions() -> dict[str, str]:
-    """Returns the versions that results depend on, by name."""
+
+def installed_versions(*others: str) -> dict[str, str]:
+    """Returns the versions that results depend on, by name, and of other packages, "none" if one is missing."""
     found = {"elitelanes_jax": __version__, "python": platform.python_version()}
     found |= {name: version(name) for name in ("jax", "jaxlib", "numpy")}
-    return found | {"opencv": next(filter(None, map(_version, _OPENCV)), "unknown")}
+    found["opencv"] = next(filter(None, map(_version, _OPENCV)), "unknown")
+    for name in others:
+        found.setdefault(name, _version(name) or "none")
+    return found
 
 
 def _version(name: str) -> str | None:
@@ -35,10 +49,12 @@ def _version(name: str) -> str | None:
 def import_optional(module: str, need: str, package: str | None = None) -> ModuleType:
     """Imports a module that may not be installed.
 
-    The error has the text `need`, which ends with the package's name, and how to install `package`,
-    by default the module.
+    The error has the text `need`, which ends with the package's name, how to install `package`, by
+    default the module, and which extra of this package brings it.
     """
     try:
         return import_module(module)
     except ImportError:
-        raise MissingPackageError(f"{need}: pip install {package or module}") from None
+        extra = EXTRAS.get(module.partition(".")[0])
+        hint = "" if extra is None else f", or the extra {extra} of elitelanes_jax"
+        raise MissingPackageError(f"{need}: pip install {package or module}{hint}") from None

@@ -1,6 +1,8 @@
-"""Runs JAX under any settings of the user: transfers of arrays are allowed, and a forked process is refused.
+"""Runs JAX under any settings of the user, and JAX and OpenCV in forked processes.
 
-This module does not import JAX, so that functions for arrays of NumPy and JAX can use it.
+Transfers of arrays are allowed. A process that was forked after JAX started is refused. OpenCV works
+in a forked process. This module does not import JAX or OpenCV, so that functions for arrays of NumPy
+and JAX can use it.
 """
 
 import os
@@ -17,6 +19,7 @@ R = TypeVar("R")
 
 _started = False  # whether JAX had started when this process forked
 _forked = False  # whether this process was forked from one in which JAX had started
+_opencv_threads: int | None = None  # the threads of OpenCV when this process forked
 
 
 def runs_jax(function: Callable[P, R]) -> Callable[P, R]:
@@ -28,15 +31,20 @@ def runs_jax(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        if _forked:
-            raise InputError(
-                "process: expected a process in which JAX can run, got a fork of a process that had started JAX; "
-                "start workers with multiprocessing's method spawn or forkserver"
-            )
+        check_not_forked()
         with transfers():
             return function(*args, **kwargs)
 
     return call
+
+
+def check_not_forked() -> None:
+    """Raises `InputError` in a process that was forked after JAX started."""
+    if _forked:
+        raise InputError(
+            "process: expected a process in which JAX can run, got a fork of a process that had started JAX; "
+            "start workers with multiprocessing's method spawn or forkserver"
+        )
 
 
 def transfers() -> AbstractContextManager[None]:
@@ -68,5 +76,27 @@ def _after_fork() -> None:
     _forked = _started
 
 
+def _stop_opencv() -> None:
+    """Ends the threads of OpenCV before a fork.
+
+    The forked process would have OpenCV's record of these threads and not the threads, and would
+    wait for them at its first larger picture.
+    """
+    global _opencv_threads
+    cv2 = sys.modules.get("cv2")
+    if hasattr(cv2, "setNumThreads"):  # unless another thread is importing OpenCV
+        _opencv_threads = cv2.getNumThreads()
+        cv2.setNumThreads(1)
+
+
+def _continue_opencv() -> None:
+    """Lets OpenCV start threads again, in both processes after a fork."""
+    if _opencv_threads is not None:
+        sys.modules["cv2"].setNumThreads(_opencv_threads)
+
+
 if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(
+        before=_stop_opencv, after_in_parent=_continue_opencv, after_in_child=_continue_opencv
+    )
     os.register_at_fork(before=_before_fork, after_in_child=_after_fork)

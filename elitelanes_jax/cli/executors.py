@@ -3,20 +3,36 @@
 import argparse
 import logging
 import re
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from shutil import which
 
-from elitelanes_jax._util.checks import name, whole
+from elitelanes_jax._util.checks import Check, whole
 from elitelanes_jax._util.engine import Engine, Pool
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.folders import remove
 from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import checked_by
 
-# Seconds that a scheduler has to answer; with the start of the command at most ten.
-_ANSWER = 6
+# Seconds that a scheduler has to answer. The whole command fails within ten, also on a busy machine.
+_ANSWER = 4
+
+_ADDRESS = "the address of a Dask scheduler, such as tcp://host:8786"
+_OPTIONS = "options of Submitit such as timeout_min=60"
+
+
+def _text_of(expected: str) -> Check:
+    """Makes a check for a text that is not blank."""
+
+    def check(text: UserValue) -> str:
+        if not text.strip():
+            raise InputError(f"expected {expected}, got {text!r}")
+        return str(text)
+
+    return check
 
 
 def add_executors(command: argparse.ArgumentParser) -> None:
@@ -24,13 +40,13 @@ def add_executors(command: argparse.ArgumentParser) -> None:
     either = command.add_mutually_exclusive_group()
     either.add_argument(
         "--dask",
-        type=checked_by(name),
+        type=checked_by(_text_of(_ADDRESS)),
         metavar="ADDRESS",
         help="share the work among the workers of a Dask scheduler",
     )
     either.add_argument(
         "--slurm",
-        type=checked_by(name),
+        type=checked_by(_text_of(_OPTIONS)),
         metavar="OPTIONS",
         help="share the work among jobs of SLURM, by Submitit, with its options, such as 'cpus_per_task=4 "
         "timeout_min=60 slurm_partition=short'; cluster=local starts processes here",
@@ -52,8 +68,8 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
             yield Pool(executor, options.parts)
     elif options.slurm is not None:
         jobs = options.out.absolute().parent / f".{options.out.name}-jobs"
-        yield Pool(_open_submitit(options.slurm, jobs), options.parts)
-        remove(jobs)  # after an error its logs stay
+        with _keeping_logs(jobs):
+            yield Pool(_open_submitit(options.slurm, jobs), options.parts)
     elif options.parts is not None:
         raise InputError("--parts: expected --dask or --slurm with it, got neither")
     else:
@@ -75,15 +91,29 @@ def _open_dask(address: str) -> Iterator[Engine]:
         yield client.get_executor()
 
 
+@contextmanager
+def _keeping_logs(jobs: Path) -> Iterator[None]:
+    """Removes Submitit's folder at the end of its block; after an error only if no job has logs in it."""
+    try:
+        yield
+    except BaseException:
+        if jobs.is_dir() and not any(jobs.iterdir()):
+            remove(jobs)
+        raise
+    remove(jobs)
+
+
 def _open_submitit(text: str, jobs: Path) -> Engine:
     submitit = import_optional("submitit", "--slurm needs Submitit", "submitit")
     values: dict[str, str | int] = {}
-    for word in text.split():
+    try:
+        words = shlex.split(text)  # a value with spaces is quoted
+    except ValueError:
+        raise InputError(f"--slurm: expected quotes in pairs, got {text!r}") from None
+    for word in words:
         option, equals, value = word.partition("=")
         if not option.isidentifier() or not equals:
-            raise InputError(
-                f"--slurm: expected options of Submitit such as timeout_min=60, got {word!r}"
-            )
+            raise InputError(f"--slurm: expected {_OPTIONS}, got {word!r}")
         values[option] = int(value) if re.fullmatch(r"\d+", value) else value
     cluster = values.pop("cluster", "slurm")
     if cluster == "slurm" and which("sbatch") is None:

@@ -25,6 +25,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.object_set import ObjectSet
+from elitelanes_jax.tiles.packed import Pictures
 from elitelanes_jax.tiles.tileset import TileSet
 
 _PICTURES_A_PART = 250  # for an executor: a second or more of work, and some megabytes that return
@@ -207,15 +208,26 @@ def draw_here(drawing: Drawing, samples: Samples, workers: int, ended: Ended) ->
 def draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> None:
     """Draws the missing samples on an executor's workers, and writes the files that return."""
     tasks = _tasks(pool, drawing, samples)
-    common = drawing._replace(spec=drawing.spec.without_given(), maps={})
+    pictures = Pictures(drawing.tiles, drawing.objects)
+    common = _Common(drawing.spec.without_given(), pictures, drawing.fields)
+    needs = drawing.layout.needs
+    packages = () if needs is None else (needs,)
     for number, (files, records) in call_on_workers(
-        pool.executor, partial(_draw_task, common), tasks
+        pool.executor, partial(_draw_task, common), tasks, packages
     ):
         for name, content in files.items():
             write_atomic(samples.files / name, content)
         for portion, lines in zip(tasks[number].portions, records, strict=True):
             _append(portion.block.records, lines)
             ended(len(portion.indices))
+
+
+class _Common(NamedTuple):
+    """What all tasks of a dataset draw with: a `Drawing` without its maps."""
+
+    spec: DatasetSpec
+    pictures: Pictures
+    fields: ShardFields
 
 
 class _Portion(NamedTuple):
@@ -265,14 +277,15 @@ def _maps_of(portions: list[_Portion], drawing: Drawing) -> dict[int, RoadMap]:
     return maps
 
 
-def _draw_task(common: Drawing, task: _Task) -> tuple[dict[str, bytes], list[bytes]]:
+def _draw_task(common: _Common, task: _Task) -> tuple[dict[str, bytes], list[bytes]]:
     """Runs on a worker: draws samples in a temporary folder.
 
     Returns:
       The content of each file, by its path in the dataset, and the lines of the records of each
       portion.
     """
-    drawing, records = common._replace(maps=task.maps), []
+    drawing = Drawing(common.spec, task.maps, *common.pictures, common.fields)
+    records = []
     with TemporaryDirectory() as folder:
         files = Path(folder, "files")
         for number, portion in enumerate(task.portions):

@@ -1,0 +1,95 @@
+"""Tile and object sets that travel as few bytes to workers that have this package."""
+
+import pickle
+from dataclasses import fields
+from functools import cache
+from io import BytesIO
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Plain, Untyped
+from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
+from elitelanes_jax.tiles.rendering import png_of
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+
+class Pictures(NamedTuple):
+    """The sets of pictures that maps are drawn with, small when pickled.
+
+    The package's own sets are named by their digests, and the receiver reads its own files. If they
+    differ, unpickling raises `InputError`. The pictures of other sets are sent as PNG, which loses
+    nothing.
+
+    Attributes:
+      tiles: of the roads.
+      objects: None to draw no objects.
+    """
+
+    tiles: TileSet
+    objects: ObjectSet | None
+
+    def __reduce__(self) -> tuple[Untyped, ...]:
+        content = BytesIO()
+        _Packer(content).dump(tuple(self))
+        return _unpack, (content.getvalue(),)
+
+
+def _unpack(content: bytes) -> Pictures:
+    return Pictures(*pickle.loads(content))
+
+
+class _Packer(pickle.Pickler):
+    """Pickles sets of pictures in fewer bytes than pickle does."""
+
+    def reducer_override(self, value: Untyped) -> Untyped:
+        if isinstance(value, TileSet) and value.to_plain() == _own_tiles().to_plain():
+            return _own_tiles_like, (value.to_plain(),)
+        if isinstance(value, ObjectSet) and value.digest == load_objects().digest:
+            return _own_objects_like, (value.digest,)
+        if isinstance(value, TileSet | ObjectSet):
+            # Pickle would also send what their properties have computed.
+            return type(value), tuple(getattr(value, field.name) for field in fields(value))
+        if isinstance(value, np.ndarray) and value.dtype == bool:
+            return _read_mask, (png_of(value.astype(np.uint8)),)
+        if isinstance(value, np.ndarray):
+            return _read_pixels, (png_of(value),)
+        return NotImplemented
+
+
+@cache
+def _own_tiles() -> TileSet:
+    return load_tiles()
+
+
+def _own_tiles_like(about: dict[str, Plain]) -> TileSet:
+    """Returns the package's own tile set, if it is the one of the sender."""
+    tiles = _own_tiles()
+    if tiles.to_plain() != about:
+        raise InputError(f"expected the package's tiles {about}, as here, got {tiles.to_plain()}")
+    return tiles
+
+
+def _own_objects_like(digest: str) -> ObjectSet:
+    """Returns the package's own object set, if it is the one of the sender."""
+    objects = load_objects()
+    if objects.digest != digest:
+        raise InputError(f"expected the package's objects {digest}, as here, got {objects.digest}")
+    return objects
+
+
+def _read_pixels(content: bytes) -> NDArray[np.uint8]:
+    """Returns the pixels of a PNG file: grey, RGB, or RGB and opacity."""
+    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels.ndim == 3:
+        swap = cv2.COLOR_BGR2RGB if pixels.shape[2] == 3 else cv2.COLOR_BGRA2RGBA
+        pixels = cv2.cvtColor(pixels, swap)
+    return np.asarray(pixels, np.uint8)
+
+
+def _read_mask(content: bytes) -> NDArray[np.bool_]:
+    """Returns the mask in a grey PNG file."""
+    return _read_pixels(content) > 0
