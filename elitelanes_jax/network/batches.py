@@ -38,11 +38,11 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
         all, such as 455 grids of 12 x 12 tiles. That suits caches of 1 to 2 MB.
 
     Returns:
-      A function of pytrees of arrays with a leading axis of equal length, which the results have
-      too.
+      A function of pytrees of arrays. The arrays and the results have a leading axis of equal
+      length.
 
     Raises:
-      InputError: for a kernel that is no function, or a block that is no whole number of 1 or more.
+      InputError: if the kernel is not a function, or the block is not a whole number of 1 or more.
     """
     kernel = check_named("kernel", function, kernel)
     block = check_named("block", none_or(whole(1)), block)

@@ -6,9 +6,10 @@ Figures are processor seconds of one core. The search and the drawing are divide
 and receiving and writing pictures, are the work of one core of the host that calls.
 """
 
+import pickle
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +25,7 @@ from experiments.common import Parser, Pytree, leave, run, table, whole
 T = TypeVar("T")
 
 MAPS, PICTURES = 1_000_000, 10_000_000
+_PART = 250  # the pictures of a part, as `make_dataset` chooses
 _SHAPE, _SEEDS, _EVALUATIONS, _ROUND = (10, 10), 16, 100_000, 512  # of a round of a dataset
 
 
@@ -41,6 +43,7 @@ def _measure(cores: int, quick: bool) -> None:
     use_cores(1)
     search, first, more = _measure_round(2_000 if quick else _EVALUATIONS, 100 if quick else 2_000)
     draw, receive, size = _measure_pictures(4 if quick else 100)
+    sent = _measure_sent(4 if quick else _PART)
     rounds = -(-MAPS // _ROUND)
     chosen = rounds * first + more * _ROUND * rounds * (rounds - 1) / 2
     rows = [
@@ -50,6 +53,7 @@ def _measure(cores: int, quick: bool) -> None:
         ["a varied view of 160 x 120", f"{1e3 * draw:.1f} ms", "hosts", _duration(PICTURES * draw / cores)],
         ["receiving and writing it", f"{1e3 * receive:.2f} ms", "caller", _duration(PICTURES * receive)],
         ["its size", f"{size / 1e3:.0f} KB", "", f"{PICTURES * size / 1e9:,.0f} GB"],
+        ["sent to workers, a part", f"{sent / 1e3:.1f} KB", "", f"{PICTURES / _PART * sent / 1e9:,.1f} GB"],
     ]
     heads = ["part", "one core", "where", f"{MAPS:,} maps, {PICTURES:,} pictures, {cores:,} cores"]
     print(f"\n{table(heads, rows)}")
@@ -78,6 +82,29 @@ def _measure_pictures(maps: int) -> tuple[float, float, float]:
         _, caller = _time(lambda: make_dataset(spec, Path(folder, "there"), executor=pool))
         size = sum(file.stat().st_size for file in Path(folder, "here").rglob("*.png"))
     return (here - caller) / count, caller / count, size / count
+
+
+class _Sizes:
+    """An executor that draws here, and counts the bytes of the arguments that would be sent to a worker."""
+
+    def __init__(self) -> None:
+        self.sent = 0
+
+    def submit(self, function: Callable[..., Pytree], /, *args: Pytree) -> Future:
+        self.sent += len(pickle.dumps(args))
+        future: Future = Future()
+        future.set_result(function(*args))
+        return future
+
+
+def _measure_sent(pictures: int) -> int:
+    """Returns the bytes that a worker gets to draw a part with `pictures` pictures, each of another map."""
+    camera = Viewpoints(rows=120, columns=160)
+    options: Pytree = {"maps_from": _random_maps(pictures), "transforms": "varied", "split": (1, 0, 0)}
+    executor = _Sizes()
+    with TemporaryDirectory() as folder:
+        make_dataset(DatasetSpec(camera=camera, **options), Path(folder, "out"), executor=executor, parts=1)
+    return executor.sent
 
 
 def _random_maps(count: int) -> list[RoadMap]:
