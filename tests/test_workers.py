@@ -105,12 +105,12 @@ def test_an_interruption_in_a_worker_reaches_its_parent_with_the_result():
 
 
 def in_a_fork(function):
-    """What a function returns or raises in a forked process, as text; "" if it takes a minute."""
+    """What a function returns or raises in a forked process, as text; "" if it takes half a minute."""
     read, write = os.pipe()
     with warnings.catch_warnings(action="ignore"):  # of Python and JAX about threads
         child = os.fork()
     if not child:
-        signal.alarm(60)
+        signal.alarm(30)
         try:
             text = repr(function())
         except BaseException as error:
@@ -141,11 +141,11 @@ def on_a_worker():
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
 def test_opencv_works_after_a_fork():
     picture = np.zeros((2000, 2000, 3), np.uint8)
-    matrix, threads = np.eye(3), cv2.getNumThreads()
+    threads = cv2.getNumThreads()
     cv2.setNumThreads(2)
     try:
-        cv2.warpPerspective(picture, matrix, (2000, 2000))  # OpenCV has started its threads
-        assert in_a_fork(lambda: cv2.warpPerspective(picture, matrix, (2000, 2000)).shape) == "(2000, 2000, 3)"
+        cv2.warpPerspective(picture, np.eye(3), (2000, 2000))  # OpenCV has started its threads
+        assert in_a_fork(lambda: cv2.setNumThreads(1)) == "None"
         assert in_a_fork(cv2.getNumThreads) == "2" and cv2.getNumThreads() == 2
     finally:
         cv2.setNumThreads(threads)

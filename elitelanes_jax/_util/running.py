@@ -79,8 +79,8 @@ def _after_fork() -> None:
 def _stop_opencv() -> None:
     """Ends the threads of OpenCV before a fork.
 
-    The forked process would have OpenCV's record of these threads and not the threads, and would
-    wait for them at its first larger picture.
+    The forked process would have OpenCV's record of these threads and not the threads. The next
+    change of their number, with which a dataset is drawn, would wait for them forever.
     """
     global _opencv_threads
     cv2 = sys.modules.get("cv2")
