@@ -82,7 +82,8 @@ def _open_dask(address: str) -> Iterator[Engine]:
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are one line of ours
     try:
         client = distributed.Client(address, timeout=_ANSWER)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, MemoryError) as error:
+        # Dask takes the answer of another program for a length, which may not fit into memory.
         expected = "expected the address of a Dask scheduler that answers, such as tcp://host:8786"
         raise InputError(
             f"--dask: {expected}, got {address!r}: {shorten(str(error), 100)}"
