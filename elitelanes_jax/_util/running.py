@@ -84,7 +84,7 @@ def _stop_opencv() -> None:
     """
     global _opencv_threads
     cv2 = sys.modules.get("cv2")
-    if hasattr(cv2, "setNumThreads"):  # unless another thread is importing OpenCV
+    if cv2 is not None and hasattr(cv2, "setNumThreads"):  # another thread may be importing it
         _opencv_threads = cv2.getNumThreads()
         cv2.setNumThreads(1)
 
