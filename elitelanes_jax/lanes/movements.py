@@ -158,6 +158,15 @@ class LaneGraph(NamedTuple):
         first, end = (np.searchsorted(starts, ends, side) for side in ("left", "right"))
         return [list(range(*span)) for span in np.stack([first, end], axis=1).tolist()]
 
+    def list_predecessors(self) -> list[list[int]]:
+        """Returns the indices of the movements that each movement continues."""
+        successors = self.list_successors()
+        predecessors: list[list[int]] = [[] for _ in successors]
+        for index, following in enumerate(successors):
+            for movement in following:
+                predecessors[movement].append(index)
+        return predecessors
+
 
 def movements_of(codes: Int[AnyArray, "H W"], *, turn_back: bool = False) -> Movement:
     """Lists the movements of a map, int ``[M]`` each, in ascending order of row, column, heading and turn.

@@ -1,0 +1,231 @@
+"""Traffic on a map: its lanes, lines, edges and stop signs in metres, and cars with logs of 9 s along the lanes.
+
+Lanes come first, one for each movement, in ascending order of row, column, heading and turn.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import SEED, check_named
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.road_map import as_map
+from elitelanes_jax.formats.signals import rights_of_way
+from elitelanes_jax.formats.streets import Streets, to_metres
+from elitelanes_jax.lanes.curves import CHORDS, lane_curves
+from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.movements import BACK, LaneGraph, Movement, lane_graph, no_lane
+from elitelanes_jax.network.codes import CONNECTIONS
+
+AGENTS = 32
+"""The most cars of a map."""
+
+STEPS = 91
+"""The number of positions in a log: 9 s, the length of all of PufferDrive's maps."""
+
+STEP = 0.1
+"""Seconds from a position to the next one."""
+
+# Sides of a car, in widths of a lane: 4.5 m and 1.9 m on lanes of 3.2 m.
+_LENGTH, _WIDTH, _HEIGHT = 1.4, 0.6, 0.5
+
+# Length of the first and the last segment of a lane, in tiles. They leave an arc by a
+# ten-thousandth of this.
+_STRAIGHT = 2.0**-9
+
+
+class CarSides(NamedTuple):
+    """The length, the width and the height of all cars, in metres."""
+
+    length: float
+    width: float
+    height: float
+
+
+class Road(NamedTuple):
+    """A line of the map.
+
+    Attributes:
+      kind: "lane", "road_line", the line between lanes, "road_edge" or "stop_sign".
+      points: complex ``[P]``; a sign has one point.
+      movement: that the line follows. A sign is for all movements from this one's node.
+    """
+
+    kind: str
+    points: NDArray[np.complex128]
+    movement: Movement
+
+
+class Log(NamedTuple):
+    """What a car does in each step: position and velocity, complex ``[91]``, and heading in radians ``[91]``."""
+
+    position: NDArray[np.complex128]
+    velocity: NDArray[np.complex128]
+    heading: NDArray[np.float64]
+
+
+class Traffic(NamedTuple):
+    """The traffic on a map. Positions are complex: metres east + north·i of the grid's south-west corner.
+
+    Attributes:
+      graph: of the lanes. Cars turn back at dead ends.
+      roads: lanes come first; their indices are those of the graph's movements.
+      logs: of up to `AGENTS` cars.
+      sides: of each car.
+      rows: of the grid.
+    """
+
+    graph: LaneGraph
+    roads: list[Road]
+    logs: list[Log]
+    sides: CarSides
+    rows: int
+
+
+def make_traffic(source: UserValue, streets: Streets, seed: int) -> Traffic:
+    """Makes the traffic on a map; the same map and seed give the same traffic.
+
+    Cars start in the middle of random lanes, at most one on a tile. Each follows random turns at
+    the speed limit.
+
+    Args:
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
+        returns, or that leave the grid, are no roads.
+      streets: their measures. Signs stand at all-way stops alone.
+      seed: of the cars' starts and turns.
+
+    Raises:
+      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad
+        seed.
+    """
+    seed = check_named("seed", SEED, seed)
+    road_map = as_map(source)
+    rows = len(road_map.codes)
+    graph = lane_graph(road_map.codes, turn_back=True)
+    roads = _list_roads(road_map.codes, graph, streets)
+    for tile, rule in rights_of_way(road_map, streets).items():
+        if rule == "allway_stop":
+            roads += _stop_signs(tile, graph, streets, rows)
+    logs = _drive(graph, roads, streets, np.random.default_rng(seed))
+    sides = CarSides(*(share * streets.lane for share in (_LENGTH, _WIDTH, _HEIGHT)))
+    return Traffic(graph, roads, logs, sides, rows)
+
+
+def _list_roads(codes: NDArray[np.int8], graph: LaneGraph, streets: Streets) -> list[Road]:
+    """Returns the lanes, the lines between them, and the edges of the road."""
+    links = CONNECTIONS[linked_codes(codes)]
+    width, height = streets.lane / streets.tile, len(codes)
+    movements = graph.list_movements()
+    lanes = [
+        Road("lane", _line(movement, width / 2, streets, height), movement)
+        for movement in movements
+    ]
+    lines: list[Road] = []
+    edges: list[Road] = []
+    previous: Movement | None = None
+    for movement in movements:
+        # The first movement from a side is the one that keeps furthest to the right.
+        is_rightmost = previous is None or previous.node != movement.node
+        is_first = previous is None or previous.node.tile != movement.node.tile
+        if is_rightmost:
+            edges.append(Road("road_edge", _line(movement, width, streets, height), movement))
+        if is_first and links[movement.node.tile] == 2:
+            lines.append(Road("road_line", _line(movement, 0.0, streets, height), movement))
+        previous = movement
+    return lanes + lines + edges
+
+
+def _line(
+    movement: Movement, offset: float, streets: Streets, height: int
+) -> NDArray[np.complex128]:
+    shift = np.array([movement.column, movement.row])
+    return to_metres(
+        _line_in_tile(movement.heading, movement.turn, offset) + shift, streets, height
+    )
+
+
+@cache
+def _line_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarray, "P 2"]:
+    """Returns the points of a line across the tile (0, 0), whose outer segments are straight ahead.
+
+    The direction of each is exactly one of the four headings, and so the same number on both sides
+    of a border. PufferDrive joins lanes by it.
+    """
+    movement = Movement(0, 0, heading, turn)
+    parts: list[Float[np.ndarray, "S 2"]] = []
+    for curve in lane_curves(movement, offset):
+        # Lines are cut too: PufferDrive files a segment under the middle of it, in cells of 5 m.
+        parts.append(curve.points(np.linspace(0, 1, CHORDS + 1))[1 if parts else 0 :])
+    points = np.concatenate(parts)
+    first, last = points[0], points[-1]
+    # The coordinate across the heading is copied, because sines of right angles are not exactly 0.
+    inner = [_ahead(first, heading, _STRAIGHT), _ahead(last, movement.exit, -_STRAIGHT)]
+    return np.concatenate([[first, inner[0]], points[1:-1], [inner[1], last]]).round(12)
+
+
+def _ahead(point: Float[np.ndarray, "2"], heading: int, distance: float) -> Float[np.ndarray, "2"]:
+    steps = np.array([(0, -1), (1, 0), (0, 1), (-1, 0)])
+    return point + distance * steps[heading]
+
+
+def _stop_signs(
+    tile: tuple[int, int], graph: LaneGraph, streets: Streets, height: int
+) -> list[Road]:
+    """Returns the signs to the right of the lanes that enter a crossing."""
+    headings = {
+        movement.heading: movement
+        for movement in graph.list_movements()
+        if movement.node.tile == tile
+    }
+    width = streets.lane / streets.tile
+    return [
+        Road("stop_sign", _line(movement, width, streets, height)[:1], movement)
+        for movement in headings.values()
+    ]
+
+
+def _drive(
+    graph: LaneGraph, roads: list[Road], streets: Streets, rng: np.random.Generator
+) -> list[Log]:
+    """Drives cars from random lanes along random turns."""
+    movements, successors = graph.list_movements(), graph.list_successors()
+    starts = [index for index, movement in enumerate(movements) if movement.turn != BACK]
+    if not starts:
+        raise no_lane()
+    taken: set[tuple[int, int]] = set()
+    logs: list[Log] = []
+    for index in rng.permutation(starts).tolist():
+        tile = movements[index].node.tile
+        if len(logs) < AGENTS and tile not in taken:
+            taken.add(tile)
+            logs.append(_follow(index, successors, roads, streets, rng))
+    return logs
+
+
+def _follow(
+    start: int,
+    successors: list[list[int]],
+    roads: list[Road],
+    streets: Streets,
+    rng: np.random.Generator,
+) -> Log:
+    """Follows lanes from the middle of one."""
+    path = roads[start].points
+    first = _lengths(path)[-1] / 2
+    along = first + np.arange(STEPS) * STEP * streets.speed
+    index = start
+    while _lengths(path)[-1] <= along[-1]:
+        index = int(rng.choice(successors[index]))
+        path = np.concatenate([path, roads[index].points[1:]])
+    lengths = _lengths(path)
+    directions = np.diff(path) / np.abs(np.diff(path))
+    ahead = directions[np.searchsorted(lengths, along, side="right") - 1]
+    return Log(np.interp(along, lengths, path), ahead * streets.speed, np.angle(ahead))
+
+
+def _lengths(path: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Returns the length of the path up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path)))])
