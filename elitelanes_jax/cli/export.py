@@ -130,7 +130,9 @@ def _write_maps(
         with naming(file), naming_options(FormatOptions()):
             return target.files(maps[file], name, **settings)
 
-    only = target.suffixes[0] if len(target.suffixes) == 1 else None
+    only = None
+    if len(target.suffixes) == 1 and target.index is None:
+        only = target.suffixes[0]
     if only and out.name.lower().endswith(only):
         if len(maps) > 1:
             raise InputError(f"--out: expected a folder for {len(maps)} maps, got a file, {out}")
@@ -142,9 +144,14 @@ def _write_maps(
         raise InputError(f"--out: expected {expected}, got {out}")
     names = _names(list(maps))
     with output_folder(out, {"command": "export"}) as work:
+        written: list[Path] = []
         for file, stem in names.items():
-            for suffix, content in zip(target.suffixes, contents(file, stem), strict=True):
-                write_atomic(work.files / (stem + suffix), as_bytes(content))
+            for place, content in zip(target.paths(stem), contents(file, stem), strict=True):
+                written.append(work.files / place)
+                write_atomic(written[-1], as_bytes(content))
+        if target.index is not None:
+            for index_name, content in target.index(work.files, written).items():
+                write_atomic(work.files / index_name, content)
 
 
 def _names(files: Sequence[Path]) -> dict[Path, str]:

@@ -25,6 +25,8 @@ from .road_map import as_maps as as_maps
 from .road_map import map_to_json as map_to_json
 from .road_map import read_map as read_map
 from .road_map import read_maps as read_maps
+from .scenarionet import index_scenarios as index_scenarios
+from .scenarionet import to_scenarionet as to_scenarionet
 from .sketch import LINES as LINES
 from .sketch import draw_svg as draw_svg
 from .sketch import draw_text as draw_text

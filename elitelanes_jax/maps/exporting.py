@@ -34,12 +34,21 @@ class Format(NamedTuple):
       convert: (map, name of its files without suffix, settings) -> the content of each file.
       takes: the settings of `FormatOptions` that it has.
       limits: map -> what of the map the programs that read the format cannot use.
+      prefix: of the names of the files.
+      index: (folder, the files of all maps in it) -> more files of the folder by name; None for a
+        format without.
     """
 
     suffixes: tuple[str, ...]
     convert: Callable[..., str | bytes | Iterable[str | bytes]]
     takes: tuple[str, ...] = ()
     limits: Callable[[RoadMap], list[str]] = lambda road_map: []
+    prefix: str = ""
+    index: Callable[[Path, list[Path]], dict[str, bytes]] | None = None
+
+    def paths(self, name: str) -> list[str]:
+        """Returns the path of each file of a map in its folder; `name` is theirs without suffix."""
+        return [f"{self.prefix}{name}{suffix}" for suffix in self.suffixes]
 
     def files(self, road_map: RoadMap, name: str, **settings: UserValue) -> tuple[str | bytes, ...]:
         """Returns the content of each file of a map; `name` is theirs without suffix."""
@@ -124,6 +133,14 @@ def _pufferdrive(road_map: RoadMap, name: str, **measures: UserValue) -> Iterabl
     return formats.to_pufferdrive(road_map, name, _streets(measures))
 
 
+def _scenarionet(road_map: RoadMap, name: str, **measures: UserValue) -> bytes:
+    return formats.to_scenarionet(road_map, name, _streets(measures))
+
+
+def _index_scenarios(folder: Path, files: list[Path]) -> dict[str, bytes]:
+    return formats.index_scenarios(folder, files)
+
+
 def _movingai(road_map: RoadMap, name: str, **cells: int) -> Iterable[str]:
     return formats.to_movingai(road_map.codes, f"{name}.map", **cells)
 
@@ -181,6 +198,7 @@ FORMATS = {
     "lanelet2": Format((".osm",), _lanelet2, _STREETS),
     "commonroad": Format((".xml",), _commonroad, _STREETS),
     "pufferdrive": Format((".bin", ".json"), _pufferdrive, _STREETS),
+    "scenarionet": Format((".pkl",), _scenarionet, _STREETS, prefix="sd_", index=_index_scenarios),
     "gltf": Format((".glb",), _gltf, _FLOOR),
     "mujoco": Format((".xml", ".png"), _mujoco, _FLOOR),
     "usd": Format((".usda", ".png"), _usd, _FLOOR),

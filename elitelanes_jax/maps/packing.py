@@ -101,6 +101,7 @@ def pack(
                     (work.kept / "maps.json").unlink()  # nothing is left to resume
                     raise InputError(f"niche {town.niche}, {maps.names[number]}: {error}") from None
                 bar.count()
+        _write_indices(spec, towns, work.files)
         about["splits"] = {}
         for name in SPLITS:
             in_split = [town for town in towns if town.split == name]
@@ -205,7 +206,7 @@ def _write(
     trips = _trips(spec, town, graph, lane_offset_of(settings.get("tiles")))
     for to in spec.to:
         place = folder / to / town.niche
-        files = [place / f"{town.id}{suffix}" for suffix in FORMATS[to].suffixes]
+        files = [place / file for file in FORMATS[to].paths(town.id)]
         if not all(file.exists() for file in files):
             made = FORMATS[to].files(town.road_map, town.id, **_settings_of(to, settings))
             for file, content in zip(files, made, strict=True):
@@ -229,6 +230,25 @@ def _write(
     }
     about |= {"lanes": len(graph.edges), "trip": round(mean, 3)}
     return about | shorten_coverage(town.road_map.metrics or {})
+
+
+def _write_indices(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> None:
+    """Writes the indices of a format that has them, one for each split, into folders of their own."""
+    for to in spec.to:
+        index = FORMATS[to].index
+        if index is None:
+            continue
+        for split in SPLITS:
+            files = []
+            for town in towns:
+                if town.split == split:
+                    files += [
+                        folder / to / town.niche / file for file in FORMATS[to].paths(town.id)
+                    ]
+            if files:
+                place = folder / to / split
+                for name, content in index(place, files).items():
+                    write_atomic(place / name, content)
 
 
 def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
@@ -295,8 +315,10 @@ def _card(
         "| `trips/NICHE/ID.csv` | starts, goals, and the exact length of the shortest way in tiles |",
     ]
     for to in spec.to:
-        for suffix in FORMATS[to].suffixes:
-            lines.append(f"| `{to}/NICHE/ID{suffix}` | for `{to}` |")
+        for file in FORMATS[to].paths("ID"):
+            lines.append(f"| `{to}/NICHE/{file}` | for `{to}` |")
+        if FORMATS[to].index is not None:
+            lines.append(f"| `{to}/train` | the index of a split, for `{to}` |")
     if "sumo" in spec.to:
         lines.append(f"| `sumo/NICHE/ID{_ROUTES}` | the trips for `sumo` |")
     lines += [

@@ -1,0 +1,227 @@
+"""Scenarios of ScenarioNet for MetaDrive's `ScenarioEnv`: a pickle for each, and the index of their folder.
+
+The pickles hold dictionaries, lists, texts, numbers and arrays. They name no private module of
+NumPy, so that its versions 1 and 2 read them.
+"""
+
+import os
+import pickle
+from collections.abc import Iterable
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Road, Traffic, make_traffic
+from elitelanes_jax.formats.streets import Streets, bounds
+from elitelanes_jax.lanes.movements import LaneNode
+
+_KINDS = {
+    "lane": "LANE_SURFACE_STREET",
+    "road_line": "ROAD_LINE_BROKEN_SINGLE_YELLOW",
+    "road_edge": "ROAD_EDGE_BOUNDARY",
+    "stop_sign": "STOP_SIGN",
+}
+_VEHICLE = "VEHICLE"
+_DATASET = "elitelanes"
+_VERSION = "MetaDrive v0.4.3"  # of the format
+_PROTOCOL = 4  # of pickles, which Python 3.4 and later read
+
+
+@name_wrong_arguments
+def to_scenarionet(
+    source: UserValue, name: str, streets: Streets = Streets(), *, seed: int = 0
+) -> bytes:
+    """Returns a scenario of ScenarioNet as a pickle; the same map gives the same bytes.
+
+    A lane's id is its index: lanes come first, one for each movement, in ascending order of row,
+    column, heading and turn. Cars turn back at dead ends. They drive for 9 s at the speed limit
+    along random turns, and none touches another. The first one is the car that `ScenarioEnv`
+    controls. If it comes back to its own route, the scenario ends before, because MetaDrive finds
+    its place on the route by the distance alone.
+
+    MetaDrive reads files whose names begin with ``sd_`` and end with ``.pkl``. Their folder needs
+    the files of `index_scenarios`.
+
+    Args:
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
+        returns, or that leave the grid, are no roads.
+      name: the id of the scenario.
+      streets: their measures. Signs stand at all-way stops alone.
+      seed: of the cars' starts and turns.
+
+    Raises:
+      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad
+        seed.
+    """
+    traffic = make_traffic(source, streets, seed)
+    steps = _steps_before_return(traffic.logs[0], streets)
+    tracks: dict[str, Plain] = {}
+    for log in _without_touching(traffic.logs, traffic.sides):
+        number = str(len(tracks))
+        tracks[number] = _track(number, log, traffic.sides, steps)
+    features = _features(traffic, streets)
+    metadata: dict[str, Plain] = {"id": name, "scenario_id": name, "dataset": _DATASET}
+    metadata |= {"coordinate": "metadrive", "metadrive_processed": False, "sdc_id": "0"}
+    metadata["ts"] = (np.arange(steps) * STEP).astype("<f4")
+    metadata |= _summaries(tracks, len(features))
+    scenario = {"id": name, "version": _VERSION, "length": steps, "metadata": metadata}
+    states: dict[str, Plain] = {}  # there are no lights
+    return _to_pickle(
+        scenario | {"tracks": tracks, "dynamic_map_states": states, "map_features": features}
+    )
+
+
+def index_scenarios(folder: str | Path, files: Iterable[str | Path]) -> dict[str, bytes]:
+    """Returns the files that make a folder a database of ScenarioNet, by their names.
+
+    Args:
+      folder: of the database.
+      files: of `to_scenarionet`, in the order of their indices in `ScenarioEnv`, in any folders.
+
+    Raises:
+      InputError: for files that have the same name, or a file that `to_scenarionet` did not write.
+      OSError: if a file cannot be read.
+    """
+    summary: dict[str, Plain] = {}
+    mapping: dict[str, Plain] = {}
+    for file in map(Path, files):
+        if file.name in summary:
+            raise InputError(f"files: expected files of different names, got two for {file.name}")
+        metadata = _read_metadata(file)
+        metadata["ts"] = metadata["ts"].tolist()
+        summary[file.name] = metadata
+        place = os.path.relpath(file.parent, folder)
+        mapping[file.name] = "" if place == "." else Path(place).as_posix()
+    return {"dataset_summary.pkl": _to_pickle(summary), "dataset_mapping.pkl": _to_pickle(mapping)}
+
+
+def _steps_before_return(log: Log, streets: Streets) -> int:
+    """Returns the steps of a car before it is on a part of the road where it was earlier."""
+    distances = np.abs(log.position[:, None] - log.position)
+    steps = np.arange(STEPS)
+    driven = (steps[:, None] - steps) * STEP * streets.speed
+    # A car that turns back is at least the width of a lane from where it came.
+    returns = ((distances < streets.lane / 2) & (driven > 2 * streets.lane)).any(axis=1)
+    return int(np.argmax(returns)) or STEPS
+
+
+def _without_touching(logs: list[Log], sides: CarSides) -> list[Log]:
+    """Returns the logs of cars that never touch one before them. Three circles cover a car."""
+    third = sides.length / 3
+    apart = 2 * np.hypot(third / 2, sides.width / 2)
+    result: list[Log] = []
+    places: list[NDArray[np.complex128]] = []
+    for log in logs:
+        ahead = np.exp(1j * log.heading)[:, None]
+        circles = log.position[:, None] + third * np.array([-1, 0, 1]) * ahead
+        gaps = [np.abs(circles[:, :, None] - other[:, None]).min() for other in places]
+        if min(gaps, default=np.inf) > apart:
+            result.append(log)
+            places.append(circles)
+    return result
+
+
+def _track(number: str, log: Log, sides: CarSides, steps: int) -> dict[str, Plain]:
+    state: dict[str, Plain] = {"position": _floats(log.position[:steps], 3)}
+    state |= {"heading": log.heading[:steps].astype("<f4")}
+    state |= {"velocity": _floats(log.velocity[:steps], 2), "valid": np.ones(steps, bool)}
+    for name, side in sides._asdict().items():
+        state[name] = np.full(steps, side, "<f4")
+    about = {"type": _VEHICLE, "object_id": number, "track_length": steps, "dataset": _DATASET}
+    return {"type": _VEHICLE, "state": state, "metadata": about}
+
+
+def _features(traffic: Traffic, streets: Streets) -> dict[str, Plain]:
+    """Returns what is on the map, by ids that are whole numbers."""
+    successors, predecessors = traffic.graph.list_successors(), traffic.graph.list_predecessors()
+    lanes_of: dict[LaneNode, list[str]] = {}
+    for index, movement in enumerate(traffic.graph.list_movements()):
+        lanes_of.setdefault(movement.node, []).append(str(index))
+    features: dict[str, Plain] = {}
+    for index, road in enumerate(traffic.roads):
+        feature: dict[str, Plain] = {"type": _KINDS[road.kind]}
+        if road.kind == "stop_sign":
+            feature["position"] = _floats(road.points, 3)[0]
+            feature["lane"] = lanes_of[road.movement.node]
+        else:
+            feature["polyline"] = _floats(road.points, 3)
+        if road.kind == "lane":
+            feature["polygon"] = _outline(road, streets, traffic.rows)
+            feature["entry_lanes"] = list(map(str, predecessors[index]))
+            feature["exit_lanes"] = list(map(str, successors[index]))
+            # Neighbours are lanes to change to: each direction has one lane.
+            feature |= {"left_neighbor": [], "right_neighbor": []}
+            feature["speed_limit_kmh"] = 3.6 * streets.speed
+        features[str(index)] = feature
+    return features
+
+
+def _outline(road: Road, streets: Streets, rows: int) -> NDArray[np.float32]:
+    left, right = bounds(road.movement, streets, rows)
+    return _floats(np.concatenate([left, right[::-1]]), 2)
+
+
+def _floats(points: NDArray[np.complex128], dimensions: int) -> NDArray[np.float32]:
+    """Returns x, y and, in three dimensions, 0 for z."""
+    return np.stack([points.real, points.imag, 0 * points.real], axis=1)[:, :dimensions].astype(
+        "<f4"
+    )
+
+
+def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
+    """Returns the numbers that ScenarioNet's filters read: those of each car, and those of the scenario."""
+    cars: dict[str, Plain] = {}
+    for number, track in tracks.items():
+        position = track["state"]["position"]
+        steps = len(position)
+        distance = float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
+        cars[number] = {"type": _VEHICLE, "object_id": number, "moving_distance": distance}
+        cars[number] |= dict.fromkeys(
+            ("track_length", "valid_length", "continuous_valid_length"), steps
+        )
+    moving = sum(car["moving_distance"] > 1 for car in cars.values())
+    numbers: dict[str, Plain] = {"object_types": [_VEHICLE], "num_map_features": features}
+    numbers |= {"num_objects": len(cars), "num_objects_each_type": {_VEHICLE: len(cars)}}
+    numbers |= {"num_moving_objects": moving, "num_moving_objects_each_type": {_VEHICLE: moving}}
+    numbers |= {"num_traffic_lights": 0, "num_traffic_light_types": []}
+    numbers |= {"num_traffic_light_each_step": {}, "map_height_diff": 0.0}
+    return {"object_summary": cars, "number_summary": numbers}
+
+
+class _Pickler(pickle.Pickler):
+    """Writes arrays by public names, because NumPy 1 and 2 differ in the private module that NumPy's own way names."""
+
+    # The type is that of the method in the library.
+    def reducer_override(self, obj: Any) -> Any:
+        if not isinstance(obj, np.ndarray):
+            return NotImplemented
+        # An array over a bytearray can be changed. MetaDrive moves positions in place.
+        return np.ndarray, (obj.shape, obj.dtype.str, bytearray(obj.tobytes()))
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads the pickles of `_Pickler` alone, so that other files run no code."""
+
+    def find_class(self, module: str, name: str) -> type:
+        return {"numpy.ndarray": np.ndarray, "builtins.bytearray": bytearray}[f"{module}.{name}"]
+
+
+def _to_pickle(content: dict[str, Plain]) -> bytes:
+    stream = BytesIO()
+    _Pickler(stream, _PROTOCOL).dump(content)
+    return stream.getvalue()
+
+
+def _read_metadata(file: Path) -> dict[str, Plain]:
+    content = file.read_bytes()
+    try:
+        metadata: dict[str, Plain] = _Unpickler(BytesIO(content)).load()["metadata"]
+    except Exception:  # What is no pickle raises errors of many kinds.
+        raise InputError(f"{file}: expected a scenario of to_scenarionet") from None
+    return metadata
