@@ -21,7 +21,7 @@ LARGEST = 2**30
 # The suffixes of files, which the name of a folder hardly has.
 _FILES = (
     ".csv", ".gif", ".glb", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log", ".map", ".md",
-    ".npy", ".npz", ".osm", ".pdf", ".png", ".py", ".scen", ".svg", ".tar", ".toml", ".txt",
+    ".npy", ".npz", ".osm", ".pdf", ".pkl", ".png", ".py", ".scen", ".svg", ".tar", ".toml", ".txt",
     ".xml", ".xodr", ".yaml", ".yml", ".zip",
 )  # fmt: skip
 

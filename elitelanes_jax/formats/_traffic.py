@@ -16,7 +16,7 @@ from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, to_metres
 from elitelanes_jax.lanes.curves import CHORDS, lane_curves
-from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.links import Cell, linked_codes
 from elitelanes_jax.lanes.movements import BACK, LaneGraph, Movement, lane_graph, no_lane
 from elitelanes_jax.network.codes import CONNECTIONS
 
@@ -106,9 +106,9 @@ def make_traffic(source: UserValue, streets: Streets, seed: int) -> Traffic:
     rows = len(road_map.codes)
     graph = lane_graph(road_map.codes, turn_back=True)
     roads = _list_roads(road_map.codes, graph, streets)
-    for tile, rule in rights_of_way(road_map, streets).items():
-        if rule == "allway_stop":
-            roads += _stop_signs(tile, graph, streets, rows)
+    rules = rights_of_way(road_map, streets)
+    stops = [tile for tile, rule in rules.items() if rule == "allway_stop"]
+    roads += _stop_signs(stops, graph, streets, rows)
     logs = _drive(graph, roads, streets, np.random.default_rng(seed))
     sides = CarSides(*(share * streets.lane for share in (_LENGTH, _WIDTH, _HEIGHT)))
     return Traffic(graph, roads, logs, sides, rows)
@@ -171,20 +171,19 @@ def _ahead(point: Float[np.ndarray, "2"], heading: int, distance: float) -> Floa
     return point + distance * steps[heading]
 
 
-def _stop_signs(
-    tile: tuple[int, int], graph: LaneGraph, streets: Streets, height: int
-) -> list[Road]:
-    """Returns the signs to the right of the lanes that enter a crossing."""
-    headings = {
-        movement.heading: movement
-        for movement in graph.list_movements()
-        if movement.node.tile == tile
-    }
+def _stop_signs(tiles: list[Cell], graph: LaneGraph, streets: Streets, height: int) -> list[Road]:
+    """Returns the signs to the right of the lanes that enter crossings."""
     width = streets.lane / streets.tile
-    return [
-        Road("stop_sign", _line(movement, width, streets, height)[:1], movement)
-        for movement in headings.values()
-    ]
+    movements: dict[Cell, dict[int, Movement]] = {tile: {} for tile in tiles}
+    for movement in graph.list_movements():
+        if movement.node.tile in movements:
+            movements[movement.node.tile][movement.heading] = movement
+    signs: list[Road] = []
+    for of_headings in movements.values():
+        for movement in of_headings.values():
+            points = _line(movement, width, streets, height)[:1]
+            signs.append(Road("stop_sign", points, movement))
+    return signs
 
 
 def _drive(

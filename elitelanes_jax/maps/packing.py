@@ -318,7 +318,8 @@ def _card(
         for file in FORMATS[to].paths("ID"):
             lines.append(f"| `{to}/NICHE/{file}` | for `{to}` |")
         if FORMATS[to].index is not None:
-            lines.append(f"| `{to}/train` | the index of a split, for `{to}` |")
+            for split in about["splits"]:
+                lines.append(f"| `{to}/{split}` | the index of a split, for `{to}` |")
     if "sumo" in spec.to:
         lines.append(f"| `sumo/NICHE/ID{_ROUTES}` | the trips for `sumo` |")
     lines += [

@@ -4,6 +4,7 @@ A lane is (row, column, heading in, heading out), as in `simulator_maps.lane_gra
 """
 
 import json
+import pickle
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from typing import NamedTuple
@@ -12,7 +13,14 @@ import numpy as np
 import pytest
 from simulator_maps import AHEAD, SIDES, lane_graph
 
-from elitelanes_jax.formats import to_commonroad, to_lanelet2, to_opendrive, to_pufferdrive, to_sumo
+from elitelanes_jax.formats import (
+    to_commonroad,
+    to_lanelet2,
+    to_opendrive,
+    to_pufferdrive,
+    to_scenarionet,
+    to_sumo,
+)
 
 QUARTERS = {1: 0, 0: 1, 3: 2, 2: 3}  # the turn of a lane by its quarter turns clockwise: right, straight, left, back
 CYCLE = ["green", "yellow", "red", "redYellow"]
@@ -287,6 +295,12 @@ def points_of_sumo(plain):
 
 
 def controls_of_pufferdrive(made, grid):
+    roads = json.loads(made.text)["roads"]
+    points = [point for road in roads if road["type"] == "stop_sign" for point in road["geometry"]]
+    return controls_of_signs([complex(point["x"], point["y"]) for point in points], grid)
+
+
+def controls_of_signs(signs, grid):
     """A stop sign is to the right of the lane that enters a crossing, at the border of its tile. Lanes are 3.2 m."""
     places = {}
     for row, column, into in approaches(grid):
@@ -294,13 +308,10 @@ def controls_of_pufferdrive(made, grid):
         place = 30 * (centre - AHEAD[into] / 2) - 3.2j * AHEAD[into]
         places[row, column, into] = place
     stops = set()
-    for road in json.loads(made.text)["roads"]:
-        if road["type"] == "stop_sign":
-            (point,) = road["geometry"]
-            sign = complex(point["x"], point["y"])
-            (approach,) = (approach for approach, place in places.items() if abs(place - sign) < 1e-3)
-            assert approach not in stops
-            stops.add(approach)
+    for sign in signs:
+        (approach,) = (approach for approach, place in places.items() if abs(place - sign) < 1e-3)
+        assert approach not in stops
+        stops.add(approach)
     tiles = {approach[:2] for approach in stops}
     assert stops == {approach for approach in places if approach[:2] in tiles}  # at all arms
     return dict.fromkeys(tiles, Control("allway_stop"))
@@ -309,6 +320,23 @@ def controls_of_pufferdrive(made, grid):
 def points_of_pufferdrive(made):
     roads = [road["geometry"] for road in json.loads(made.text)["roads"] if road["type"] == "lane"]
     return [complex(point["x"], point["y"]) for road in roads for point in road]
+
+
+def controls_of_scenarionet(made, grid):
+    features = pickle.loads(made)["map_features"]
+    signs = [feature for feature in features.values() if feature["type"] == "STOP_SIGN"]
+    for sign in signs:
+        turns = {tuple(features[lane]["polyline"][0].tolist()) for lane in sign["lane"]}
+        (start,) = turns  # all lanes that it is for start to the left of it
+        assert np.hypot(*(sign["position"] - start)[:2]) == pytest.approx(1.6, abs=1e-3)
+    return controls_of_signs([complex(*sign["position"][:2].astype(float)) for sign in signs], grid)
+
+
+def points_of_scenarionet(made):
+    lanes = [feature for feature in pickle.loads(made)["map_features"].values() if "exit_lanes" in feature]
+    return [
+        complex(*point) for lane in lanes for points in (lane["polyline"], lane["polygon"]) for point in points[:, :2]
+    ]
 
 
 NETWORKS = {
@@ -334,6 +362,12 @@ NETWORKS = {
         lambda source, *streets: to_pufferdrive(source, "city", *streets),
         controls_of_pufferdrive,
         points_of_pufferdrive,
+        ("allway_stop",),
+    ),
+    "scenarionet": Format(
+        lambda source, *streets: to_scenarionet(source, "city", *streets),
+        controls_of_scenarionet,
+        points_of_scenarionet,
         ("allway_stop",),
     ),
 }

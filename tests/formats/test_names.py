@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import pickle
 import re
 import xml.etree.ElementTree as ET
 from urllib.parse import unquote
@@ -43,6 +44,10 @@ def read_pufferdrive(files):
     return json.loads(files[1])["name"]
 
 
+def read_scenarionet(files):
+    return pickle.loads(files[0])["metadata"]["scenario_id"]
+
+
 def read_usd(files):
     """A path is what stands between two @ on a line."""
     (path,) = re.findall("@([^@\n]*)@", files[0])
@@ -51,6 +56,7 @@ def read_usd(files):
 
 READERS = {
     "pufferdrive": read_pufferdrive,
+    "scenarionet": read_scenarionet,
     "sumo": read_sumo,
     "mujoco": read_mujoco,
     "usd": read_usd,

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import pickle
 import shutil
 from hashlib import sha256
 
@@ -79,6 +80,22 @@ def test_splits_hold_out_whole_niches(split, tmp_path):
         assert all(table[one]["split"] == name for one in ids)
         assert bool(ids) == bool(share) and abs(len(ids) - share * len(MAPS)) <= 3
         assert about["splits"].get(name, {"maps": 0})["maps"] == len(ids)
+
+
+def test_an_index_has_the_scenarios_of_its_split(tmp_path):
+    spec = SPEC.replace(to=("scenarionet",), trips=1, split=(0.5, 0.5, 0))
+    pack(spec, MAPS[:6], tmp_path / "pack")
+    folder = tmp_path / "pack" / "scenarionet"
+    assert not (folder / "test").exists()
+    card = (tmp_path / "pack" / "README.md").read_text()
+    listed = set()
+    for split in ("train", "validation"):
+        assert f"| `scenarionet/{split}` |" in card
+        mapping = pickle.loads((folder / split / "dataset_mapping.pkl").read_bytes())
+        ids = (tmp_path / "pack" / "splits" / f"{split}.txt").read_text().split()
+        assert list(mapping) == [f"sd_{town}.pkl" for town in ids]
+        listed |= {(folder / split / place / name).resolve() for name, place in mapping.items()}
+    assert listed == {file.resolve() for file in folder.rglob("sd_*.pkl")}
 
 
 def test_a_large_niche_counts_with_all_its_maps():
