@@ -131,7 +131,7 @@ def _write_maps(
             return target.files(maps[file], name, **settings)
 
     only = None
-    if len(target.suffixes) == 1 and target.index is None:
+    if len(target.suffixes) == 1 and target.catalogue is None:
         only = target.suffixes[0]
     if only and out.name.lower().endswith(only):
         if len(maps) > 1:
@@ -149,8 +149,8 @@ def _write_maps(
             for place, content in zip(target.paths(stem), contents(file, stem), strict=True):
                 written.append(work.files / place)
                 write_atomic(written[-1], as_bytes(content))
-        if target.index is not None:
-            for index_name, content in target.index(work.files, written).items():
+        if target.catalogue is not None:
+            for index_name, content in target.catalogue(work.files, written).items():
                 write_atomic(work.files / index_name, content)
 
 

@@ -35,7 +35,7 @@ class Format(NamedTuple):
       takes: the settings of `FormatOptions` that it has.
       limits: map -> what of the map the programs that read the format cannot use.
       prefix: of the names of the files.
-      index: (folder, the files of all maps in it) -> more files of the folder by name; None for a
+      catalogue: (folder, the files of all maps in it) -> more files of the folder by name; None for a
         format without.
     """
 
@@ -44,7 +44,7 @@ class Format(NamedTuple):
     takes: tuple[str, ...] = ()
     limits: Callable[[RoadMap], list[str]] = lambda road_map: []
     prefix: str = ""
-    index: Callable[[Path, list[Path]], dict[str, bytes]] | None = None
+    catalogue: Callable[[Path, list[Path]], dict[str, bytes]] | None = None
 
     def paths(self, name: str) -> list[str]:
         """Returns the path of each file of a map in its folder; `name` is theirs without suffix."""
@@ -198,7 +198,9 @@ FORMATS = {
     "lanelet2": Format((".osm",), _lanelet2, _STREETS),
     "commonroad": Format((".xml",), _commonroad, _STREETS),
     "pufferdrive": Format((".bin", ".json"), _pufferdrive, _STREETS),
-    "scenarionet": Format((".pkl",), _scenarionet, _STREETS, prefix="sd_", index=_index_scenarios),
+    "scenarionet": Format(
+        (".pkl",), _scenarionet, _STREETS, prefix="sd_", catalogue=_index_scenarios
+    ),
     "gltf": Format((".glb",), _gltf, _FLOOR),
     "mujoco": Format((".xml", ".png"), _mujoco, _FLOOR),
     "usd": Format((".usda", ".png"), _usd, _FLOOR),

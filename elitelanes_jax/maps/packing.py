@@ -235,7 +235,7 @@ def _write(
 def _write_indices(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> None:
     """Writes the indices of a format that has them, one for each split, into folders of their own."""
     for to in spec.to:
-        index = FORMATS[to].index
+        index = FORMATS[to].catalogue
         if index is None:
             continue
         for split in SPLITS:
@@ -317,7 +317,7 @@ def _card(
     for to in spec.to:
         for file in FORMATS[to].paths("ID"):
             lines.append(f"| `{to}/NICHE/{file}` | for `{to}` |")
-        if FORMATS[to].index is not None:
+        if FORMATS[to].catalogue is not None:
             for split in about["splits"]:
                 lines.append(f"| `{to}/{split}` | the index of a split, for `{to}` |")
     if "sumo" in spec.to:
