@@ -210,7 +210,9 @@ def test_a_history_is_the_median_in_a_band():
 def test_without_matplotlib_the_message_says_what_to_install(monkeypatch):
     for name in ("matplotlib", "matplotlib.pyplot"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError, match="^plots need matplotlib: pip install matplotlib, or the extra plots of elitelanes_jax$"):
+    with pytest.raises(
+        InputError, match="^plots need matplotlib: pip install matplotlib, or the extra plots of elitelanes_jax$"
+    ):
         road_map([[0, 0], [0, 0]])
 
 

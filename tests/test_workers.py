@@ -64,6 +64,7 @@ def records():
     collect(SearchInterrupted("stopped", search))
     collect(drive.LaneDrive.step(key, given["state"], np.zeros(2, np.float32), params))
     collect([params, load_objects(), make_plan(RoadMap(GRID, objects=(cone,)))])
+    collect(drive.make_scenes([RoadMap(GRID)]))
     collect([InputError("wrong"), MissingPackageError("missing")])
     for kind in RECORDS:
         if kind not in found:

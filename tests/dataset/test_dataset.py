@@ -217,7 +217,10 @@ def test_given_maps_need_pictures_of_their_tiles(tmp_path):
 
 def test_without_pycocotools_the_message_names_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pycocotools", None)
-    with pytest.raises(InputError, match=r"^format: coco needs pycocotools: pip install pycocotools, or the extra coco of elitelanes_jax$"):
+    with pytest.raises(
+        InputError,
+        match=r"^format: coco needs pycocotools: pip install pycocotools, or the extra coco of elitelanes_jax$",
+    ):
         make_dataset(small(format="coco"), tmp_path / "out")
     assert not list(tmp_path.iterdir())
 

@@ -224,6 +224,8 @@ def test_hugging_face_datasets_streams_parquet(tmp_path):
 
 def test_without_pyarrow_the_message_names_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(InputError, match=r"^format: parquet needs pyarrow: pip install pyarrow, or the extra shards of elitelanes_jax$"):
+    with pytest.raises(
+        InputError, match=r"^format: parquet needs pyarrow: pip install pyarrow, or the extra shards of elitelanes_jax$"
+    ):
         make_dataset(small(format="parquet"), tmp_path / "out")
     assert not list(tmp_path.iterdir())
