@@ -86,7 +86,7 @@ def arguments():
         "bits": np.zeros(3, np.uint32), "camera": drive.Camera(), "codes": grid, "config": optimizers.EvolutionConfig(),
         "count": 2, "cuts": [tiles.Cut("turn_1", 6, tile.image, "a.jpg", 0, 0)], "depth": 3.0,
         "descriptor": np.zeros((2, 5), int), "dtype": np.dtype(np.int32), "environment": drive.RoadNav,
-        "evaluate": made.evaluate, "features": {}, "file": "map.json", "files": (), "fill": True,
+        "evaluate": made.evaluate, "features": {}, "file": "map.json", "files": [], "fill": True,
         "fitness": np.zeros(3), "folder": "folder", "found": found, "function": measure, "generations": 1,
         "goal": drive.LaneNode(0, 1, 1), "grid": grid, "grids": np.zeros((2, 4, 4), np.int8),
         "groups": {"a": {"turns": [1, 2]}}, "gymnasium": gymnasium, "image": "map.pgm",

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Road, Traffic, make_traffic
@@ -77,6 +78,7 @@ def to_scenarionet(
     )
 
 
+@name_wrong_arguments
 def index_scenarios(folder: str | Path, files: Iterable[str | Path]) -> dict[str, bytes]:
     """Returns the files that make a folder a database of ScenarioNet, by their names.
 
@@ -85,12 +87,14 @@ def index_scenarios(folder: str | Path, files: Iterable[str | Path]) -> dict[str
       files: of `to_scenarionet`, in the order of their indices in `ScenarioEnv`, in any folders.
 
     Raises:
-      InputError: for files that have the same name, or a file that `to_scenarionet` did not write.
+      InputError: for no files, files that have the same name, or a file that `to_scenarionet` did
+        not write.
       OSError: if a file cannot be read.
     """
     summary: dict[str, Plain] = {}
     mapping: dict[str, Plain] = {}
-    for file in map(Path, files):
+    folder = check_named("folder", path, folder)
+    for file in check_named("files", paths, files):
         if file.name in summary:
             raise InputError(f"files: expected files of different names, got two for {file.name}")
         metadata = _read_metadata(file)
