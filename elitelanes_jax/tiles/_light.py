@@ -4,9 +4,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-_BRIGHTEST = 90.0  # asphalt in daylight, of 255
+# The brightness of asphalt in daylight, of 255.
+_DARKEST = 65.0
+_BRIGHTEST = 90.0
 # The side of a tile at which the ground is measured: the time grows with its fourth power.
 _MOST_PX = 96
+_ASPHALT = np.array(
+    [1.0, 0.93, 0.82]
+)  # its colour in daylight, red, green and blue: of four photographs
+_BARE = 1.2  # of the ground's brightness: darker pixels show no tape
+_MOST_TINT = 3.0  # between the channels of a light; more is a ground in a colour of its own
 _LEAST_GAIN = 0.6  # by which light is dimmed at most: brighter ground is no asphalt
 
 
@@ -26,8 +33,29 @@ def ground_of(image: NDArray[np.uint8], tile_px: float) -> NDArray[np.float32]:
     return np.asarray(cv2.resize(ground, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def even_light(image: NDArray[np.uint8], darkest: float) -> NDArray[np.uint8]:
-    """Returns an RGB picture of a tile whose ground is nowhere darker than `darkest`, or brighter than asphalt is."""
+def even_light(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Returns an RGB picture of a tile in daylight, whose ground is everywhere as bright as asphalt."""
     ground = ground_of(image, image.shape[0])
-    gain = np.maximum(np.clip(ground, darkest, _BRIGHTEST) / ground, _LEAST_GAIN)
-    return np.clip(np.rint(image * gain[..., None]), 0, 255).astype(np.uint8)
+    gain = np.maximum(np.clip(ground, _DARKEST, _BRIGHTEST) / ground, _LEAST_GAIN)
+    daylight = _whiten(image, ground) * gain[..., None]
+    return np.clip(np.rint(daylight), 0, 255).astype(np.uint8)
+
+
+def in_daylight(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Returns an RGB picture of a tile whose ground has the colour of asphalt in daylight."""
+    daylight = _whiten(image, ground_of(image, image.shape[0]))
+    return np.clip(np.rint(daylight), 0, 255).astype(np.uint8)
+
+
+def _whiten(image: NDArray[np.uint8], ground: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Divides the channels of a picture by the colour of its light; none gets darker."""
+    bare = image.max(axis=2) + np.float32(4) < _BARE * ground
+    if not bare.any():
+        return image.astype(np.float32)
+    light = (np.median(image[bare], axis=0) + 2) / _ASPHALT
+    gains = np.minimum(light.max() / light, _MOST_TINT).astype(np.float32)
+    white = image * gains
+    # A channel at its limit was brighter than the camera could say: otherwise a yellow line whose
+    # red is at the limit would become green.
+    brightest = white.max(axis=2, keepdims=True)
+    return np.where(image == 255, brightest, white)

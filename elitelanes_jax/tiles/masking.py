@@ -1,7 +1,8 @@
 """Proposes masks by colour for tiles that have only a photograph, to be corrected by hand.
 
-Tape is found by its hue, asphalt by its darkness. The road is the largest dark piece, with the tape
-on it, within the white tape along its edges.
+The picture is brought to daylight first, in which the colour of asphalt is known. Tape is found by
+its hue, asphalt by its darkness. The road is the largest dark piece, with the tape on it, within
+the white tape along its edges.
 """
 
 import re
@@ -30,9 +31,6 @@ _RIM = 0.004
 _SLIVER = 0.02  # of a tile: a cut is off by less
 # Of a tile's area: smaller pieces are specks; a tenth of a line or dash.
 _LEAST = {"red": 0.003, "yellow": 0.0004}
-# Shadows are brightened until the ground has this brightness. Between road and white tape, more
-# contrast is needed.
-_DARKEST = {"tape": 55, "road": 65}
 _TOP = (179, 255, 255)
 _SHEET_PX = 240  # side of a tile on the sheet
 _SHEET_COLOURS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}
@@ -61,7 +59,7 @@ COLOURS: Mapping[str, Colour] = {
     "red": Colour((165, 10), (100, 255), (90, 255)),
     "yellow": Colour((18, 38), (70, 255), (130, 255)),
 }
-"""The ranges of Duckietown's asphalt (brightness about 50 to 95) and tapes, in daylight and in lamplight."""
+"""The ranges of Duckietown's asphalt and tapes, in a picture that was brought to daylight."""
 
 
 def parse_colour(text: str) -> Colour:
@@ -111,13 +109,15 @@ def propose_masks(
         )
     size = image.shape[0]
     fine = _disc(size * _CLEAN)
+    smooth = cv2.medianBlur(even_light(image), 3)
+    hsv = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_RGB2HSV), np.uint8)
     lines = {}
     for name in ("red", "yellow"):
-        in_range = _in_range(image, colours[name], _DARKEST["tape"])
+        in_range = _in_range(hsv, colours[name])
         lines[name] = _pieces(_clean(in_range, fine, fine), _LEAST[name] * size * size)
     lines["yellow"] &= ~lines["red"]
     tape = lines["red"] | lines["yellow"]
-    dark = np.where(tape, np.uint8(255), _in_range(image, colours["road"], _DARKEST["road"]))
+    dark = np.where(tape, np.uint8(255), _in_range(hsv, colours["road"]))
     road = _largest(_without_slivers(_clean(dark, fine, _disc(size * _CUT)), round(size * _SLIVER)))
     return {"road": road, "red": lines["red"] & road, "yellow": lines["yellow"] & road}
 
@@ -228,11 +228,8 @@ def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint
     return contact_sheet(title, pictures, captions)
 
 
-def _in_range(image: NDArray[np.uint8], colour: Colour, darkest: float) -> NDArray[np.uint8]:
-    """Finds a colour in a picture whose ground is brought to at least the brightness `darkest`."""
-    hsv = np.asarray(
-        cv2.cvtColor(cv2.medianBlur(even_light(image, darkest), 3), cv2.COLOR_RGB2HSV), np.uint8
-    )
+def _in_range(hsv: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
+    """Finds a colour in a picture of hue, saturation and value."""
     (first, last), *rest = colour
     hues = [(first, last)] if first <= last else [(first, _TOP[0]), (0, last)]
     masks = [

@@ -38,7 +38,7 @@ class SideLines(NamedTuple):
 
 def measure_sides(tile: Tile) -> list[SideLines]:
     """Measures the lines at each side that a tile opens."""
-    bright = even_light(tile.image, 55).min(axis=2) > _WHITE
+    bright = even_light(tile.image).min(axis=2) > _WHITE
     measured = []
     for turns, side in enumerate(SIDES):
         if tile.code & side.bit:

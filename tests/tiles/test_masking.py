@@ -31,11 +31,15 @@ def overlaps(tiles, change):
         ("drawn_tiles", 0.5, (0.99, 0.98, 0.92)),  # measured: 0.999, 0.993, 0.930
         ("drawn_tiles", 0.75, (0.99, 0.95, 0.9)),
         ("drawn_tiles", 1.25, (0.99, 0.95, 0.9)),
+        ("drawn_tiles", (1.25, 1, 0.65), (0.99, 0.95, 0.9)),  # a lamp's
+        ("real_tiles", (1.25, 1, 0.65), (0.99, 0.95, 0.9)),
+        ("drawn_tiles", (0.85, 1, 1.2), (0.99, 0.95, 0.9)),  # a cloudy day's
+        ("real_tiles", (0.65, 0.5, 0.36), (0.99, 0.95, 0.9)),
     ],
 )
 def test_proposals_are_close_to_the_masks_also_in_other_light(tiles, light, least, request):
     tiles = request.getfixturevalue(tiles)
-    found = overlaps(tiles, lambda image: np.clip(image * float(light), 0, 255).astype(np.uint8))
+    found = overlaps(tiles, lambda image: np.clip(image * np.array(light, float), 0, 255).astype(np.uint8))
     assert all(found[name] > limit for name, limit in zip(MASKS, least, strict=True)), found
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
-from elitelanes_jax.tiles._light import ground_of
+from elitelanes_jax.tiles._light import ground_of, in_daylight
 from elitelanes_jax.tiles.masking import Proposal as Masked
 from elitelanes_jax.tiles.masking import propose_masks
 from elitelanes_jax.tiles.photographs.proposals import SURE, Proposal
@@ -134,7 +134,7 @@ def _without_red_rim(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Replaces what is red near the sides by the pixels inside of it: a neighbour's stop line lies over the border."""
     rim = round(len(image) * _RIM)
     inside = cv2.copyMakeBorder(image[rim:-rim, rim:-rim], rim, rim, rim, rim, cv2.BORDER_REPLICATE)
-    hue, saturation, _ = np.moveaxis(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), -1, 0)
+    hue, saturation, _ = np.moveaxis(cv2.cvtColor(in_daylight(image), cv2.COLOR_RGB2HSV), -1, 0)
     is_red = ((hue >= _RED_HUES[0]) | (hue <= _RED_HUES[1])) & (saturation >= _REDDISH)
     is_red = cv2.dilate(is_red.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     is_red[rim:-rim, rim:-rim] = False
