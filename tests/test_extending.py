@@ -140,7 +140,7 @@ def test_values_out_of_range_are_refused():
 def test_large_numbers_of_numpy_are_refused(large):
     for options in ({"fitness": lambda grid: large}, {"features": {"mine": lambda grid: large}, "axes": "mine:2"}):
         problem = road_problem(SHAPE, **options)
-        assert not score(problem, jnp.zeros((2, *SHAPE), jnp.int8)).valid.any()
+        assert not jax.jit(partial(score, problem))(jnp.zeros((2, *SHAPE), jnp.int8)).valid.any()
 
 
 def test_an_error_of_the_user_is_not_blamed_on_jax():
@@ -306,7 +306,7 @@ def test_moves_of_the_user_are_made_in_proportion_to_their_weights():
     grid, bits = jnp.full(SHAPE, 15, jnp.int8), random_bits(jax.random.key(0), (20_000, 10))
     weights = MoveWeights(**dict.fromkeys(KNOWN_MOVES, 0) | {"clear": 1})
     weights = weights.with_moves({"clear": 0, "a": (1, mark(1)), "b": (3, mark(2))})
-    varied = jax.vmap(lambda bits: random_move(weights, fill=True).apply(bits, grid).grid)(bits)
+    varied = jax.jit(jax.vmap(lambda bits: random_move(weights, fill=True).apply(bits, grid).grid))(bits)
     assert float((varied == 1).any(axis=(1, 2)).mean()) == pytest.approx(0.25, abs=0.02)
     assert float((varied == 2).any(axis=(1, 2)).mean()) == pytest.approx(0.75, abs=0.02)
     corners = varied[:, (0, 0, 3, 3), (0, 3, 0, 3)] != 15
@@ -319,7 +319,7 @@ def test_a_move_of_weight_0_and_the_order_of_names_change_nothing():
 
     def made(moves):
         move = random_move(MoveWeights().with_moves(moves), fill=True)
-        return jax.vmap(lambda bits: move.apply(bits, grid).grid)(bits)
+        return jax.jit(jax.vmap(lambda bits: move.apply(bits, grid).grid))(bits)
 
     np.testing.assert_array_equal(made(both | {"c": (0, mark(1))}), made(dict(reversed(both.items()))))
 
@@ -372,7 +372,7 @@ def check_search(which, score):
     problem = Problem((5, 4), score, ("alike", "ones"), (Axis("ones", 6, 3),), COLOURS)
     optimizer = make_optimizer(problem, PRESETS[which])
     states, info = jax.jit(partial(run, optimizer), static_argnums=1)(seed_keys(0, 2), 40)
-    found = jax.vmap(optimizer.elites)(states)
+    found = jax.jit(jax.vmap(optimizer.elites))(states)
     valid = np.asarray(found.valid)
     assert valid.any(axis=1).all()
     grids = jnp.asarray(np.asarray(found.grids)[valid])
@@ -382,7 +382,7 @@ def check_search(which, score):
     np.testing.assert_array_equal(np.asarray(found.features)[valid], again.features)
     assert not np.isnan(again.fitness).any()
     assert (info.best_fitness[-1] <= info.best_fitness[0]).all()
-    chance = score(problem.random(jax.random.key(1), 200)).fitness
+    chance = score(jax.jit(problem.random, static_argnums=1)(jax.random.key(1), 200)).fitness
     assert (info.best_fitness[-1] < jnp.nanmedian(chance)).all(), "better than by chance"
     if which[0] == "map-elites":
         np.testing.assert_array_equal(np.asarray(found.features)[..., 1].clip(max=17)[valid] // 3, np.nonzero(valid)[1])
