@@ -20,6 +20,8 @@ from elitelanes_jax.tiles import choose_tiles, scale_tiles
 
 TILE_PX = 32
 frame = jax.jit(look)
+find_ground = jax.jit(ground_points)
+undistort = jax.jit(_undistort)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +38,7 @@ def some_poses(grid, count):
     rng = np.random.default_rng(0)
     every = np.argwhere(np.asarray(movements(grid)))
     chosen = every[rng.integers(0, len(every), count)].astype(np.int32)
-    middle = lane_point(Movement(*chosen.T), rng.uniform(0, 0.4, count).astype(np.float32))
+    middle = jax.jit(lane_point)(Movement(*chosen.T), rng.uniform(0, 0.4, count).astype(np.float32))
     beside = rng.uniform(-0.1, 0.1, (2, count)).astype(np.float32)
     return [Pose(*one) for one in zip(middle.x + beside[0], middle.y, middle.theta + 3 * beside[1], strict=True)]
 
@@ -86,7 +88,7 @@ def test_labels_and_colours_are_those_of_opencvs_warp(scene):
 
 @pytest.mark.parametrize("distortion", [None, (-0.2, 0.05), (-0.3, 0.09), (0.1, 0.1), (3.0, 0.0)])
 def test_rays_meet_the_ground_where_points_project_from(distortion):
-    ahead, left = np.float64(ground_points(Camera(rows=48, columns=64, distortion=distortion))) * TILE
+    ahead, left = np.float64(find_ground(Camera(rows=48, columns=64, distortion=distortion))) * TILE
     focal, pitch = 24 / np.tan(np.deg2rad(37.5)), np.deg2rad(19.15)
     seen = np.isfinite(ahead)
     assert distortion or (seen == (np.arange(48)[:, None] > 24 - focal * np.tan(pitch) - 0.5)).all()
@@ -105,7 +107,7 @@ def test_rays_meet_the_ground_where_points_project_from(distortion):
 @pytest.mark.parametrize("k2", [-10, -0.1, 0, 0.02, 0.09, 10])
 def test_distortion_is_undone_up_to_where_it_folds(k1, k2):
     far = np.concatenate([[0], np.geomspace(0.01, 20, 300)])
-    found = np.float64(_undistort(jnp.float32(far), jnp.zeros(301), k1, k2)[0])
+    found = np.float64(undistort(jnp.float32(far), jnp.zeros(301), float(k1), float(k2))[0])
     folds = [root.real for root in np.roots([5 * k2, 3 * k1, 1]) if abs(root.imag) < 1e-9 and root.real > 0]
     fold = np.sqrt(min(folds, default=np.inf))
     assert (found <= fold * (1 + 1e-5)).all()
@@ -153,7 +155,8 @@ def test_pictures_of_a_code_alternate_and_noise_depends_on_the_pose():
 
 
 def test_noise_is_nearly_normal_and_differs_between_pixels_colours_and_seeds():
-    first, second = (np.asarray(hash_normal(jnp.uint32(seed), (3, 64, 80))) for seed in (0, 1))
+    draw = jax.jit(hash_normal, static_argnums=1)
+    first, second = (np.asarray(draw(jnp.uint32(seed), (3, 64, 80))) for seed in (0, 1))
     for noise in (first, second):
         assert abs(noise.mean()) < 0.02 and abs(noise.std() - 1) < 0.02
         assert abs((noise**4).mean() - 2.7) < 0.1  # of a sum of four uniform numbers; a normal one has 3
