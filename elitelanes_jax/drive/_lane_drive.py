@@ -38,7 +38,7 @@ from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.sharding import divide_batches
-from elitelanes_jax.network.xla import once
+from elitelanes_jax.network.xla import once, rounded
 
 
 def _check_sight(value: UserValue) -> Sight | None:
@@ -241,7 +241,8 @@ def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) 
     turn = _choose_turn(bits[-1], read, node, params)
     movement = Movement(*node, turn)
     s = along * lane_length(turn, params.lane_offset) / 2
-    d, phi = (2 * beside - 1) * params.start_d, (2 * turned - 1) * params.start_phi
+    d = rounded((2 * beside - 1) * params.start_d)
+    phi = rounded((2 * turned - 1) * params.start_phi)
     pose = lane_point(movement, s, d, params.lane_offset)
     return {
         "pose": pose._replace(theta=wrap_angle(pose.theta + phi)),

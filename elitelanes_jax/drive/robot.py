@@ -12,6 +12,7 @@ from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
 from elitelanes_jax.network.bits import normal
+from elitelanes_jax.network.xla import rounded
 
 TILE = 0.585
 """The side of a tile in metres."""
@@ -88,13 +89,15 @@ def drive(
     if commands is not None:
         commands = jnp.concatenate([shares[None], commands[:-1]])
         age = jnp.arange(_DELAYS, dtype=jnp.float32)
-        shares = (jnp.maximum(1 - jnp.abs(age - robot.latency), 0)[:, None] * commands).sum(axis=0)
+        weights = jnp.maximum(1 - jnp.abs(age - robot.latency), 0)
+        shares = rounded(weights[:, None] * commands).sum(axis=0)
     if robot.noise is not None:
-        shares = shares + robot.noise * normal(key, (2,))
-    left = shares[0] * robot.top_speed * (1 - robot.trim)
-    right = shares[1] * robot.top_speed * (1 + robot.trim)
+        shares = shares + rounded(robot.noise * normal(key, (2,)))
+    left = rounded(shares[0] * robot.top_speed * (1 - robot.trim))
+    right = rounded(shares[1] * robot.top_speed * (1 + robot.trim))
     speed, turn = (left + right) / 2, (right - left) / robot.wheel_distance
-    half = turn * robot.dt / 2
+    angle = rounded(turn * robot.dt)
+    half = angle / 2
     chord = (
         speed
         * robot.dt
@@ -103,6 +106,8 @@ def drive(
     )
     middle = pose.theta + half
     there = Pose(
-        pose.x + chord * jnp.cos(middle), pose.y - chord * jnp.sin(middle), pose.theta + 2 * half
+        pose.x + rounded(chord * jnp.cos(middle)),
+        pose.y - rounded(chord * jnp.sin(middle)),
+        pose.theta + angle,
     )
     return there._replace(theta=wrap_angle(there.theta)), Wheels(speed, turn, commands)

@@ -9,7 +9,19 @@ import numpy as np
 from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
-from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Integer, Real, Shaped, UInt32
+from jaxtyping import (
+    Array,
+    ArrayLike,
+    Bool,
+    Float,
+    Float32,
+    Int,
+    Int32,
+    Integer,
+    Real,
+    Shaped,
+    UInt32,
+)
 
 from elitelanes_jax._util.types import AnyArray, Pytree
 
@@ -32,6 +44,17 @@ def to_fixed(value: Real[ArrayLike, "..."]) -> Int32[Array, "..."]:
 def multiply(value: Int32[Array, "..."], factor: Int32[Array, "..."]) -> Int32[Array, "..."]:
     """Multiplies two numbers in units; the product is rounded down."""
     return value * factor >> 12
+
+
+def rounded(product: Float[ArrayLike, "..."]) -> Float32[Array, "..."]:
+    """Rounds a float32 product towards 0 to 23 of its 24 bits, so that every program adds the same number to a sum.
+
+    Compilers turn a product and a sum into one instruction, which does not round the product. They
+    do so in one program and not in another. They cannot do so if bits of the product are changed
+    first.
+    """
+    bits = lax.bitcast_convert_type(jnp.asarray(product, jnp.float32), jnp.int32)
+    return lax.bitcast_convert_type(bits & -2, jnp.float32)
 
 
 def materialize(array: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:

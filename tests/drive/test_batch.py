@@ -83,13 +83,27 @@ def test_a_batch_is_a_loop_over_environments(mode):
 
 def test_an_environment_alone_does_the_same_bit_for_bit():
     params = LaneDriveParams(LEVELS, limit=20, task="lane")
-    batch, alone = Batch(LaneDrive, params, 3, SAME_STEP), Batch(LaneDrive, params, 1, SAME_STEP)
-    seen = batch.reset([1, 2, 2**40])
-    assert (alone.reset([2**40]) == seen[2:]).all() and (seen[0] != seen[2]).any()
-    for actions in np.random.default_rng(0).uniform(-1, 1, (60, 3, 2)):
-        together, one = batch.step(actions), alone.step(actions[2:])
+    batch, alone = Batch(LaneDrive, params, 12, SAME_STEP), Batch(LaneDrive, params, 1, SAME_STEP)
+    seen = batch.reset([*range(11), 2**40])
+    assert (alone.reset([2**40]) == seen[11:]).all() and (seen[0] != seen[11]).any()
+    for actions in np.random.default_rng(0).uniform(-1, 1, (60, 12, 2)):
+        together, one = batch.step(actions), alone.step(actions[11:])
         for ours, theirs in zip(jax.tree.leaves(one), jax.tree.leaves(together), strict=True):
-            np.testing.assert_array_equal(ours, theirs[2:], strict=True)
+            np.testing.assert_array_equal(ours, theirs[11:], strict=True)
+
+
+def test_a_step_does_the_same_bit_for_bit_in_a_program_without_resets():
+    """The compiler joins products with sums in one program and not in the other, unless `rounded` prevents it."""
+    params = LaneDriveParams(LEVELS, limit=20, task="lane")
+    resetting, stepping = Batch(LaneDrive, params, 12, SAME_STEP), Batch(LaneDrive, params, 12, DISABLED)
+    np.testing.assert_array_equal(resetting.reset(range(12)), stepping.reset(range(12)))
+    for actions in np.random.default_rng(0).uniform(-1, 1, (30, 12, 2)):
+        expected, outcome = resetting.step(actions), stepping.step(actions)
+        is_over = outcome.terminated | outcome.truncated
+        if is_over.any():
+            outcome = outcome._replace(observation=stepping.reset(chosen=is_over))
+        for ours, theirs in zip(jax.tree.leaves(outcome), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_array_equal(ours, theirs, strict=True)
 
 
 @pytest.mark.usefixtures("standard")
