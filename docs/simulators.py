@@ -1,7 +1,7 @@
 """Draws the pictures of docs/simulators.md that the simulators in the environment can draw.
 
-MUJOCO_GL=egl python docs/simulators.py, in .venv-mujoco, in .venv-simulators of make simulators, and in .venv where
-make metadrive and make pufferdrive have run
+MUJOCO_GL=egl python docs/simulators.py, in .venv-mujoco, in .venv-simulators where make simulators has run, and in
+.venv where make metadrive and make pufferdrive have run
 """
 
 import json
@@ -21,15 +21,26 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import read_map
 from elitelanes_jax.drive import Camera, Pose, look, make_atlas
-from elitelanes_jax.formats import RoadMap, Streets, to_mjcf, to_opendrive, to_pufferdrive, to_sumo
+from elitelanes_jax.formats import (
+    RoadMap,
+    Streets,
+    to_commonroad,
+    to_lanelet2,
+    to_mjcf,
+    to_opendrive,
+    to_pufferdrive,
+    to_sumo,
+)
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles
 
 FOLDER = Path(__file__).parent
 _TILE, _ROWS, _COLUMNS = 0.585, 480, 640
 _STREETS, _PX = Streets(8.43), 80  # Duckietown's proportions
+_FULL_SIZE = Streets(tile=30, lane=12)  # the same proportions, for cars and dashes of full size
 _SCALE = _PX / _STREETS.tile  # pixels to the metre
 _BLUE, _WHITE, _YELLOW = (0, 220, 255), (255, 255, 255), (255, 220, 0)
+_COMMONROAD = FOLDER.parent / ".venv-commonroad" / "bin" / "python"
 _METADRIVE = FOLDER.parent / ".venv-metadrive" / "bin"
 _PUFFERDRIVE = FOLDER.parent / ".venv-pufferdrive" / "pufferdrive_check"
 
@@ -39,6 +50,8 @@ def main() -> None:
         draw_mujoco()
     if find_spec("carla") and find_spec("sumo"):
         write_pair("networks.jpg", draw_carla(), draw_sumo())
+    if find_spec("lanelet2") and _COMMONROAD.exists():
+        write_pair("lanelets.jpg", draw_lanelet2(), draw_commonroad())
     if _METADRIVE.exists() and _PUFFERDRIVE.exists():
         write_pair("drivers.jpg", draw_metadrive(), draw_pufferdrive())
 
@@ -115,15 +128,55 @@ def draw_sumo() -> NDArray[np.uint8]:
     return image
 
 
+def draw_lanelet2() -> NDArray[np.uint8]:
+    """Draws the bounds of Lanelet2's lanelets, and in yellow a route that its graph finds."""
+    import lanelet2
+
+    town = read_map(FOLDER / "examples" / "town.json")
+    image, pixel = floor(town)
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "town.osm")
+        file.write_text(to_lanelet2(town, _STREETS))
+        city = lanelet2.io.load(str(file), lanelet2.projection.UtmProjector(lanelet2.io.Origin(0, 9)))
+    rules = lanelet2.traffic_rules.create("de", "vehicle")
+    lanelets = {lanelet.attributes["name"]: lanelet for lanelet in city.laneletLayer}
+    first, *_, last = lanelets.values()
+    route = lanelet2.routing.RoutingGraph(city, rules).getRoute(first, last, 0).shortestPath()
+    shown = image.copy()
+    for lanelet in route:
+        outline = [pixel(point.x, point.y) for point in lanelet.polygon2d()]
+        cv2.fillPoly(shown, [np.array(outline)], _YELLOW, cv2.LINE_AA)
+    image[:] = cv2.addWeighted(image, 0.4, shown, 0.6, 0)
+    for lanelet in lanelets.values():
+        for bound in (lanelet.leftBound, lanelet.rightBound):
+            points = np.array([pixel(point.x, point.y) for point in bound])
+            cv2.polylines(image, [points], False, _BLUE, 1, cv2.LINE_AA)
+    return image
+
+
+def draw_commonroad() -> NDArray[np.uint8]:
+    """Returns the picture of CommonRoad's own renderer: lanelets, and the start and goal of the planning problem."""
+    town = read_map(FOLDER / "examples" / "town.json")
+    height, width = town.codes.shape
+    with TemporaryDirectory() as folder:
+        file, picture = Path(folder, "town.xml"), Path(folder, "town.png")
+        file.write_text(to_commonroad(town, _FULL_SIZE))
+        size = [str(width * _FULL_SIZE.tile), str(height * _FULL_SIZE.tile), str(width * _PX)]
+        script = FOLDER.parent / "tests" / "formats" / "commonroad_draws.py"
+        subprocess.run([_COMMONROAD, script, file, *size, picture], check=True)
+        image = cv2.imread(str(picture))
+    assert image is not None
+    return np.ascontiguousarray(image[..., ::-1], np.uint8)
+
+
 def draw_metadrive() -> NDArray[np.uint8]:
     """Draws where two cars of MetaDrive's IDM policy were, once a second."""
     town = read_map(FOLDER / "examples" / "town.json")
     image, _ = floor(town)
-    streets = Streets(tile=30, lane=12)  # the same proportions, for cars of full size
     middle = np.array(town.codes.shape[::-1]) / 2
     with TemporaryDirectory() as folder:
-        write_network(folder, town, streets)
-        Path(folder, "net.xodr").write_text(to_opendrive(town, streets))
+        write_network(folder, town, _FULL_SIZE)
+        Path(folder, "net.xodr").write_text(to_opendrive(town, _FULL_SIZE))
         subprocess.run([_METADRIVE / "netconvert", "-c", "net.netccfg"], cwd=folder, check=True, capture_output=True)
         script = FOLDER.parent / "tests" / "formats" / "metadrive_reads.py"
         command = [str(_METADRIVE / "python"), str(script), "1", str(Path(folder, "net"))]
@@ -131,7 +184,7 @@ def draw_metadrive() -> NDArray[np.uint8]:
     for track, colour in zip(json.loads(last_line(printed))["tracks"], (_BLUE, _YELLOW), strict=True):
         for place in track[::10]:
             # MetaDrive's origin is the middle of the map, and y is north.
-            column, row = middle + np.array(place) * [1, -1] / streets.tile
+            column, row = middle + np.array(place) * [1, -1] / _FULL_SIZE.tile
             cv2.circle(image, (round(column * _PX), round(row * _PX)), 4, colour, -1, cv2.LINE_AA)
     return image
 
