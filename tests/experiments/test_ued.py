@@ -9,6 +9,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from pages import blocks, run_program
+from scipy import stats
 
 from elitelanes_jax.drive import RoadNav
 from elitelanes_jax.network import measure
@@ -153,7 +154,11 @@ def test_summaries_are_means_of_the_worst(space):
     assert summary["cvar1"] == pytest.approx(last - (worst - 1) / 2)
 
 
-PPO = agent.PPO._replace(updates=24, envs=32, steps=16, minibatches=2)
+# A rollout has as many decisions as in the study. In shorter ones no failed episode ends, because it takes 96 tiles, so
+# that every level has the learnability 0.
+PPO = agent.PPO._replace(updates=24, envs=32, minibatches=2)
+# For methods that do not score levels.
+SHORT = PPO._replace(steps=16)
 
 
 @pytest.fixture(scope="module")
@@ -165,17 +170,28 @@ def corridor():
     return spaces.make_space(np.array([RING, THETA], np.int8))
 
 
-def shares_of_theta(monkeypatch, module, corridor, **settings):
-    """Trains by a method; returns the shares of levels with a choice among those learned from, update by update."""
-    shares, learn = [], module.learn
+def learned_networks(monkeypatch, module, corridor, ppo=PPO, seed=0, **settings):
+    """Trains by a method; returns the networks of the levels that it learned from, update by update."""
+    networks, learn = [], module.learn
 
     def recording(key, learner, driven, ppo):
-        shares.append(float((np.asarray(driven.seen.whole_map)[0] == THETA).all(axis=(1, 2)).mean()))
+        networks.append(np.asarray(driven.seen.whole_map)[0])
         return learn(key, learner, driven, ppo)
 
-    monkeypatch.setattr(module, "learn", recording)
-    assert len(list(module.train(jax.random.key(0), corridor, PPO, **settings))) == PPO.updates
-    return np.array(shares)
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "learn", recording)
+        assert len(list(module.train(jax.random.key(seed), corridor, ppo, **settings))) == ppo.updates
+    return np.array(networks)
+
+
+def is_theta(networks):
+    """Returns which levels have a choice."""
+    return (np.asarray(networks) == THETA).all(axis=(-2, -1))
+
+
+def lower_bound(samples):
+    """Returns the lower end of the 95 % interval of the mean of independent samples."""
+    return np.mean(samples) - stats.t.ppf(0.975, len(samples) - 1) * stats.sem(samples)
 
 
 def share_in_space(corridor):
@@ -183,38 +199,71 @@ def share_in_space(corridor):
 
 
 def test_random_levels_are_uniform_and_the_oracle_leaves_the_ring_out(monkeypatch, corridor):
-    uniform = shares_of_theta(monkeypatch, domain_randomisation, corridor)
+    uniform = is_theta(learned_networks(monkeypatch, domain_randomisation, corridor, SHORT)).mean(axis=1)
     assert uniform.mean() == pytest.approx(share_in_space(corridor), abs=0.06) and uniform.min() < 1
-    assert (shares_of_theta(monkeypatch, oracle, corridor) == 1).all()
+    assert is_theta(learned_networks(monkeypatch, oracle, corridor, SHORT)).all()
 
 
 @pytest.mark.slow
 def test_learnable_levels_are_not_on_the_ring(monkeypatch, corridor):
-    shares = shares_of_theta(monkeypatch, sfl, corridor)
-    assert len(shares) == 16
-    assert shares.mean() > share_in_space(corridor) + 0.05
+    """Nobody fails on the ring. Half of a batch are learnable levels, and half are random.
+
+    A method that ignores its scores chooses theta as often as the space has it.
+    """
+    levels = spaces.levels_of(corridor, jnp.arange(len(corridor.pairs)))
+    driven = agent.rollout(jax.random.key(1), agent.new_agent(jax.random.key(0), levels, PPO), levels, PPO)
+    is_learnable = np.asarray(agent.score(driven, PPO).learnability) > 0
+    assert is_learnable.any() and is_theta(levels.grid)[is_learnable].all()
+    chosen = []
+    for seed in range(5):
+        networks = learned_networks(monkeypatch, sfl, corridor, seed=seed)
+        assert len(networks) == 16
+        chosen.append(is_theta(networks)[:, : PPO.envs // 2].mean())
+    assert lower_bound(chosen) > share_in_space(corridor)
 
 
 @pytest.mark.slow
 def test_the_archive_is_a_source_of_levels(monkeypatch, corridor):
-    assert len(shares_of_theta(monkeypatch, archive, corridor, evaluations=500)) == PPO.updates
+    assert len(learned_networks(monkeypatch, archive, corridor, SHORT, evaluations=500)) == PPO.updates
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["PLR", "robust PLR", "ACCEL"])
-def test_replayed_levels_are_not_on_the_ring(monkeypatch, corridor, name):
+def test_levels_of_high_scores_are_replayed(monkeypatch, corridor, name):
+    """Not those of high regret: MaxMC does not follow it for long, see docs/ued.md.
+
+    A method that ignores its scores draws levels whose score is that of half of the buffer.
+    """
     pytest.importorskip("jaxued")
     module = accel if name == "ACCEL" else plr
+    buffers, replays, ranks = [], [], []
+
+    class RecordingBuffer(plr.LevelBuffer):
+        def sample(self, key, count):
+            buffers.append(self)
+            scores = np.asarray(self.state["scores"])[: int(self.state["size"])]
+            places, levels, highest = super().sample(key, count)
+            replays.append(np.asarray(levels.grid))
+            ranks.append(stats.percentileofscore(scores, scores[places], "mean").mean() / 100)
+            return places, levels, highest
+
+    monkeypatch.setattr(module, "LevelBuffer", RecordingBuffer)
     settings = {"robust": True} if name == "robust PLR" else {}
-    shares = shares_of_theta(monkeypatch, module, corridor, capacity=64, **settings)
-    if name == "ACCEL":
-        assert 1 <= len(shares) <= PPO.updates // 2
-    elif name == "PLR":
-        assert len(shares) == PPO.updates
-        assert shares[12:].mean() > share_in_space(corridor)
+    networks = learned_networks(monkeypatch, module, corridor, capacity=64, **settings)
+    assert len(replays) > 4 and lower_bound(ranks) > 0.5
+    if name == "PLR":
+        assert len(networks) == PPO.updates
     else:
-        assert len(shares) < PPO.updates
-        assert shares.mean() > share_in_space(corridor)
+        np.testing.assert_array_equal(networks, replays)
+    # The buffer knows of each level the highest return: the best one where nothing can be decided.
+    state = buffers[-1].state
+    size = int(state["size"])
+    highest = np.asarray(state["levels_extra"]["highest_return"])[:size]
+    best = 1 - 0.01 * np.asarray(state["levels"].shortest)[:size]
+    is_ring = (np.asarray(state["levels"].grid)[:size] == RING).all(axis=(1, 2))
+    assert is_ring.any()
+    np.testing.assert_allclose(highest[is_ring], best[is_ring], atol=1e-5)
+    assert (highest <= best + 1e-5).all()
 
 
 def test_edits_keep_the_task_or_make_one(corridor):
