@@ -304,18 +304,18 @@ def _step(
         ~off_road & (jnp.abs(d) <= params.lane_offset),
         ~off_road & (d > params.lane_offset),
     )
-    costs = params.offset_cost * jnp.abs(d) + params.heading_cost * jnp.abs(phi)
+    costs = rounded(params.offset_cost * jnp.abs(d)) + rounded(params.heading_cost * jnp.abs(phi))
     costs += params.oncoming_cost * jnp.float32(oncoming)
-    reward = params.progress_reward * events.along * jnp.float32(own) - costs * params.robot.dt
+    reward = rounded(params.progress_reward * events.along * jnp.float32(own))
+    reward -= rounded(costs * params.robot.dt)
     reward += params.goal_reward * jnp.float32(success) - params.leaving_cost * jnp.float32(
         off_road
     )
     terminated = success | off_road
     if events.collision is not None:
         ends = params.collision == "terminate"
-        reward -= (
-            params.collision_cost * jnp.float32(events.collision) * (1 if ends else params.robot.dt)
-        )
+        duration = 1 if ends else params.robot.dt
+        reward -= rounded(params.collision_cost * jnp.float32(events.collision) * duration)
         terminated |= events.collision & ends
     tiles, steps = state.tiles + events.entered.astype(jnp.int32), state.steps + 1
     after = state._replace(**moved, tiles=tiles, steps=steps)

@@ -72,8 +72,9 @@ def to_wheels(
 
     If one wheel would exceed the top speed, both are slowed down, so that the curve stays the same.
     """
-    half = turn * robot.wheel_distance / 2
-    wheels = jnp.stack([speed - half, speed + half], axis=-1) / robot.top_speed
+    half = rounded(turn * robot.wheel_distance) / 2
+    # Without reciprocals XLA divides in a single program and multiplies by them in a batch.
+    wheels = jnp.stack([speed - half, speed + half], axis=-1) * (1 / robot.top_speed)
     return wheels / jnp.maximum(jnp.abs(wheels).max(axis=-1, keepdims=True), 1)
 
 
@@ -95,7 +96,7 @@ def drive(
         shares = shares + rounded(robot.noise * normal(key, (2,)))
     left = rounded(shares[0] * robot.top_speed * (1 - robot.trim))
     right = rounded(shares[1] * robot.top_speed * (1 + robot.trim))
-    speed, turn = (left + right) / 2, (right - left) / robot.wheel_distance
+    speed, turn = (left + right) / 2, (right - left) * (1 / robot.wheel_distance)
     angle = rounded(turn * robot.dt)
     half = angle / 2
     chord = (

@@ -74,6 +74,22 @@ def ride(params, key, steps):
     return jax.lax.scan(go, state, jax.random.split(key, steps))[1]
 
 
+def test_a_step_alone_has_the_bits_of_a_step_in_a_batch(params):
+    params = LaneDriveParams(params.levels, task="lane")
+    reset = jax.jit(jax.vmap(LaneDrive.reset, in_axes=(0, None)))
+    step = jax.jit(jax.vmap(LaneDrive.step, in_axes=(0, 0, 0, None)))
+    rng = np.random.default_rng(0)
+    _, states = reset(jax.random.split(jax.random.key(0), COUNT), params)
+    for number in range(4):
+        keys = jax.random.split(jax.random.key(number), COUNT)
+        actions = rng.uniform(-1, 1, (COUNT, 2)).astype(np.float32)
+        together = step(keys, states, actions, params)
+        for index in range(COUNT):
+            alone = LaneDrive.step(keys[index], pick(states, index), actions[index], params)
+            jax.tree.map(np.testing.assert_array_equal, alone, pick(together, index))
+        states = together.state
+
+
 def check_rides(params, rides):
     """Every ride reaches its goal by a shortest way and stays in its lane."""
     done, info = rides.terminated, rides.info
