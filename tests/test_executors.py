@@ -7,12 +7,15 @@ import pickle
 import re
 import shutil
 import signal
+import socket
 import sys
 import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from threading import Thread
 from types import SimpleNamespace
 
 import cv2
@@ -507,6 +510,41 @@ def test_an_address_that_does_not_answer_is_one_line_within_ten_seconds(address,
     assert time.monotonic() - began < 10
     (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith("elitelanes: --dask: expected the address of a Dask scheduler that answers, such as ")
+    assert not list(tmp_path.iterdir())
+
+
+def answer_nothing(connection):
+    connection.recv(1 << 16)
+
+
+def answer_zeros(connection):
+    connection.sendall(bytes(72))
+    connection.close()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("answer", [answer_nothing, socket.socket.close, answer_zeros])
+def test_another_program_at_the_address_is_one_line_within_ten_seconds(answer, tmp_path, capfd):
+    pytest.importorskip("distributed")
+    connections = []  # kept open until the test ends
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            with suppress(OSError):
+                while True:
+                    connections.append(server.accept()[0])
+                    answer(connections[-1])
+
+        Thread(target=serve, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        began = time.monotonic()
+        assert main([*COMMAND, "--dask", address, "--out", str(tmp_path / "maps")]) == 2
+        assert time.monotonic() - began < 10
+    (line,) = capfd.readouterr().err.splitlines()
+    expected = "elitelanes: --dask: expected the address of a Dask scheduler that answers, such as tcp://host:8786"
+    assert line.startswith(f"{expected}, got '{address}': ")
+    assert line.endswith("no answer in 4 s") == (answer is answer_nothing)
     assert not list(tmp_path.iterdir())
 
 

@@ -1,6 +1,7 @@
 """The options ``--dask`` and ``--slurm``, and the executors that they open."""
 
 import argparse
+import asyncio
 import logging
 import re
 import shlex
@@ -8,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from shutil import which
+from types import ModuleType
 
 from elitelanes_jax._util.checks import Check, whole
 from elitelanes_jax._util.engine import Engine, Pool
@@ -81,15 +83,24 @@ def _open_dask(address: str) -> Iterator[Engine]:
     distributed = import_optional("distributed", "--dask needs Dask", "dask distributed")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are one line of ours
     try:
+        asyncio.run(_shake_hands(distributed, address))
         client = distributed.Client(address, timeout=_ANSWER)
-    except (OSError, ValueError, TypeError, MemoryError) as error:
-        # Dask takes the answer of another program for a length, which may not fit into memory.
+    except Exception as error:  # another program at this address can answer anything
         expected = "expected the address of a Dask scheduler that answers, such as tcp://host:8786"
-        raise InputError(
-            f"--dask: {expected}, got {address!r}: {shorten(str(error), 100)}"
-        ) from None
+        reason = shorten(str(error) or f"no answer in {_ANSWER} s", 100)
+        raise InputError(f"--dask: {expected}, got {address!r}: {reason}") from None
     with client:
         yield client.get_executor()
+
+
+async def _shake_hands(distributed: ModuleType, address: str) -> None:
+    """Connects to a scheduler and disconnects; raises `TimeoutError` if another program never answers.
+
+    A client of Dask waits for that answer without a limit.
+    """
+    options = distributed.Security().get_connection_args("client")
+    connection = distributed.comm.connect(address, timeout=_ANSWER, **options)
+    (await asyncio.wait_for(connection, _ANSWER)).abort()
 
 
 @contextmanager
