@@ -310,12 +310,25 @@ def fail_by_a_bug(_):
     raise ZeroDivisionError("of a worker")
 
 
+class TwoValuesError(Exception):
+    """Pickle writes this error but cannot read it, because it keeps one of the two arguments."""
+
+    def __init__(self, first, second):
+        super().__init__(first)
+
+
+def fail_with_two_values(_):
+    raise TwoValuesError("a", 1)
+
+
 def test_errors_of_a_worker_name_it():
     with pytest.raises(OSError, match=r"No space left on device: 'worker .+: /tmp/x'$"):
         list(engine.call_on_workers(OneByOne(), fail_on_disk, [0]))
-    with pytest.raises(ZeroDivisionError) as error, ThreadPoolExecutor(1) as pool:
-        list(engine.call_on_workers(pool, fail_by_a_bug, [0]))
-    assert error.value.__notes__[0].startswith("on the worker ")
+    with pytest.raises(ZeroDivisionError, match=r"^of a worker\non the worker .") as error:
+        list(engine.call_on_workers(OneByOne(), fail_by_a_bug, [0]))
+    assert "in fail_by_a_bug\n" in error.value.__notes__[1]
+    with pytest.raises(RuntimeError, match=r"^worker .+: TwoValuesError: a\non the worker ."):
+        list(engine.call_on_workers(OneByOne(), fail_with_two_values, [0]))
 
 
 def test_workers_without_the_package_are_one_line():
@@ -556,6 +569,16 @@ def test_submitits_local_executor_gives_the_same_files(whole, dataset, tmp_path)
     assert main([*COMMAND, "--slurm", options, "--parts", "2", "--out", str(tmp_path / "maps")]) == 0
     assert [entry.name for entry in tmp_path.iterdir()] == ["maps"]
     assert digest(tmp_path / "maps") == whole
+    here = os.getpid()
+
+    def fail_elsewhere(usual):
+        if os.getpid() != here:
+            raise ZeroDivisionError("of a worker")
+        return usual
+
+    executor = submitit.AutoExecutor(tmp_path / "logs", cluster="local")
+    with pytest.raises(ZeroDivisionError, match=r"^of a worker\non the worker ."):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, fitness=fail_elsewhere, executor=executor, parts=1)
     executor = submitit.AutoExecutor(tmp_path / "jobs", cluster="debug")
     make_dataset(small(views=2), tmp_path / "dataset", executor=executor, parts=2)
     assert files(tmp_path / "dataset") == dataset

@@ -3,6 +3,7 @@
 import pickle
 import platform
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
 from contextlib import contextmanager, nullcontext
@@ -41,8 +42,7 @@ _LOST = {
     ("submitit", "FailedSubmissionError"),
 }
 
-# What a worker returns in place of a result, because executors change errors: Submitit makes a text
-# of them.
+# The errors of this package, and of disks.
 _OURS = (InputError, NotEnoughMapsError, NotEnoughMemoryError, OSError)
 
 
@@ -89,7 +89,10 @@ def part_with(count: int, position: int, parts: int) -> int:
 
 
 class _Outcome(NamedTuple):
-    """What a worker returns: the result of a call, or one of our errors."""
+    """What a worker returns: the result of a call, or its error.
+
+    An error is a value here because executors change what a call raises. Submitit makes a text of it.
+    """
 
     value: Untyped
     error: Exception | None
@@ -203,8 +206,7 @@ def _call(versions: dict[str, str], payload: bytes, argument: bytes) -> _Outcome
     except _OURS as error:
         return _Outcome(None, _name_worker(error))
     except Exception as error:
-        error.add_note(f"on the worker {platform.node()}")
-        raise
+        return _Outcome(None, _add_worker(error))
 
 
 def _check_versions(expected: dict[str, str]) -> None:
@@ -222,6 +224,21 @@ def _name_worker(error: Exception) -> Exception:
         return OSError(error.errno, error.strerror, place)
     if isinstance(error, OSError | NotEnoughMemoryError | MissingPackageError):
         return type(error)(f"{worker}: {error}")
+    return error
+
+
+def _add_worker(error: Exception) -> Exception:
+    """Returns another error, such as one of the user's functions, with notes: the worker and the traceback there.
+
+    An error that pickle cannot send becomes a `RuntimeError` with its type and message.
+    """
+    place = "".join(traceback.format_exception(error)).rstrip()
+    worker = platform.node()
+    try:
+        error = pickle.loads(pickle.dumps(error))
+    except Exception:  # of the user's class
+        error = RuntimeError(f"worker {worker}: {type(error).__name__}: {error}")
+    error.__notes__ = [f"on the worker {worker}", place]
     return error
 
 
