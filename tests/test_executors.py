@@ -32,6 +32,9 @@ from elitelanes_jax.dataset import merge_dataset
 from elitelanes_jax.search import parts as search_parts
 from elitelanes_jax.tiles import default_objects, default_tiles, packed
 
+# When Submitit sets up logging, absl's handler closes the stream that was stderr at its own import: that of pytest.
+os.environ["SUBMITIT_LOG_LEVEL"] = "NOCONFIG"
+
 SEARCH = SearchSpec(method="ea", preset="paper", generations=20)
 SPEC = GenerateSpec(size=(5, 6), seeds=6, maps=3, tile_px=16, search=SEARCH)
 LONG = SPEC.replace(search=SEARCH.replace(generations=20_000))
@@ -331,6 +334,16 @@ def test_errors_of_a_worker_name_it():
         list(engine.call_on_workers(OneByOne(), fail_with_two_values, [0]))
 
 
+def end_as_lost(_):
+    raise engine.BrokenExecutor("the job's time is over")
+
+
+def test_a_job_that_ends_as_lost_is_one_line():
+    words = "part 1 of 1: expected its result, but the executor lost it: BrokenExecutor: the job's time is over"
+    with pytest.raises(ConnectionError, match=f"^{words}$"):
+        list(engine.call_on_workers(OneByOne(), end_as_lost, [0]))
+
+
 def test_workers_without_the_package_are_one_line():
     missing = ModuleNotFoundError("No module named 'elitelanes_jax'")
     with pytest.raises(InputError, match=r"^executor: expected elitelanes_jax .* on all workers, got: No module"):
@@ -591,6 +604,8 @@ def test_submitits_local_executor_gives_the_same_files(whole, dataset, tmp_path)
         ("timeout_min=60", "--slurm: expected SLURM's program sbatch on the PATH, got none; cluster=local needs none"),
         ("timeout", "--slurm: expected options of Submitit such as timeout_min=60, got 'timeout'"),
         ("cluster=local nothing=3", "--slurm: expected options of Submitit, got "),
+        ("cluster=local slurm_nothing=3", "--slurm: expected options of Submitit, got Unknown argument 'nothing'"),
+        ("cluster=local tasks_per_node=2", "--slurm: expected one task for each job, got tasks_per_node=2"),
         ("cluster=local timeout_min=abc", "--slurm: expected options of Submitit, got "),
         (
             "cluster=moon",
@@ -607,6 +622,63 @@ def test_wrong_options_of_submitit_are_one_line(options, message, tmp_path, caps
     assert not list(tmp_path.iterdir())
 
 
+# In place of SLURM's programs. A job runs here, and so does each job of an array.
+SBATCH = """#!{python}
+import os, re, subprocess, sys
+text = open(sys.argv[-1]).read()
+array = re.search(r"--array=0-(\\d+)", text)
+for task in range(int(array[1]) + 1):
+    names = {{"SLURM_ARRAY_JOB_ID": "7", "SLURM_ARRAY_TASK_ID": str(task), "SLURM_JOB_ID": str(8 + task)}}
+    names |= dict.fromkeys(("SLURM_NTASKS", "SLURM_JOB_NUM_NODES"), "1")
+    names |= dict.fromkeys(("SLURM_PROCID", "SLURM_NODEID", "SLURM_LOCALID"), "0")
+    with open(os.devnull, "w") as log:
+        subprocess.Popen(["bash", sys.argv[-1]], env=os.environ | names, stdout=log, stderr=log)
+print("Submitted batch job 7")
+"""
+SRUN = """#!/bin/bash
+while [[ $1 == --* ]]; do
+  case $1 in --output|--error) shift 2 ;; *) shift ;; esac
+done
+exec "$@"
+"""
+
+
+@pytest.fixture
+def slurm(tmp_path_factory, monkeypatch):
+    """A folder on the PATH with programs in place of SLURM's."""
+    pytest.importorskip("submitit")
+    folder = tmp_path_factory.mktemp("slurm")
+    programs = {"sbatch": SBATCH.format(python=sys.executable), "srun": SRUN, "sacct": "#!/bin/sh\n"}
+    for name, text in programs.items():
+        (folder / name).write_text(text)
+        (folder / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_an_array_of_slurm_gives_the_same_files(slurm, whole, tmp_path):
+    options = "timeout_min=60 slurm_comment='two words' slurm_setup='export OF_THE_JOB=1' mem_gb=0.5"
+    assert main([*COMMAND, "--slurm", options, "--parts", "2", "--out", str(tmp_path / "maps")]) == 0
+    assert [entry.name for entry in tmp_path.iterdir()] == ["maps"]
+    assert digest(tmp_path / "maps") == whole
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("parts", ["1", "2"])
+def test_a_job_that_slurm_refuses_is_one_line(slurm, parts, tmp_path, capfd):
+    (slurm / "sbatch").write_text("#!/bin/sh\necho 'sbatch: error: invalid partition specified: x' >&2\nexit 1\n")
+    options = "timeout_min=60 slurm_partition=x"
+    command = [*COMMAND, "--slurm", options, "--parts", parts, "--out", str(tmp_path / "maps"), "--quiet"]
+    assert main(command) == 2
+    *_, line = capfd.readouterr().err.splitlines()  # Submitit repeats what sbatch wrote
+    assert line.startswith(f"elitelanes: part 1 of {parts}: expected it to start, but the executor lost it: ")
+    assert line.endswith("sbatch: error: invalid partition specified: x")
+    assert not list(tmp_path.iterdir())
+
+
 class Submitit(OneByOne):
     """In place of Submitit's module and executor."""
 
@@ -619,14 +691,34 @@ class Submitit(OneByOne):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("cluster=local a=1 b='2 c'", "options of Submitit, got {'a': 1, 'b': '2 c'}"),
+        (
+            "cluster=local a=1 b='2 c' c=007 d=0.5 slurm_setup='x y' e=True",
+            "options of Submitit, got {'a': 1, 'b': '2 c', 'c': '007', 'd': 0.5, 'slurm_setup': ['x y'], 'e': True}",
+        ),
         ("a='1", 'quotes in pairs, got "a=\'1"'),
+        ("cluster=local slurm_nodes=2", "one task for each job, got slurm_nodes=2"),
     ],
 )
 def test_values_with_spaces_are_quoted(options, message, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "submitit", Submitit)
     assert main([*COMMAND, "--slurm", options, "--out", str(tmp_path / "maps")]) == 2
     assert capsys.readouterr().err == f"elitelanes: --slurm: expected {message}\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "remains"), [(engine.CancelledError(), ["7_log.err"]), (InputError("of a worker"), [])]
+)
+def test_logs_remain_if_a_job_was_lost(error, remains, tmp_path, monkeypatch):
+    def start(folder, cluster):
+        folder.mkdir()
+        (folder / "7_log.err").touch()
+        executor = OneByOne(fails={0: error})
+        executor.update_parameters = lambda: None
+        return executor
+
+    monkeypatch.setitem(sys.modules, "submitit", SimpleNamespace(AutoExecutor=start))
+    assert main([*COMMAND, "--slurm", "cluster=local", "--out", str(tmp_path / "maps")]) == 2
+    assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == remains
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import lru_cache
 from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
@@ -128,7 +128,7 @@ def call_on_workers(
     try:
         while first < len(arguments) or running:
             if fresh := range(first, min(first + _AT_ONCE - len(running), len(arguments))):
-                with _naming_loss(first, len(arguments)), together():
+                with _naming_loss(first, len(arguments), "it to start"), together():
                     for index in fresh:
                         argument = pickle.dumps(arguments[index])
                         running[index] = _check_future(
@@ -146,7 +146,10 @@ def call_on_workers(
                 pause = min(2 * pause, _LATER)
     finally:
         for future in running.values():
-            future.cancel()
+            # A job of Submitit without a number, because SLURM refused it, raises. The error that
+            # ended the loop says more.
+            with suppress(Exception):
+                future.cancel()
 
 
 def _check_future(value: UserValue) -> UserValue:
@@ -244,31 +247,35 @@ def _add_worker(error: Exception) -> Exception:
 
 def _read(future: Untyped, index: int, count: int) -> Untyped:
     """Returns the result of a call, or raises its error."""
-    with _naming_loss(index, count):
+    with _naming_loss(index, count, "its result"):
         outcome = future.result()
+        if _is_loss(outcome.error):  # Submitit raises in a job whose time is over
+            raise outcome.error
     if outcome.error is not None:
         raise outcome.error
     return outcome.value
 
 
 @contextmanager
-def _naming_loss(index: int, count: int) -> Iterator[None]:
+def _naming_loss(index: int, count: int, expected: str) -> Iterator[None]:
     """Makes an executor's own errors one line: those of workers without this package, or of lost workers and jobs."""
     try:
         yield
     except ImportError as error:
-        expected = f"elitelanes_jax {installed_versions()['elitelanes_jax']} on all workers"
-        raise InputError(f"executor: expected {expected}, got: {error}") from None
+        package = f"elitelanes_jax {installed_versions()['elitelanes_jax']} on all workers"
+        raise InputError(f"executor: expected {package}, got: {error}") from None
     except Exception as error:
-        kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(error).__mro__}
-        is_shut_down = isinstance(error, RuntimeError) and "after shutdown" in str(error)
-        if (
-            not is_shut_down
-            and not isinstance(error, BrokenExecutor | CancelledError)
-            and kinds.isdisjoint(_LOST)
-        ):
+        if not _is_loss(error):
             raise
         words = shorten(f"{type(error).__name__}: {error}", 200)
         raise ConnectionError(
-            f"part {index + 1} of {count}: expected its result, but the executor lost it: {words}"
+            f"part {index + 1} of {count}: expected {expected}, but the executor lost it: {words}"
         ) from None
+
+
+def _is_loss(error: Exception | None) -> bool:
+    """Tells whether an error says that an executor lost a worker or a job, or was shut down."""
+    if isinstance(error, RuntimeError) and "after shutdown" in str(error):
+        return True
+    kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(error).__mro__}
+    return isinstance(error, BrokenExecutor | CancelledError) or not kinds.isdisjoint(_LOST)

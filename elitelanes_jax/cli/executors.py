@@ -3,10 +3,9 @@
 import argparse
 import asyncio
 import logging
-import re
 import shlex
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import which
 from types import ModuleType
@@ -24,6 +23,12 @@ _ANSWER = 4
 
 _ADDRESS = "the address of a Dask scheduler, such as tcp://host:8786"
 _OPTIONS = "options of Submitit such as timeout_min=60"
+
+# The options of Submitit that start several tasks in a job, with or without `slurm_` before them.
+_TASKS = ("nodes", "tasks_per_node", "ntasks")
+
+# The options of Submitit that are lists of commands or arguments.
+_LISTS = ("setup", "teardown", "srun_args")
 
 
 def _text_of(expected: str) -> Check:
@@ -105,19 +110,23 @@ async def _shake_hands(distributed: ModuleType, address: str) -> None:
 
 @contextmanager
 def _keeping_logs(jobs: Path) -> Iterator[None]:
-    """Removes Submitit's folder at the end of its block; after an error only if no job has logs in it."""
+    """Removes Submitit's folder at the end of its block, unless it has the logs of a job that was lost."""
     try:
         yield
-    except BaseException:
-        if jobs.is_dir() and not any(jobs.iterdir()):
+    except ConnectionError:
+        if not any(jobs.glob("*_log.*")):
             remove(jobs)
+        raise
+    except BaseException:
+        remove(jobs)
         raise
     remove(jobs)
 
 
 def _open_submitit(text: str, jobs: Path) -> Engine:
     submitit = import_optional("submitit", "--slurm needs Submitit", "submitit")
-    values: dict[str, str | int] = {}
+    logging.getLogger("submitit").setLevel(logging.CRITICAL)
+    values: UserValue = {}
     try:
         words = shlex.split(text)  # a value with spaces is quoted
     except ValueError:
@@ -126,12 +135,15 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
         option, equals, value = word.partition("=")
         if not option.isidentifier() or not equals:
             raise InputError(f"--slurm: expected {_OPTIONS}, got {word!r}")
-        values[option] = int(value) if re.fullmatch(r"\d+", value) else value
+        if option.endswith(_TASKS) and value != "1":
+            raise InputError(f"--slurm: expected one task for each job, got {word}")
+        values[option] = _value_of(option, value)
     cluster = values.pop("cluster", "slurm")
-    if cluster == "slurm" and which("sbatch") is None:
-        raise InputError(
-            "--slurm: expected SLURM's program sbatch on the PATH, got none; cluster=local needs none"
-        )
+    for program in ("sbatch", "srun"):
+        if cluster == "slurm" and which(program) is None:
+            raise InputError(
+                f"--slurm: expected SLURM's program {program} on the PATH, got none; cluster=local needs none"
+            )
     try:
         executor = submitit.AutoExecutor(jobs, cluster=cluster)
         executor.update_parameters(**values)
@@ -140,3 +152,16 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
             f"--slurm: expected options of Submitit, got {shorten(str(error), 200)}"
         ) from None
     return executor
+
+
+def _value_of(option: str, text: str) -> UserValue:
+    """Returns the value of an option: a list of one text, a truth value, a number, or the text."""
+    if option.endswith(_LISTS):
+        return [text]
+    if text in ("True", "False"):
+        return text == "True"
+    for kind in (int, float):
+        with suppress(ValueError):
+            if str(kind(text)) == text:  # 007 is a name
+                return kind(text)
+    return text
