@@ -46,15 +46,19 @@ def multiply(value: Int32[Array, "..."], factor: Int32[Array, "..."]) -> Int32[A
     return value * factor >> 12
 
 
+@jax.custom_jvp
 def rounded(product: Float[ArrayLike, "..."]) -> Float32[Array, "..."]:
-    """Rounds a float32 product to 23 of its 24 bits, so that every program adds the same number to a sum.
+    """Rounds a float32 product towards 0 to 23 of its 24 bits, so that every program adds the same number to a sum.
 
     Compilers turn a product and a sum into one instruction, which does not round the product. They
-    do so in one program and not in another, but not if the product is rounded first.
+    do so in one program and not in another. They cannot do so if bits of the product are changed
+    first. The derivative is that of the product.
     """
-    return lax.reduce_precision(
-        jnp.asarray(product, jnp.float32), exponent_bits=8, mantissa_bits=22
-    )
+    bits = lax.bitcast_convert_type(jnp.asarray(product, jnp.float32), jnp.int32)
+    return lax.bitcast_convert_type(bits & -2, jnp.float32)
+
+
+rounded.defjvps(lambda tangent, rounded_product, product: tangent)
 
 
 def materialize(array: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
