@@ -46,7 +46,7 @@ _LOST = {
 _OURS = (InputError, NotEnoughMapsError, NotEnoughMemoryError, OSError)
 
 
-@runtime_checkable
+@runtime_checkable  # for type checks while tests run
 class Engine(Protocol):
     """What divides work among workers: a `concurrent.futures.Executor`, or another class with its `submit`."""
 

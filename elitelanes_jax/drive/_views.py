@@ -373,19 +373,20 @@ def _lane_of(pose: Pose, scene: SceneMap, lane_offset: float) -> Float[Array, "3
 def _choose_pictures(seed: Array, scene: SceneMap, scenes: Scenes) -> Int32[Array, " N"]:
     """Draws a picture for each cell among all that show its code."""
     codes = scene.codes.reshape(-1)
-    chosen = (uniform(hash_bits(seed, codes.shape)) * scenes.picture_counts[codes]).astype(
-        jnp.int32
-    )
-    return scenes.tiles[codes, chosen]
+    return scenes.tiles[codes, _draw_indices(seed, scenes.picture_counts[codes])]
 
 
 def _choose_billboards(seed: Array, scene: SceneMap) -> Int32[Array, " O"] | None:
     """Draws a picture for each object among all that may show it."""
     if scene.choices is None:
         return None
-    first, number = scene.choices.T
-    lots = uniform(hash_bits(fork(seed, 1), number.shape))
-    return first + (lots * number).astype(jnp.int32)
+    first, numbers = scene.choices.T
+    return first + _draw_indices(fork(seed, 1), numbers)
+
+
+def _draw_indices(seed: Array, numbers: Int32[Array, " N"]) -> Int32[Array, " N"]:
+    """Draws an index below each of the numbers."""
+    return (uniform(hash_bits(seed, numbers.shape)) * numbers).astype(jnp.int32)
 
 
 def _meet_ground(

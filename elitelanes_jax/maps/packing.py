@@ -101,13 +101,13 @@ def pack(
                     (work.kept / "maps.json").unlink()  # nothing is left to resume
                     raise InputError(f"niche {town.niche}, {maps.names[number]}: {error}") from None
                 bar.count()
-        _write_indices(spec, towns, work.files)
         about["splits"] = {}
         for name in SPLITS:
             in_split = [town for town in towns if town.split == name]
             if in_split:
                 niches = {town.niche for town in in_split}
                 about["splits"][name] = {"maps": len(in_split), "niches": len(niches)}
+                _write_indices(spec, name, in_split, work.files)
             ids = "".join(f"{town.id}\n" for town in in_split)
             write_atomic(work.files / "splits" / f"{name}.txt", ids.encode())
         write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
@@ -232,23 +232,18 @@ def _write(
     return about | shorten_coverage(town.road_map.metrics or {})
 
 
-def _write_indices(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> None:
-    """Writes the indices of a format that has them, one for each split, into folders of their own."""
+def _write_indices(spec: PackSpec, split: str, towns: Sequence[_Town], folder: Path) -> None:
+    """Writes the index of a split into a folder of its own, for each format that has indices."""
     for to in spec.to:
         index = FORMATS[to].catalogue
         if index is None:
             continue
-        for split in SPLITS:
-            files = []
-            for town in towns:
-                if town.split == split:
-                    files += [
-                        folder / to / town.niche / file for file in FORMATS[to].paths(town.id)
-                    ]
-            if files:
-                place = folder / to / split
-                for name, content in index(place, files).items():
-                    write_atomic(place / name, content)
+        files: list[Path] = []
+        for town in towns:
+            files += [folder / to / town.niche / file for file in FORMATS[to].paths(town.id)]
+        place = folder / to / split
+        for name, content in index(place, files).items():
+            write_atomic(place / name, content)
 
 
 def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:

@@ -1,17 +1,16 @@
-"""Light of photographs: the brightness of the ground without the tape on it."""
+"""Light of photographs: the brightness and the colour of the ground without the tape on it."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# The brightness of asphalt in daylight, of 255.
+# Asphalt in daylight: its least and its largest brightness, of 255, and its colour, red, green and
+# blue as parts of red. The colour is that of four photographs.
 _DARKEST = 65.0
 _BRIGHTEST = 90.0
+_ASPHALT = np.array([1.0, 0.93, 0.82])
 # The side of a tile at which the ground is measured: the time grows with its fourth power.
 _MOST_PX = 96
-_ASPHALT = np.array(
-    [1.0, 0.93, 0.82]
-)  # its colour in daylight, red, green and blue: of four photographs
 _BARE = 1.2  # of the ground's brightness: darker pixels show no tape
 _MOST_TINT = 3.0  # between the channels of a light; more is a ground in a colour of its own
 _LEAST_GAIN = 0.6  # by which light is dimmed at most: brighter ground is no asphalt

@@ -19,6 +19,7 @@ import pytest
 from pages import blocks, commands, run_program
 
 from elitelanes_jax import DatasetSpec, GenerateSpec, RoadMap, load_tiles, read_map
+from elitelanes_jax._util import packages
 from elitelanes_jax.cli.arguments import read_options
 from elitelanes_jax.cli.main import main, make_parser
 from elitelanes_jax.formats import map_to_json, to_duckietown
@@ -114,6 +115,12 @@ def test_all_extras_are_listed():
     (listed,) = re.findall(r"\| extras \|.*?\n\n", PAGES["docs/install.md"], re.DOTALL)
     rows = re.findall(r"^\| (`.*?`) \|", listed, re.MULTILINE)
     assert sorted(name.strip("`") for row in rows for name in row.split(", ")) == sorted(extras)
+
+
+def test_messages_name_extras_that_bring_the_package():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    for module, extra in packages.EXTRAS.items():
+        assert module in {re.split("[^a-z0-9-]", requirement)[0] for requirement in extras[extra]}
 
 
 def test_given_cells_on_the_page_are_those_of_the_file():

@@ -327,7 +327,7 @@ def controls_of_scenarionet(made, grid):
     signs = [feature for feature in features.values() if feature["type"] == "STOP_SIGN"]
     for sign in signs:
         turns = {tuple(features[lane]["polyline"][0].tolist()) for lane in sign["lane"]}
-        (start,) = turns  # all lanes that it is for start to the left of it
+        (start,) = turns  # A sign is for the lanes that start at one point, to its left.
         assert np.hypot(*(sign["position"] - start)[:2]) == pytest.approx(1.6, abs=1e-3)
     return controls_of_signs([complex(*sign["position"][:2].astype(float)) for sign in signs], grid)
 

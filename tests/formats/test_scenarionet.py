@@ -72,7 +72,7 @@ def outlines(track):
 
 
 def overlap(first, second):
-    """Returns whether two rectangles overlap: none of their sides separates them."""
+    """Returns whether two rectangles overlap: seen along each of their sides, they do."""
     for side in np.diff(np.concatenate([first[:3], second[:3]]))[[0, 1, 3, 4]]:
         one, other = ((corners / side).imag for corners in (first, second))
         if one.max() < other.min() or other.max() < one.min():
