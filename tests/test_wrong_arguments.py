@@ -31,10 +31,10 @@ from elitelanes_jax.benchmark import (
     Submission,
     compute_scores,
     find_task,
-    run_tasks,
     score_submission,
     write_submission,
 )
+from elitelanes_jax.benchmark import run as run_search
 from elitelanes_jax.dataset import draw_sample
 from elitelanes_jax.drive import (
     LaneDrive,
@@ -151,7 +151,6 @@ WRONG = {
     "picture: expected the content of a PNG file, got b'no picture'": lambda: to_gltf((2, 2), b"no picture"),
     "picture: expected the content of a PNG file, got 'floor.png'": lambda: to_gltf((2, 2), "floor.png"),
     "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),
-    "tasks: expected a list of Task, got Task(": lambda: run_tasks(find_task("5x5A-10000"), None),
     "image: expected uint8 [S, S, 3], got float64 [4, 4]": lambda: propose_masks(np.zeros((4, 4))),
     "file: expected a name that ends in .png, got map.json": lambda: write_png("map.json", np.zeros((4, 4), np.uint8)),
     "moves: expected names of letters, digits and _ that no other": lambda: evolve(0, moves={3: (1, 2)}),
@@ -223,12 +222,12 @@ WRONG = {
     "scale: expected a number over 0, up to 100, got -1": lambda: write_text(
         np.zeros((9, 9, 3), np.uint8), "text", (0, 0), -1, (0, 0, 0)
     ),
-    "seeds: expected each seed once, got 7 2 times": lambda: run_tasks([TASK], print, [7, 7]),
+    "seeds: expected each seed once, got 7 2 times": lambda: run_search(TASK, print, [7, 7]),
     "submission: task: expected Task, got '5x5A-10000'": lambda: score_submission(Submission(TASK.name, np.zeros(5))),
     "file: expected a name that ends in .npz, got a.json": lambda: write_submission(
         "a.json", Submission(TASK, np.zeros((10, 1, 1, 5, 5), np.int8))
     ),
-    "seeds: expected a number or several, 0 or more, got []": lambda: run_tasks([TASK], print, []),
+    "seeds: expected a number or several, 0 or more, got []": lambda: run_search(TASK, print, []),
     "progress: expected True or False, got 'no'": lambda: evolve(0, progress="no"),
     "key: expected a jax.random.key, got Array((2,), dtype=key": lambda: random_grids(seed_keys(0, 2), 3),
     "key: expected a jax.random.key, got Array((3,), dtype=key": lambda: make_levels(seed_keys(0, 3), RING),
@@ -267,7 +266,7 @@ WRONG = {
     "features: mine: expected a function of grid, got one of (grid, other)": lambda: evolve(
         0, features={"mine": lambda grid, other: 0}
     ),
-    "search: expected a function of task, generator, got one of ()": lambda: run_tasks([TASK], lambda: None, 1),
+    "search: expected a function of task, generator, got one of ()": lambda: run_search(TASK, lambda: None, 1),
     "what: mine: expected maps, grids or files of maps, got None": lambda: collect({"mine": None}),
     "what: mine: no-run: expected a readable": lambda: collect({"mine": "no-run"}),
     "colours: expected a Colour for road, red, yellow, got {'road': 1}": lambda: propose_masks(

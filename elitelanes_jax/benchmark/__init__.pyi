@@ -1,7 +1,6 @@
 from .pcg import register_pcg_problems as register_pcg_problems
 from .running import Measured as Measured
 from .running import run as run
-from .running import run_tasks as run_tasks
 from .scores import Scores as Scores
 from .scores import compute_scores as compute_scores
 from .scores import confidence_interval as confidence_interval

@@ -1,7 +1,6 @@
-"""Runs a user's search on a task or on several, and keeps its archives at every budget."""
+"""Runs a user's search on a task, and keeps its archive at every budget."""
 
-from collections.abc import Callable, Generator, Iterable, Sequence
-from functools import partial
+from collections.abc import Callable, Generator, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ from elitelanes_jax._util.checks import (
     check_unique,
     function_of,
     is_whole,
-    listed,
     whole,
 )
 from elitelanes_jax._util.errors import InputError, shorten
@@ -46,11 +44,6 @@ class Measured(NamedTuple):
 Search = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
 """A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch."""
 
-MultiTaskSearch = Callable[
-    [Sequence[Task], np.random.Generator], Generator[tuple[int, AnyArray], Measured, None]
-]
-"""A search of several tasks: yields the index of a task and grids for it, and receives a `Measured`."""
-
 _ENDED = object()  # what a search that has ended yields
 
 
@@ -72,70 +65,14 @@ def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUN
         with other codes.
     """
     task = task if isinstance(task, Task) else find_task(task)
-    return _run([task], search, task, lambda grids: (0, grids), seeds)[0]
-
-
-@name_wrong_arguments
-def run_tasks(
-    tasks: Sequence[Task], search: MultiTaskSearch, seeds: int | Iterable[int] = LEAST_RUNS
-) -> list[Submission]:
-    """Runs a search of several tasks once for each seed; returns a submission for each task.
-
-    A run has as many evaluations as the tasks have together, and the search divides them among the
-    tasks. The archives of a budget are those after this budget times the number of tasks.
-
-    Args:
-      tasks: to run, of equal budgets: for instance
-        ``[find_task(f"{size}-10000") for size in SIZES]``.
-      search: a generator function; see `MultiTaskSearch`. It is stopped when all evaluations are
-        spent.
-      seeds: as in `run`.
-
-    Raises:
-      InputError: for anything else than tasks of equal budgets, for an index of no task, and for
-        grids as in `run`.
-    """
-    budgets = {task.evaluations for task in check_named("tasks", listed(Task), tasks)}
-    if len(budgets) != 1:
-        raise InputError(
-            f"tasks: expected equal budgets, got {', '.join(task.name for task in tasks) or 'no task'}"
-        )
-    return _run(tasks, search, tasks, partial(_check_index, len(tasks)), seeds)
-
-
-def _check_index(tasks: int, batch: UserValue) -> tuple[int, AnyArray]:
-    if not isinstance(batch, tuple | list) or len(batch) != 2:
-        raise InputError(
-            f"search: expected the index of a task and grids, got {type(batch).__name__}"
-        )
-    return check_named("search", whole(0, tasks - 1), batch[0]), batch[1]
-
-
-def _run(
-    tasks: Sequence[Task],
-    search: UserValue,
-    argument: Task | Sequence[Task],
-    split: Callable[[UserValue], tuple[int, AnyArray]],
-    seeds: int | Iterable[int],
-) -> list[Submission]:
-    """Runs a search for each seed.
-
-    `split` returns the index of a task and grids from what the search yields.
-    """
     numbers = _check_seeds(seeds)
     if not callable(search):
         raise InputError(
             f"search: expected a generator function, which yields grids, got {shorten(repr(search))}"
         )
     check_named("search", function_of("task", "generator"), search)
-    runs = []
-    for seed in numbers:
-        generator = search(argument, np.random.default_rng(seed))
-        runs.append(_run_seed(tasks, generator, split))
-    submissions = []
-    for index, task in enumerate(tasks):
-        submissions.append(Submission(task, np.stack([archives[index] for archives in runs])))
-    return submissions
+    runs = [_run_seed(task, search(task, np.random.default_rng(seed))) for seed in numbers]
+    return Submission(task, np.stack(runs))
 
 
 def _check_seeds(seeds: int | Iterable[int]) -> list[int]:
@@ -155,36 +92,32 @@ def _check_seeds(seeds: int | Iterable[int]) -> list[int]:
     return numbers
 
 
-def _run_seed(
-    tasks: Sequence[Task], search: UserValue, split: Callable[[UserValue], tuple[int, AnyArray]]
-) -> list[Int8[np.ndarray, "T N H W"]]:
-    """Returns the archives of each task after each budget: the best grid of each cyclomatic number."""
+def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
+    """Returns the archive after each budget: the best grid of each cyclomatic number."""
     if not isinstance(search, Generator):
         raise InputError(
             f"search: expected a generator function, which yields grids, got {shorten(repr(search))}"
         )
-    ends = [budget * len(tasks) for budget in BUDGETS if budget <= tasks[0].evaluations]
-    archives = [_Archive(task) for task in tasks]
-    # The grids of each archive, after each budget.
-    at_ends: list[list[Int8[np.ndarray, "N H W"]]] = []
+    budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
+    archive = _Archive(task)
+    at_budgets: list[Int8[np.ndarray, "N H W"]] = []
     spent, batch = 0, next(search, _ENDED)
-    while batch is not _ENDED and len(at_ends) < len(ends):
-        index, grids = split(batch)
-        codes = _check(tasks[index], grids)
-        measured = Measured(**measure_grids(codes, fill=tasks[index].fill))
+    while batch is not _ENDED and len(at_budgets) < len(budgets):
+        codes = _check(task, batch)
+        measured = Measured(**measure_grids(codes, fill=task.fill))
         for number in range(len(codes)):
-            archives[index].insert(codes[number], measured, number)
+            archive.insert(codes[number], measured, number)
             spent += 1
-            if len(at_ends) < len(ends) and spent == ends[len(at_ends)]:
-                at_ends.append([archive.grids.copy() for archive in archives])
+            if len(at_budgets) < len(budgets) and spent == budgets[len(at_budgets)]:
+                at_budgets.append(archive.grids.copy())
         try:
             batch = search.send(measured)
         except StopIteration:
             batch = _ENDED
     search.close()
-    while len(at_ends) < len(ends):  # the search ended early
-        at_ends.append([archive.grids for archive in archives])
-    return [np.stack(grids) for grids in zip(*at_ends, strict=True)]
+    while len(at_budgets) < len(budgets):  # the search ended early
+        at_budgets.append(archive.grids)
+    return np.stack(at_budgets)
 
 
 class _Archive:
@@ -203,7 +136,7 @@ class _Archive:
             self.grids[niche], self._ranks[niche] = codes, rank
 
 
-def _check(task: Task, batch: AnyArray) -> Int8[np.ndarray, "B H W"]:
+def _check(task: Task, batch: UserValue) -> Int8[np.ndarray, "B H W"]:
     try:
         codes = np.asarray(batch)
     except ValueError as error:

@@ -14,7 +14,7 @@ from oracle import measure as oracle
 from pages import blocks, run_program
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.benchmark.running import run, run_tasks
+from elitelanes_jax.benchmark.running import run
 from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval, grade
 from elitelanes_jax.benchmark.submissions import (
     LEAST_RUNS,
@@ -227,14 +227,11 @@ def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 def test_the_page_runs_searches_of_ones_own(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (_, program), (_, of_tasks), *_ = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    (_, program), *_ = blocks(PAGE.read_text(encoding="utf-8"), "python")
     run_program(program, str(PAGE), capsys)
     assert main(["score", "own.npz"]) == 0
     exec(compile("\n".join(program.rstrip().splitlines()[:-4]), "own.py", "exec"), own := {})
     assert run(find_task("6x6B-10000"), own["search"], seeds=1).grids.shape[-2:] == (6, 6)
-    capsys.readouterr()
-    exec(compile(of_tasks, str(PAGE), "exec"), {})
-    assert capsys.readouterr().out == "5x5B-10000 True\n6x6A-10000 True\n"
 
 
 def walk(task, rng, sizes=(64,)):
@@ -276,36 +273,6 @@ def test_runs_keep_their_archive_at_every_budget():
     assert len(grids) - len(seen[-1][0]) < 100_000  # and no batch more
     best, _ = score_submission(submission)
     assert best.shape == (1, 2, len(TASK.optimum)) and (best[0, 1] <= best[0, 0]).all()
-
-
-def test_tasks_of_one_run_share_its_evaluations():
-    tasks = [find_task(f"{size}-10000") for size in ("5x5A", "6x6B")]
-
-    def search(tasks, rng):
-        """Spends all that the first task has, and as much again, before the second one gets its witnesses."""
-        own, measured = walk(tasks[0], rng, (3000,)), None
-        for _ in range(6):
-            measured = yield 0, own.send(measured)
-        assert (yield 1, tasks[1].witnesses).counts.all()
-        while True:
-            yield np.int64(0), tasks[0].witnesses[np.zeros(1000, int)]
-
-    one, other = run_tasks(tasks, search, [5])
-    alone = run(tasks[0], lambda task, rng: walk(task, rng, (3000,)), [5])
-    assert (one.task.name, other.task.name) == ("5x5A-10000", "6x6B-10000")
-    assert (score_submission(other)[1].reliability == 1).all()
-    assert (score_submission(one)[0] <= score_submission(alone)[0]).all()
-    twice = [run_tasks([task] * 2, lambda tasks, rng: ((0, grids) for grids in ()), 1) for task in tasks]
-    assert all((submission.grids == 0).all() for pair in twice for submission in pair)
-    for wrong, words in (
-        ([tasks[0], TASK], "tasks: expected equal budgets, got 5x5A-10000, 5x5A-100000"),
-        ([], "tasks: expected equal budgets, got no task"),
-    ):
-        with pytest.raises(InputError, match=f"^{words}"):
-            run_tasks(wrong, search)
-    for batch, words in (((2, tasks[0].witnesses), "a whole number, 0 to 1, got 2"), (7, "the index of a task and")):
-        with pytest.raises(InputError, match=f"^search: expected {words}"):
-            run_tasks(tasks, lambda tasks, rng, batch=batch: iter_once(batch), 1)
 
 
 def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):

@@ -19,7 +19,7 @@ from experiments.common import Parser, kept, leave, open_results, require, run, 
 
 __all__ = ["CANDIDATES", "main"]
 
-CANDIDATES = (1e-3, 2e-3, 4e-3)
+CANDIDATES = (1e-3, 2e-3, 4e-3, 8e-3)
 """The rates that are compared."""
 
 _SPACE = "5x5A"
