@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive pufferdrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive pufferdrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -31,6 +31,10 @@ test: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
+
+# The types in signatures, with the shapes and dtypes of arrays, are checked at every call.
+test-types: $(READY)
+	$(BIN)/python -m pytest -p typecheck -n auto --dist loadfile tests/network tests/problem tests/optimizers tests/drive
 
 # All notebooks with few steps, side by side. Other than -m slow, this expression compiles quickly, as make test does.
 notebooks: $(READY)

@@ -21,18 +21,9 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
         os.environ["XLA_FLAGS"] = QUICK_FLAGS
         os.environ["NUMBA_OPT"] = "1"  # a quarter less time than at 3, for programs that run once
     os.environ["MALLOC_ARENA_MAX"] = "2"  # the compiler's threads would each keep memory of their own
-jax.config.update("jax_compilation_cache_dir", str(Path(os.environ["XDG_CACHE_HOME"]) / "elitelanes_jax"))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 # Tracing makes and drops many objects: to look for circles among them so often takes a twentieth of the time.
 gc.set_threshold(100_000, 20, 20)
-
-# Types in signatures, with shapes and dtypes, are checked at every call where arrays of JAX are at work.
-ROOMS = ["network", "problem", "optimizers", "search._programs", "search.evolution", "search.result"]
-DRIVE = Path(__file__).parents[1] / "elitelanes_jax" / "drive"
-ROOMS += [f"drive.{file.stem}" for file in DRIVE.glob("*.py") if file.stem not in ("__init__", "rides")]
-jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")
 
 import numpy as np
 import pytest

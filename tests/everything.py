@@ -47,6 +47,7 @@ ENVIRONMENTS = {
     "marimo": Environment(".venv-marimo", ("marimo", "anywidget")),
     "newest": Environment(".venv-newest", ("networkx", "numba")),
     "lowest": Environment(".venv-lowest", ("networkx", "numba")),
+    "test-types": Environment(".venv", ("jaxtyping", "beartype")),
     "test-slow": Environment(".venv"),
 }
 """The environments by the targets of make that run their tests."""

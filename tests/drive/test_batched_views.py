@@ -298,9 +298,10 @@ def test_bad_arguments_are_named(scenes, arguments, message):
         ([], {}, "maps: expected one or more, got none"),
         ([[[6, 3], [12, 9]], [[0, 0], [0, 0]]], {}, r"maps\[1\]: expected a map with a lane, got .*"),
         ([[[6, 3], [12, 9]]], {"tile_px": 96}, "tile_px: expected 16, 32, 64, 128, 256 or 512, got 96"),
-        ([[[6, 3], [12, 9]]], {"tiles": "folder"}, "tiles: expected TileSet or None, got 'folder'"),
+        ([[[6, 3], [12, 9]]], {"tiles": "folder"}, "tiles: expected TileSet, got 'folder'"),
     ],
 )
+@pytest.mark.usefixtures("any_types")
 def test_bad_scenes_are_named(maps, options, message):
     with pytest.raises(InputError, match=f"^{message}$"):
         make_scenes(maps, **options)

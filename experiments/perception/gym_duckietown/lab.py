@@ -72,6 +72,7 @@ ROWS = {
     "drawings-stream": Row("drawings, stream", None, "stream", 6000, lines=LINES),
     "photographs-lines": Row("five photographs, `lines=0.07`, 12,000 files", "photographs", "files", 3000, 24, LINES),
     "photographs-30000": Row("five photographs, 30,000 files", "photographs", "files", 3000, 60),
+    "photographs-longer": Row("five photographs, 30,000 files, 6,000 steps", "photographs", "files", 6000, 60),
     "cut-stream": Row("cut from one oblique photograph, stream", "cut", "stream", 6000),
     "one-stream": Row("one photograph of each kind, stream", "one", "stream", 6000),
     "more-stream": Row("all photographs that pass the check, stream", "more", "stream", 6000),
