@@ -34,9 +34,9 @@ RATES = {
     "domain randomisation": 2e-3,
     "PLR": 4e-3,
     "robust PLR": 4e-3,
-    "ACCEL": 4e-3,
-    "SFL": 2e-3,
-    "archive": 2e-3,
+    "ACCEL": 8e-3,
+    "SFL": 4e-3,
+    "archive": 4e-3,
     "oracle": 2e-3,
 }
 """The learning rates of the methods, chosen on 5 x 5 A by rates.py."""
