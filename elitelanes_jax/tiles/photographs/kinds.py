@@ -2,9 +2,9 @@
 
 Each cell is compared with all pictures of the set in all rotations, displaced by up to an eighth of
 a tile, without the light: colours are relative to the ground around them. Then each cell is also
-compared with those cells of the same floor whose kind is clear, because a lab's tiles look more like
-each other than like those of another set. Neighbours agree about the side that they share. This is a Markov random field on the grid; belief propagation (Pearl 1982)
-finds its best codes.
+compared with those cells of the same floor whose kind is clear, because a lab's tiles look more
+like each other than like those of another set. Neighbours agree about the side that they share.
+This is a Markov random field on the grid; belief propagation (Pearl 1982) finds its best codes.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.network.codes import SIDES, rotate_codes
+from elitelanes_jax.network.codes import CONNECTIONS, SIDES, rotate_codes
 from elitelanes_jax.tiles._light import ground_of
 from elitelanes_jax.tiles.rendering import scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet
@@ -50,12 +50,15 @@ class Kinds(NamedTuple):
         no tile.
       scores: float ``[H, W, 16]``, the correlation with each code's most similar picture; -1 if the
         set has none.
+      handed: by how much crossings are more alike to pictures than to mirrored pictures, on the
+        average; 1 if no cell looks like a crossing.
     """
 
     codes: NDArray[np.int8]
     alike: NDArray[np.float64]
     margins: NDArray[np.float64]
     scores: NDArray[np.float64]
+    handed: float
 
 
 def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet) -> Kinds:
@@ -76,19 +79,13 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
     bare = _lacks_colour(flat, codes, tiles)
     codes, margins = np.where(bare, 0, codes), np.where(bare, 0.0, margins)
     alike = np.take_along_axis(scores, codes[..., None], -1)[..., 0]
-    return Kinds(codes.astype(np.int8), alike, margins, scores)
+    return Kinds(codes.astype(np.int8), alike, margins, scores, _handed(flat, scores, tiles))
 
 
 def _correlate(
     flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet
 ) -> NDArray[np.float64]:
-    pictures = scale_tiles(tiles, READ_PX)["image"]
-    templates = [
-        (code, _without_light(pictures[4 * drawn.tile + drawn.quarter_turns]))
-        for code, draws in tiles.rotations.items()
-        for drawn in draws[:: -(-len(draws) // _MOST_PICTURES)]
-        if code
-    ]
+    templates = _templates(tiles)
     floor = _without_light(flat)
     scores = np.full((rows, columns, 16), -1.0)
     if rows * columns > 1:
@@ -134,6 +131,36 @@ def _cell(floor: NDArray[np.float32], row: int, column: int) -> NDArray[np.float
 def _most_alike(cell: NDArray[np.float32], template: NDArray[np.float32]) -> float:
     """Returns the largest correlation of a template with a part of a cell."""
     return float(cv2.matchTemplate(cell, template, cv2.TM_CCOEFF_NORMED).max())
+
+
+def _templates(tiles: TileSet) -> list[tuple[int, NDArray[np.float32]]]:
+    """Returns codes and pictures without light."""
+    pictures = scale_tiles(tiles, READ_PX)["image"]
+    return [
+        (code, _without_light(pictures[4 * drawn.tile + drawn.quarter_turns]))
+        for code, draws in tiles.rotations.items()
+        for drawn in draws[:: -(-len(draws) // _MOST_PICTURES)]
+        if code
+    ]
+
+
+def _handed(flat: NDArray[np.uint8], scores: NDArray[np.float64], tiles: TileSet) -> float:
+    """Returns by how much crossings look less like mirrored ones, whose stop lines are on the left lane."""
+    floor = _without_light(flat)
+    mirrored = [
+        np.ascontiguousarray(template[:, ::-1])
+        for code, template in _templates(tiles)
+        if CONNECTIONS[code] >= 3
+    ]
+    is_crossing = CONNECTIONS >= 3
+    differences = []
+    for row, column in np.ndindex(*scores.shape[:2]):
+        cell = _cell(floor, row, column)
+        right = scores[row, column, is_crossing].max()
+        wrong = max((_most_alike(cell, template) for template in mirrored), default=-1.0)
+        if max(right, wrong) > max(_CLEAR, scores[row, column, ~is_crossing].max()):
+            differences.append(right - wrong)
+    return float(np.mean(differences)) if differences else 1.0
 
 
 def _lacks_colour(
