@@ -26,6 +26,8 @@ _FOCAL = np.geomspace(0.45, 4, 200)  # usual focal lengths, in widths of the pic
 _TAPE_INSET = 0.07  # tiles from the border to the outer white lines, at which some guesses end
 _STARTS = 3  # guesses that are fitted at most
 _ENOUGH = 0.9  # the score at which no other guess is tried
+_SURELY = 0.1  # the margin of a kind that is believed against a map
+_FEW = 0.25  # the largest share of a floor's tiles that are laid otherwise than a map says
 
 
 class Proposal(NamedTuple):
@@ -65,8 +67,8 @@ class Proposal(NamedTuple):
 
 
 _UNLIKE = (
-    "the outlined area does not look like road tiles; have the whole floor in the picture, check the size, and give the "
-    "corners"
+    "the outlined area does not look like road tiles; have the whole floor in the picture, check "
+    "the size, and give the corners"
 )
 _CROPPED = (
     "the outlined tiles are no squares in space; check the size, take a photograph that is not cropped, or give the "
@@ -184,10 +186,10 @@ def propose_tiles(
         else:
             fitted = fit_view(photograph.image, start.view, start.codes)
         kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
-        is_read_otherwise = kinds.codes.any() and (kinds.codes != start.codes).any()
-        if fit and codes is None and shape != (1, 1) and is_read_otherwise:
+        read = _read_otherwise(kinds, start.codes, is_map=codes is not None)
+        if fit and shape != (1, 1) and read is not None:
             # Cells were compared with cells of another kind.
-            fitted = fit_view(photograph.image, fitted.view, kinds.codes)
+            fitted = fit_view(photograph.image, fitted.view, read)
             kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
         told = {"out_of_square"} if corners is not None else set[str]()
         proposals.append(
@@ -196,6 +198,22 @@ def propose_tiles(
         if proposals[-1].score > _ENOUGH:
             break
     return max(proposals, key=lambda proposal: proposal.score)
+
+
+def _read_otherwise(
+    kinds: Kinds, codes: NDArray[np.int8], *, is_map: bool
+) -> NDArray[np.int8] | None:
+    """Returns the codes of a fitted floor if they are others than those that it was fitted with, otherwise None.
+
+    A few tiles that surely differ from a map are laid wrongly; if many differ, the map is another.
+    """
+    differs = kinds.codes != codes
+    if is_map:
+        differs &= kinds.margins > _SURELY
+        if differs.mean() > _FEW:
+            return None
+    read = np.where(differs, kinds.codes, codes)
+    return read if differs.any() and read.any() else None
 
 
 def check_corners(photograph: Photograph, corners: Points) -> Points:
@@ -358,8 +376,8 @@ def _judge(evidence: dict[str, float], kind: str, told: Collection[str]) -> tupl
         for name, (limit, width, _) in limits.items()
     }
     weakest = min(sures, key=lambda name: sures[name])
-    # Nothing else counts where there are no tiles at all.
-    reason = "alike" if sures["alike"] < SURE else weakest
+    # Nothing else counts where there are no tiles at all, except that mirrored tiles look like none.
+    reason = next((name for name in ("handed", "alike") if sures[name] < SURE), weakest)
     return float(np.prod(list(sures.values()))), limits[reason][2]
 
 
