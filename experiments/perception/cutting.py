@@ -106,12 +106,13 @@ def _run(options: argparse.Namespace) -> None:
         rows: list[Row] = []
         lies: list[Lie] = []
         for index in range(options.first, options.first + (options.count or count)):
+            measured: list[Row] | list[Lie]
             if kind == "wrong":
                 measured = list(_deceive(index, folders))
-                lies += measured
+                lies.extend(measured)
             else:
                 measured = [_measure(kind, index, folders)]
-                rows += measured
+                rows.extend(measured)
             for row in measured:
                 print(index, *(f"{name} {value}" for name, value in row._asdict().items()), sep="  ", flush=True)
         text = _summary_of_lies(lies) if kind == "wrong" else _summary(rows)

@@ -121,8 +121,8 @@ def tape_by_hand(tiles: TileSet, rng: np.random.Generator, members: int) -> Tile
             light = rng.uniform(0.85, 1.1) * rng.normal(1, 0.03, 3)
             colours = np.where(yellow[..., None] > 0, image * lot, image) * light
             grain = cv2.GaussianBlur(rng.normal(0, rng.uniform(2, 12), (height, width)), (0, 0), 1.5)
-            colours = np.clip(colours + grain[..., None], 0, 255).astype(np.uint8)
-            taped.append(Tile(f"{tile.name}{member}", tile.code, colours, road > 0, red > 0, yellow > 0))
+            picture = np.clip(colours + grain[..., None], 0, 255).astype(np.uint8)
+            taped.append(Tile(f"{tile.name}{member}", tile.code, picture, road > 0, red > 0, yellow > 0))
     return TileSet(f"{tiles.name}, by hand", "", tuple(taped))
 
 

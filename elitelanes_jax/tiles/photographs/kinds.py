@@ -109,11 +109,11 @@ def _compare_cells(flat: NDArray[np.uint8], scores: NDArray[np.float64]) -> NDAr
     for row, column in np.argwhere(is_clear).tolist():
         top, left = row * READ_PX + MARGIN_PX, column * READ_PX + MARGIN_PX
         picture = floor[top : top + READ_PX, left : left + READ_PX]
-        drawn = {}
+        shown: dict[int, NDArray[np.float32]] = {}
         for turns in range(4):
-            drawn.setdefault(rotate_codes(int(codes[row, column]), turns), np.rot90(picture, turns))
-        for code, template in drawn.items():
-            template = np.ascontiguousarray(template)
+            code = int(rotate_codes(int(codes[row, column]), turns))
+            shown.setdefault(code, np.ascontiguousarray(np.rot90(picture, turns)))
+        for code, template in shown.items():
             for place in places:
                 if place != (row, column):
                     alike = _most_alike(_cell(floor, *place), template) - _OWN_LESS

@@ -113,7 +113,7 @@ _LIMITS: dict[str, dict[str, tuple[float, float, str]]] = {
 _BORDER_TELLS = 0.002
 # A floor of square tiles whose border is seen on all sides, at this share of points at least, is in
 # its place even if its tiles differ, as hand-taped tiles do.
-_SEEN, _SQUARE = 0.4, 0.012
+_SEEN, _SQUARE = 0.25, 0.012
 _REPEATS_IF_SEEN = 0.72, 0.015
 # Drawn tiles differ by this much: 1 - `repeats`. Tiles that differ more displace a fit of cells by
 # more than its spread says.
