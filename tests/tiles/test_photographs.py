@@ -100,6 +100,14 @@ def test_turns_of_a_lab_are_read_by_each_other():
     assert read.margins.min() > 0.3
 
 
+def test_a_straight_that_is_laid_across_the_road_is_read():
+    codes = np.array([[6, 7, 10, 3], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)
+    flat = render(codes, tile_px=kinds.READ_PX, seed=0).image
+    flat = cv2.copyMakeBorder(np.asarray(flat), *(kinds.MARGIN_PX,) * 4, cv2.BORDER_REFLECT)
+    read = kinds.read_kinds(flat, 3, 4, load_tiles())
+    assert read.codes[0, 2] == 10 and read.margins[0, 2] > 0.2
+
+
 def test_a_floor_whose_tiles_differ_is_right_where_its_border_is_seen():
     picture = photographed.photograph(TURNS, tiles=photographed.worn_tiles(0.5, 0.75))
     proposal = propose_tiles(Photograph("worn", picture), shape=(3, 4))

@@ -32,6 +32,8 @@ _ROUNDS = 12
 # A cell shows its kind to the others if its code has this correlation, better than others by this
 # much. Photographs of turns that were misread as ends had at most 0.44.
 _CLEAR, _CLEARER = 0.5, 0.05
+# A code that is better by this much is believed whatever the neighbours are.
+_PLAIN = 0.25
 # What a correlation with another cell counts less. Photographs of a kind have 0.75 to 1 with each
 # other; crossings of three and four ways have up to 0.87, straights and ends 0.69, others 0.53.
 _OWN_LESS = 0.15
@@ -72,14 +74,25 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
       tiles: whose pictures the cells are compared with.
     """
     scores = _correlate(flat, rows, columns, tiles)
-    beliefs = scores if rows * columns == 1 else _agree(_compare_cells(flat, scores))
-    codes = beliefs.argmax(axis=-1)
-    best_two = np.sort(beliefs, axis=-1)[..., -2:]
-    margins = best_two[..., 1] - best_two[..., 0]
+    compared = scores if rows * columns == 1 else _compare_cells(flat, scores)
+    beliefs = scores if rows * columns == 1 else _agree(compared)
+    codes, margins = _best(beliefs)
+    # A tile that is laid wrongly fits none of its neighbours.
+    alone, lead = _best(compared)
+    is_plain = (lead >= _PLAIN) & (alone > 0)
+    margins = np.where(is_plain & (codes != alone), 0, margins)
+    codes = np.where(is_plain, alone, codes)
+    margins = np.where(is_plain, np.maximum(lead, margins), margins)
     bare = _lacks_colour(flat, codes, tiles)
     codes, margins = np.where(bare, 0, codes), np.where(bare, 0.0, margins)
     alike = np.take_along_axis(scores, codes[..., None], -1)[..., 0]
     return Kinds(codes.astype(np.int8), alike, margins, scores, _handed(flat, scores, tiles))
+
+
+def _best(scores: NDArray[np.float64]) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
+    """Returns the best code of each cell ``[H, W]``, and by how much it is better than any other."""
+    second, first = np.moveaxis(np.sort(scores, axis=-1)[..., -2:], -1, 0)
+    return scores.argmax(axis=-1), first - second
 
 
 def _correlate(
@@ -102,9 +115,8 @@ def _compare_cells(flat: NDArray[np.uint8], scores: NDArray[np.float64]) -> NDAr
     """Returns scores ``[H, W, 16]`` that also count each cell's correlation with the cells whose kind is clear."""
     floor, compared = _without_light(flat), scores.copy()
     rows, columns = scores.shape[:2]
-    first, second = np.moveaxis(np.sort(scores, axis=-1)[..., -2:], -1, 0)[::-1]
-    codes = scores.argmax(axis=-1)
-    is_clear = (codes > 0) & (first >= _CLEAR) & (first - second >= _CLEARER)
+    codes, lead = _best(scores)
+    is_clear = (codes > 0) & (scores.max(axis=-1) >= _CLEAR) & (lead >= _CLEARER)
     places = list(np.ndindex(rows, columns))
     for row, column in np.argwhere(is_clear).tolist():
         top, left = row * READ_PX + MARGIN_PX, column * READ_PX + MARGIN_PX
