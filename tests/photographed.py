@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from elitelanes_jax.tiles import load_tiles, render
+from elitelanes_jax.tiles import TileSet, load_tiles, render
 
 TOWN = np.array([[6, 7, 3], [10, 10, 10], [12, 13, 9]], np.int8)
 WIDTH, HEIGHT = 800, 640
@@ -23,10 +23,33 @@ def corners_of(rows, columns, tilt=30, turn=8, away=2.1):
     return np.float32(np.stack([x, y * np.cos(np.radians(tilt))], axis=1) / depth[:, None] * 1.2 * WIDTH + middle)
 
 
-def photograph(codes, corners=None, ground=LINO, seed=0, size=(WIDTH, HEIGHT)):
+def worn_tiles(radius, white, bare=("turn_2", "turn_3")):
+    """Drawn tiles whose turns differ: separators of another radius, and the white tape of the `bare` ones worn off.
+
+    `white` is the contrast of white tape on the other turns, 1 as drawn.
+    """
+    tiles = []
+    for tile in load_tiles().tiles:
+        if tile.name.startswith("turn"):
+            image, side = tile.image.copy(), len(tile.image)
+            y, x = np.mgrid[:side, :side] / side
+            down, right = np.abs(y - (0 if tile.code & 8 else 1)), np.abs(x - (1 if tile.code & 4 else 0))
+            is_white = image.min(axis=2) > 110
+            image[cv2.dilate(np.asarray(tile.yellow, np.uint8), np.ones((5, 5))) > 0] = ASPHALT
+            contrast = 0 if tile.name in bare else white
+            image[is_white] = contrast * image[is_white] + (1 - contrast) * np.array(ASPHALT)
+            is_line = np.abs(np.hypot(right, down) - radius) < 0.02
+            image[is_line & (np.arctan2(down, right) * 7 % 1 < 0.6)] = (230, 190, 50)
+            tile = tile._replace(image=image)
+        tiles.append(tile)
+    return TileSet("worn", "", tuple(tiles))
+
+
+def photograph(codes, corners=None, ground=LINO, seed=0, size=(WIDTH, HEIGHT), tiles=None):
     """A photograph, RGB, of a floor with its corners at the given pixels; light from the left, noise."""
     px, rng = 96, np.random.default_rng(seed)
-    laid = np.asarray(render(codes, load_tiles(), tile_px=px, seed=seed).image)
+    tiles = load_tiles() if tiles is None else tiles
+    laid = np.asarray(render(codes, tiles, tile_px=px, seed=seed).image)
     square = np.float32([[0, 0], [laid.shape[1], 0], [laid.shape[1], laid.shape[0]], [0, laid.shape[0]]]) - 0.5
     corners = corners_of(*np.shape(codes)) if corners is None else corners
     there = cv2.getPerspectiveTransform(square, np.float32(corners))

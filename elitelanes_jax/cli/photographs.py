@@ -235,9 +235,9 @@ def _read(options: argparse.Namespace) -> int:
     if plan is not None:
         differences = find_differences(codes, plan)
         lines += [str(difference) for difference in differences]
-        lines.append(
-            f"{pluralize(len(differences), 'tile')} of {codes.size} differ from {options.against}"
-        )
+        count = pluralize(len(differences), "tile")
+        verb = "differs" if len(differences) == 1 else "differ"
+        lines.append(f"{count} of {codes.size} {verb} from {options.against}")
     if options.out is not None:
         with never_replacing(options.out):
             RoadMap(codes, unsure=unsure or None).save(options.out)

@@ -16,7 +16,7 @@ from elitelanes_jax.tiles import Tile, TileSet, render
 from experiments.perception.draw_tiles import TILES, draw
 from experiments.perception.training_sets import shift_lines
 
-__all__ = ["FLOORS", "Photographed", "draw_set", "lay_floor", "photograph"]
+__all__ = ["FLOORS", "SCENES", "Photographed", "draw_scene", "draw_set", "lay_floor", "photograph", "tape_by_hand"]
 
 FLOORS = {
     "wood": (190, 140, 96),
@@ -27,6 +27,9 @@ FLOORS = {
     "terracotta": (176, 104, 80),
 }
 """The mean colour of each kind of floor, RGB."""
+
+SCENES = ("bare floor", "planks", "carpet", "checkerboard", "one tile")
+"""Names of what a photograph shows that is no floor of several tiles."""
 
 WIDTH, HEIGHT = 2016, 1512
 
@@ -85,6 +88,65 @@ def draw_set(seed: int) -> TileSet:
     return shift_lines(drawn, rng.uniform(-0.02, 0.05))
 
 
+def tape_by_hand(tiles: TileSet, rng: np.random.Generator, members: int) -> TileSet:
+    """Makes tiles of a kind differ, as tiles do that somebody taped and photographed one by one.
+
+    Tape is displaced by about 1 % of a tile, up to 0.5 % wider or narrower at each edge, and of several lots. Each
+    picture has a light and a grain of its own.
+
+    Args:
+      tiles: to start from.
+      rng: of everything random.
+      members: that are made of each tile.
+    """
+    taped: list[Tile] = []
+    for tile in tiles.tiles:
+        if tile.name.startswith("end"):
+            continue
+        for member in range(1, members + 1):
+            height, width = tile.image.shape[:2]
+            x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+            shift = rng.normal(0, rng.uniform(0.004, 0.012) * width, (2, 4, 4)).astype(np.float32)
+            x += cv2.resize(shift[0], (width, height), interpolation=cv2.INTER_CUBIC)
+            y += cv2.resize(shift[1], (width, height), interpolation=cv2.INTER_CUBIC)
+            layers = [np.asarray(layer, np.uint8) for layer in (tile.road, tile.red, tile.yellow)]
+            road, red, yellow = (
+                cv2.remap(layer, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REFLECT) for layer in layers
+            )
+            image = cv2.remap(tile.image[..., :3], x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+            wider = round(rng.uniform(-0.005, 0.005) * width)
+            kernel = np.ones((2 * abs(wider) + 1,) * 2, np.uint8)
+            image = cv2.dilate(image, kernel) if wider > 0 else cv2.erode(image, kernel)
+            lot = np.array([1.0, rng.uniform(0.8, 1.05), rng.uniform(0.6, 1.4)])
+            light = rng.uniform(0.85, 1.1) * rng.normal(1, 0.03, 3)
+            colours = np.where(yellow[..., None] > 0, image * lot, image) * light
+            grain = cv2.GaussianBlur(rng.normal(0, rng.uniform(2, 12), (height, width)), (0, 0), 1.5)
+            picture = np.clip(colours + grain[..., None], 0, 255).astype(np.uint8)
+            taped.append(Tile(f"{tile.name}{member}", tile.code, picture, road > 0, red > 0, yellow > 0))
+    return TileSet(f"{tiles.name}, by hand", "", tuple(taped))
+
+
+def draw_scene(rng: np.random.Generator, name: str, tiles: TileSet) -> NDArray[np.uint8]:
+    """Draws a photograph, uint8 ``[H, W, 3]``, RGB, of one of `SCENES`."""
+    if name == "one tile":
+        code = np.array([[rng.choice(tiles.alphabet)]], np.int8)
+        return photograph(rng, code, tiles, str(rng.choice(list(FLOORS))), fill=(0.5, 0.9)).image
+    if name == "checkerboard":
+        image = np.full((HEIGHT, WIDTH, 3), 225, np.float32)
+        rows, columns, side = int(rng.integers(4, 9)), int(rng.integers(5, 12)), 130
+        board = np.kron(np.indices((rows, columns)).sum(axis=0) % 2, np.ones((side, side))).astype(np.float32)
+        corners = np.array([[0, 0], [board.shape[1], 0], [board.shape[1], board.shape[0]], [0, board.shape[0]]])
+        there = np.array([[0.15, 0.2], [0.85, 0.2], [0.9, 0.85], [0.1, 0.85]]) * [WIDTH, HEIGHT]
+        there += rng.normal(0, 60, (4, 2))
+        matrix = cv2.getPerspectiveTransform(corners.astype(np.float32), there.astype(np.float32))
+        image *= 1 - 0.85 * cv2.warpPerspective(board, matrix, (WIDTH, HEIGHT))[..., None]
+    else:
+        kinds = {"planks": "wood", "carpet": "blue carpet"}
+        image = _floor(rng, kinds.get(name) or str(rng.choice(list(FLOORS))))
+    image *= _light(rng)[..., None]
+    return _develop(rng, image)
+
+
 def lay_floor(rng: np.random.Generator, shape: tuple[int, int], tiles: TileSet) -> NDArray[np.int8]:
     """Makes the codes of a floor without roads that end at its border; four tiles in ten floors' cells are empty."""
     alphabet = tiles.alphabet if rng.random() < 0.6 else (0, *tiles.alphabet)
@@ -129,12 +191,17 @@ def photograph(
     image += cover[..., None] * (above - image)
     image *= _light(rng)[..., None]
     image *= rng.uniform(0.9, 1.1, 3).astype(np.float32)
+    return Photographed(_develop(rng, image), homography, radial, tilt)
+
+
+def _develop(rng: np.random.Generator, image: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Returns a picture with the blur and the noise of a camera, and JPEG's losses."""
     image = np.asarray(cv2.GaussianBlur(image, (0, 0), rng.uniform(0.5, 1.3)), np.float32)
     image += np.float32(rng.uniform(1, 6)) * rng.standard_normal(image.shape, np.float32)
     plain = np.clip(image, 0, 255).astype(np.uint8)
     packed = cv2.imencode(".jpg", plain[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(60, 95))])[1]
     lossy = np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), np.uint8)[..., ::-1]
-    return Photographed(np.ascontiguousarray(lossy), homography, radial, tilt)
+    return np.ascontiguousarray(lossy)
 
 
 def _distort(plain: NDArray[np.float64], radial: float) -> NDArray[np.float64]:

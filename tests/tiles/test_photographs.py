@@ -15,12 +15,14 @@ from elitelanes_jax.tiles import (
     Photograph,
     Proposal,
     cut_tiles,
+    load_tiles,
     propose_masks,
     propose_tiles,
     read_photograph,
+    render,
     turn_floor,
 )
-from elitelanes_jax.tiles.photographs import borders, reading
+from elitelanes_jax.tiles.photographs import borders, kinds, proposals, reading
 from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_to_plan
 from elitelanes_jax.tiles.photographs.cutting import mask_cut
 from elitelanes_jax.tiles.photographs.reading import read_lens
@@ -83,6 +85,76 @@ def test_a_wrong_size_and_noise_are_refused(shot):
     assert score_of(Photograph("noise", noise), (1, 1)) < SURE
     with pytest.raises(InputError, match="wall: expected tiles that stand out from the floor, found none"):
         propose_tiles(Photograph("wall", np.full((300, 400, 3), 128, np.uint8)))
+
+
+TURNS = np.array([[6, 3, 6, 3], [10, 12, 9, 10], [12, 5, 5, 9]], np.int8)
+
+
+def test_turns_of_a_lab_are_read_by_each_other():
+    """Turns without white tape look like ends to the drawn turns, but like the lab's other turns."""
+    worn = photographed.worn_tiles(0.55, 0.3, bare=("turn_2", "turn_3", "turn_4"))
+    flat = render(TURNS, worn, tile_px=kinds.READ_PX, seed=0).image
+    flat = cv2.copyMakeBorder(np.asarray(flat), *(kinds.MARGIN_PX,) * 4, cv2.BORDER_REFLECT)
+    read = kinds.read_kinds(flat, 3, 4, load_tiles())
+    np.testing.assert_array_equal(read.codes, TURNS)
+    assert read.margins.min() > 0.3
+
+
+def test_a_straight_that_is_laid_across_the_road_is_read():
+    codes = np.array([[6, 7, 10, 3], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)
+    flat = render(codes, tile_px=kinds.READ_PX, seed=0).image
+    flat = cv2.copyMakeBorder(np.asarray(flat), *(kinds.MARGIN_PX,) * 4, cv2.BORDER_REFLECT)
+    read = kinds.read_kinds(flat, 3, 4, load_tiles())
+    assert read.codes[0, 2] == 10 and read.margins[0, 2] > 0.2
+
+
+def test_a_floor_whose_tiles_differ_is_right_where_its_border_is_seen():
+    picture = photographed.photograph(TURNS, tiles=photographed.worn_tiles(0.5, 0.75))
+    proposal = propose_tiles(Photograph("worn", picture), shape=(3, 4))
+    np.testing.assert_array_equal(proposal.codes, TURNS)
+    assert off(proposal, photographed.corners_of(3, 4)) < 0.01
+    assert proposal.evidence["repeats"] < 0.85 and proposal.score > 0.9
+
+
+@pytest.mark.parametrize("move", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_corners_a_whole_tile_beside_the_floor_are_refused(move):
+    codes = np.array([[6, 7, 5, 3], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)
+    true = photographed.corners_of(3, 4)
+    shifted = view_of(true, 3, 4, 800, 640).pixels_of(np.array([[0, 0], [4, 0], [4, 3], [0, 3.0]]) + move)
+    photo = Photograph("floor", photographed.photograph(codes))
+    proposal = propose_tiles(photo, shape=(3, 4), corners=np.clip(shifted, 0, [800, 640]))
+    assert proposal.score < SURE
+    assert proposal.advice.startswith("no tiles are seen along one side of the floor")
+
+
+@pytest.mark.parametrize("codes", [TOWN, np.array([[15]], np.int8)])
+def test_a_mirrored_photograph_is_refused(codes):
+    picture = np.ascontiguousarray(photographed.photograph(codes)[:, ::-1])
+    proposal = propose_tiles(Photograph("mirror", picture), shape=codes.shape)
+    assert proposal.score < SURE
+    assert proposal.advice.startswith("the photograph is mirrored")
+
+
+def test_a_tile_that_is_laid_otherwise_than_the_map_says_is_left_out(shot):
+    plan = TOWN.copy()
+    plan[1, 0] = 5
+    proposal = propose_tiles(shot, codes=plan)
+    assert proposal.score > SURE
+    unsure = np.argwhere(np.array(proposal.sure) < SURE)
+    assert unsure.tolist() == [[1, 0]]
+    assert len(cut_tiles(shot, proposal)) == 8
+
+
+def test_cells_that_differ_are_not_believed_where_no_border_is_seen():
+    """By cells alone, corners of hand-taped tiles were off by 1.5 % and by 1.9 %."""
+    seen = {"alike": 0.9, "edge": 0.9, "handed": 0.8, "out_of_square": 0.001}
+    for evidence in (
+        {"repeats": 0.9465, "spread": 0.0052, "border": 0.0},
+        {"repeats": 0.8843, "spread": 0.005, "border": 0.4},
+    ):
+        assert proposals._judge(seen | evidence, "floor", ())[0] < SURE
+    drawn = {"repeats": 0.97, "spread": 0.0056, "border": 0.22}
+    assert proposals._judge(seen | drawn, "floor", ())[0] > 0.9
 
 
 def test_cuts_are_squares_of_their_kind_and_copies_are_named(shot, proposal):

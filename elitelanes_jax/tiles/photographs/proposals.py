@@ -26,6 +26,8 @@ _FOCAL = np.geomspace(0.45, 4, 200)  # usual focal lengths, in widths of the pic
 _TAPE_INSET = 0.07  # tiles from the border to the outer white lines, at which some guesses end
 _STARTS = 3  # guesses that are fitted at most
 _ENOUGH = 0.9  # the score at which no other guess is tried
+_SURELY = 0.1  # the margin of a kind that is believed against a map
+_FEW = 0.25  # the largest share of a floor's tiles that are laid otherwise than a map says
 
 
 class Proposal(NamedTuple):
@@ -64,11 +66,15 @@ class Proposal(NamedTuple):
         return View(np.array(self.homography), self.radial, self.width, self.height)
 
 
-_UNLIKE = "the outlined area does not look like road tiles; check the size, and give the corners"
+_UNLIKE = (
+    "the outlined area does not look like road tiles; have the whole floor in the picture, check "
+    "the size, and give the corners"
+)
 _CROPPED = (
     "the outlined tiles are no squares in space; check the size, take a photograph that is not cropped, or give the "
     "corners"
 )
+_MIRRORED = "the photograph is mirrored; take it without a mirror, and do not flip it"
 _HIDDEN = "the tile's border is not seen; photograph it on a floor of another colour, or give its exact corners"
 
 # Limits at which a score is a half, their widths, and what to do below. A negative width is of an
@@ -77,10 +83,16 @@ _LIMITS: dict[str, dict[str, tuple[float, float, str]]] = {
     "floor": {
         "alike": (0.5, 0.03, _UNLIKE),
         "out_of_square": (0.025, -0.004, _CROPPED),
+        "edge": (
+            0.42,
+            0.02,
+            "no tiles are seen along one side of the floor; check the size, and give the corners",
+        ),
+        "handed": (0.0, 0.03, _MIRRORED),
         "repeats": (
             0.87,
             0.015,
-            "the tiles do not repeat in this grid; check the size, and give the corners",
+            "the tiles do not repeat in this grid; check the size, take away what stands on them, and give the corners",
         ),
         "spread": (
             0.009,
@@ -91,10 +103,24 @@ _LIMITS: dict[str, dict[str, tuple[float, float, str]]] = {
     "tile": {
         "alike": (0.5, 0.03, _UNLIKE),
         "out_of_square": (0.02, -0.003, _CROPPED),
+        "handed": (0.0, 0.03, _MIRRORED),
         "contrast": (4.5, 0.1, _HIDDEN),
         "spread": (0.006, -0.0006, _HIDDEN),
     },
 }
+
+# With a larger spread, in tiles, the border does not tell the corners: cells or colours do.
+_BORDER_TELLS = 0.002
+# A floor of square tiles whose border is seen on all sides, at this share of points at least, is in
+# its place even if its tiles differ, as hand-taped tiles do.
+_SEEN, _SQUARE = 0.25, 0.012
+_REPEATS_IF_SEEN = 0.72, 0.015
+# Drawn tiles differ by this much: 1 - `repeats`. Tiles that differ more displace a fit of cells by
+# more than its spread says.
+_DIFFER = 0.03
+# Where no border is seen at single points, corners were off by 1.5 % at a spread of 0.52 %.
+_UNSEEN = 0.15
+_SPREAD_IF_UNSEEN = 0.0045, -0.0004
 
 
 class _Start(NamedTuple):
@@ -160,6 +186,11 @@ def propose_tiles(
         else:
             fitted = fit_view(photograph.image, start.view, start.codes)
         kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
+        read = _read_otherwise(kinds, start.codes, is_map=codes is not None)
+        if fit and shape != (1, 1) and read is not None:
+            # Cells were compared with cells of another kind.
+            fitted = fit_view(photograph.image, fitted.view, read)
+            kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
         told = {"out_of_square"} if corners is not None else set[str]()
         proposals.append(
             _proposal(photograph, fitted, kinds, codes, told if fit else told | {"contrast"})
@@ -167,6 +198,22 @@ def propose_tiles(
         if proposals[-1].score > _ENOUGH:
             break
     return max(proposals, key=lambda proposal: proposal.score)
+
+
+def _read_otherwise(
+    kinds: Kinds, codes: NDArray[np.int8], *, is_map: bool
+) -> NDArray[np.int8] | None:
+    """Returns the codes of a fitted floor if they are others than those that it was fitted with, otherwise None.
+
+    A few tiles that surely differ from a map are laid wrongly; if many differ, the map is another.
+    """
+    differs = kinds.codes != codes
+    if is_map:
+        differs &= kinds.margins > _SURELY
+        if differs.mean() > _FEW:
+            return None
+    read = np.where(differs, kinds.codes, codes)
+    return read if differs.any() and read.any() else None
 
 
 def check_corners(photograph: Photograph, corners: Points) -> Points:
@@ -285,6 +332,8 @@ def _proposal(
         "repeats": fit.alike,
         "spread": largest_spread(fit, rows, columns),
         "out_of_square": out_of_square(fit.view),
+        "edge": _edge(alike * (laid > 0)),
+        "handed": kinds.handed,
         "margin": float(kinds.margins.min()),
     }
     if laid.size == 1:
@@ -308,6 +357,11 @@ def _proposal(
     )
 
 
+def _edge(alike: NDArray[np.float64]) -> float:
+    """Returns how alike the best tile is in the outermost row or column where this is least; 0 if it has none."""
+    return float(min(edge.max() for edge in (alike[0], alike[-1], alike[:, 0], alike[:, -1])))
+
+
 def _judge(evidence: dict[str, float], kind: str, told: Collection[str]) -> tuple[float, str]:
     """Returns the score of a proposal, and what to do about its weakest evidence.
 
@@ -315,14 +369,31 @@ def _judge(evidence: dict[str, float], kind: str, told: Collection[str]) -> tupl
     if its tiles were no squares, and exact corners need no contrast.
     """
     limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in told}
+    if kind == "floor":
+        evidence, limits = _weigh_border(evidence, limits)
     sures = {
         name: _sigmoid((evidence[name] - limit) / width)
         for name, (limit, width, _) in limits.items()
     }
     weakest = min(sures, key=lambda name: sures[name])
-    # Nothing else counts where there are no tiles at all.
-    reason = "alike" if sures["alike"] < SURE else weakest
+    # Nothing else counts where there are no tiles at all, except that mirrored tiles look like none.
+    reason = next((name for name in ("handed", "alike") if sures[name] < SURE), weakest)
     return float(np.prod(list(sures.values()))), limits[reason][2]
+
+
+def _weigh_border(
+    evidence: dict[str, float], limits: dict[str, tuple[float, float, str]]
+) -> tuple[dict[str, float], dict[str, tuple[float, float, str]]]:
+    """Returns what the score of a floor is made of, and its limits, by how well the border is seen."""
+    limits = dict(limits)
+    if evidence["spread"] > _BORDER_TELLS:
+        differ = max(1.0, (1 - evidence["repeats"]) / _DIFFER)
+        evidence = evidence | {"spread": evidence["spread"] * differ}
+    elif evidence["border"] >= _SEEN and evidence["out_of_square"] <= _SQUARE:
+        limits["repeats"] = (*_REPEATS_IF_SEEN, limits["repeats"][2])
+    if evidence["border"] < _UNSEEN:
+        limits["spread"] = (*_SPREAD_IF_UNSEEN, limits["spread"][2])
+    return evidence, limits
 
 
 def _sigmoid(value: float) -> float:
