@@ -231,6 +231,14 @@ YAML_FILES = [
     "rows: &rows [4way, grass]\ntiles: [*rows, *rows]\n",
     "tiles: !table [!!seq [!kind 4way], [!!str grass]]\n",
     "base: &base {kind: cone, pos: [1, 1]}\ntiles: [[4way]]\nobjects: [{<<: *base, kind: tree, pos: [0, 0]}]\n",
+    # A table has the keys of merged tables, unless it has its own or an earlier one of them has.
+    "base: &base {kind: cone, pos: [1, 1], rotate: 90, height: 0.3}\n"
+    "tiles: [[4way]]\nobjects: [{pos: [0, 0], <<: *base}, {<<: *base, kind: tree}]\n",
+    "a: &a {kind: cone, pos: [1, 1]}\nb: &b {kind: tree, rotate: 90}\ntiles: [[4way]]\nobjects: [{<<: [*a, *b]}]\n",
+    "a: &a {kind: cone}\nb: &b {<<: *a, pos: [1, 1]}\ntiles: [[4way]]\nobjects: [{<<: *b}]\n",
+    "base: &base {tiles: [[4way]], tile_size: 0.6}\n<<: *base\n",
+    *[(f"{text}tiles: [[4way]]\n", "for the key <<") for text in ("<<: 1\n", "<<: [[]]\n", "a: &a [b]\n<<: *a\n")],
+    *[(f"tiles: [[4way]]\nobjects: {text}\n", "for the key <<") for text in ("[&a {<<: *a}]", "&a {b: {<<: *a}}")],
     "\ufefftiles: [[4way]]\n",
     "tiles: [[4way]]\nnote: |\n  [ {\n  \"\nmore: >-\n  it's: #1\n",
     'tiles: [[4way]]\nnote: it\'s "so" [or] {not}, a # comment\nmore: \'a\n\nb\'\nlast: "a \\\n  b"\n',
