@@ -75,7 +75,7 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
     }
 
 
-def count_tiles(grids: Int8[np.ndarray, "_ H W"]) -> dict[str, Real[np.ndarray, "_"]]:
+def count_tiles(grids: Int8[np.ndarray, "_ H W"]) -> dict[str, Real[np.ndarray, "..."]]:
     """Counts many grids at once: the metrics of `plain_measure` that depend on single tiles and links."""
     connections = CONNECTIONS[grids]
     north, east = grids & NORTH > 0, grids & EAST > 0
