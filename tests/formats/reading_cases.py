@@ -106,6 +106,9 @@ JSON_FILES = [
     *[(thing(f'"kind": "{text}", "x": 1, "y": 0'), "kind: expected") for text in ("other:a b", "other:😀", "Duckie")],
     (thing('"kind": "other:' + "a" * 65 + '", "x": 1, "y": 0'), "kind: expected"),
     thing('"kind": "other:' + "a" * 64 + '", "x": 1, "y": 0'),
+    # A position may be a little farther outside than one tile, as rounded positions of other formats are.
+    *[thing(f'"kind": "duckie", "x": {text}, "y": {text}') for text in ("-1.0000000000000002", "3.00009", "-1.00009")],
+    *[(thing(f'"kind": "duckie", "x": {text}, "y": 0'), "x: expected") for text in ("3.0002", "-1.0002")],
     *[(thing(f'"kind": "duckie", "x": {text}, "y": 0'), "x: expected") for text in ("3.1", '"1"', "true", "null")],
     (thing('"kind": "duckie", "x": 1' + "0" * 400 + ', "y": 0'), "x: expected"),
     (thing('"kind": "duckie", "x": 1'), "y: expected"),
