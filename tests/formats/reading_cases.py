@@ -220,6 +220,10 @@ YAML_FILES = [
     (tiles("4way") + "objects: [{kind: cone, pos: [0, 0], tag: 5}]\n", "~TagInstance: expected"),
     (tiles("4way") + "objects: [{kind: cone, pos: [0, 0], height: 0x1}]\n", "height: expected"),
     (tiles("4way") + "objects: [{kind: cone, pos: [0, 0], height: 11}]\n", "height: expected"),
+    # A scale is one of a mesh of gym-duckietown, whose size is not in the file.
+    (tiles("4way") + "objects: [{kind: cone, pos: [0, 0], scale: 0.5}]\n", "scale: expected a height"),
+    tiles("4way") + "objects: [{kind: cone, pos: [0, 0], scale: 0.5, height: 0.1}]\n",
+    tiles("4way") + "objects: [{kind: floor_tag, pos: [0, 0], scale: 0.5}]\n",
     (tiles("4way") + "objects: [{kind: 'my crane', pos: [0, 0]}]\n", "kind: expected"),
     (tiles("4way") + "objects: [{kind: 'other:crane', pos: [0, 0]}]\n", "kind: expected"),
     # YAML as people write it.
