@@ -125,6 +125,9 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
         kind = check_kind(OTHER + name)
     x, y, angle = _pose(value, rows, tile_size)
     usual = OBJECT_KINDS[base_kind(kind)].height
+    if usual and "scale" in value and "height" not in value:
+        # Of a mesh of gym-duckietown, whose size is not in the file.
+        raise InputError("scale: expected a height in metres instead, got a scale")
     height = real_of(value, "height", usual) if usual else 0.0
     if kind == "trafficlight":
         angle -= pi / 2

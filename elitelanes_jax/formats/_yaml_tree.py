@@ -1,21 +1,23 @@
 """Reads YAML as plain lists, tables and texts, safely for any file.
 
 PyYAML's own loader crashes on deep nesting and follows aliases and merge keys without limit. Here
-the nesting is limited, an alias is the value that it names, not a copy, and scalars stay texts: no
-numbers, dates or objects.
+the nesting and the merged keys are limited, an alias is the value that it names, not a copy, and
+scalars stay texts: no numbers, dates or objects.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import yaml
 
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.types import Plain
 
 _DEEPEST = 64
 _TOO_DEEP = f"expected YAML nested up to {_DEEPEST} levels deep, got more"
 _MOST_VALUES = 5 * 2**18  # a map of 1024 x 1024 tiles, and 260,000 other values: 3 s
+_TOO_MANY = f"expected YAML of at most {_MOST_VALUES:,} values, got more"
+_MERGE = "<<"  # the key of tables whose keys the table has too, unless it has its own
 _MOST_DIRECTIVES = 16  # libyaml compares each with all before it
 _DIRECTIVE = re.compile(r"(?:^|[\r\n\x85\u2028\u2029])%TAG\b")  # after each line break of YAML 1.1
 
@@ -24,13 +26,13 @@ def yaml_tree(text: str) -> Plain:
     """Reads a YAML document.
 
     Returns:
-      Lists, dictionaries and strings; None for an empty document. Merge keys and tags have no
-      meaning. A value may contain itself through an alias.
+      Lists, dictionaries and strings; None for an empty document. Tags have no meaning. A value may
+      contain itself through an alias.
 
     Raises:
       InputError: if it is not YAML, has several documents, is nested deeper than 64 levels, has
-        over 1.3 million values, an alias without its anchor, a repeated key, or a key that is not a
-        text.
+        over 1.3 million values, an alias without its anchor, a repeated key, a key that is not a
+        text, or a merge key without tables.
     """
     if len(_DIRECTIVE.findall(text)) >= _MOST_DIRECTIVES:
         raise InputError(f"expected readable YAML, got {_MOST_DIRECTIVES} directives and more")
@@ -67,7 +69,11 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
                 value = anchors[event.anchor]
             case yaml.MappingEndEvent():
                 table, items = opened.pop()
-                _fill(table, items)
+                # A table that is not filled yet contains this one.
+                unfilled = [outer for outer, _ in opened] + [table]
+                values += _fill(table, items, unfilled)
+                if values > _MOST_VALUES:
+                    raise InputError(_TOO_MANY)
                 continue
             case yaml.SequenceEndEvent():
                 opened.pop()
@@ -78,7 +84,7 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
             raise InputError("expected readable YAML of one document, got several")
         values += 1
         if values > _MOST_VALUES:
-            raise InputError(f"expected YAML of at most {_MOST_VALUES:,} values, got more")
+            raise InputError(_TOO_MANY)
         opened[-1][1].append(value)
         if event.anchor is not None:
             anchors[event.anchor] = value
@@ -89,8 +95,8 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
     return documents[0] if documents else None
 
 
-def _fill(table: dict[str, Plain], items: list[Plain]) -> None:
-    """Adds keys and values, which take turns, to a table."""
+def _fill(table: dict[str, Plain], items: list[Plain], unfilled: list[Plain]) -> int:
+    """Adds keys and values, which take turns, to a table; returns the number of keys of merged tables."""
     for key, value in zip(items[::2], items[1::2], strict=True):
         if not isinstance(key, str):
             raise InputError(
@@ -99,3 +105,21 @@ def _fill(table: dict[str, Plain], items: list[Plain]) -> None:
         if key in table:
             raise InputError(f"YAML: expected each key once, got {shorten(key, 40)} twice")
         table[key] = value
+    if _MERGE not in table:
+        return 0
+    merged = _tables_of(table.pop(_MERGE), unfilled)
+    for other in merged:
+        for key, value in other.items():
+            table.setdefault(key, value)
+    return sum(map(len, merged))
+
+
+def _tables_of(value: Plain, unfilled: list[Plain]) -> list[Mapping[str, Plain]]:
+    """Returns the tables of a merge key, the first one first: a key that comes twice is the first one's."""
+    tables = value if isinstance(value, list) else [value]
+    for table in tables:
+        if not isinstance(table, dict) or any(table is outer for outer in unfilled):
+            raise InputError(
+                f"expected readable YAML, for the key {_MERGE} a table or a list of tables, got {brief(value, 40)}"
+            )
+    return tables

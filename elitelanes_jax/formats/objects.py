@@ -13,6 +13,9 @@ from elitelanes_jax.formats.tags import LARGEST_TAG
 BEYOND = 1.0
 """How far from the map an object may be, in tiles: signs at a map's border are outside it."""
 
+_ROUNDED = 1e-4
+"""By how much more: other formats have metres of six decimals, and tiles of 0.01 m and larger."""
+
 NEAR = 0.02
 """Metres ahead of a camera under which no object is drawn."""
 
@@ -231,8 +234,8 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     usual = OBJECT_KINDS[base_kind(kind)].height
     # A kind without a height, such as a tag on the floor, has none.
     lowest, highest = (0.001, 10) if usual else (0, 0)
-    x = _number("x", values.get("x"), -BEYOND, width + BEYOND, "tiles")
-    y = _number("y", values.get("y"), -BEYOND, height + BEYOND, "tiles")
+    x = _number("x", values.get("x"), -BEYOND, width + BEYOND, "tiles", slack=_ROUNDED)
+    y = _number("y", values.get("y"), -BEYOND, height + BEYOND, "tiles", slack=_ROUNDED)
     angle = _number("angle", values.get("angle", 0.0), -7, 7, "radians")
     object_height = _number("height", values.get("height", usual), lowest, highest, "metres")
     tag, static = values.get("tag"), values.get("static", True)
@@ -248,8 +251,10 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
     return MapObject(kind, x, y, angle, object_height, tag, static)
 
 
-def _number(name: str, value: UserValue, least: float, most: float, unit: str) -> float:
-    if not is_real(value) or not least <= value <= most:
+def _number(
+    name: str, value: UserValue, least: float, most: float, unit: str, *, slack: float = 0.0
+) -> float:
+    if not is_real(value) or not least - slack <= value <= most + slack:
         raise InputError(
             f"{name}: expected {unit} from {least:g} to {most:g}, got {shorten(repr(value), 40)}"
         )

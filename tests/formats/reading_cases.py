@@ -106,6 +106,9 @@ JSON_FILES = [
     *[(thing(f'"kind": "{text}", "x": 1, "y": 0'), "kind: expected") for text in ("other:a b", "other:😀", "Duckie")],
     (thing('"kind": "other:' + "a" * 65 + '", "x": 1, "y": 0'), "kind: expected"),
     thing('"kind": "other:' + "a" * 64 + '", "x": 1, "y": 0'),
+    # A position may be a little farther outside than one tile, as rounded positions of other formats are.
+    *[thing(f'"kind": "duckie", "x": {text}, "y": {text}') for text in ("-1.0000000000000002", "3.00009", "-1.00009")],
+    *[(thing(f'"kind": "duckie", "x": {text}, "y": 0'), "x: expected") for text in ("3.0002", "-1.0002")],
     *[(thing(f'"kind": "duckie", "x": {text}, "y": 0'), "x: expected") for text in ("3.1", '"1"', "true", "null")],
     (thing('"kind": "duckie", "x": 1' + "0" * 400 + ', "y": 0'), "x: expected"),
     (thing('"kind": "duckie", "x": 1'), "y: expected"),
@@ -217,6 +220,10 @@ YAML_FILES = [
     (tiles("4way") + "objects: [{kind: cone, pos: [0, 0], tag: 5}]\n", "~TagInstance: expected"),
     (tiles("4way") + "objects: [{kind: cone, pos: [0, 0], height: 0x1}]\n", "height: expected"),
     (tiles("4way") + "objects: [{kind: cone, pos: [0, 0], height: 11}]\n", "height: expected"),
+    # A scale is one of a mesh of gym-duckietown, whose size is not in the file.
+    (tiles("4way") + "objects: [{kind: cone, pos: [0, 0], scale: 0.5}]\n", "scale: expected a height"),
+    tiles("4way") + "objects: [{kind: cone, pos: [0, 0], scale: 0.5, height: 0.1}]\n",
+    tiles("4way") + "objects: [{kind: floor_tag, pos: [0, 0], scale: 0.5}]\n",
     (tiles("4way") + "objects: [{kind: 'my crane', pos: [0, 0]}]\n", "kind: expected"),
     (tiles("4way") + "objects: [{kind: 'other:crane', pos: [0, 0]}]\n", "kind: expected"),
     # YAML as people write it.
@@ -231,6 +238,14 @@ YAML_FILES = [
     "rows: &rows [4way, grass]\ntiles: [*rows, *rows]\n",
     "tiles: !table [!!seq [!kind 4way], [!!str grass]]\n",
     "base: &base {kind: cone, pos: [1, 1]}\ntiles: [[4way]]\nobjects: [{<<: *base, kind: tree, pos: [0, 0]}]\n",
+    # A table has the keys of merged tables, unless it has its own or an earlier one of them has.
+    "base: &base {kind: cone, pos: [1, 1], rotate: 90, height: 0.3}\n"
+    "tiles: [[4way]]\nobjects: [{pos: [0, 0], <<: *base}, {<<: *base, kind: tree}]\n",
+    "a: &a {kind: cone, pos: [1, 1]}\nb: &b {kind: tree, rotate: 90}\ntiles: [[4way]]\nobjects: [{<<: [*a, *b]}]\n",
+    "a: &a {kind: cone}\nb: &b {<<: *a, pos: [1, 1]}\ntiles: [[4way]]\nobjects: [{<<: *b}]\n",
+    "base: &base {tiles: [[4way]], tile_size: 0.6}\n<<: *base\n",
+    *[(f"{text}tiles: [[4way]]\n", "for the key <<") for text in ("<<: 1\n", "<<: [[]]\n", "a: &a [b]\n<<: *a\n")],
+    *[(f"tiles: [[4way]]\nobjects: {text}\n", "for the key <<") for text in ("[&a {<<: *a}]", "&a {b: {<<: *a}}")],
     "\ufefftiles: [[4way]]\n",
     "tiles: [[4way]]\nnote: |\n  [ {\n  \"\nmore: >-\n  it's: #1\n",
     'tiles: [[4way]]\nnote: it\'s "so" [or] {not}, a # comment\nmore: \'a\n\nb\'\nlast: "a \\\n  b"\n',

@@ -185,7 +185,7 @@ def test_bad_maps_are_named(text, message, tmp_path):
 
 
 def test_aliases_are_what_they_name_and_other_values_do_not_matter():
-    text = "when: !!int soon\nrow: &row [floor, &road 4way]\ntiles: [*row, [*road, floor], *row]\n<<: *row"
+    text = "when: !!int soon\nrow: &row [floor, &road 4way]\ntiles: [*row, [*road, floor], *row]"
     assert from_duckietown(text).tolist() == [[0, 15], [15, 0], [0, 15]]
 
 

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError
-from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap, read_map, to_duckietown
+from elitelanes_jax.formats import (
+    OBJECT_KINDS,
+    MapObject,
+    RoadMap,
+    read_map,
+    to_dt_maps,
+    to_duckiematrix,
+    to_duckietown,
+)
 
 GRID = np.array([[6, 12], [3, 9]], np.int8)
 OBJECTS = (
@@ -107,6 +115,26 @@ def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
     check_same(read_map(file).objects, objects, WRITTEN)
     assert "kind: helicopter" in file.read_text(encoding="utf-8")
     assert "objects" not in to_duckietown(GRID)
+
+
+@pytest.mark.parametrize("tile_size", [0.01, 0.07, 0.585, 0.61, 30])
+@pytest.mark.parametrize("kind", ["sign_stop", "trafficlight"])
+def test_objects_as_far_outside_as_they_may_be_are_read_where_they_are_written(kind, tile_size, tmp_path):
+    """Metres are rounded to six decimals, and the division by the tile's side rounds too."""
+    places = [(x, y, angle) for x in (-1, 0, 3) for y in (-1, 0, 3) for angle in (0, 1, -2, 3)]
+    far = RoadMap([[6, 3], [12, 9]], objects=[MapObject(kind, *place, 0.18) for place in places])
+    (tmp_path / "map.yaml").write_text(to_duckietown(far.codes, objects=far.objects, tile_size=tile_size))
+    layers = {"library": to_dt_maps(far, tile_size=tile_size), "matrix": to_duckiematrix(far, tile_size=tile_size)}
+    for folder, texts in layers.items():
+        (tmp_path / folder).mkdir()
+        for name, text in texts.items():
+            (tmp_path / folder / f"{name}.yaml").write_text(text)
+    for name in ("map.yaml", *layers):
+        read = read_map(tmp_path / name)
+        objects = [thing for thing in read.objects if thing.kind == kind]
+        check_same(objects, far.objects, 2e-4)
+        read.save(tmp_path / "map.json")
+        assert read_map(tmp_path / "map.json") == read
 
 
 @pytest.mark.parametrize(

@@ -186,6 +186,26 @@ def test_amounts_are_counts_or_shares():
     assert [thing.static for thing in walking] == [False] * 3
 
 
+@pytest.mark.parametrize(
+    "name",
+    [name for name, value in vars(FurnishSpec()).items() if value == 0 and name not in ("lights", "unique_tags")],
+)
+def test_more_objects_than_the_area_holds_are_refused_before_they_are_placed(name):
+    """Placing 100,000 on a small map would take half an hour. The limit is above any number that fits."""
+    for codes in ([[5]], [[5, 0]], [[0]], [[6, 3], [12, 9]]):
+        try:
+            furnish(np.array(codes), f"{name}=100000")
+        except InputError as error:
+            message = str(error)
+        if "at most" not in message:  # no spot
+            assert "of which 0 fit" in message
+            continue
+        most = int(re.search(r"of which at most (\d+) fit", message)[1])
+        assert most < 1700
+        with pytest.raises(InputError, match=r"of which \d+ fit"):
+            furnish(np.array(codes), f"{name}={most}")
+
+
 def test_each_amount_has_places_of_its_own():
     """Though cones and duckies are drawn on the same spots."""
     places = [[(one.x, one.y) for one in furnish(TOWN, what).objects] for what in ("cones=4", "duckies=4")]

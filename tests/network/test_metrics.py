@@ -16,6 +16,7 @@ from elitelanes_jax import Metrics, fitness, measure, mirror, repair, rotate
 from elitelanes_jax.network import METRIC_NAMES, measure_town, plain_measure
 from elitelanes_jax.network._faces import _label, label_faces
 from elitelanes_jax.network.metrics import stack_metrics, unstack_metrics
+from elitelanes_jax.network.plain_metrics import count_tiles
 from elitelanes_jax.network.xla import PaddedLayout
 from experiments.search.corridors import serpentine, spiral
 
@@ -37,6 +38,8 @@ fill_many = jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))
 def compare(grids):
     found = jax.device_get(measure_many(jnp.asarray(grids)))
     fitnesses = jax.device_get(jax.jit(fitness)(found))
+    for name, counts in count_tiles(np.asarray(grids)).items():
+        assert np.array_equal(counts, getattr(found, name)), name
     for index, grid in enumerate(grids):
         expected = oracle(grid)
         got = {name: getattr(found, name)[index] for name in Metrics._fields}

@@ -234,6 +234,27 @@ def test_a_file_that_is_no_result_is_refused_in_one_line(result, tmp_path, chang
     assert "\n" not in str(caught.value)
 
 
+def test_grids_that_were_changed_are_refused(result, tmp_path):
+    """Another program changed a tile of an elite, and its metrics are those of the former grid."""
+    whole, file = tmp_path / "whole.npz", tmp_path / "changed.npz"
+    result.save(whole)
+    _, arrays = unpack(whole)
+    first, last = np.argwhere(arrays["valid"])[[0, -1]].tolist()
+    grids = arrays["grids"].copy()
+    grids[*last][0, 0] ^= 15
+    share = arrays["metrics.coverage"].copy()
+    share[*first] = np.nan
+    for changes in ({"grids": grids}, {"metrics__coverage": share}):
+        file.write_bytes(changed(whole, **changes))
+        with pytest.raises(InputError, match="changed.npz: .*, got metrics that are not those of its grids: "):
+            Result.load(file)
+    # What a vacant slot has does not matter.
+    grids = arrays["grids"].copy()
+    grids[~arrays["valid"]] = 15
+    file.write_bytes(changed(whole, grids=grids))
+    assert (np.array(Result.load(file).elites.valid) == arrays["valid"]).all()
+
+
 def test_files_of_other_kinds_are_refused(tmp_path):
     file = tmp_path / "result.npz"
     with pytest.raises(InputError, match=r"result.npz: no such file or directory"):

@@ -1,19 +1,21 @@
 """Who lives in a town: buildings, vehicles, trees, cones and duckies, at random places where they fit."""
 
 from collections.abc import Callable
-from math import pi
+from math import hypot, pi
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int, Int8
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.maps.furnishing.space import Space, make_object
+from elitelanes_jax.maps.furnishing.space import Space, make_object, outline_of
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.network.codes import SIDES
 
 Place = tuple[float, float, float]
 """x and y in tiles, and an angle in radians."""
+
+_Draw = Callable[[list[int], np.random.Generator, float], Place]
 
 _TRIES = 64  # for each object
 _BESIDE = (0.12, 0.3)  # from the road's tile to the middle of what is beside it, in tiles
@@ -35,11 +37,39 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
         amount = getattr(spec, name)
         count = round(amount * empty_cells) if amount < 1 else int(amount)
         random = np.random.default_rng([seed, index])
+        if amount >= 1:
+            _check_room(name, scenery, count, space.codes)
         placed = _place(space, name, scenery, count, random, lane_offset)
         if placed < count and amount >= 1:
             raise InputError(
                 f"{name}: expected a number that fits, got {count}, of which {placed} fit"
             )
+
+
+def _check_room(name: str, scenery: "_Scenery", count: int, codes: Int8[np.ndarray, "H W"]) -> None:
+    """Raises `InputError` if the area has no room for objects: tries for 100,000 would take half an hour."""
+    outline = outline_of(make_object(scenery.kind, 0, 0, 0))
+    length = 2 * max(x for x, _ in outline)
+    width = 2 * max(y for _, y in outline)
+    spots, _ = _spots_of(scenery, codes)
+    cells = len(np.unique(spots[:, :2], axis=0))
+    # The middle of an object is on a cell of a spot.
+    side = 1 + hypot(length, width)
+    most = int(cells * side**2 / (length * width))
+    if cells and count > most:
+        raise InputError(
+            f"{name}: expected a number that fits, got {count}, of which at most {most} fit"
+        )
+
+
+def _spots_of(
+    scenery: "_Scenery", codes: Int8[np.ndarray, "H W"]
+) -> tuple[Int[np.ndarray, "N _"], "_Draw"]:
+    """Returns the spots of an amount, and the function that draws a place at a spot."""
+    spots = scenery.list_spots(codes)
+    if len(spots) == 0 and scenery.draw is _beside_a_road:
+        return _blocks(codes), _in_a_block
+    return spots, scenery.draw
 
 
 def _place(
@@ -51,10 +81,8 @@ def _place(
     lane_offset: float,
 ) -> int:
     """Places up to `count` objects of an amount; returns how many fitted."""
-    spots = scenery.list_spots(space.codes).tolist()
-    draw = scenery.draw
-    if not spots and draw is _beside_a_road:
-        spots, draw = _blocks(space.codes).tolist(), _in_a_block
+    spot_array, draw = _spots_of(scenery, space.codes)
+    spots = spot_array.tolist()
     if not spots:
         return 0
     placed = 0
@@ -130,7 +158,7 @@ class _Scenery(NamedTuple):
 
     kind: str
     list_spots: Callable[[Int8[np.ndarray, "H W"]], Int[np.ndarray, "N _"]]
-    draw: Callable[[list[int], np.random.Generator, float], Place]
+    draw: _Draw
 
 
 def _on_block(kind: str) -> _Scenery:

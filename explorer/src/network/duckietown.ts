@@ -184,6 +184,8 @@ function objectIn(value: Tree, rows: number, tileSize: number, kinds: ObjectKind
   let kind = Object.hasOwn(kinds, name) ? name : `other:${name}`;
   let [x, y, angle] = poseIn(fields, rows, tileSize);
   const [usual] = kinds[baseKind(kind)];
+  const isScaled = usual > 0 && fields.has("scale") && !fields.has("height");
+  check(!isScaled, "scale: expected a height in metres instead, got a scale");
   const height = usual ? realIn(fields, "height", usual) : 0;
   if (kind === "trafficlight") {
     angle -= Math.PI / 2;

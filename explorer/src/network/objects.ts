@@ -24,6 +24,8 @@ export type ObjectKinds = Readonly<
 >;
 
 const BEYOND = 1; // tiles that objects may be outside the map
+/** By how much more: other formats have metres of six decimals, and tiles of 0.01 m and larger. */
+const ROUNDED = 1e-4;
 const LARGEST_TAG = 586;
 const OTHER = /^other:[\p{L}\p{N}_][\p{L}\p{N}_.-]{0,63}$/u; // kinds that only an imported map has
 const MOST_OBJECTS = 2 ** 18;
@@ -64,9 +66,10 @@ export function checkObject(value: unknown, kinds: ObjectKinds, { height, width 
   const fields = (value ?? {}) as Record<string, unknown>;
   const expect = (name: string, holds: boolean, expected: string) =>
     check(holds, `${name}: expected ${expected}, got ${textOf(fields[name])}`);
-  const number = (name: string, low: number, high: number, usual?: number): number => {
+  const number = (name: string, low: number, high: number, usual?: number, slack = 0): number => {
     const one = name in fields ? fields[name] : usual;
-    expect(name, typeof one === "number" && one >= low && one <= high, `a number from ${low} to ${high}`);
+    const isWithin = typeof one === "number" && one >= low - slack && one <= high + slack;
+    expect(name, isWithin, `a number from ${low} to ${high}`);
     return one as number;
   };
   const { kind, tag, static: still, ...others } = fields;
@@ -80,8 +83,8 @@ export function checkObject(value: unknown, kinds: ObjectKinds, { height, width 
   expect("static", still === undefined || typeof still === "boolean", "true or false");
   return {
     kind: kind as string,
-    x: number("x", -BEYOND, width + BEYOND),
-    y: number("y", -BEYOND, height + BEYOND),
+    x: number("x", -BEYOND, width + BEYOND, undefined, ROUNDED),
+    y: number("y", -BEYOND, height + BEYOND, undefined, ROUNDED),
     angle: number("angle", -7, 7, 0),
     height: number("height", usual ? 0.001 : 0, usual ? 10 : 0, usual),
     ...(tag != null && { tag: tag as number }),

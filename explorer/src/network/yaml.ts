@@ -1,8 +1,8 @@
 /**
  * YAML as plain lists, tables and texts, as Python's `_yaml_tree` reads it.
  *
- * All scalars stay texts, tags and merge keys have no meaning, an alias is the value that it names, and tables keep the
- * order of their keys.
+ * All scalars stay texts, tags have no meaning, an alias is the value that it names, and tables keep the order of their
+ * keys.
  */
 import { EVENT_ID, getScalarValue, parseEvents, SCALAR_STYLE, YAMLException, type Event } from "js-yaml";
 import { check, FileError } from "./errors";
@@ -19,6 +19,8 @@ const MOST_VALUES = 5 * 2 ** 18;
 const MOST_DIRECTIVES = 16;
 const TOO_DEEP = `expected YAML nested up to ${DEEPEST} levels deep, got more`;
 const TOO_LONG = `expected YAML of at most ${MOST_VALUES.toLocaleString("en")} values, got more`;
+/** The key of tables whose keys the table has too, unless it has its own. */
+const MERGE = "<<";
 const DIRECTIVE = /(?:^|\n)%TAG\b/g;
 
 /** The characters that YAML 1.1 forbids. */
@@ -70,7 +72,10 @@ function build(events: readonly Event[], source: string): Tree | null {
       // The end of a document closes nothing.
       if (opened.length === 1) continue;
       const { items, table } = opened.pop()!;
-      if (table) fill(table, items);
+      // A table that is not filled yet contains this one.
+      const unfilled = [...opened.map((outer) => outer.table), table];
+      if (table) count += fill(table, items, unfilled);
+      check(count <= MOST_VALUES, TOO_LONG);
       continue;
     }
     const anchor = event.anchorStart < 0 ? null : source.slice(event.anchorStart, event.anchorEnd);
@@ -104,11 +109,24 @@ function leafOf(event: Event, anchor: string | null, anchors: ReadonlyMap<string
   return value!;
 }
 
-function fill(table: Map<string, Tree>, items: readonly Tree[]): void {
+/** Adds keys and values to a table; returns the number of keys of merged tables. */
+function fill(table: Map<string, Tree>, items: readonly Tree[], unfilled: readonly (Table | null)[]): number {
   for (let index = 0; index < items.length; index += 2) {
     const key = items[index];
     check(typeof key === "string", "expected readable YAML, its keys texts, got another key");
     check(!table.has(key as string), `YAML: expected each key once, got ${(key as string).slice(0, 40)} twice`);
     table.set(key as string, items[index + 1]);
   }
+  const value = table.get(MERGE);
+  if (value === undefined) return 0;
+  table.delete(MERGE);
+  let merged = 0;
+  for (const other of isList(value) ? value : [value]) {
+    if (!isTable(other) || unfilled.includes(other)) {
+      throw new FileError(`expected readable YAML, for the key ${MERGE} a table or a list of tables`);
+    }
+    for (const [name, item] of other) if (!table.has(name)) table.set(name, item);
+    merged += other.size;
+  }
+  return merged;
 }
