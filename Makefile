@@ -19,7 +19,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive pufferdrive rl sb3 shards ued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
+.PHONY: demo test test-types test-slow notebooks explorer marimo duckietown gym-duckietown duckietown-sdk interop cluster mujoco pack-town pack-paper pack-city pack-hard pogema metadrive pufferdrive rl sb3 shards ued ued-jaxued ued-tests trainers vector-speed simulators sumo newest lowest everything towns yolo lint docs dist benchmark compare optimum certify segmentation perception photographs photographs-lab cutting detection navigation realism driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -180,6 +180,8 @@ EXTRAS-rl := dev,rl
 EXTRAS-cluster := dev,cluster,dask
 EXTRAS-sb3 := dev,sb3
 EXTRAS-ued := dev,experiments,ued
+# JaxUED's scripts import it.
+MORE-ued := distrax==0.1.9
 # CleanRL's PPO imports these two.
 MORE-sb3 := tensorboard==2.21.0 tyro==1.0.17
 BARE-sb3 := pufferlib-core==3.0.23
@@ -342,6 +344,15 @@ vector-speed: .venv-rl/.ready
 
 ued: .venv-ued/.ready
 	.venv-ued/bin/python -m experiments.navigation.ued.study
+
+# JaxUED's own methods, of a commit that git clones, or of the checkout that JAXUED= names.
+JAXUED ?= .venv-ued/jaxued
+JAXUED_COMMIT := 0f8f1284677375b889e4f13a32c9617cd009f8c4
+
+ued-jaxued: .venv-ued/.ready
+	test -d $(JAXUED) || git clone --quiet https://github.com/DramaCow/jaxued $(JAXUED)
+	test "$(JAXUED)" != .venv-ued/jaxued || git -C $(JAXUED) checkout --quiet $(JAXUED_COMMIT)
+	.venv-ued/bin/python -m experiments.navigation.ued.jaxued_methods --jaxued $(JAXUED)
 
 trainers: .venv-sb3/.ready results/trainer-towns
 	.venv-sb3/bin/python -m experiments.navigation.trainers results/trainer-towns

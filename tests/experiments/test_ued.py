@@ -1,6 +1,9 @@
 """RoadUED: its spaces are complete, its regret is exact, and its methods choose the levels that they should."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -15,7 +18,7 @@ from elitelanes_jax.drive import RoadNav
 from elitelanes_jax.network import measure
 
 pytest.importorskip("experiments.navigation.ppo", reason="flax and optax are not here", exc_type=ImportError)
-from experiments.navigation.ued import agent, regret, spaces
+from experiments.navigation.ued import agent, jaxued_scripts, regret, spaces
 from experiments.navigation.ued.methods import accel, archive, domain_randomisation, oracle, plr, sfl
 
 CERTIFICATES = Path(__file__).parents[2] / "experiments" / "search" / "results" / "certificates.md"
@@ -288,6 +291,70 @@ def test_scores_are_those_of_jaxued():
     ended[:, 0] = False
     theirs = utils.positive_value_loss(jnp.asarray(ended), jnp.asarray(numbers), incomplete_value=0.0)
     np.testing.assert_allclose(agent.episode_means(numbers, jnp.asarray(ended)), theirs, rtol=1e-5)
+
+
+def test_the_maze_of_jaxued_is_road_nav(space):
+    """Every action takes the turn that it takes in `RoadNav`, and then the road is followed to a choice, 8 tiles at most."""
+    maze, params, key = jaxued_scripts.maze_of(space), agent.params(), jax.random.key(0)
+    level = jax.tree.map(lambda part: part[0], spaces.levels_of(space, spaces.draw(jax.random.key(3), space, 1)))
+    reset, step = jax.jit(maze.reset_to_level), jax.jit(maze.step)
+    seen, state = reset(key, jaxued_scripts.RoadLevel(*level), maze.default_params)
+    raw, raw_state = RoadNav.reset_to_level(key, level, params)
+    for action in np.random.default_rng(0).integers(3, size=100):
+        window, mark = (np.asarray(part)[2:-2, 2:-2] for part in (raw.window, raw.mark))
+        image = np.asarray(seen.image)
+        np.testing.assert_array_equal(image[..., :4] @ [8, 4, 2, 1], window)
+        np.testing.assert_array_equal(image[..., 4], mark)
+        assert mark.sum() == 1 and seen.agent_dir == (raw.there[2] - raw.here[2]) % 4
+        seen, state, reward, over, _ = step(key, state, jnp.int32(action), maze.default_params)
+        driven = 0.0
+        for _ in range(8):
+            done = RoadNav.step(key, raw_state, int(action), params)
+            raw, raw_state, driven = done.observation, done.state, driven + float(done.reward)
+            ended, action = bool(done.terminated | done.truncated), 0
+            if ended or raw.ways.sum() != 1:
+                break
+        assert reward == pytest.approx(driven, abs=1e-5) and over == ended
+        if over:
+            break
+    assert over and not jaxued_scripts.RoadLevel(*level).wall_map.any()
+
+
+@pytest.mark.slow
+def test_driving_all_levels_gives_the_regret(space):
+    """On an agent without a memory, whose regret is known."""
+    levels = spaces.levels_of(space, jnp.arange(len(space.pairs)))
+    weights = agent.new_agent(jax.random.key(1), levels, agent.PPO).weights
+    weights = jax.tree.map(lambda part: 3 * part, weights)
+
+    def policy(weights, memory, seen, first):
+        row = jax.tree.map(lambda part: part[None], seen)
+        return memory, agent.NETWORK.apply(weights, memory, row, first[None])[1][0]
+
+    maze = jaxued_scripts.RoadMaze(agent.params(), view=lambda seen: seen)
+    # The lanes are no divisor of the number of levels.
+    key, lanes = jax.random.key(0), jnp.zeros((500, 0))
+    driven = jaxued_scripts.drive_all(key, maze, policy, weights, lanes, space, greedy=True)
+    exact = regret.evaluate(weights, space, greedy=True)
+    np.testing.assert_allclose(driven.regret, exact.regret, atol=1e-4)
+    np.testing.assert_allclose(driven.success, exact.success, atol=1e-6)
+    assert 0.05 < driven.success.mean() < 0.95
+    sampled = jaxued_scripts.drive_all(key, maze, policy, weights, lanes, space, greedy=False).regret
+    error = sampled - regret.evaluate(weights, space, greedy=False).regret
+    assert abs(error.mean()) < 4 * stats.sem(np.asarray(error))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("JAXUED" not in os.environ, reason="JAXUED does not name a checkout of JaxUED")
+def test_methods_of_jaxued_run_unchanged(tmp_path):
+    """In a process of its own, because the checkout has another version of JaxUED."""
+    command = ["--methods", "DR", "robust PLR", "--space", "5x5A", "--rounds", "4", "--seeds", "1", "--quick"]
+    program = [sys.executable, "-m", "experiments.navigation.ued.jaxued_methods", *command]
+    folders = ["--jaxued", os.environ["JAXUED"], "--out", str(tmp_path / "out")]
+    subprocess.run([*program, *folders], check=True, cwd=CERTIFICATES.parents[3])
+    lines = (tmp_path / "out" / "ued-jaxued.md").read_text(encoding="utf-8").splitlines()
+    programs = [tuple(line.strip("| ").split(" | ")[:2]) for line in lines if line.startswith(("| JaxUED", "| ours"))]
+    assert programs == [(program, method) for program in ("JaxUED", "ours") for method in ("DR", "robust PLR")]
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from experiments.common import Untyped, bootstrap_interval, save, table, write
 
-__all__ = ["at_end", "write_report"]
+__all__ = ["at_end", "with_interval", "write_report"]
 
 _FIGURES = {"mean": "mean", "cvar5": "worst 5 %", "cvar1": "worst 1 %", "worst": "worst", "success": "success"}
 
@@ -33,7 +33,7 @@ def write_report(out: Path) -> bool:
     return True
 
 
-def _words(values: list[float], digits: int = 4) -> str:
+def with_interval(values: list[float], digits: int = 4) -> str:
     """Returns the mean, and its 95 % interval over seeds where there are three or more."""
     mean = f"{np.mean(values):.{digits}f}"
     if len(values) < 3:
@@ -52,7 +52,7 @@ def _table(rows: dict[str, list[Untyped]]) -> str:
         [
             method,
             str(len(runs)),
-            *(_words([at_end(row)[figure] for row in runs]) for figure in _FIGURES),
+            *(with_interval([at_end(row)[figure] for row in runs]) for figure in _FIGURES),
             f"{np.mean([row['seconds']['training'] for row in runs]):.0f}",
         ]
         for method, runs in rows.items()
@@ -67,15 +67,15 @@ def _greedy_and_unseen(rows: dict[str, list[Untyped]]) -> str:
     lines = []
     for method, runs in rows.items():
         unseen = [[row["unseen"][name]["mean"] for row in runs if name in row["unseen"]] for name in names]
-        greedy = [_words([row["greedy"][figure] for row in runs]) for figure in ("mean", "cvar1")]
-        lines.append([method, *greedy, *(_words(values) if values else "" for values in unseen)])
+        greedy = [with_interval([row["greedy"][figure] for row in runs]) for figure in ("mean", "cvar1")]
+        lines.append([method, *greedy, *(with_interval(values) if values else "" for values in unseen)])
     return "Regret of the greedy policy, and mean regret of the sampled one on unseen maps.\n\n" + table(head, lines)
 
 
 def _loops(rows: dict[str, list[Untyped]]) -> str:
     numbers = list(at_end(next(iter(rows.values()))[0])["by_loops"])
     lines = [
-        [method, *(_words([at_end(row)["by_loops"][number] for row in runs]) for number in numbers)]
+        [method, *(with_interval([at_end(row)["by_loops"][number] for row in runs]) for number in numbers)]
         for method, runs in rows.items()
     ]
     return "Mean regret by cyclomatic number.\n\n" + table(["method", *numbers], lines)
@@ -85,9 +85,9 @@ def _scores(studies: list[list[Untyped]]) -> str:
     names = list(studies[0][0]["correlation"])
     lines = []
     for stages in zip(*studies, strict=True):
-        regret = _words([stage["mean_regret"] for stage in stages])
+        regret = with_interval([stage["mean_regret"] for stage in stages])
         values = ([stage["correlation"][name] for stage in stages] for name in names)
-        lines.append([str(stages[0]["rounds"]), regret, *(_words(of, 2) for of in values)])
+        lines.append([str(stages[0]["rounds"]), regret, *(with_interval(of, 2) for of in values)])
     head = ["rounds", "mean regret", *(name.replace("_", " ") for name in names)]
     return f"Rank correlation of scores with regret, all levels, {len(studies)} seeds.\n\n" + table(head, lines)
 
