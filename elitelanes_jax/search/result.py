@@ -21,7 +21,6 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
-from elitelanes_jax.network.plain_metrics import count_tiles
 from elitelanes_jax.network.records import Metrics
 from elitelanes_jax.optimizers.presets import (
     Config,
@@ -33,13 +32,12 @@ from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import parse_axes
 from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.problem.ranges import Range, parse_ranges, satisfies
-from elitelanes_jax.search.elites import MeasuredElites, in_short
+from elitelanes_jax.search.elites import MeasuredElites, check_metrics, in_short
 from elitelanes_jax.search.resolve import Search, search_from_plain, with_ranges
 from elitelanes_jax.search.selection import MIN_DIFFERENCE, Choice, choose_maps
 from elitelanes_jax.search.settings import CUSTOM, METHODS
 
 _FORMAT = "elitelanes result, version 1"
-_CHECKED_AT_ONCE = 2**16  # grids: 10 MB of 12 x 12 tiles
 
 # The arrays of a file: the dtype (or the allowed dtypes) and the axes. S is the axis of seeds,
 # which the result of one key lacks, N of the elites' slots, H and W of rows and columns, D of the
@@ -198,9 +196,12 @@ class Result:
           Maps with their metrics, sorted by niche, and within a niche by fitness.
 
         Raises:
-          InputError: for a bad count or range.
+          InputError: for a bad count or range, or if the grids of the result were changed, so that
+            its metrics are not theirs.
         """
         count = check_named("count", whole(1), count)
+        with jax.transfer_guard("allow"):
+            check_named("elites", check_metrics, self.elites)
         result = self.with_ranges(parse_ranges(where, self.search.settings.features))
         choice = result.choose(count)
         if len(choice.maps) < count:
@@ -350,6 +351,7 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
             f"{path}: expected a result, of generate or Result.save, got {error}"
         ) from None
     elites = _elites_from(arrays, stored.search.measured)
+    check_named(str(path), check_metrics, elites)
     history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
     result = Result(elites, history, state, stored.search, stored.config, stored.functions)
     return result, stored.seed
@@ -523,26 +525,6 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], search: Search) -> None:
     has_codes = 0 <= grids.min() <= grids.max() <= 15
     if not has_codes or max(grids.shape[-2:]) > LONGEST_SIDE:
         raise InputError(f"grids that are not of tile codes 0 to 15, of shape {grids.shape}")
-    _check_metrics(arrays)
-
-
-def _check_metrics(arrays: Mapping[str, np.ndarray]) -> None:
-    """Checks that metrics are those of the grids, which another program may have changed.
-
-    Compares what NumPy counts at once: measuring a million grids whole takes minutes without JAX,
-    and compiles with it.
-    """
-    valid = np.flatnonzero(arrays["valid"])
-    grids = arrays["grids"].reshape(-1, *arrays["grids"].shape[-2:])
-    for start in range(0, valid.size, _CHECKED_AT_ONCE):
-        indices = valid[start : start + _CHECKED_AT_ONCE]
-        for name, counts in count_tiles(grids[indices]).items():
-            stored = arrays[f"metrics.{name}"].ravel()[indices]
-            wrong = np.flatnonzero(stored != counts)
-            if wrong.size:
-                index = wrong[0]
-                got = f"{name} {stored[index]} instead of {counts[index]}"
-                raise InputError(f"metrics that are not those of its grids: {got}")
 
 
 def _fits_sizes(shape: Sequence[int], letters: str, sizes: dict[str, int]) -> bool:

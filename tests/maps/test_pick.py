@@ -110,7 +110,10 @@ def test_axes_of_ones_own_replace_the_targets_of_the_search():
 def test_archives_of_maps_of_other_sizes_are_refused(searched, tmp_path, capsys):
     with np.load(searched / "one" / "archive.npz") as stored:
         arrays = dict(stored)
-    np.savez(tmp_path / "taller.npz", **arrays | {"grids": np.pad(arrays["grids"], [(0, 0), (0, 0), (0, 1), (0, 0)])})
+    arrays["grids"] = np.pad(arrays["grids"], [(0, 0), (0, 0), (0, 1), (0, 0)])
+    arrays["metrics.empty_cells"] += arrays["grids"].shape[-1]
+    arrays["metrics.coverage"] = (arrays["metrics.tiles"] / arrays["grids"][0, 0].size).astype(np.float32)
+    np.savez(tmp_path / "taller.npz", **arrays)
     assert pick(searched / "one" / "archive.npz", tmp_path / "taller.npz", out=tmp_path / "out") == 2
     assert "taller.npz: expected maps of 5 x 6, as in the first archive, got 6 x 6" in capsys.readouterr().err
 

@@ -246,8 +246,11 @@ def test_grids_that_were_changed_are_refused(result, tmp_path):
     share[*first] = np.nan
     for changes in ({"grids": grids}, {"metrics__coverage": share}):
         file.write_bytes(changed(whole, **changes))
-        with pytest.raises(InputError, match="changed.npz: .*, got metrics that are not those of its grids: "):
+        with pytest.raises(InputError, match="changed.npz: expected metrics of its grids, got "):
             Result.load(file)
+    elites = result.elites._replace(grids=jnp.asarray(result.elites.grids) ^ 15)
+    with pytest.raises(InputError, match="elites: expected metrics of its grids, got "):
+        replace(result, elites=elites).maps(1)
     # What a vacant slot has does not matter.
     grids = arrays["grids"].copy()
     grids[~arrays["valid"]] = 15
