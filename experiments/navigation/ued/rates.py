@@ -60,7 +60,8 @@ def _run(options: argparse.Namespace) -> None:
         best = CANDIDATES[int(np.argmin(means))]
         lines.append([method, *(f"{mean:.4f}" for mean in means), f"{best:g}"])
     head = ["method", *(f"{rate:g}" for rate in CANDIDATES), "chosen"]
-    words = f"Mean regret of the sampled policy on all levels of 5 x 5 A by learning rate: the means of {options.seeds} seeds.\n\n"
+    means_of = f"the means of {options.seeds} seeds"
+    words = f"Mean regret of the sampled policy on all levels of 5 x 5 A by learning rate: {means_of}.\n\n"
     write(options.out / "rates.md", "# Learning rates\n\n" + words + table(head, lines))
     print(options.out / "rates.md")
 
