@@ -294,7 +294,7 @@ def test_scores_are_those_of_jaxued():
 
 
 def test_the_maze_of_jaxued_is_road_nav(space):
-    """Every action takes the turn that it takes in `RoadNav`. Then the road is followed to a choice, 8 tiles at most."""
+    """Every action takes the turn that it takes in `RoadNav`. Then the road is followed to a choice, up to 8 tiles."""
     maze, params, key = jaxued_scripts.maze_of(space), agent.params(), jax.random.key(0)
     level = jax.tree.map(lambda part: part[0], spaces.levels_of(space, spaces.draw(jax.random.key(3), space, 1)))
     reset, step = jax.jit(maze.reset_to_level), jax.jit(maze.step)
