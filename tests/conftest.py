@@ -12,8 +12,8 @@ import jax
 import jaxtyping
 from compiled_programs import QUICK_FLAGS, free_programs
 
-# The programs of a session go to a folder of its own, which all workers and the commands that tests start share: what
-# one has compiled another only loads. Slow proofs compile as users do.
+# The programs that commands compile go to a folder of this session, which all workers share. So each is compiled once.
+# Slow proofs compile as users do.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     cache = tempfile.TemporaryDirectory(prefix="elitelanes-tests-", ignore_cleanup_errors=True)
     os.environ["XDG_CACHE_HOME"] = cache.name

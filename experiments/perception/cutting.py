@@ -8,7 +8,8 @@ sets are drawn with seeds that no parameter was chosen with. A cut is right if n
 1 % of a tile. The program is given the size of the floor and nothing else.
 
 `hand` has floors whose tiles of a kind differ, as if they were taped one by one. `wrong` has the same floors with wrong
-corners, a wrong size or a mirrored photograph, and photographs without a floor: nothing of it may be cut wrongly.
+corners, a wrong size or a mirrored photograph, and photographs without a floor. Each should be refused, or cut
+right all the same.
 """
 
 import argparse
@@ -134,9 +135,15 @@ class _Laid(NamedTuple):
     rng: np.random.Generator
 
 
+def _tiles_of(index: int, folders: tuple[Path, ...]) -> TileSet:
+    """Returns the set of a photograph: the folders in turn, or drawn sets in turn."""
+    folder = folders[index % len(folders)] if folders else None
+    return _set(folder, _HELD_BACK[index % len(_HELD_BACK)])
+
+
 def _lay(kind: str, index: int, folders: tuple[Path, ...]) -> _Laid:
     rng = np.random.default_rng([("floors", "tiles", "hand").index(kind), index, _DRAW])
-    tiles = _set(folders[index % len(folders)] if folders else None, _HELD_BACK[index % len(_HELD_BACK)])
+    tiles = _tiles_of(index, folders)
     floor = list(FLOORS)[index % len(FLOORS)]
     if kind == "hand":
         floor = list(FLOORS)[index // max(len(folders), 1) % len(FLOORS)]
@@ -215,7 +222,7 @@ def _deceive(index: int, folders: tuple[Path, ...]) -> Iterator[Lie]:
         yield _lie(lie, seen, codes, turned, seen.pixels_of(true), given)
     flipped = seen._replace(image=np.ascontiguousarray(seen.image[:, ::-1]))
     yield _lie("mirrored", flipped, None, codes.shape, None)
-    tiles = _set(folders[index % len(folders)] if folders else None, _HELD_BACK[index % len(_HELD_BACK)])
+    tiles = _tiles_of(index, folders)
     scene = SCENES[index % len(SCENES)]
     empty = seen._replace(image=draw_scene(rng, scene, tiles))
     yield _lie(scene, empty, None, (3, 4), None)

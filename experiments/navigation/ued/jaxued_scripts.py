@@ -111,7 +111,7 @@ def drive_all(
 ) -> Outcome:
     """Drives one episode on each of the L levels of a space; the key is consumed.
 
-    The environment has no chance. So the regret of a greedy policy is exact, also if it has a memory.
+    The environment is deterministic. So the regret of a greedy policy is exact, even if the policy has a memory.
 
     Args:
       key: draws actions.
