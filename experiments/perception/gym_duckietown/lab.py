@@ -52,6 +52,7 @@ class Row(NamedTuple):
       maps: towns of files, with 500 views each.
       lines: largest shift of white lines in tiles; None for no shift.
       task: "pose" or "labels".
+      tile_px: the side of a tile's picture in the files, in pixels. The stream has `stream.TILE_PX`.
     """
 
     words: str
@@ -61,6 +62,7 @@ class Row(NamedTuple):
     maps: int = 0
     lines: float | None = None
     task: str = "pose"
+    tile_px: int = 96
 
 
 ROWS = {
@@ -73,6 +75,9 @@ ROWS = {
     "photographs-lines": Row("five photographs, `lines=0.07`, 12,000 files", "photographs", "files", 3000, 24, LINES),
     "photographs-30000": Row("five photographs, 30,000 files", "photographs", "files", 3000, 60),
     "photographs-longer": Row("five photographs, 30,000 files, 6,000 steps", "photographs", "files", 6000, 60),
+    "photographs-256": Row(
+        "five photographs, 30,000 files, tiles of 256 px", "photographs", "files", 3000, 60, tile_px=256
+    ),
     "cut-stream": Row("cut from one oblique photograph, stream", "cut", "stream", 6000),
     "one-stream": Row("one photograph of each kind, stream", "one", "stream", 6000),
     "more-stream": Row("all photographs that pass the check, stream", "more", "stream", 6000),
@@ -221,7 +226,7 @@ def _make_views(row: Row, tiles: Path | None, folder: Path) -> Path:
         sets = [] if tiles is None else ["--tiles", str(tiles)]
         towns = ["--style", "town", "--evaluations", "2000"]
         counts = ["--maps", str(row.maps), "--views", str(_VIEWS), "--size", "7", "--split", "1", "0", "0"]
-        looks = ["--tile-px", "96", "--camera", *camera, "--transform", "varied", "blur=0.5"]
+        looks = ["--tile-px", str(row.tile_px), "--camera", *camera, "--transform", "varied", "blur=0.5"]
         _elitelanes("dataset", "--out", str(folder), *sets, *towns, *counts, *looks)
     return folder
 
