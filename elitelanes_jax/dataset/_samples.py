@@ -36,6 +36,7 @@ from elitelanes_jax.tiles.rendering import (
     LABELS,
     TileChoice,
     check_tile_px,
+    draw_layers,
     plan_choice,
     render,
     show_paved,
@@ -204,7 +205,7 @@ def _see_ground(
         tiled = TiledMap(tiles, tile_px, chosen[..., 0] * 4 + chosen[..., 1])
         seen = see_tiled_labels(tiled, rays)
         return _GroundView(tiled.see(viewpoint, GROUND), seen.labels, seen.paved, sky)
-    picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
+    layers = draw_layers(road_map.codes, tiles, chosen, tile_px, ("image", "labels"))
     paved = see_labels(show_paved(tiles, chosen, tile_px).astype(np.uint8), viewpoint) > 0
-    labels = see_labels(picture.labels, viewpoint)
-    return _GroundView(see(picture.image, viewpoint, GROUND), labels, paved, sky)
+    labels = see_labels(layers["labels"], viewpoint)
+    return _GroundView(see(layers["image"], viewpoint, GROUND), labels, paved, sky)

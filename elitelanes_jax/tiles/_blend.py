@@ -77,21 +77,24 @@ def solve_tones(
     return np.stack(tones, axis=2) * (1 / 255, 1) + (1, 0)
 
 
-def apply_tones(
-    image: UInt8[NDArray, "h w 3"], tones: Float[NDArray, "H W 3 2"]
+def lay_toned(
+    images: UInt8[NDArray, "T P P 3"],
+    picture: Int[NDArray, "H W"],
+    tones: Float[NDArray, "H W 3 2"],
 ) -> UInt8[NDArray, "h w 3"]:
-    """Multiplies each tile of a picture of H x W tiles by its gain, adds its offset, rounds, and clips to 0..255."""
-    height, width = tones.shape[:2]
-    size = image.shape[0] // height
-    gains, offsets = np.moveaxis(tones, -1, 0)
+    """Lays pictures side by side: each is multiplied by its gain, its offset is added, and the sum is rounded.
+
+    `picture` has the index of each cell's picture. Sums are clipped to 0..255.
+    """
+    height, width = picture.shape
+    size = images.shape[1]
+    gains, offsets = tones[:, :, None, :, 0], tones[:, :, None, :, 1]
     levels = np.arange(256)[:, None]
-    toned = np.empty_like(image)
+    tables = np.clip(np.rint(levels * gains + offsets), 0, 255).astype(np.uint8)
+    toned = np.empty((height * size, width * size, 3), np.uint8)
     for row, column in np.ndindex(height, width):
-        cell = np.s_[row * size : (row + 1) * size, column * size : (column + 1) * size]
-        table = np.clip(np.rint(levels * gains[row, column] + offsets[row, column]), 0, 255).astype(
-            np.uint8
-        )
-        toned[cell] = cv2.LUT(image[cell], table[None])
+        cell = toned[row * size : (row + 1) * size, column * size : (column + 1) * size]
+        cell[:] = cv2.LUT(images[picture[row, column]], tables[row, column][None])
     return toned
 
 
@@ -106,22 +109,52 @@ def feather(
     """
     codes = np.asarray(grid)
     size = image.shape[0] // codes.shape[0]
-    reach = max(_FEATHER * size, 2.0)
-    change = np.zeros(image.shape, np.float32)
+    blended, changes, places = image.copy(), [], []
     for turned, meets in _meetings(codes):
-        seen, marks, delta = (_turn(layer, turned) for layer in (image, labels, change))
-        along = np.repeat(meets, size, axis=0)
-        for distance in range(ceil(reach - 0.5)):
-            share = np.float32((1 + np.cos(np.pi * (distance + 0.5) / reach)) / 4)
-            left, right = (
-                slice(size - 1 - distance, -size, size),
-                slice(size + distance, None, size),
-            )
-            mixed = along & (marks[:, left] == marks[:, right])
-            step = share * mixed[..., None] * (seen[:, right].astype(np.float32) - seen[:, left])
-            delta[:, left] += step
-            delta[:, right] -= step
-    return np.rint(image + change).astype(np.uint8)
+        axis = 0 if turned else 1  # across the seams
+        seen, change = _mix(image, labels, _turn(meets, turned), size, axis)
+        depth = seen.shape[axis + 1] // 2
+        seams = np.arange(size, image.shape[axis], size)
+        near = (seams[:, None] + np.arange(-depth, depth)).reshape(-1)
+        shape = (len(near), -1, 3) if turned else (-1, len(near), 3)
+        blended[near if turned else np.s_[:, near]] = np.rint(seen + change).reshape(shape)
+        changes.append(change.reshape(shape))
+        places.append(near)
+    # Near the corners of tiles, both changes are added.
+    columns, rows = places
+    corners = np.ix_(rows, columns)
+    blended[corners] = np.rint(image[corners] + (changes[0][rows] + changes[1][:, columns]))
+    return blended
+
+
+def _mix(
+    image: UInt8[NDArray, "h w 3"],
+    labels: UInt8[NDArray, "h w"],
+    meets: NDArray[np.bool_],
+    size: int,
+    axis: int,
+) -> tuple[Float[NDArray, "..."], Float[NDArray, "..."]]:
+    """Returns the pixels near the S seams across an axis, and what `feather` adds to them.
+
+    `meets` tells of each seam between two tiles whether a road continues. Both results are
+    ``[h, S, D, 3]`` across the columns, and ``[S, D, w, 3]`` across the rows.
+    """
+    reach = max(_FEATHER * size, 2.0)
+    depth = ceil(reach - 0.5)
+    leading = (slice(None),) * axis
+    before = (*leading, slice(None, -1), slice(size - depth, None))
+    after = (*leading, slice(1, None), slice(None, depth))
+    strips = []
+    for layer in (image, labels):
+        tiles = layer.reshape(*layer.shape[:axis], -1, size, *layer.shape[axis + 1 :])
+        strips.append(np.concatenate([tiles[before], tiles[after]], axis=axis + 1))
+    seen, label = strips[0].astype(np.float32), strips[1]
+    distance = np.abs(np.arange(2 * depth) + 0.5 - depth)
+    share = ((1 + np.cos(np.pi * distance / reach)) / 4).astype(np.float32)
+    share = share if axis else share[:, None]
+    along = np.expand_dims(np.repeat(meets, size, axis=1 - axis), axis + 1)
+    mixed = along & (label == np.flip(label, axis + 1))
+    return seen, (share * mixed)[..., None] * (np.flip(seen, axis + 1) - seen)
 
 
 def _meetings(codes: NDArray[np.int8]) -> Iterator[tuple[bool, NDArray[np.bool_]]]:

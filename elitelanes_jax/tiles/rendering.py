@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -26,7 +26,7 @@ from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
-from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
+from elitelanes_jax.tiles._blend import feather, lay_toned, solve_tones
 from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat, load_objects
 from elitelanes_jax.tiles.pasting import paste_objects
@@ -42,6 +42,8 @@ COMPARED_PX = 64
 """The side of a tile in pixels at which the light of tiles is compared, at all sizes of pictures."""
 
 _SMALLEST, _LARGEST = 16, 512
+
+_L = TypeVar("_L", np.uint8, np.bool_)
 
 
 class Picture(NamedTuple):
@@ -168,19 +170,7 @@ def render(
         chosen = recall_choice(road_map, tiles)
     if chosen is None:
         chosen = choose_tiles(road_map.codes, tiles, 0 if seed is None else seed)
-    picture = chosen[..., 0] * 4 + chosen[..., 1]
-    layers = {
-        name: _lay_out(rotated[picture]) for name, rotated in scale_tiles(tiles, tile_px).items()
-    }
-    if tiles.blend:
-        small = scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
-        toned = apply_tones(
-            layers["image"], solve_tones(road_map.codes, picture, small["image"], small["labels"])
-        )
-        layers["image"] = feather(toned, layers["labels"], road_map.codes)
-        if any(tile.opaque is not None for tile in tiles.tiles):
-            # Transparent pixels show the ground of empty cells, whose light does not change.
-            layers["image"][~show_paved(tiles, chosen, tile_px) & (layers["labels"] == 0)] = GROUND
+    layers = draw_layers(road_map.codes, tiles, chosen, tile_px, ("image", "labels", *MASKS))
     instances = None
     if objects is not None:
         objects = load_objects(objects)
@@ -190,6 +180,39 @@ def render(
         )
         instances, _ = paste_objects(layers, placed, order)
     return Picture(**layers, instances=instances)
+
+
+def draw_layers(
+    grid: NDArray[np.int8],
+    tiles: TileSet,
+    chosen: NDArray[np.int_],
+    tile_px: int,
+    names: Sequence[str],
+) -> dict[str, NDArray[np.uint8]]:
+    """Draws some layers of a map without its objects.
+
+    Args:
+      grid: codes ``[H, W]``.
+      tiles: to draw it with.
+      chosen: what `choose_tiles` returns.
+      tile_px: P, the side of a tile in pixels.
+      names: of `Picture`'s layers; "labels" if there is "image".
+
+    Returns:
+      The layers by name, uint8 ``[H·P, W·P]`` and for "image" ``[H·P, W·P, 3]``.
+    """
+    picture = chosen[..., 0] * 4 + chosen[..., 1]
+    scaled = scale_tiles(tiles, tile_px)
+    if not tiles.blend:
+        return {name: _lay_out(scaled[name], picture) for name in names}
+    layers = {name: _lay_out(scaled[name], picture) for name in names if name != "image"}
+    small = scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
+    tones = solve_tones(grid, picture, small["image"], small["labels"])
+    image = feather(lay_toned(scaled["image"], picture, tones), layers["labels"], grid)
+    if any(tile.opaque is not None for tile in tiles.tiles):
+        # Transparent pixels show the ground of empty cells, whose light does not change.
+        image[~show_paved(tiles, chosen, tile_px) & (layers["labels"] == 0)] = GROUND
+    return layers | {"image": image}
 
 
 @cache
@@ -367,7 +390,7 @@ def show_paved(tiles: TileSet, chosen: NDArray[np.int_], tile_px: int) -> NDArra
     Empty cells and the transparent pixels of tile pictures are ground. `chosen` is what
     `choose_tiles` returns.
     """
-    return _lay_out(scale_opaque(tiles, tile_px)[chosen[..., 0] * 4 + chosen[..., 1]])
+    return _lay_out(scale_opaque(tiles, tile_px), chosen[..., 0] * 4 + chosen[..., 1])
 
 
 @lru_cache(maxsize=4)
@@ -405,7 +428,11 @@ def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bo
     return cover >= np.sort(cover, axis=None)[-area] - 1e-4
 
 
-def _lay_out(tiles: np.ndarray) -> np.ndarray:
-    """Lays pictures ``[H, W, P, P, ...]`` side by side, ``[H·P, W·P, ...]``."""
-    height, width, size, _, *channels = tiles.shape
-    return tiles.swapaxes(1, 2).reshape(height * size, width * size, *channels)
+def _lay_out(scaled: NDArray[_L], picture: NDArray[np.int_]) -> NDArray[_L]:
+    """Lays some of the pictures ``[T, P, P, ...]`` side by side, ``[H·P, W·P, ...]``."""
+    (height, width), (size, _, *channels) = picture.shape, scaled.shape[1:]
+    layer = np.empty((height * size, width * size, *channels), scaled.dtype)
+    for row, column in np.ndindex(height, width):
+        cell = layer[row * size : (row + 1) * size, column * size : (column + 1) * size]
+        cell[:] = scaled[picture[row, column]]
+    return layer

@@ -7,7 +7,7 @@ import pytest
 
 from elitelanes_jax import render
 from elitelanes_jax.tiles import choose_tiles, scale_tiles
-from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
+from elitelanes_jax.tiles._blend import feather, lay_toned, solve_tones
 
 TOWN = np.array([[6, 5, 7, 3, 0], [10, 0, 10, 14, 3], [14, 5, 15, 13, 11], [12, 5, 9, 0, 8]], np.int8)
 PX = 64
@@ -71,9 +71,14 @@ def least_squares(picture, grid):
     return tones
 
 
+def pictures_of(tiles, grid, seed=0):
+    chosen = choose_tiles(grid, tiles, seed)
+    return chosen[..., 0] * 4 + chosen[..., 1]
+
+
 def solved(tiles, grid, seed=0):
-    chosen, small = choose_tiles(grid, tiles, seed), scale_tiles(tiles, PX)
-    return solve_tones(grid, chosen[..., 0] * 4 + chosen[..., 1], small["image"], small["labels"])
+    small = scale_tiles(tiles, PX)
+    return solve_tones(grid, pictures_of(tiles, grid, seed), small["image"], small["labels"])
 
 
 def test_gains_and_offsets_are_those_of_least_squares_over_all_pairs(uneven):
@@ -85,7 +90,7 @@ def test_gains_and_offsets_are_those_of_least_squares_over_all_pairs(uneven):
 
 def test_each_pixel_is_toned_as_the_formula_says(uneven):
     picture, tones = render(TOWN, replace(uneven, blend=False), tile_px=16), solved(uneven, TOWN)
-    toned = apply_tones(picture.image, tones)
+    toned = lay_toned(scale_tiles(uneven, 16)["image"], pictures_of(uneven, TOWN), tones)
     rng = np.random.default_rng(0)
     for y, x in zip(rng.integers(0, 64, 200), rng.integers(0, 80, 200), strict=True):
         gain, offset = np.moveaxis(tones[y // 16, x // 16], -1, 0)
@@ -118,7 +123,7 @@ def test_maps_are_toned_and_feathered_and_their_masks_and_labels_stay(uneven):
     plain, blended = (render(TOWN, replace(uneven, blend=blend), tile_px=40) for blend in (False, True))
     for name in ("road", "red", "yellow", "labels"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(blended, name))
-    toned = apply_tones(plain.image, solved(uneven, TOWN))
+    toned = lay_toned(scale_tiles(uneven, 40)["image"], pictures_of(uneven, TOWN), solved(uneven, TOWN))
     np.testing.assert_array_equal(blended.image, feather(toned, plain.labels, TOWN))
 
 
