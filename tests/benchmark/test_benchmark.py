@@ -26,7 +26,7 @@ from elitelanes_jax.benchmark.submissions import (
 )
 from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.network import Weights
+from elitelanes_jax.network import Weights, mirror
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
 TASK = find_task("5x5A-100000")
@@ -273,6 +273,18 @@ def test_runs_keep_their_archive_at_every_budget():
     assert len(grids) - len(seen[-1][0]) < 100_000  # and no batch more
     best, _ = score_submission(submission)
     assert best.shape == (1, 2, len(TASK.optimum)) and (best[0, 1] <= best[0, 0]).all()
+
+
+def test_of_equal_grids_in_a_niche_the_first_is_kept():
+    """Mirror images are equal, within a batch and in the next one."""
+    first = next(grid for grid in TASK.witnesses if (grid != mirror(grid)).any())
+
+    def search(task, rng):
+        yield np.stack([first, mirror(first)])
+        yield np.stack([mirror(first), mirror(first)])
+
+    niche = oracle(first)["cyclomatic"]
+    np.testing.assert_array_equal(run(TASK, search, 1).grids[0, -1, niche], first)
 
 
 def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):

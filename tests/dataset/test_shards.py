@@ -19,6 +19,7 @@ from given_maps import small
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset
 from elitelanes_jax.dataset import STANDARD
+from elitelanes_jax.dataset._drawing import Samples
 from elitelanes_jax.maps.spec import SPLITS
 
 SHARDS = ["webdataset", "parquet"]
@@ -220,6 +221,13 @@ def test_hugging_face_datasets_streams_parquet(tmp_path):
                 picture = read_picture(tmp_path / "files" / split / layer / f"{record['number']:06d}.png")
                 picture = picture[..., ::-1] if picture.ndim == 3 else picture
                 np.testing.assert_array_equal(np.array(row[layer]), picture)
+
+
+@pytest.mark.parametrize(("samples", "blocks"), [(0, []), (3, [1]), (4, [1]), (5, [2, 2]), (8, [2, 2]), (9, [3, 3, 3])])
+def test_blocks_know_how_many_there_are(samples, blocks, tmp_path):
+    made = list(Samples(1, np.zeros(samples, int), range(samples), tmp_path, tmp_path).blocks_of(0))
+    assert [block.total for block in made] == blocks
+    assert [index for block in made for index in block.indices] == list(range(samples))
 
 
 def test_without_pyarrow_the_message_names_it(tmp_path, monkeypatch):

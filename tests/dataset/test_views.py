@@ -77,6 +77,13 @@ def _corner(whole, part):
     return round(x), round(y)
 
 
+def test_a_crop_may_lie_anywhere_within_the_map():
+    """A crop of 16 pixels has three places along a side of 18, and one along a side of 16."""
+    whole = view_of(0, Transforms(), (16, 18))
+    crops = [view_of(seed, Transforms(crop=16), (16, 18)) for seed in range(60)]
+    assert {_corner(whole, crop) for crop in crops} == {(0, 0), (1, 0), (2, 0)}
+
+
 def test_pictures_follow_their_masks():
     """A picture that is its own mask, smooth enough for both ways of interpolation."""
     y, x = np.mgrid[:120, :120]

@@ -187,12 +187,14 @@ def test_objects_hide_labels_and_no_robot_touches_them(furnished, crowded):
 
 def test_objects_have_the_masks_and_the_pictures_that_datasets_have(drawn_tiles):
     grid, objects, camera = np.array([[6, 7, 3], [12, 13, 9]], np.int8), load_objects(), Camera(rows=60, columns=80)
+    oblong = [one if one.height else replace(one, footprint=(0.12, 0.05)) for one in objects.pictures]
+    objects = replace(objects, pictures=tuple(oblong))
     spots = [(0.15, 0.2), (0.8, 0.75), (1.5, 0.05), (1.1, 0.9), (2.8, 0.2), (2.2, 0.8), (1.8, 1.9)]
     lying = [(0.5, 0.3), (0.3, 1.0), (1.5, 1.5), (1.5, 0.45), (2.7, 1.0), (2.6, 1.6)]
     things = [MapObject("duckie", x, y, 2 * x, 0.09) for x, y in spots]
     things += [MapObject("sign_stop", 1.95, 0.02, 2.0, 0.2, tag) for tag in (24, 25)]
     things += [MapObject("floor_tag", x, y, 2 * x - 3 * y, 0.0, 300 + number) for number, (x, y) in enumerate(lying)]
-    scenes = make_scenes(RoadMap(grid, objects=things), tile_px=TILE_PX)
+    scenes = make_scenes(RoadMap(grid, objects=things), tile_px=TILE_PX, objects=objects)
     seen = jax.device_get(views(jax.random.key(4), scenes, 16, camera=camera))
     plans = plans_of(jax.random.key(4), scenes, 16, camera)
     choices, first = [objects.choices(thing) for thing in things], np.asarray(scenes.maps.choices)[0, :, 0]

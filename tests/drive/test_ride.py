@@ -143,17 +143,19 @@ def test_a_policy_imports_modules_of_its_folder(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def test_a_ride_that_has_ended_reaches_no_goal(monkeypatch):
+def test_a_ride_that_has_ended_stays_there_and_reaches_no_goal(monkeypatch):
     """The first robot leaves the road and then enters its goal's tile. The second robot drives on."""
     ended, reached = np.array([[True, False], [True, True]]), np.array([[False, False], [True, False]])
 
     def go(keys, step, states, *_):
         info = SimpleNamespace(success=reached[step - 1])
+        states = states._replace(pose=states.pose._replace(x=states.pose.x + 1))
         return SimpleNamespace(observation=None, state=states, info=info, terminated=ended[step - 1])
 
     monkeypatch.setattr(rides_module, "_go", go)
     made = make_rides(GRID, 2, seconds=2 / 30)
     assert made.success.tolist() == [False, False] and made.steps.tolist() == [1, 2]
+    np.testing.assert_allclose(np.diff(made.x, axis=1), [[1, 0], [1, 1]], atol=1e-6)
 
 
 def test_a_policy_with_a_camera_sees_its_picture_alone(drawn_tiles):

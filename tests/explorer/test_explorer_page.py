@@ -253,6 +253,18 @@ def test_a_generation_without_elites_has_an_infinite_best_fitness():
     assert best[0] == np.inf and np.isfinite(best[1:]).all()
 
 
+def test_a_long_history_keeps_its_first_and_its_last_generation():
+    """400 of 2000 generations."""
+    result, generation, zeros = big_result(), np.arange(1, 2001), np.zeros((32, 2000), np.int32)
+    history = result.history._replace(
+        generation=generation, evaluations=generation, best_fitness=zeros, elite_count=zeros
+    )
+    payload = collect(replace(result, history=history))
+    shown = payload.values["runs"][0]["history"]["evaluations"]
+    evaluations = read_array(shown, zlib.decompress(payload.blob))
+    assert (len(evaluations), evaluations[0], evaluations[-1]) == (400, 1, 2000)
+
+
 def test_the_fractions_of_a_map_file_are_kept():
     payload = collect([RoadMap(LOOP, fitness=-0.25), RoadMap(LOOP, fitness=3)])
     (shown,) = payload.values["runs"]

@@ -1,6 +1,7 @@
 """Lanelet2's maps: lanelets by the graph of tiles; then what Lanelet2 itself reads and routes (make simulators)."""
 
 import random
+import xml.etree.ElementTree as ET
 from itertools import pairwise
 
 import networkx as nx
@@ -40,6 +41,21 @@ def test_lanelets_join_as_movements_do(grid):
         assert distances(centre, lane, grid, streets).max() < island
     joined = {(one, other) for one in graph for other in graph if ends[one][1] == ends[other][0]}
     assert joined == set(graph.edges)
+
+
+def test_lights_stand_beyond_the_right_end_of_their_stop_lines():
+    """The other end of a stop line is the road's middle: of its ends the one nearer to the crossing."""
+    text = to_lanelet2([[6, 3, 0], [12, 15, 3], [0, 12, 9]], Streets(right_of_way="traffic_light"))
+    _, rules, nodes = read_lanelet2(text)
+    ways = {way.get("id"): [nodes[nd.get("ref")] for nd in way.iter("nd")] for way in ET.fromstring(text).iter("way")}
+    crossing = (1.5 + 1.5j) * Streets().tile
+    assert len(rules) == 4
+    for _, members in rules.values():
+        light, stop_line = (ways[number] for _, number in members)
+        middle, right = sorted(stop_line, key=lambda place: abs(place - crossing))
+        for place in light:
+            beside = (place - middle) / (right - middle)
+            assert beside.real > 1 and abs(beside.imag) < 1e-5
 
 
 def test_places_are_on_the_meridian_of_the_ellipsoid():

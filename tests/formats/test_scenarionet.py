@@ -11,6 +11,8 @@ import pytest
 from elitelanes_jax import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import RoadMap, Streets, index_scenarios, read_map, to_scenarionet
+from elitelanes_jax.formats._traffic import CarSides, Log
+from elitelanes_jax.formats.scenarionet import _track, _without_touching
 from elitelanes_jax.formats.streets import to_metres
 from elitelanes_jax.lanes.curves import lane_polyline
 from elitelanes_jax.lanes.movements import lane_graph
@@ -97,6 +99,20 @@ def test_cars_follow_logs_and_never_touch(grid, streets):
     for number, car in enumerate(cars):
         for other in cars[:number]:
             assert not any(overlap(one, another) for one, another in zip(car, other, strict=True))
+
+
+def test_a_car_that_overlaps_another_is_left_out():
+    sides, rng = CarSides(4.5, 1.9, 1.6), np.random.default_rng(0)
+    cars = [Log(np.zeros(1, complex), np.zeros(1, complex), np.zeros(1))]
+    overlaps = 0
+    for x, y, heading in rng.uniform((-7, -7, -np.pi), (7, 7, np.pi), (400, 3)):
+        cars[1:] = [Log(np.array([x + 1j * y]), np.zeros(1, complex), np.array([heading]))]
+        first, second = (outlines(_track("0", car, sides, 1))[0] for car in cars)
+        left = len(_without_touching(cars, sides))
+        overlaps += overlap(first, second)
+        assert left == 1 or not overlap(first, second)
+        assert left == 2 or abs(x + 1j * y) < 5.5, "circles about thirds of a car reach 2.7 m"
+    assert overlaps > 50
 
 
 @pytest.mark.parametrize(("streets", "lengths"), [(Streets(), {91}), (Streets(tile=8), {17, 41})])

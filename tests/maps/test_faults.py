@@ -1,5 +1,6 @@
 """Maps that were changed by hand: what commands say of them, and which metrics they have."""
 
+import itertools
 import json
 from dataclasses import replace
 
@@ -10,8 +11,10 @@ from elitelanes_jax import RoadMap, mirror, read_map, rotate
 from elitelanes_jax._util import progress
 from elitelanes_jax.formats import MapObject, read_maps
 from elitelanes_jax.formats.road_map import refresh
+from elitelanes_jax.formats.signals import crossing_of
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.maps.faults import warn_of_faults
+from elitelanes_jax.maps.faults import _near, warn_of_faults
+from elitelanes_jax.maps.furnishing.signs import crossings
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure, wfc
 from elitelanes_jax.network.plain_metrics import plain_town
@@ -85,6 +88,17 @@ def test_a_light_and_signs_beside_no_crossing_are_counted(capsys):
     things = [MapObject("trafficlight", 3, 3, 0, 0.4), MapObject("sign_stop", 3, 3, 0, 0.18)]
     loop = RoadMap([[6, 5, 3], [10, 0, 10], [12, 5, 9]], objects=things)
     assert faults(loop, capsys) == "m: 2 of 2 signs do not fit the crossings, furnish places signs again\n"
+
+
+@pytest.mark.parametrize("kind", ["sign_stop", "trafficlight"])
+def test_the_crossing_of_a_sign_is_among_the_crossings_near_it(kind):
+    arms, checked = crossings(TOWN), 0
+    for x, y, turns in itertools.product(np.arange(-1, 8, 0.3), np.arange(-1, 6, 0.3), range(4)):
+        sign = MapObject(kind, float(x), float(y), turns * np.pi / 2, 0.2)
+        expected = crossing_of(sign, arms)
+        assert crossing_of(sign, _near(sign, arms)) == expected
+        checked += expected is not None
+    assert checked > 500
 
 
 def test_signs_of_other_makers_are_where_they_put_them(capsys):

@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 import re
+import shutil
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
@@ -12,11 +13,13 @@ import check_objects
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax import InputError, RoadMap, read_map
+from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import Camera
 from elitelanes_jax.formats import to_duckietown
 from elitelanes_jax.formats.tags import STREET_NAMES
 from elitelanes_jax.maps import FurnishSpec, furnish
+from elitelanes_jax.tiles import default_tiles
 
 # A 4-way crossing amid T crossings of all four directions, with straight tiles between.
 TOWN = np.array(
@@ -224,6 +227,16 @@ def test_only_asked_for_objects_are_in_lanes(code, across, lane_offset):
         assert abs(offset - lane_offset) < 1e-5  # to the right
     assert len({round(thing.angle, 3) for thing in things}) == 2
     assert all(TOWN[math.floor(thing.y)][math.floor(thing.x)] in (5, 10) for thing in town.objects)
+
+
+def test_the_command_places_objects_in_the_lanes_of_its_tiles(tmp_path):
+    shutil.copytree(default_tiles(), tmp_path / "tiles")
+    with (tmp_path / "tiles" / "tileset.toml").open("a") as file:
+        file.write("lane_offset = 0.24\n")
+    RoadMap(TOWN).save(tmp_path / "map.json")
+    command = ["furnish", str(tmp_path / "map.json"), "lane_robots=6", "--tiles", str(tmp_path / "tiles")]
+    assert main([*command, "--out", str(tmp_path / "out.json")]) == 0
+    assert read_map(tmp_path / "out.json").objects == furnish(TOWN, "lane_robots=6", lane_offset=0.24).objects
 
 
 def test_tags_are_reused_far_away_or_refused():

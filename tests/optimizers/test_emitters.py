@@ -1,6 +1,7 @@
 """Emitters against what they say, niche by niche."""
 
 import itertools
+from collections import Counter
 
 import jax
 import jax.numpy as jnp
@@ -73,6 +74,8 @@ def test_targets_are_reachable_vacant_niches_and_filled_ones_alike(drawn):
         if near and not near & kept:
             assert 0.35 < vacant / 400 < 0.65
             assert set(targets) == near | kept
+        if not near:
+            assert max(Counter(targets).values()) < 60, "all 12 are equally likely"
 
 
 def test_the_nearest_elite_has_the_lowest_penalised_fitness_and_no_vacant_niche_has():

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, gwo, pso, road_problem
+from elitelanes_jax import InputError, Problem, gwo, pso, road_problem
 from elitelanes_jax.network import ROAD_ALPHABET, random_bits
 from elitelanes_jax.network.bits import categorical, random_bits16
 from elitelanes_jax.optimizers import GwoConfig, PsoConfig, evaluate
@@ -62,6 +62,17 @@ def test_particles_move_by_the_equations(config):
             np.testing.assert_array_equal(moved.best_position[particle], place[particle])
         assert info.best_fitness == after.best.fitness.min()
         state = after
+
+
+def test_among_equal_grids_a_particle_keeps_its_first():
+    def all_equal(grids):
+        return jnp.zeros(len(grids), jnp.int32), jnp.zeros((len(grids), 0), jnp.int32)
+
+    optimizer = pso(Problem(SHAPE, all_equal), PsoConfig(particles=6))
+    first = optimizer.init(jax.random.key(0))
+    after, _ = jax.jit(optimizer.step)(jax.random.key(1), first)
+    np.testing.assert_array_equal(after.best.grids, first.best.grids)
+    np.testing.assert_array_equal(after.best_position, first.best_position)
 
 
 @pytest.mark.parametrize("omega", ["own", pytest.param("worst", marks=pytest.mark.slow)])

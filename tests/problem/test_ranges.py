@@ -74,9 +74,10 @@ def test_scores_cost_as_much_as_tiles_of_a_street():
         assert penalty(values, parse_ranges([f"{name}=100.."]), (12, 12)).tolist() == [0, 480, 3 * 480]
 
 
-def test_default_bins_reach_half_of_what_there_may_be():
-    widths = [default_width(name, 6, (4, 9)) for name in ("turns", "straight_score", "turn_share", "cyclomatic")]
-    assert widths == [3, 27, 167, 1]
+@pytest.mark.parametrize(("bins", "widths"), [(6, [3, 27, 167, 1]), (4, [5, 41, 250, 1])])
+def test_default_bins_reach_half_of_what_there_may_be(bins, widths):
+    names = ("turns", "straight_score", "turn_share", "cyclomatic")
+    assert [default_width(name, bins, (4, 9)) for name in names] == widths
 
 
 @pytest.mark.usefixtures("any_types")

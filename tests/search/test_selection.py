@@ -143,6 +143,16 @@ def test_niches_that_lie_apart_come_first(evolved):
     assert [road_map.niche for road_map in everything] == sorted(road_map.niche for road_map in everything)
 
 
+@pytest.mark.parametrize(("cyclomatic", "second"), [(20, (0, 0, 0, 0, 1)), (24, (24, 0, 0, 0, 0))])
+def test_distances_between_niches_are_shares_of_each_axis(cyclomatic, second):
+    """From bin 0 of 25, bin 20 is nearer than the other bin of a flag, and bin 24 is as far and comes first."""
+    found = result([random_maps(3, 6)], [[0, 1, 2]])
+    descriptor = np.array([[[0, 1, 0, 0, 0], [cyclomatic, 1, 0, 0, 0], [0, 1, 0, 0, 1]]], np.int32)
+    found = replace(found, elites=found.elites._replace(descriptor=descriptor))
+    niches = {tuple(road_map.niche) for road_map in found.choose(2).maps}
+    assert niches == {(0, 0, 0, 0, 0), second}
+
+
 def test_seeds_take_turns():
     whole = random_maps(12, 6)
     choice = result([whole[:6], whole[6:]], [[0] * 6, [1] * 6]).choose(6)
