@@ -49,10 +49,11 @@ class Row(NamedTuple):
       tiles: a tile set, see `_make_set`; None for the package's own.
       source: "stream", "files", "limit" for gym-duckietown's own pictures, or "committed" for no training.
       steps: of training.
-      maps: towns of files, with 500 views each.
+      maps: towns of files.
       lines: largest shift of white lines in tiles; None for no shift.
       task: "pose" or "labels".
       tile_px: the side of a tile's picture in the files, in pixels. The stream has `stream.TILE_PX`.
+      views: files of each town.
     """
 
     words: str
@@ -63,6 +64,7 @@ class Row(NamedTuple):
     lines: float | None = None
     task: str = "pose"
     tile_px: int = 96
+    views: int = 500
 
 
 ROWS = {
@@ -78,7 +80,7 @@ ROWS = {
     "photographs-256": Row(
         "five photographs, 30,000 files, tiles of 256 px", "photographs", "files", 3000, 60, tile_px=256
     ),
-    "photographs-60000": Row("five photographs, 60,000 files, 6,000 steps", "photographs", "files", 6000, 120),
+    "photographs-60000": Row("five photographs, 60,000 files, 6,000 steps", "photographs", "files", 6000, 60, views=1000),
     "cut-stream": Row("cut from one oblique photograph, stream", "cut", "stream", 6000),
     "one-stream": Row("one photograph of each kind, stream", "one", "stream", 6000),
     "more-stream": Row("all photographs that pass the check, stream", "more", "stream", 6000),
@@ -111,7 +113,6 @@ DRIVES = {
 }
 """The kinds of rides by name."""
 
-_VIEWS = 500  # of each town
 _MAPS = 60  # towns of the stream
 
 _TEXTURES = {  # the pictures that gym-duckietown shows, then others in its package
@@ -226,7 +227,7 @@ def _make_views(row: Row, tiles: Path | None, folder: Path) -> Path:
         camera = ["rows=120", "columns=160"] + ([] if row.lines is None else [f"lines={row.lines}"])
         sets = [] if tiles is None else ["--tiles", str(tiles)]
         towns = ["--style", "town", "--evaluations", "2000"]
-        counts = ["--maps", str(row.maps), "--views", str(_VIEWS), "--size", "7", "--split", "1", "0", "0"]
+        counts = ["--maps", str(row.maps), "--views", str(row.views), "--size", "7", "--split", "1", "0", "0"]
         looks = ["--tile-px", str(row.tile_px), "--camera", *camera, "--transform", "varied", "blur=0.5"]
         _elitelanes("dataset", "--out", str(folder), *sets, *towns, *counts, *looks)
     return folder
