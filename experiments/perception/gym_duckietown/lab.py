@@ -80,7 +80,9 @@ ROWS = {
     "photographs-256": Row(
         "five photographs, 30,000 files, tiles of 256 px", "photographs", "files", 3000, 60, tile_px=256
     ),
-    "photographs-60000": Row("five photographs, 60,000 files, 6,000 steps", "photographs", "files", 6000, 60, views=1000),
+    "photographs-60000": Row(
+        "five photographs, 60,000 files, 6,000 steps", "photographs", "files", 6000, 60, views=1000
+    ),
     "cut-stream": Row("cut from one oblique photograph, stream", "cut", "stream", 6000),
     "one-stream": Row("one photograph of each kind, stream", "one", "stream", 6000),
     "more-stream": Row("all photographs that pass the check, stream", "more", "stream", 6000),
