@@ -257,6 +257,20 @@ def test_cells_without_a_tile_are_no_tiles():
     assert sure[codes > 0].all()
 
 
+@pytest.mark.parametrize(("hole", "is_planned"), [((1, 0), False), ((0, 1), True)])
+def test_a_missing_tile_that_roads_lead_to_is_no_tile(hole, is_planned):
+    """Its neighbours once made a straight or a crossing of it, that counted as sure."""
+    plan = np.array([[6, 7, 3], [10, 12, 11], [12, 5, 9]], np.int8)
+    laid = plan.copy()
+    laid[hole] = 0
+    shot = Photograph("floor", photographed.photograph(laid))
+    proposal = propose_tiles(shot, shape=(3, 3), codes=plan if is_planned else None)
+    is_sure = np.array(proposal.sure) >= SURE
+    assert (np.array(proposal.codes) == laid)[is_sure].all()
+    assert is_sure.sum() == 8
+    assert proposal.score >= SURE
+
+
 def test_a_floor_as_dark_as_asphalt_needs_exact_corners():
     codes, corners = np.array([[6]], np.int8), photographed.corners_of(1, 1)
     photo = Photograph("turn", photographed.photograph(codes, ground=photographed.ASPHALT))
