@@ -322,6 +322,18 @@ def test_photographs_are_upright_and_large_ones_smaller(tmp_path, monkeypatch):
     np.testing.assert_allclose(small.pixels_of(np.array([[100.5, 200.5]])), [[50, 100]])
 
 
+def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):
+    """What was erased in a picture editor was once seen again."""
+    picture = np.full((300, 300, 4), 255, np.uint8)
+    file = tmp_path / "floor.png"
+    assert cv2.imwrite(str(file), picture)
+    assert read_photograph(file).image.shape == (300, 300, 3)
+    picture[:9, :9, 3] = 0
+    assert cv2.imwrite(str(file), picture)
+    with pytest.raises(InputError, match="floor.png: expected a photograph without transparent pixels"):
+        read_photograph(file)
+
+
 def test_a_calibrated_lens_is_straightened(tmp_path):
     (tmp_path / "camera.yaml").write_text(
         "image_width: 400\nimage_height: 320\ndistortion_model: plumb_bob\n"
