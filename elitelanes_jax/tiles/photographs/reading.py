@@ -196,7 +196,8 @@ def _is_transparent(content: bytes) -> bool:
     picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None or picture.ndim < 3 or picture.shape[2] < 4:
         return False
-    return bool((picture[..., 3] < np.iinfo(picture.dtype).max).any())
+    opaque = 65535 if picture.dtype == np.uint16 else 255
+    return bool((picture[..., 3] < opaque).any())
 
 
 def _png_size(content: bytes) -> tuple[int, int]:
