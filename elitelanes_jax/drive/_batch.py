@@ -327,6 +327,9 @@ class Batch:
             numbers = "whole numbers" if is_discrete else "numbers"
             got = f"{array.dtype} {list(array.shape)}"
             raise InputError(f"actions: expected {numbers} {list(shape)}, got {got}")
+        if self.environment.actions is not None:
+            # Clipped here, because a number of more than 32 bits would wrap around.
+            array = np.minimum(np.maximum(array, 0).astype(np.uint64), self.environment.actions - 1)
         return array.astype(action.dtype, copy=False)
 
 

@@ -187,8 +187,10 @@ def gymnasium_env(
         def reset(
             self, *, seed: int | None = None, options: Untyped = None
         ) -> tuple[Pytree, dict[str, Untyped]]:
-            super().reset(seed=seed)
-            return self._batch.reset([seed])[0], {}
+            observation = self._batch.reset([seed])[0]
+            # Gymnasium takes no number of NumPy.
+            super().reset(seed=None if seed is None else int(seed))
+            return observation, {}
 
         def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
             done = self._batch.step(np.asarray(action)[None])

@@ -156,3 +156,13 @@ def test_what_is_wrong_is_named():
     ):
         with pytest.raises(InputError, match=f"^{message}"):
             call()
+
+
+def test_actions_beyond_32_bits_are_clipped():
+    """2**32 once wrapped around to 0."""
+    batch = Batch(RoadNav, PARAMS, 3, DISABLED)
+    outcomes = []
+    for actions in ([2, 0, 2], [2**32, -(2**32), 2**63 - 1]):
+        batch.reset([7, 0, 9])
+        outcomes.append(batch.step(np.array(actions)).observation)
+    np.testing.assert_array_equal(*outcomes)

@@ -201,6 +201,10 @@ def test_a_seed_may_be_a_small_number_of_numpy():
     vector = gymnasium_vector_env(RoadNav, RoadNavParams(LEVELS), gymnasium, envs=3)
     expected, _ = vector.reset(seed=254)
     np.testing.assert_array_equal(vector.reset(seed=np.uint8(254))[0], expected)
+    alone = gymnasium_env(RoadNav, RoadNavParams(LEVELS), gymnasium)
+    np.testing.assert_array_equal(alone.reset(seed=np.uint8(254))[0], expected[0])
+    with pytest.raises(InputError, match="seed: expected a whole number"):
+        alone.reset(seed=-1)
 
 
 def test_what_gymnasium_does_not_take_is_named():

@@ -257,6 +257,20 @@ def test_cells_without_a_tile_are_no_tiles():
     assert sure[codes > 0].all()
 
 
+@pytest.mark.parametrize(("hole", "is_planned"), [((1, 0), False), ((0, 1), True)])
+def test_a_missing_tile_that_roads_lead_to_is_no_tile(hole, is_planned):
+    """Its neighbours once made a straight or a crossing of it, that counted as sure."""
+    plan = np.array([[6, 7, 3], [10, 12, 11], [12, 5, 9]], np.int8)
+    laid = plan.copy()
+    laid[hole] = 0
+    shot = Photograph("floor", photographed.photograph(laid))
+    proposal = propose_tiles(shot, shape=(3, 3), codes=plan if is_planned else None)
+    is_sure = np.array(proposal.sure) >= SURE
+    assert (np.array(proposal.codes) == laid)[is_sure].all()
+    assert is_sure.sum() == 8
+    assert proposal.score >= SURE
+
+
 def test_a_floor_as_dark_as_asphalt_needs_exact_corners():
     codes, corners = np.array([[6]], np.int8), photographed.corners_of(1, 1)
     photo = Photograph("turn", photographed.photograph(codes, ground=photographed.ASPHALT))
@@ -306,6 +320,18 @@ def test_photographs_are_upright_and_large_ones_smaller(tmp_path, monkeypatch):
     small = read_photograph(tmp_path / "plain.jpg")
     assert small.image.shape == (320, 400, 3) and small.shrunk == 2
     np.testing.assert_allclose(small.pixels_of(np.array([[100.5, 200.5]])), [[50, 100]])
+
+
+def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):
+    """What was erased in a picture editor was once seen again."""
+    picture = np.full((300, 300, 4), 255, np.uint8)
+    file = tmp_path / "floor.png"
+    assert cv2.imwrite(str(file), picture)
+    assert read_photograph(file).image.shape == (300, 300, 3)
+    picture[:9, :9, 3] = 0
+    assert cv2.imwrite(str(file), picture)
+    with pytest.raises(InputError, match="floor.png: expected a photograph without transparent pixels"):
+        read_photograph(file)
 
 
 def test_a_calibrated_lens_is_straightened(tmp_path):

@@ -28,6 +28,10 @@ MARGIN_PX = READ_PX // 8
 _EMPTY = 0.42
 _DISAGREE = 0.25  # the correlation that a road which ends at a side costs; at the border half of it
 _COLOURED = 0.25  # the least correlation of coloured lines with those of a cell's code
+# The least contrast inside a tile that is no crossing. Tiles have 0.7 or more, bare floors at most
+# 0.15. A crossing may have none, but bare cells have correlations of at most 0.36 with crossings.
+_CONTRAST = 0.25
+_INSIDE_PX = MARGIN_PX + READ_PX // 8  # within it, the tape of the neighbours is not seen
 _ROUNDS = 12
 # A cell shows its kind to the others if its code has this correlation, better than others by this
 # much. Photographs of turns that were misread as ends had at most 0.44.
@@ -77,13 +81,18 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
     compared = scores if rows * columns == 1 else _compare_cells(flat, scores)
     beliefs = scores if rows * columns == 1 else _agree(compared)
     codes, margins = _best(beliefs)
+    # Roads that lead to a missing tile make a tile of it. Only what the cell shows can tell.
+    is_gone = _shows_no_tile(flat, compared) & (codes > 0)
+    if is_gone.any():
+        compared = np.where(is_gone[..., None], 0.0, compared)
+        codes, margins = _best(_agree(compared))
     # A tile that is laid wrongly fits none of its neighbours.
     alone, lead = _best(compared)
     is_plain = (lead >= _PLAIN) & (alone > 0)
     margins = np.where(is_plain & (codes != alone), 0, margins)
     codes = np.where(is_plain, alone, codes)
     margins = np.where(is_plain, np.maximum(lead, margins), margins)
-    bare = _lacks_colour(flat, codes, tiles)
+    bare = is_gone | _lacks_colour(flat, codes, tiles)
     codes, margins = np.where(bare, 0, codes), np.where(bare, 0.0, margins)
     alike = np.take_along_axis(scores, codes[..., None], -1)[..., 0]
     return Kinds(codes.astype(np.int8), alike, margins, scores, _handed(flat, scores, tiles))
@@ -200,6 +209,20 @@ def _lacks_colour(
     if codes.size == 1 or np.median(alike[codes > 0] if codes.any() else 0) < 2 * _COLOURED:
         return np.zeros(codes.shape, np.bool_)
     return np.asarray(alike < _COLOURED, np.bool_)
+
+
+def _shows_no_tile(flat: NDArray[np.uint8], scores: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Finds cells ``[H, W]`` of a floor that have no lines inside and do not look like a crossing."""
+    floor = _without_light(flat)
+    contrasts = np.zeros(scores.shape[:2])
+    for row, column in np.ndindex(*contrasts.shape):
+        cell = _cell(floor, row, column)
+        inside = cell[_INSIDE_PX:-_INSIDE_PX, _INSIDE_PX:-_INSIDE_PX].reshape(-1, 3)
+        bright, middle = np.percentile(inside, (96, 50), axis=0)
+        contrasts[row, column] = (bright - middle).max()
+    crossing = scores[..., CONNECTIONS >= 3].max(axis=-1)
+    is_bare = (contrasts < _CONTRAST) & (crossing < _EMPTY)
+    return np.asarray(is_bare & (contrasts.size > 1), np.bool_)
 
 
 def _without_light(flat: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -209,7 +209,8 @@ def _read_otherwise(
     """
     differs = kinds.codes != codes
     if is_map:
-        differs &= kinds.margins > _SURELY
+        # A cell that shows no tile is compared with none, also where that is unsure.
+        differs &= (kinds.margins > _SURELY) | (kinds.codes == 0)
         if differs.mean() > _FEW:
             return None
     read = np.where(differs, kinds.codes, codes)

@@ -95,7 +95,8 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
       lens: from `read_lens`. Its distortion is removed.
 
     Raises:
-      InputError: for another file, or sides below 200 pixels; the message says what to do.
+      InputError: for another file, transparent pixels, or sides below 200 pixels; the message says
+        what to do.
     """
     file = Path(check_named("file", path, file))
     try:
@@ -129,6 +130,10 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
         got = f"{picture.shape[1]} x {picture.shape[0]}"
         raise InputError(
             f"{file}: expected a photograph of at least {_LEAST_SIDE} pixels a side, got {got}"
+        )
+    if not is_jpeg and _is_transparent(content):
+        raise InputError(
+            f"{file}: expected a photograph without transparent pixels, which hide colours; save it as JPEG"
         )
     image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
     if lens is not None:
@@ -181,6 +186,18 @@ def _numbers(file: Path, values: dict, name: str, lengths: tuple[int, ...]) -> N
             f"{file}: {name}: expected data, a list of {' or '.join(map(str, lengths))} numbers"
         )
     return np.array(data, np.float64)
+
+
+def _is_transparent(content: bytes) -> bool:
+    """Whether a PNG file has pixels that are not opaque."""
+    has_alpha = content[25] in (4, 6)
+    if not has_alpha and b"tRNS" not in content:
+        return False
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if picture is None or picture.ndim < 3 or picture.shape[2] < 4:
+        return False
+    opaque = 65535 if picture.dtype == np.uint16 else 255
+    return bool((picture[..., 3] < opaque).any())
 
 
 def _png_size(content: bytes) -> tuple[int, int]:
