@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--methods", nargs="+", default=("DR", "PLR", "robust PLR"), choices=METHODS)
     parser.add_argument("--seeds", type=whole(1, 1000), default=3, metavar="N", help="rows of each; default 3")
     parser.add_argument("--rounds", type=whole(4, 10_000), default=60, metavar="N", help="of driving; default 60")
-    parser.add_argument("--space", default="6x6A", choices=("5x5A", "6x6A", "7x7A"), help="default 6x6A")
+    parser.add_argument("--space", default="5x5A", choices=("5x5A", "6x6A", "7x7A"), help="default 5x5A")
     parser.add_argument("--rate", type=float, default=RATE, metavar="R", help=f"of JaxUED's methods; default {RATE}")
     parser.add_argument("--out", type=Path, default=Path("results/ued-jaxued"), metavar="DIR")
     parser.add_argument("--quick", action="store_true", help="few levels side by side, to test the program")

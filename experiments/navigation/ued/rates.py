@@ -1,4 +1,4 @@
-"""Chooses the learning rate of each method, on a space that no row of the table uses: 5 x 5 A.
+"""Chooses the learning rate of each method, on 5 x 5 A. The rows of the table have other spaces.
 
     python -m experiments.navigation.ued.rates [--seeds N] [--rounds N] [--quick]
 

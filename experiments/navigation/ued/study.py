@@ -1,6 +1,7 @@
 """Trains agents by methods of environment design, and writes their exact regret: RoadUED.
 
-    python -m experiments.navigation.ued.study [--methods ...] [--seeds N] [--rounds N] [--space NAME] [--quick]
+    python -m experiments.navigation.ued.study [--methods ...] [--seeds N] [--rounds N] [--space NAME] [--scores]
+        [--quick] [--out DIR]
 
 Writes ued.md and ued.png into the folder of results, which keeps every finished row: the same command continues.
 """
@@ -15,44 +16,43 @@ from elitelanes_jax import InputError, __version__
 from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, kept, leave, open_results, require, run, whole
 
-_METHODS = ("domain randomisation", "PLR", "robust PLR", "ACCEL", "SFL", "archive", "oracle")
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("ued", __doc__)
-    parser.add_argument("--methods", nargs="+", default=_METHODS, choices=_METHODS, help="default all")
+    parser.add_argument("--methods", nargs="+", metavar="NAME", help="of rows.METHODS, default all")
     parser.add_argument("--seeds", type=whole(1, 1000), default=10, metavar="N", help="rows of each; default 10")
     parser.add_argument("--rounds", type=whole(10, 10_000), default=120, metavar="N", help="of driving; default 120")
     parser.add_argument("--space", default="7x7A", choices=("5x5B", "5x5A", "6x6A", "7x7A"), help="default 7x7A")
     parser.add_argument("--out", type=Path, default=Path("results/ued"), metavar="DIR", help="default results/ued")
     parser.add_argument("--quick", action="store_true", help="few levels side by side, to test the program")
-    parser.add_argument("--no-scores", action="store_true", help="leave out the study of scores")
+    parser.add_argument("--scores", action="store_true", help="also study the scores, the longest part by far")
     options = parser.parse_args(arguments)
     return run("ued", lambda: _run(options))
 
 
 def _run(options: argparse.Namespace) -> None:
-    require("training needs", "flax", "optax")
-    if {"PLR", "robust PLR", "ACCEL"} & set(options.methods):
-        require("these methods need", "jaxued")
+    require("training needs", "flax", "optax", "jaxued")
     from experiments.navigation.ued.agent import settings
     from experiments.navigation.ued.report import at_end, write_report
-    from experiments.navigation.ued.rows import RATES, run_row
+    from experiments.navigation.ued.rows import METHODS, RATES, run_row
     from experiments.navigation.ued.scores import study_scores
 
+    methods = options.methods or list(METHODS)
+    if unknown := [name for name in methods if name not in METHODS]:
+        raise InputError(f"--methods: expected some of {', '.join(METHODS)}, got {unknown[0]}")
     ppo = settings(options.rounds, quick=options.quick)
     about = {"program": "ued", "version": __version__, "space": options.space, "ppo": ppo._asdict(), "rates": RATES}
     open_results(options.out, about)
     use_compile_cache()
     for seed in range(options.seeds):
-        for method in options.methods:
-            of_method = ppo._replace(rate=RATES[method])
+        for method in methods:
+            of_method = ppo._replace(rate=RATES.get(method, ppo.rate))
             make = partial(run_row, method, seed, options.space, of_method, unseen=not options.quick)
             row = kept(options.out / "rows" / f"{method.replace(' ', '-')}.{seed}.json", make)
             end = at_end(row)
             print(f"{method}, seed {seed}: mean {end['mean']:.4f}, worst 1 % {end['cvar1']:.4f}", flush=True)
-        if not options.no_scores:
+        if options.scores:
             of_scores = ppo._replace(rate=RATES["domain randomisation"])
             scores = partial(study_scores, seed, options.space, of_scores)
             print(
