@@ -321,15 +321,15 @@ class Batch:
         array = np.asarray(actions)
         action = self._action
         shape = (self.envs, *action.shape)
-        is_discrete = self.environment.actions is not None
-        allowed_kinds = "iu" if is_discrete else "iuf"
+        choices = self.environment.actions
+        allowed_kinds = "iuf" if choices is None else "iu"
         if array.shape != shape or array.dtype.kind not in allowed_kinds:
-            numbers = "whole numbers" if is_discrete else "numbers"
+            numbers = "numbers" if choices is None else "whole numbers"
             got = f"{array.dtype} {list(array.shape)}"
             raise InputError(f"actions: expected {numbers} {list(shape)}, got {got}")
-        if self.environment.actions is not None:
+        if choices is not None:
             # Clipped here, because a number of more than 32 bits would wrap around.
-            array = np.minimum(np.maximum(array, 0).astype(np.uint64), self.environment.actions - 1)
+            array = np.minimum(np.maximum(array, 0).astype(np.uint64), choices - 1)
         return array.astype(action.dtype, copy=False)
 
 

@@ -66,7 +66,8 @@ METHODS = {
 """The methods by the names in the table."""
 
 RATE = 6e-3
-"""The learning rate of JaxUED's methods: the best of 0.003, 0.006 and 0.012 for each on 5 x 5 A, but for ACCEL."""
+"""The learning rate of JaxUED's methods. On 5 x 5 A it is the best of 0.003, 0.006 and 0.012 for all except ACCEL,
+which was not run."""
 
 LANES = 1024
 """The levels that are driven side by side to compute the regret."""
