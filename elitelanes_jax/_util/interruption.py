@@ -19,10 +19,17 @@ def catch_interrupts() -> Iterator[None]:
 
     A signal that comes while the exception is handled raises nothing, so that cleaning up is not
     disturbed. Nor does one that comes while a module loads, because native modules crash:
-    `raise_if_interrupted` raises it later.
+    `raise_if_interrupted` raises it later. Python prints nothing about one that it drops.
     """
     global _interrupted
     _interrupted = False
+    hook = sys.unraisablehook
+
+    def report_dropped(dropped: "sys.UnraisableHookArgs") -> None:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            hook(dropped)
+
+    sys.unraisablehook = report_dropped
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:
@@ -32,6 +39,7 @@ def catch_interrupts() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        sys.unraisablehook = hook
         _interrupted = False
 
 

@@ -220,9 +220,10 @@ def test_a_signal_after_the_work_prints_nothing():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_signal_that_is_lost_is_heard_when_work_counts():
-    """Python only prints an exception in a callback of the garbage collector, and native code may drop one."""
+def test_a_signal_that_is_lost_is_heard_when_work_counts(monkeypatch):
+    """Python drops an exception in a callback of the garbage collector, of which it would print a traceback."""
+    printed = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda dropped: printed.append(dropped.exc_type))
 
     def callback(phase, _):
         if phase == "stop":
@@ -252,7 +253,26 @@ def test_a_signal_that_is_lost_is_heard_when_work_counts():
                 with pytest.raises(KeyboardInterrupt):
                     count(Progress("work"))
     assert [signal.getsignal(number) for number in signals] == before
+    assert not printed
     Progress("later work").count()
+
+
+def test_errors_that_python_drops_are_printed_unless_they_are_interruptions(monkeypatch):
+    printed = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda dropped: printed.append(dropped.exc_type))
+
+    class Dropped:
+        def __init__(self, error):
+            self.error = error
+
+        def __del__(self):
+            raise self.error
+
+    with catch_interrupts():
+        Dropped(KeyboardInterrupt)
+        Dropped(OSError)
+    Dropped(KeyboardInterrupt)
+    assert printed == [OSError, KeyboardInterrupt]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
