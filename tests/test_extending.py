@@ -63,7 +63,7 @@ def rough(which):
     return search(which, fitness=roughness, generations=30)
 
 
-@methods(slow=SLOW | {("ea", "tuned"), ("map-elites", "paper"), ("gwo", "paper")})
+@methods(slow=SLOW | {("ea", "tuned"), ("map-elites", "paper"), ("pso", "paper"), ("gwo", "paper")})
 def test_a_float_fitness_is_that_of_the_kernel_in_every_method(which):
     result = rough(which)
     grids, fitness = elites(result)
@@ -191,7 +191,9 @@ def of_factor(name, factor):
     return {name: made[name], "method": "ea"} | ({} if name == "moves" else {"preset": "paper"})
 
 
-@pytest.mark.parametrize("name", ["fitness", "features", "moves", "optimizer"])
+@pytest.mark.parametrize(
+    "name", ["fitness", "optimizer", *(pytest.param(name, marks=pytest.mark.slow) for name in ("features", "moves"))]
+)
 def test_a_function_is_known_by_what_it_computes(name, tmp_path):
     """An equal function continues a run, whatever its name; an edited function of the same name does not."""
     run = partial(evolve, jax.random.key(0), SHAPE, generations=1)

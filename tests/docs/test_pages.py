@@ -40,8 +40,10 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 
 # Pages whose programs other tests run.
 RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("benchmark", "exports", "interop", "plots", "scaling", "tiles", "ued")]
+# Pages whose programs take long. The tests of their rooms are quick.
+SLOW_PAGES = ("experiments", "docs/drive")
 PROGRAMS = [
-    pytest.param(page, text, marks=[pytest.mark.slow] if page.startswith("experiments") else [])
+    pytest.param(page, text, marks=[pytest.mark.slow] if page.startswith(SLOW_PAGES) else [])
     for page in PAGES
     if page not in RUN_ELSEWHERE
     for _, text in blocks(PAGES[page], "python")

@@ -66,6 +66,7 @@ def test_trails_and_films_show_the_ride(rides, drawn_tiles):
         assert orange.sum() > 20
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_film_and_refuses_what_is_there(tmp_path, capsys):
     (tmp_path / "city.json").write_text(f'{{"codes": {GRID.tolist()}}}')
     command = ["drive", str(tmp_path / "city.json"), "--tile-px", "16", "--seconds", "0.1", "--out"]

@@ -34,6 +34,7 @@ def test_devices_are_measured(capsys):
     assert "--repetitions: expected a whole number, 1 or more, got '0'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_driver_that_sees_its_camera_alone_stays_in_its_lane(drawn_tiles):
     pytest.importorskip("flax", reason="flax is not here", exc_type=ImportError)
     policy = load_policy(Path(__file__).parents[2] / "docs" / "examples" / "seeing_driver.py")
@@ -45,6 +46,7 @@ def test_the_driver_that_sees_its_camera_alone_stays_in_its_lane(drawn_tiles):
     assert np.hypot(np.diff(poses.x), np.diff(poses.y)).sum() > 5
 
 
+@pytest.mark.slow
 def test_a_policy_sees_varied_pictures_and_drives_within_its_limits():
     pytest.importorskip("flax", reason="flax is not here", exc_type=ImportError)
     from experiments.perception.gym_duckietown.policy import to_motion, vary

@@ -201,6 +201,7 @@ def share_in_space(corridor):
     return (np.asarray(corridor.pairs) >= corridor.distance[0].size).mean()
 
 
+@pytest.mark.slow
 def test_random_levels_are_uniform_and_the_oracle_leaves_the_ring_out(monkeypatch, corridor):
     uniform = is_theta(learned_networks(monkeypatch, domain_randomisation, corridor, SHORT)).mean(axis=1)
     assert uniform.mean() == pytest.approx(share_in_space(corridor), abs=0.06) and uniform.min() < 1
@@ -269,6 +270,7 @@ def test_levels_of_high_scores_are_replayed(monkeypatch, corridor, name):
     assert (highest <= best + 1e-5).all()
 
 
+@pytest.mark.slow
 def test_edits_keep_the_task_or_make_one(corridor):
     levels = spaces.levels_of(corridor, spaces.draw(jax.random.key(0), corridor, 64))
     edited = jax.device_get(accel.edit(jax.random.key(1), levels))

@@ -71,6 +71,7 @@ def test_the_features_of_a_town_are_equal(sample, step, tmp_path):
     np.testing.assert_array_equal([[one["town"][name] for name in TownFeatures._fields] for one in made], town)
 
 
+@pytest.mark.slow
 def test_the_features_of_towns_within_larger_grids_are_equal(tmp_path):
     """Sparse ones, of one tile and of none too, of several parts, and beyond the sides where detours are measured."""
     random = np.random.default_rng(0)

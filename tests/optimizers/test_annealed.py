@@ -76,9 +76,8 @@ def test_the_tuned_ea_reaches_the_proven_optimum_of_six_by_six():
     assert oracle_fitness(oracle(best)) == -158
 
 
-@pytest.mark.parametrize(
-    "method", ["ea", pytest.param("pso", marks=pytest.mark.slow), pytest.param("gwo", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["ea", "pso", "gwo"])
 def test_tuned_is_better_than_paper(method):
     best = {
         preset: evolve(seed_keys(1, 4), (6, 6), method=method, preset=preset, evaluations=8000, fill=True).history

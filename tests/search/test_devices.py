@@ -59,6 +59,7 @@ def test_seeds_are_the_same_on_any_number_of_devices_stopped_and_continued_on_ot
     chex.assert_trees_all_equal((rest.elites, rest.state), (one.elites, one.state))
 
 
+@pytest.mark.slow
 def test_many_seeds_of_a_processor_run_in_small_parts(monkeypatch):
     run = partial(evolve, 0, (5, 6), seeds=9, method="ea", preset="paper", generations=3)
     whole = run(devices=1)

@@ -22,6 +22,7 @@ def open_sides(tile):
     return [side for side, bit in enumerate((8, 4, 2, 1)) if tile.code & bit]
 
 
+@pytest.mark.slow
 def test_the_script_draws_the_set(tmp_path):
     assert main(["--out", str(tmp_path)]) == 0
     files = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*.png"))
