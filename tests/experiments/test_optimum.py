@@ -11,7 +11,7 @@ def test_it_runs_and_goes_on_where_it_was(tmp_path, monkeypatch):
     command, evolve = ["--quick", "--out", str(tmp_path)], optimum.evolve
 
     def interrupted(*args, **setting):
-        if setting["spec"].method == "gwo" and args[1] == (8, 8):
+        if setting["spec"].options["method"] == "gwo" and args[1] == (8, 8):
             raise KeyboardInterrupt
         return evolve(*args, **setting)
 
