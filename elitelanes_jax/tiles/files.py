@@ -12,14 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, read_bytes
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import OPAQUE
 
 GROUND = (86, 118, 72)
 """The colour of empty cells, and of the transparent pixels of tile pictures, RGB: grass."""
 
-_LONGEST_SIDE = 4096
+_SHORTEST_SIDE, _LONGEST_SIDE = 2, 4096
 _MOST_BYTES = 72 * MIB  # a picture of that size with transparency that does not compress
 _MOST_PARTS = 2**16
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -104,6 +105,11 @@ def read_image(file: Path, problems: list[str]) -> Layer | None:
     if picture.shape[0] != picture.shape[1]:
         problems.append(f"{file}: expected a square picture, got {size_of(picture)} pixels")
         return None
+    if len(picture) < _SHORTEST_SIDE:
+        problems.append(
+            f"{file}: expected at least {_SHORTEST_SIDE} pixels a side, got {len(picture)}"
+        )
+        return None
     colours = picture[..., :3] if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
     opacity = _opacity(picture)
     opaque = opacity >= OPAQUE
@@ -163,6 +169,20 @@ def _opacity(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if picture.shape[2:] == (4,):
         return picture[..., 3]
     return np.full(picture.shape[:2], 255, np.uint8)
+
+
+def check_picture(pixels: UserValue) -> NDArray[np.uint8]:
+    """Checks for an RGB picture, uint8 ``[H, W, 3]``.
+
+    OpenCV also computes with other numbers and channels, and returns a wrong picture.
+    """
+    expected = f"uint8 [H, W, 3], at least {_SHORTEST_SIDE} pixels a side"
+    if not isinstance(pixels, np.ndarray):
+        raise InputError(f"expected {expected}, got {shorten(repr(pixels))}")
+    is_picture = pixels.ndim == 3 and pixels.shape[2] == 3 and pixels.dtype == np.uint8
+    if not is_picture or min(pixels.shape[:2]) < _SHORTEST_SIDE:
+        raise InputError(f"expected {expected}, got {pixels.dtype} {list(pixels.shape)}")
+    return pixels
 
 
 def size_of(picture: np.ndarray) -> str:

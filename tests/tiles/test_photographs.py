@@ -361,6 +361,16 @@ def test_a_grey_photograph_with_one_transparent_grey_is_refused(depth, tmp_path)
         assert (read_photograph(write(most // 2 + 1)).image[20:] == 255).all()
 
 
+@pytest.mark.parametrize("change", [lambda image: image.astype(np.uint16) * 257, lambda image: image / 255])
+def test_a_photograph_of_another_type_is_refused(change):
+    """A user who makes a photograph of 16 bits or of shares got tiles of noise or in black."""
+    image = np.full((300, 300, 3), 200, np.uint8)
+    corners = np.array([[50, 50], [250, 50], [250, 250], [50, 250]])
+    proposal = propose_tiles(Photograph("frame", image), corners=corners, codes=np.array([[6]]), fit=False)
+    with pytest.raises(InputError, match=r"photograph: image: expected uint8 \[H, W, 3\]"):
+        cut_tiles(Photograph("frame", change(image)), proposal)
+
+
 def test_a_calibrated_lens_is_straightened(tmp_path):
     (tmp_path / "camera.yaml").write_text(
         "image_width: 400\nimage_height: 320\ndistortion_model: plumb_bob\n"
