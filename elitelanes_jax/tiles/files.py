@@ -203,8 +203,9 @@ def decode_png(content: bytes) -> NDArray | None:
     transparent_grey = _transparent_grey(content)
     if picture is None or picture.ndim == 3 or transparent_grey is None:
         return picture
-    opacity = np.where(picture == transparent_grey, 0, np.iinfo(picture.dtype).max)
-    return np.dstack([picture, picture, picture, opacity.astype(picture.dtype)])
+    most = 65535 if picture.dtype == np.uint16 else 255
+    opacity = np.where(picture == transparent_grey, 0, most).astype(picture.dtype)
+    return np.dstack([picture, picture, picture, opacity])
 
 
 def _transparent_grey(content: bytes) -> int | None:
