@@ -81,8 +81,10 @@ from elitelanes_jax.optimizers import (
 from elitelanes_jax.optimizers.interop import qdax_scoring_fn
 from elitelanes_jax.problem import Population, extreme_maps, insert, niche_index, with_town_features
 from elitelanes_jax.tiles import (
+    Photograph,
     png_of,
     propose_masks,
+    propose_tiles,
     scale_tiles,
     write_png,
     write_text,
@@ -151,7 +153,28 @@ WRONG = {
     "picture: expected the content of a PNG file, got b'no picture'": lambda: to_gltf((2, 2), b"no picture"),
     "picture: expected the content of a PNG file, got 'floor.png'": lambda: to_gltf((2, 2), "floor.png"),
     "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),
-    "image: expected uint8 [S, S, 3], got float64 [4, 4]": lambda: propose_masks(np.zeros((4, 4))),
+    "image: expected uint8 [H, W, 3], at least 2 pixels a side, got float64 [4, 4]": lambda: propose_masks(
+        np.zeros((4, 4))
+    ),
+    "image: expected a square picture, got 6 x 4 pixels": lambda: propose_masks(np.zeros((4, 6, 3), np.uint8)),
+    "image: expected uint8 [H, W, 3], at least 2 pixels a side, got uint8 [1, 1, 3]": lambda: propose_masks(
+        np.zeros((1, 1, 3), np.uint8)
+    ),
+    "sheet: expected uint8 [H, W, 3], at least 2 pixels a side, got uint8 [9, 9, 1]": lambda: write_text(
+        np.zeros((9, 9, 1), np.uint8), "a", (0, 0), 1, (0, 0, 0)
+    ),
+    "sheet: expected uint8 [H, W, 3], at least 2 pixels a side, got uint8 [0, 9, 3]": lambda: write_text(
+        np.zeros((0, 9, 3), np.uint8), "a", (0, 0), 1, (0, 0, 0)
+    ),
+    "photograph: image: expected uint8 [H, W, 3], at least 2 pixels a side, got uint16": lambda: propose_tiles(
+        Photograph("frame", np.zeros((240, 320, 3), np.uint16))
+    ),
+    "photograph: image: expected uint8 [H, W, 3], at least 2 pixels a side, got [[1, 2]]": lambda: propose_tiles(
+        Photograph("frame", [[1, 2]])
+    ),
+    "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got uint8 [4]": lambda: png_of(
+        np.zeros(4, np.uint8)
+    ),
     "file: expected a name that ends in .png, got map.json": lambda: write_png("map.json", np.zeros((4, 4), np.uint8)),
     "moves: expected names of letters, digits and _ that no other": lambda: evolve(0, moves={3: (1, 2)}),
     "user_moves: mine: expected a weight and a Move, got 3": lambda: MoveWeights(user_moves={"mine": 3}),

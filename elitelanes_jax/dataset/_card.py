@@ -38,11 +38,12 @@ _POSES = """
 turned to the left of the lane. `curvature` is the lane's curvature to the left, in 1 / tiles. They refer to the lane of
 `movement`, which was drawn at random: the row and the column of a tile, the heading with which it is entered (0 north,
 1 east, 2 south, 3 west), and the turn (0 right, 1 straight, 2 left). On a crossing, several movements pass the same
-position, and no picture shows which one was drawn. `nearest` has `d`, `phi` and `curvature` of the nearest lane, which
-depends on the pose alone. Train on `nearest`, unless the network also receives the turn. `pose` is the robot's position
-on the map, `x` east and `y` south in tiles, and `theta`, counter-clockwise from east. `camera` has the camera's height
-and its distance ahead of the robot's middle in metres, and its angles in degrees. `transform.matrix` maps points behind
-the camera to a third coordinate of 0 or less."""
+position, and no picture shows which one was drawn. `nearest` has `d`, `phi` and `curvature` of the nearest lane that
+leads less than a quarter turn away from the robot's direction. It depends on the pose alone. Train on `nearest`, unless
+the network also receives the turn. `pose` is the robot's position on the map, `x` east and `y` south in tiles, and
+`theta`, counter-clockwise from east. `camera` has the camera's height and its distance ahead of the robot's middle in
+metres, and its angles in degrees. `transform.matrix` maps points behind the camera to a third coordinate of 0 or
+less."""
 
 _OBJECTS = """
 `objects` in the metadata lists the objects that are seen: `kind` (`category` in the layout imagefolder); `instance`

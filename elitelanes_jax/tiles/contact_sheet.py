@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, real
-from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.tiles.files import check_picture
 from elitelanes_jax.tiles.object_set import ObjectPictures, load_objects
 
 _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
@@ -131,8 +131,7 @@ def write_text(
     its colour in RGB.
     """
     check_named("scale", real(0, 100, exclusive=True), scale)  # OpenCV 5 crashes for negative sizes
-    if getattr(sheet, "dtype", None) != np.uint8 or sheet.ndim != 3:
-        raise InputError(f"sheet: expected uint8 [H, W, 3], got {shorten(repr(sheet))}")
+    check_named("sheet", check_picture, sheet)
     words = text.encode("ascii", "replace").decode()
     if _font() is None:
         cv2.putText(sheet, words, position, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 1, cv2.LINE_AA)

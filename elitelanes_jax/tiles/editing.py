@@ -6,6 +6,7 @@ page are plain, as in JSON.
 """
 
 import os
+import re
 import shutil
 import zipfile
 from base64 import b64decode, b64encode
@@ -299,7 +300,7 @@ def _names(tiles: Sequence[Untyped]) -> list[str]:
     for tile in tiles:
         if tile["kind"] not in KINDS or tile["kind"] == "empty":
             raise InputError(f"{tile['name']}: expected a kind of tile, got {tile['kind']!r}")
-    fits = [tile["name"].rpartition("_")[0] == tile["kind"] for tile in tiles]
+    fits = [re.fullmatch(rf"{tile['kind']}_\d+", tile["name"]) is not None for tile in tiles]
     counts = Counter(tile["name"] for tile, is_fit in zip(tiles, fits, strict=True) if is_fit)
     names: list[str] = []
     for tile, is_fit in zip(tiles, fits, strict=True):

@@ -4,7 +4,7 @@ They collect problems, so that one call names all.
 """
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,14 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, read_bytes
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import OPAQUE
 
 GROUND = (86, 118, 72)
 """The colour of empty cells, and of the transparent pixels of tile pictures, RGB: grass."""
 
-_LONGEST_SIDE = 4096
+_SHORTEST_SIDE, _LONGEST_SIDE = 2, 4096
 _MOST_BYTES = 72 * MIB  # a picture of that size with transparency that does not compress
 _MOST_PARTS = 2**16
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -72,17 +73,15 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     """
     if not file.is_file():
         return None
-    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-    picture, transparent_grey, got = None, None, "one that cannot be read"
+    picture, got = None, "one that cannot be read"
     try:
-        content, transparent_grey = _plain_png(read_bytes(file, _MOST_BYTES))
-        picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+        picture = decode_png(_plain_png(read_bytes(file, _MOST_BYTES)))
     except InputError as error:
         problems.append(str(error))
         return None
     except ValueError as error:
         got += f": {error}"
-    except (OSError, cv2.error):
+    except OSError:
         pass
     if picture is None or picture.dtype != np.uint8:
         got = got if picture is None else str(picture.dtype)
@@ -91,9 +90,6 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     if picture.ndim == 3:
         kept = cv2.COLOR_BGRA2RGBA if picture.shape[2] == 4 else cv2.COLOR_BGR2RGB
         picture = cv2.cvtColor(picture, kept)
-    elif transparent_grey is not None:
-        opacity = np.where(picture == transparent_grey, 0, 255)
-        picture = np.dstack([picture, picture, picture, opacity])
     return np.asarray(picture, np.uint8)
 
 
@@ -108,6 +104,11 @@ def read_image(file: Path, problems: list[str]) -> Layer | None:
         return None
     if picture.shape[0] != picture.shape[1]:
         problems.append(f"{file}: expected a square picture, got {size_of(picture)} pixels")
+        return None
+    if len(picture) < _SHORTEST_SIDE:
+        problems.append(
+            f"{file}: expected at least {_SHORTEST_SIDE} pixels a side, got {len(picture)}"
+        )
         return None
     colours = picture[..., :3] if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
     opacity = _opacity(picture)
@@ -170,39 +171,93 @@ def _opacity(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.full(picture.shape[:2], 255, np.uint8)
 
 
+def check_picture(pixels: UserValue) -> NDArray[np.uint8]:
+    """Checks for an RGB picture, uint8 ``[H, W, 3]``.
+
+    OpenCV also computes with other numbers and channels, and returns a wrong picture.
+    """
+    expected = f"uint8 [H, W, 3], at least {_SHORTEST_SIDE} pixels a side"
+    if not isinstance(pixels, np.ndarray):
+        raise InputError(f"expected {expected}, got {shorten(repr(pixels))}")
+    is_picture = pixels.ndim == 3 and pixels.shape[2] == 3 and pixels.dtype == np.uint8
+    if not is_picture or min(pixels.shape[:2]) < _SHORTEST_SIDE:
+        raise InputError(f"expected {expected}, got {pixels.dtype} {list(pixels.shape)}")
+    return pixels
+
+
 def size_of(picture: np.ndarray) -> str:
     return f"{picture.shape[1]} x {picture.shape[0]}"
 
 
-def _plain_png(content: bytes) -> tuple[bytes, int | None]:
+def decode_png(content: bytes) -> NDArray | None:
+    """Decodes a PNG file as it is, without turning it upright; None if it cannot be read.
+
+    Returns uint8 or uint16 ``[H, W, 4]``, BGR and opacity, if the file has transparency, ``[H, W]``
+    if it is grey, otherwise ``[H, W, 3]``, BGR.
+    """
+    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except cv2.error:
+        return None
+    transparent_grey = _transparent_grey(content)
+    if picture is None or picture.ndim == 3 or transparent_grey is None:
+        return picture
+    most = 65535 if picture.dtype == np.uint16 else 255
+    opacity = np.where(picture == transparent_grey, 0, most).astype(picture.dtype)
+    return np.dstack([picture, picture, picture, opacity])
+
+
+def _transparent_grey(content: bytes) -> int | None:
+    """Returns the grey that a PNG file of greys declares transparent, as OpenCV reads it; None if there is none.
+
+    OpenCV drops this declaration, and reads the transparency of all other files.
+    """
+    depth, has_greys = content[24], content[25] == 0
+    for part in _parts_of(content):
+        if has_greys and part.kind == b"tRNS" and len(part.data) == 2:
+            white = 2**depth - 1
+            white_in_picture = 65535 if depth == 16 else 255
+            return (int.from_bytes(part.data) & white) * white_in_picture // white
+    return None
+
+
+def _plain_png(content: bytes) -> bytes:
     """Returns the parts of a PNG file that hold its pixels, if they are complete; otherwise raises `ValueError`.
 
     For damaged files the decoder complains to the terminal, and some of the other parts unpack to
     any size.
-
-    The second value is the grey of 8 bits that a file of greys declares transparent, or None.
-    OpenCV drops it, and reads the transparency of all other files.
     """
     if content[:8] != _PNG or content[12:16] != b"IHDR":
         raise ValueError("it is not a PNG file")
     width, height = int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
     if not (0 < width <= _LONGEST_SIDE and 0 < height <= _LONGEST_SIDE):
         raise ValueError(f"it has {width} x {height} pixels, not 1 to {_LONGEST_SIDE} a side")
-    depth = content[24]
-    start, parts, transparent_grey = 8, [_PNG], None
+    parts = [_PNG]
+    for part in _parts_of(content):
+        if part.kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"):
+            parts.append(part.content)
+        if part.kind == b"IEND":
+            return b"".join(parts)
+    raise ValueError("it is damaged or unfinished")
+
+
+class _Part(NamedTuple):
+    """A part of a PNG file: its kind, its data, and its whole content."""
+
+    kind: bytes
+    data: bytes
+    content: bytes
+
+
+def _parts_of(content: bytes) -> Iterator[_Part]:
+    """Yields the parts of a PNG file up to a damaged one."""
+    start = len(_PNG)
     for _ in range(_MOST_PARTS):
         end = start + 12 + int.from_bytes(content[start : start + 4])
         kind, data = content[start + 4 : start + 8], content[start + 8 : end - 4]
-        if end > len(content) or zlib.crc32(data, zlib.crc32(kind)) != int.from_bytes(
-            content[end - 4 : end]
-        ):
-            break
-        if kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"):
-            parts.append(content[start:end])
-        if kind == b"tRNS" and len(data) == 2 and 0 < depth <= 8:
-            white = 2**depth - 1
-            transparent_grey = (int.from_bytes(data) & white) * 255 // white
-        if kind == b"IEND":
-            return b"".join(parts), transparent_grey
+        checksum = int.from_bytes(content[end - 4 : end])
+        if end > len(content) or zlib.crc32(data, zlib.crc32(kind)) != checksum:
+            return
+        yield _Part(kind, data, content[start:end])
         start = end
-    raise ValueError("it is damaged or unfinished")

@@ -20,7 +20,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
-from elitelanes_jax.tiles.files import Layer, read_image, read_mask
+from elitelanes_jax.tiles.files import Layer, check_picture, read_image, read_mask, size_of
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
 _CLEAN = 1 / 96  # of a tile: thinner pieces are no tape, narrower gaps are wear
@@ -97,10 +97,9 @@ def propose_masks(
     Returns:
       bool ``[S, S]`` for each of these names. Lines are on the road, and do not overlap.
     """
-    if getattr(image, "dtype", None) != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise InputError(
-            f"image: expected uint8 [S, S, 3], got {getattr(image, 'dtype', '')} {list(np.shape(image))}"
-        )
+    image = check_named("image", check_picture, image)
+    if image.shape[0] != image.shape[1]:
+        raise InputError(f"image: expected a square picture, got {size_of(image)} pixels")
     if not isinstance(colours, Mapping) or not all(
         isinstance(colours.get(name), tuple) for name in COLOURS
     ):

@@ -293,16 +293,16 @@ def _load_pictures(folder: Path) -> ObjectPictures:
 
 
 def _view_files(folder: Path) -> dict[int, Path]:
-    """Returns the files of views, by degrees."""
-    views = {}
-    for file in sorted(folder.glob("image*.png")):
-        match = re.fullmatch(r"image(?:_(\d{1,3}))?", file.stem)
-        if match:
-            views[int(match[1] or 0)] = file
-    if views and max(views) > 359:
-        raise InputError(
-            f"{folder}: expected views image_1.png to image_359.png, got image_{max(views)}.png"
-        )
+    """Returns the files of views, by degrees. A number in another form would name a view twice, or none."""
+    views = {0: folder / "image.png"} if (folder / "image.png").exists() else {}
+    for file in sorted(folder.glob("image_*.png")):
+        number = file.stem.removeprefix("image_")
+        if not re.match(r"[-+.]?[0-9]", number):
+            continue
+        if not re.fullmatch(r"[1-9][0-9]{0,2}", number) or int(number) > 359:
+            expected = "views image_1.png to image_359.png"
+            raise InputError(f"{folder}: expected {expected}, got {file.name}")
+        views[int(number)] = file
     return views
 
 

@@ -316,6 +316,7 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
     if (
         pixels.dtype not in (np.uint8, np.uint16)
         or not pixels.size
+        or pixels.ndim < 2
         or pixels.shape[2:] not in ((), (3,), (4,))
     ):
         raise InputError(

@@ -50,8 +50,13 @@ _EXPECTED = {
 _FILES = ("image", *MASKS)
 
 
-def _is_text(value: Plain) -> bool:
-    return isinstance(value, str)
+def _is_line(value: Plain) -> bool:
+    """Returns whether a value is one line of text, as cards and messages have it."""
+    return isinstance(value, str) and len(value.splitlines()) < 2
+
+
+def _is_name(value: Plain) -> bool:
+    return _is_line(value) and bool(str(value).strip())
 
 
 def _is_truth_value(value: Plain) -> bool:
@@ -60,8 +65,8 @@ def _is_truth_value(value: Plain) -> bool:
 
 # The keys of tileset.toml: a test of the value, and what is expected, for messages.
 _KEYS: dict[str, tuple[Callable[[Plain], bool], str]] = {
-    "name": (_is_text, "name to be text"),
-    "licence": (_is_text, "licence to be text"),
+    "name": (_is_name, "name to be a line of text"),
+    "licence": (_is_line, "licence to be a line of text"),
     "blend": (_is_truth_value, "blend to be true or false"),
     "lane_offset": (is_lane_offset, "lane_offset to be a number over 0 and under 0.5"),
 }

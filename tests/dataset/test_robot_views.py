@@ -192,7 +192,9 @@ def test_the_card_loads_arrays(layout, camera, tmp_path, capsys, monkeypatch):
         assert [one.tolist() for one in found["poses"]] == [
             [row["nearest"]["d"], row["nearest"]["phi"]] for row in found["rows"]
         ]
+        assert "less than a quarter turn away from the robot's direction" in " ".join(card.split())
         for row in found["rows"]:
+            assert abs(row["nearest"]["phi"]) < np.pi / 2
             assert {"d", "phi", "curvature", "nearest", "pose", "movement", "camera", "transform"} <= set(row)
             assert row["pixels"] == [24, 32]
         assert len({tuple(row["pose"].values()) for row in found["rows"]}) == 4

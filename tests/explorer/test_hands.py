@@ -106,6 +106,16 @@ def test_wrong_requests_are_refused(photographed_work):
         photographed_work.save([])
 
 
+@pytest.mark.parametrize("name", ["turn_../../other", "turn_", "turn_1/x"])
+def test_a_tile_has_a_name_that_a_set_reads(name, tiles):
+    """A page's name was once taken as the path of a folder."""
+    work = HandWork(tiles, [], (1, 1))
+    values = work.state()["tiles"]
+    values[0]["name"] = name
+    assert work.save(values)["names"][0] == "turn_1"
+    assert {tile.name for tile in load_tiles(tiles).tiles} == {"turn_1", "straight_1", "crossing3_1", "crossing4_1"}
+
+
 def test_a_set_is_saved_whole_and_the_earlier_one_is_kept(tiles):
     before = files(tiles)
     work = HandWork(tiles, [], (1, 1))

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, RoadMap, read_map
+from elitelanes_jax._util import progress
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import Camera
 from elitelanes_jax.formats import to_duckietown
@@ -207,6 +208,15 @@ def test_more_objects_than_the_area_holds_are_refused_before_they_are_placed(nam
         assert most < 1700
         with pytest.raises(InputError, match=r"of which \d+ fit"):
             furnish(np.array(codes), f"{name}={most}")
+
+
+def test_placing_many_objects_shows_how_many_are_placed(monkeypatch, capsys):
+    """100,000 duckies take minutes on 64 x 64 tiles, and the command said nothing."""
+    monkeypatch.setattr(progress, "_LINES", 0.05)
+    with progress.reporting(quiet=False):
+        furnish(np.zeros((16, 16), int), "duckies=3000")
+    first, *_ = capsys.readouterr().err.splitlines()
+    assert re.match(r"placing duckies [\d,]+/3,000 objects, 0:0\d left$", first)
 
 
 def test_each_amount_has_places_of_its_own():

@@ -114,6 +114,9 @@ def test_what_cannot_be_masked_is_named(tmp_path):
     cv2.imwrite(str(place / "image.png"), np.zeros((40, 40), np.uint8))
     with pytest.raises(InputError, match=r"turn_1/image.png: expected a picture in colours, got a grey one"):
         mask_folder(tmp_path)
+    cv2.imwrite(str(place / "image.png"), np.zeros((1, 1, 3), np.uint8))
+    with pytest.raises(InputError, match=r"turn_1/image.png: expected at least 2 pixels a side, got 1"):
+        mask_folder(tmp_path)
     (tmp_path / "turn_2").mkdir()
     (place / "image.png").write_bytes(b"")
     with pytest.raises(InputError, match=r"turn_1/image.png: expected a PNG picture .* \(and 1 more\)"):

@@ -160,6 +160,10 @@ FAULTS = {words: lambda place, text=text: write(place, text) for text, words in 
         str(place / "image.png"), np.zeros((8, 8, 3), np.uint8)
     ),
     "got image_400.png": lambda place: shutil.copy(place / "image.png", place / "image_400.png"),
+    "got image_0.png": lambda place: shutil.copy(place / "image.png", place / "image_0.png"),
+    "got image_045.png": lambda place: shutil.copy(place / "image.png", place / "image_045.png"),
+    "got image_-45.png": lambda place: shutil.copy(place / "image.png", place / "image_-45.png"),
+    "got image_22.5.png": lambda place: shutil.copy(place / "image.png", place / "image_22.5.png"),
     "expected folders with object.toml and image.png": lambda place: shutil.rmtree(place),
 }
 

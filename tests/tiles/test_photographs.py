@@ -1,6 +1,8 @@
 """Photographs of tiles: what is found in them, at which pixels, and what is refused."""
 
 import json
+import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -332,6 +334,41 @@ def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):
     assert cv2.imwrite(str(file), picture)
     with pytest.raises(InputError, match="floor.png: expected a photograph without transparent pixels"):
         read_photograph(file)
+
+
+@pytest.mark.parametrize("depth", [1, 2, 4, 8, 16])
+def test_a_grey_photograph_with_one_transparent_grey_is_refused(depth, tmp_path):
+    """OpenCV drops the grey that a file declares transparent, at every depth of its greys."""
+    most = 2**depth - 1
+    greys = np.full((300, 300), most)
+    greys[:9, :9] = most // 2
+    bits = np.unpackbits(greys.astype(">u2").view(np.uint8).reshape(300, 300, 2), axis=2)[..., 16 - depth :]
+    rows = np.packbits(bits.reshape(300, -1), axis=1)
+    head = struct.pack(">IIBBBBB", 300, 300, depth, 0, 0, 0, 0)
+    pixels = zlib.compress(np.pad(rows, ((0, 0), (1, 0))).tobytes())
+
+    def write(transparent):
+        parts = {b"IHDR": head, b"tRNS": struct.pack(">H", transparent), b"IDAT": pixels, b"IEND": b""}
+        content = b"\x89PNG\r\n\x1a\n"
+        for kind, data in parts.items():
+            content += struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        (tmp_path / "floor.png").write_bytes(content)
+        return tmp_path / "floor.png"
+
+    with pytest.raises(InputError, match="floor.png: expected a photograph without transparent pixels"):
+        read_photograph(write(most // 2))
+    if depth > 1:  # no pixel has the declared grey
+        assert (read_photograph(write(most // 2 + 1)).image[20:] == 255).all()
+
+
+@pytest.mark.parametrize("change", [lambda image: image.astype(np.uint16) * 257, lambda image: image / 255])
+def test_a_photograph_of_another_type_is_refused(change):
+    """A user who makes a photograph of 16 bits or of shares got tiles of noise or in black."""
+    image = np.full((300, 300, 3), 200, np.uint8)
+    corners = np.array([[50, 50], [250, 50], [250, 250], [50, 250]])
+    proposal = propose_tiles(Photograph("frame", image), corners=corners, codes=np.array([[6]]), fit=False)
+    with pytest.raises(InputError, match=r"photograph: image: expected uint8 \[H, W, 3\]"):
+        cut_tiles(Photograph("frame", change(image)), proposal)
 
 
 def test_a_calibrated_lens_is_straightened(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Int, Int8
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.maps.furnishing.space import Space, make_object, outline_of
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.network.codes import SIDES
@@ -18,6 +19,7 @@ Place = tuple[float, float, float]
 _Draw = Callable[[list[int], np.random.Generator, float], Place]
 
 _TRIES = 64  # for each object
+_MANY = 1000  # objects that may take longer than a second: 100,000 duckies take minutes
 _BESIDE = (0.12, 0.3)  # from the road's tile to the middle of what is beside it, in tiles
 
 _QUARTERS = (0.0, pi / 2, pi, -pi / 2)
@@ -86,15 +88,18 @@ def _place(
     if not spots:
         return 0
     placed = 0
-    for _ in range(_TRIES * count):
-        if placed == count:
-            break
-        spot = spots[random.integers(len(spots))]
-        x, y, angle = draw(spot, random, lane_offset)
-        candidate = make_object(
-            scenery.kind, x, y, round(angle, 6), static=name != "crossing_duckies"
-        )
-        placed += space.place(candidate, in_lane=name.startswith("lane_"))
+    shown = None if count >= _MANY else False
+    with Progress(f"placing {name}", count, "objects", shown=shown) as bar:
+        for _ in range(_TRIES * count):
+            if placed == count:
+                break
+            spot = spots[random.integers(len(spots))]
+            x, y, angle = draw(spot, random, lane_offset)
+            candidate = make_object(
+                scenery.kind, x, y, round(angle, 6), static=name != "crossing_duckies"
+            )
+            placed += space.place(candidate, in_lane=name.startswith("lane_"))
+            bar.update(placed)
     return placed
 
 

@@ -12,6 +12,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, KINDS, rotate_codes
 from elitelanes_jax.tiles._light import ground_of, in_daylight
+from elitelanes_jax.tiles.files import check_picture
 from elitelanes_jax.tiles.masking import Proposal as Masked
 from elitelanes_jax.tiles.masking import propose_masks
 from elitelanes_jax.tiles.photographs.proposals import SURE, Proposal
@@ -62,7 +63,11 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
 
     Returns:
       The new tiles, by row and column.
+
+    Raises:
+      InputError: for a photograph that is not uint8 ``[H, W, 3]``.
     """
+    check_named("photograph: image", check_picture, photograph.image)
     codes, sure = np.array(proposal.codes), np.array(proposal.sure)
     rows, columns = codes.shape
     seen = proposal.view.tile_pixels(rows, columns)

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.tiles.files import check_picture
 from elitelanes_jax.tiles.photographs.borders import contrasts
 from elitelanes_jax.tiles.photographs.kinds import MARGIN_PX, READ_PX, Kinds, read_kinds
 from elitelanes_jax.tiles.photographs.outline import find_corners
@@ -154,8 +156,9 @@ def propose_tiles(
       fit: whether the corners are fitted to the photograph, or taken as they are.
 
     Raises:
-      InputError: if corners cross, or no tile is found.
+      InputError: if corners cross, no tile is found, or the photograph is not uint8 ``[H, W, 3]``.
     """
+    check_named("photograph: image", check_picture, photograph.image)
     shape = shape if codes is None else codes.shape
     tiles = load_tiles() if tiles is None else tiles
     quads = (

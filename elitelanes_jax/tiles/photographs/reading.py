@@ -12,6 +12,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import MIB, read_bytes, read_text
+from elitelanes_jax.tiles.files import decode_png
 
 _MOST_BYTES = 128 * MIB
 _MOST_PIXELS = 200e6  # of a JPEG, which can be read at an eighth of its size
@@ -193,11 +194,10 @@ def _is_transparent(content: bytes) -> bool:
     has_alpha = content[25] in (4, 6)
     if not has_alpha and b"tRNS" not in content:
         return False
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    picture = decode_png(content)
     if picture is None or picture.ndim < 3 or picture.shape[2] < 4:
         return False
-    opaque = 65535 if picture.dtype == np.uint16 else 255
-    return bool((picture[..., 3] < opaque).any())
+    return bool((picture[..., 3] < np.iinfo(picture.dtype).max).any())
 
 
 def _png_size(content: bytes) -> tuple[int, int]:
