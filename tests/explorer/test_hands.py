@@ -108,7 +108,7 @@ def test_wrong_requests_are_refused(photographed_work):
 
 @pytest.mark.parametrize("name", ["turn_../../other", "turn_", "turn_1/x"])
 def test_a_tile_has_a_name_that_a_set_reads(name, tiles):
-    """A page's name was once taken as the path of a folder."""
+    """A page's name is no path of a folder."""
     work = HandWork(tiles, [], (1, 1))
     values = work.state()["tiles"]
     values[0]["name"] = name

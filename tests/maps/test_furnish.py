@@ -211,7 +211,7 @@ def test_more_objects_than_the_area_holds_are_refused_before_they_are_placed(nam
 
 
 def test_placing_many_objects_shows_how_many_are_placed(monkeypatch, capsys):
-    """100,000 duckies take minutes on 64 x 64 tiles, and the command said nothing."""
+    """100,000 duckies take minutes on 64 x 64 tiles."""
     monkeypatch.setattr(progress, "_LINES", 0.05)
     with progress.reporting(quiet=False):
         furnish(np.zeros((16, 16), int), "duckies=3000")
