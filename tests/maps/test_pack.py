@@ -12,10 +12,11 @@ import pytest
 from folders import files
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirror, read_map, rotate
+from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import movements
 from elitelanes_jax.drive.lanes import lane_length
 from elitelanes_jax.lanes.movements import Movement, lane_graph
-from elitelanes_jax.maps import PackSpec, exporting, pack, packing
+from elitelanes_jax.maps import PackSpec, exporting, furnish, pack, packing
 from elitelanes_jax.maps.exporting import FormatOptions
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.packing import _split, _trips
@@ -135,6 +136,28 @@ def test_trips_are_as_long_as_shortest_ways(packed):
             )
             expected = nx.dijkstra_path_length(graph, start, goal, weight="length")
             assert start != goal and float(trip["length"]) == pytest.approx(expected, abs=1e-4)
+
+
+STUB = [[6, 5, 7, 5, 3], [10, 0, 8, 0, 10], [10, 0, 0, 0, 10], [12, 5, 5, 5, 9]]
+"""A ring with a crossing, from which a road leads nowhere."""
+
+
+def test_no_trip_leads_to_a_road_that_the_format_lacks(tmp_path):
+    spec = PackSpec(to=("duckietown",), split=(1, 0, 0), trips=200, formats=FormatOptions(dead_ends="grass"))
+    pack(spec, [RoadMap(STUB)], tmp_path / "pack")
+    town = read_map(next((tmp_path / "pack" / "duckietown").rglob("*.yaml"))).codes
+    for trip in rows(next((tmp_path / "pack" / "trips").rglob("*.csv"))):
+        for end in ("start", "goal"):
+            assert town[int(trip[f"{end}_row"]), int(trip[f"{end}_column"])] > 0
+
+
+def test_signs_of_a_crossing_that_is_removed_are_named(tmp_path, capsys):
+    signed = furnish(RoadMap(STUB), "signs=possible")
+    file, count = tmp_path / "signed.json", len(signed.objects)
+    signed.save(file)
+    options = ["--split", "1", "0", "0", "--to", "duckietown", "--dead-ends", "grass", "--out", str(tmp_path / "pack")]
+    assert main(["pack", str(file), *options]) == 0
+    assert f"signed.json: {count} of {count} signs do not fit the crossings" in capsys.readouterr().err
 
 
 def test_trips_follow_the_lanes_of_the_tile_set(tmp_path):
