@@ -237,6 +237,22 @@ def test_a_dataset_is_packed_as_its_maps_are(tmp_path):
         pack(SPEC, tmp_path / "dataset", tmp_path / "other")
 
 
+def test_what_is_not_read_in_a_folder_is_named(packed, tmp_path, capsys):
+    given, codes = tmp_path / "given", RoadMap([[6, 3], [12, 9]])
+    (given / "town").mkdir(parents=True)
+    (given / ".hidden").mkdir()
+    (given / "pictures").mkdir()
+    codes.save(given / "town" / "map.json")
+    options = ["--split", "1", "0", "0", "--trips", "1", "--out"]
+    assert main(["pack", str(given), *options, str(tmp_path / "one")]) == 0
+    assert "not read" not in capsys.readouterr().err
+    RoadMap([[6, 7, 3], [12, 13, 9]]).save(given / "beside.json")
+    RoadMap([[6, 7, 3], [12, 13, 9]]).save(given / ".hidden" / "beside.json")
+    shutil.copytree(packed, given / "packed")
+    assert main(["pack", str(given), *options, str(tmp_path / "two")]) == 0
+    assert f"{given}: not read: beside.json, packed; name each, to use its maps too" in capsys.readouterr().err
+
+
 def test_a_pack_is_replaced_only_by_force_and_alone(tmp_path):
     out, spec = tmp_path / "pack", SPEC.replace(to=())
     pack(spec, MAPS, out)
