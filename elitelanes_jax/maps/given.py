@@ -166,6 +166,10 @@ def _announce_unread(source: Path, files: list[Path]) -> None:
 def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
     """Reads the maps of a dataset in the metadata of its samples, in the order of their numbers."""
     by_number: dict[int, tuple[str, RoadMap]] = {}
+    if (folder / "part.jsonl").exists():
+        raise InputError(
+            f"{folder}: expected a whole dataset, got a part; elitelanes merge joins the parts"
+        )
     for file in sorted(folder.rglob("*.jsonl")):
         for line in read_text(file, 1024 * MIB).splitlines():
             try:

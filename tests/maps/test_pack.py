@@ -237,6 +237,15 @@ def test_a_dataset_is_packed_as_its_maps_are(tmp_path):
         pack(SPEC, tmp_path / "dataset", tmp_path / "other")
 
 
+def test_a_part_of_a_dataset_is_refused_as_such(tmp_path):
+    spec = DatasetSpec(maps_from=MAPS[:2], split=(1, 0, 0), tile_px=16, part=(1, 2))
+    make_dataset(spec, tmp_path / "part")
+    with pytest.raises(
+        InputError, match="part: expected a whole dataset, got a part; elitelanes merge joins the parts$"
+    ):
+        parse_given(tmp_path / "part")
+
+
 def test_what_is_not_read_in_a_folder_is_named(packed, tmp_path, capsys):
     given, codes = tmp_path / "given", RoadMap([[6, 3], [12, 9]])
     (given / "town").mkdir(parents=True)
