@@ -15,6 +15,8 @@ from elitelanes_jax import InputError, RoadMap, benchmark, drive, ea, load_tiles
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.records import Record
 from elitelanes_jax.explorer import collect
+from elitelanes_jax.maps import PackSpec, pack
+from elitelanes_jax.network import measure_town
 from elitelanes_jax.optimizers import interop
 from elitelanes_jax.problem import Population, paper_axes, road_problem
 
@@ -157,6 +159,41 @@ def test_a_wrong_type_is_named(one, tmp_path, monkeypatch):
             message = refusal(call, value) or name
             assert any(word in message for word in (name, "expected", str(value)))
             assert "\n" not in message
+
+
+FLAGS = [
+    (one, parameter.name)
+    for one in FUNCTIONS
+    for parameter in signature(one).parameters.values()
+    if parameter.annotation is bool
+]
+
+
+@pytest.mark.parametrize(("one", "flag"), FLAGS, ids=lambda value: getattr(value, "__name__", value))
+@pytest.mark.parametrize("value", ["no", "False", None, 0, []])
+def test_a_flag_is_true_or_false(one, flag, value, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    required = {
+        name: arguments()[name]
+        for name, parameter in signature(one).parameters.items()
+        if parameter.default is Parameter.empty and parameter.kind is not Parameter.VAR_KEYWORD and name != flag
+    }
+    with pytest.raises(InputError, match=f"^{flag}: expected True or False, got "):
+        one(**required, **{flag: value})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_text_for_force_replaces_no_folder(tmp_path):
+    out = tmp_path / "pack"
+    spec = PackSpec(split=(1, 0, 0), trips=1)
+    pack(spec, [[6, 3], [12, 9]], out)
+    with pytest.raises(InputError, match="^force: expected True or False, got 'no'$"):
+        pack(spec, [[6, 7, 3], [12, 13, 9]], out, force="no")
+    assert "6, 7, 3" not in next((out / "maps").rglob("*.json")).read_text()
+
+
+def test_flags_of_numpy_are_taken():
+    assert measure_town([[6, 3], [12, 9]], detour=np.bool_(False)).mean_detour == 0
 
 
 def test_what_is_taken_is_not_blamed():

@@ -2,7 +2,8 @@
 
 A function that fails for an argument of another type would raise an error from deep within. Its
 decorator compares the arguments with the annotations after such an error, so that calls that
-succeed cost nothing and may be given whatever works.
+succeed cost nothing and may be given whatever works. Flags are compared before the call, because
+every value has a truth: with ``force="no"`` a function would replace a folder.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -50,6 +51,8 @@ def name_wrong_arguments(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def named(*args: P.args, **kwargs: P.kwargs) -> R:
+        if kwargs:
+            _check_flags(function, kwargs)
         try:
             return function(*args, **kwargs)
         except WrongArgumentError as inner:
@@ -70,6 +73,18 @@ def name_wrong_arguments(function: Callable[P, R]) -> Callable[P, R]:
     return named
 
 
+def _check_flags(function: Callable[..., UserValue], options: Mapping[str, UserValue]) -> None:
+    """Raises `WrongArgumentError` for a flag that is neither True nor False."""
+    annotations = function.__annotations__
+    for name, value in options.items():
+        if annotations.get(name) is bool and not isinstance(value, bool | np.bool_):
+            raise WrongArgumentError(_expected(name, bool, value))
+
+
+def _expected(name: str, annotation: UserValue, value: UserValue) -> str:
+    return f"{name}: expected {_describe(annotation)}, got {shorten(repr(value))}"
+
+
 def _find_wrong(
     function: Callable[..., UserValue], args: UserValue, kwargs: UserValue, error: Exception
 ) -> str | None:
@@ -80,7 +95,7 @@ def _find_wrong(
         return None
     for parameter, value in _arguments(bound):
         if value is not parameter.default and not _fits(value, parameter.annotation):
-            return f"{parameter.name}: expected {_describe(parameter.annotation)}, got {shorten(repr(value))}"
+            return _expected(parameter.name, parameter.annotation, value)
     values = bound.arguments
     if "broadcast" not in str(error) or any(map(callable, values.values())):
         return None

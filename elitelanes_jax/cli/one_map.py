@@ -132,7 +132,6 @@ def add_plan(commands: Commands) -> None:
     command.add_argument(
         "--tile-size",
         type=checked_by(real(0.55, 2, unit="metres")),
-        default=0.585,
         metavar="METRES",
         help="side of a tile; by default 0.585, as Duckietown has it",
     )
@@ -141,6 +140,10 @@ def add_plan(commands: Commands) -> None:
 def _plan(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.faults import warn_of_faults
 
+    if options.tags and options.tile_size is not None:
+        raise InputError(
+            f"--tile-size: expected none with --tags, which have one size, got {options.tile_size:g}"
+        )
     road_map = read_map(options.map)
     warn_of_faults(str(options.map), road_map)
     check_new(options.out)
@@ -159,7 +162,8 @@ def _write_plan(road_map: RoadMap, options: argparse.Namespace) -> str:
     """Writes a plan; returns what it needs."""
     from elitelanes_jax.formats.plan_pages import write_plan
 
-    plan = write_plan(road_map, options.out, tile_size=options.tile_size)
+    size = {} if options.tile_size is None else {"tile_size": options.tile_size}
+    plan = write_plan(road_map, options.out, **size)
     tape = ", ".join(f"{metres:.2f} m {colour}" for colour, metres in plan.tape.items())
     tiles = pluralize(len(plan.placed), "tile")
     return f"{tiles} on {plan.floor[0]:g} x {plan.floor[1]:g} m, tape {tape}"

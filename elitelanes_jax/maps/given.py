@@ -9,7 +9,7 @@ from typing import NamedTuple
 from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import MIB, parse_json, read_text
-from elitelanes_jax._util.progress import announce
+from elitelanes_jax._util.progress import announce, announce_at_end
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.dt_layers import is_layers
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json, read_maps, refresh
@@ -132,19 +132,44 @@ def _files(source: Path) -> list[Path]:
         return sorted((source / "maps").rglob("*.json"))
     files = sorted(source.rglob("map.json"))
     if not files and not (source / "run.json").exists():
-        for entry in sorted(source.iterdir()):
-            if entry.suffix.lower() in (".json", ".yaml", ".yml") or is_layers(entry):
-                files.append(entry)
+        files = [entry for entry in sorted(source.iterdir()) if _may_be_map(entry)]
     if not files:
         raise InputError(
             f"{source}: expected a folder with map.json or other files of maps in it, got one without"
         )
+    if not (source / "run.json").exists():
+        _announce_unread(source, files)
     return files
+
+
+def _may_be_map(entry: Path) -> bool:
+    return entry.suffix.lower() in (".json", ".yaml", ".yml") or is_layers(entry)
+
+
+def _announce_unread(source: Path, files: list[Path]) -> None:
+    """Says which entries of a folder may have maps too, and were not read."""
+    read = {*files}.union(*(file.parents for file in files))
+    unread = []
+    for entry in sorted(source.iterdir()):
+        # Editors and version control keep JSON in hidden folders.
+        if entry in read or entry.name.startswith("."):
+            continue
+        if _may_be_map(entry) or (entry.is_dir() and any(map(_may_be_map, entry.iterdir()))):
+            unread.append(entry.name)
+    if unread:
+        words = ", ".join(unread[:5])
+        if len(unread) > 5:
+            words += f" and {len(unread) - 5} more"
+        announce_at_end(str(source), f"not read: {words}; name each, to use its maps too")
 
 
 def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
     """Reads the maps of a dataset in the metadata of its samples, in the order of their numbers."""
     by_number: dict[int, tuple[str, RoadMap]] = {}
+    if (folder / "part.jsonl").exists():
+        raise InputError(
+            f"{folder}: expected a whole dataset, got a part; elitelanes merge joins the parts"
+        )
     for file in sorted(folder.rglob("*.jsonl")):
         for line in read_text(file, 1024 * MIB).splitlines():
             try:

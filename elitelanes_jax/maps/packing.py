@@ -26,6 +26,7 @@ from elitelanes_jax.formats.table import shorten_coverage, table_to_csv
 from elitelanes_jax.lanes.curves import LANE_OFFSET, lane_lengths
 from elitelanes_jax.lanes.movements import LaneGraph, LaneNode, lane_graph
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes, lane_offset_of, without_ends
+from elitelanes_jax.maps.faults import warn_of_faults
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.spec import SPLITS, PackSpec
 from elitelanes_jax.network.likeness import ALIKE, group_alike, road_forms
@@ -118,6 +119,7 @@ def pack(
         write_sums(work.files)
     maps.announce_left_out()
     _announce_limits(spec, towns)
+    _warn_of_removed_roads(spec, towns, maps.names)
     return about
 
 
@@ -132,6 +134,14 @@ def _announce_limits(spec: PackSpec, towns: Sequence[_Town]) -> None:
             announce_at_end(
                 to, f"{len(limits)} of {pluralize(len(towns), 'map')}, the first: {limits[0]}"
             )
+
+
+def _warn_of_removed_roads(spec: PackSpec, towns: Sequence[_Town], names: Sequence[str]) -> None:
+    """Says which signs do not fit the crossings after the removal of roads that lead nowhere."""
+    for town, name in zip(towns, names, strict=True):
+        written = without_ends(town.road_map, spec.formats.dead_ends)
+        if not np.array_equal(written.codes, town.road_map.codes):
+            warn_of_faults(name, written)
 
 
 def _settings_of(to: str, settings: Mapping[str, UserValue]) -> dict[str, UserValue]:
@@ -203,7 +213,9 @@ def _write(
     `settings` are those of all formats, with their tile set.
     """
     graph = lane_graph(town.road_map.codes)
-    trips = _trips(spec, town, graph, lane_offset_of(settings.get("tiles")))
+    # Formats without dead ends lack roads, so a trip may not lead there.
+    driven = lane_graph(without_ends(town.road_map, spec.formats.dead_ends).codes)
+    trips = _trips(spec, town, driven, lane_offset_of(settings.get("tiles")))
     for to in spec.to:
         place = folder / to / town.niche
         files = [place / file for file in FORMATS[to].paths(town.id)]

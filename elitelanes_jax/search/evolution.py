@@ -516,7 +516,7 @@ def _restore(state: Pytree, run: Run) -> tuple[int, States]:
         )
     if not jax.tree.leaves(state.inner):
         raise InputError(
-            "state: expected one to continue from, got that of a result that was saved without its state"
+            "state: expected one to continue from, got that of a result that was joined or saved without its state"
         )
     arrays = [jnp.asarray(leaf) for leaf in jax.tree.leaves(state.inner)]
     if run.keys.single:

@@ -294,12 +294,18 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
             waiting.setdefault(points[index].tobytes(), []).append(index)
         lists = list(waiting.values())
         first = [indices[0] for indices in lists]
-        for point in _farthest(points[first], count):
+        remaining = count
+        for point in _farthest(points[first]):
             different = [index for index in lists[point] if difference[index] >= share]
+            # A point whose maps are like those chosen in this round yields none. The next point takes
+            # its turn, before any point yields a second map.
             if different:
                 index = min(different, key=lambda index: (maps_of[int(seeds[index])], index))
                 maps_of[int(seeds[index])] += 1
                 yield index
+                remaining -= 1
+                if remaining == 0:
+                    return
 
     return order
 
@@ -315,12 +321,12 @@ def _follow(pursuit: SupportPoints, group: NDArray[np.int_]) -> _Round:
     return order
 
 
-def _farthest(points: NDArray[np.float64], count: int) -> list[int]:
-    """Returns up to `count` indices: 0, then always the point farthest from all before; among equal ones the first."""
+def _farthest(points: NDArray[np.float64]) -> Iterator[int]:
+    """Yields all indices: 0, then always the point farthest from all before; among equal ones the first."""
     indices: list[int] = []
     distance = np.full(len(points), np.inf)
-    for _ in range(min(count, len(points))):
+    for _ in range(len(points)):
         indices.append(int(np.argmax(distance)))
+        yield indices[-1]
         distance = np.minimum(distance, np.linalg.norm(points - points[indices[-1]], axis=1))
         distance[indices] = -1
-    return indices

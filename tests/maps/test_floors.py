@@ -42,5 +42,12 @@ def test_other_floors_are_refused(width):
 
 
 def test_a_floor_that_is_too_small_is_refused():
-    with pytest.raises(InputError, match=r"^floor: expected at least 1\.\d\d x 1\.\d\d m, got 1.2 x 3 m"):
+    with pytest.raises(InputError, match=r"^floor: expected at least 1.592 x 1.592 m, got 1.2 x 3 m"):
         floor_size(1.2, 3)
+
+
+def test_the_least_floor_that_a_message_names_is_large_enough():
+    with pytest.raises(InputError) as refused:
+        floor_size(1.59, 1.59)
+    least = float(str(refused.value).split()[4])
+    assert floor_size(least, least) == (2, 2)

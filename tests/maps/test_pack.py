@@ -12,10 +12,11 @@ import pytest
 from folders import files
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirror, read_map, rotate
+from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import movements
 from elitelanes_jax.drive.lanes import lane_length
 from elitelanes_jax.lanes.movements import Movement, lane_graph
-from elitelanes_jax.maps import PackSpec, exporting, pack, packing
+from elitelanes_jax.maps import PackSpec, exporting, furnish, pack, packing
 from elitelanes_jax.maps.exporting import FormatOptions
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.packing import _split, _trips
@@ -137,6 +138,28 @@ def test_trips_are_as_long_as_shortest_ways(packed):
             assert start != goal and float(trip["length"]) == pytest.approx(expected, abs=1e-4)
 
 
+STUB = [[6, 5, 7, 5, 3], [10, 0, 8, 0, 10], [10, 0, 0, 0, 10], [12, 5, 5, 5, 9]]
+"""A ring with a crossing, from which a road leads nowhere."""
+
+
+def test_no_trip_leads_to_a_road_that_the_format_lacks(tmp_path):
+    spec = PackSpec(to=("duckietown",), split=(1, 0, 0), trips=200, formats=FormatOptions(dead_ends="grass"))
+    pack(spec, [RoadMap(STUB)], tmp_path / "pack")
+    town = read_map(next((tmp_path / "pack" / "duckietown").rglob("*.yaml"))).codes
+    for trip in rows(next((tmp_path / "pack" / "trips").rglob("*.csv"))):
+        for end in ("start", "goal"):
+            assert town[int(trip[f"{end}_row"]), int(trip[f"{end}_column"])] > 0
+
+
+def test_signs_of_a_crossing_that_is_removed_are_named(tmp_path, capsys):
+    signed = furnish(RoadMap(STUB), "signs=possible")
+    file, count = tmp_path / "signed.json", len(signed.objects)
+    signed.save(file)
+    options = ["--split", "1", "0", "0", "--to", "duckietown", "--dead-ends", "grass", "--out", str(tmp_path / "pack")]
+    assert main(["pack", str(file), *options]) == 0
+    assert f"signed.json: {count} of {count} signs do not fit the crossings" in capsys.readouterr().err
+
+
 def test_trips_follow_the_lanes_of_the_tile_set(tmp_path):
     """On a ring with the lanes 0.4 tile beside the middle the way inside is 0.1 tile from the corner."""
     shutil.copytree(default_tiles(), tmp_path / "tiles")
@@ -212,6 +235,31 @@ def test_a_dataset_is_packed_as_its_maps_are(tmp_path):
     (tmp_path / "dataset" / "train" / "metadata.jsonl").write_text('{"codes": 3}\n')
     with pytest.raises(InputError, match=r"metadata\.jsonl: expected the metadata of a dataset"):
         pack(SPEC, tmp_path / "dataset", tmp_path / "other")
+
+
+def test_a_part_of_a_dataset_is_refused_as_such(tmp_path):
+    spec = DatasetSpec(maps_from=MAPS[:2], split=(1, 0, 0), tile_px=16, part=(1, 2))
+    make_dataset(spec, tmp_path / "part")
+    with pytest.raises(
+        InputError, match="part: expected a whole dataset, got a part; elitelanes merge joins the parts$"
+    ):
+        parse_given(tmp_path / "part")
+
+
+def test_what_is_not_read_in_a_folder_is_named(packed, tmp_path, capsys):
+    given, codes = tmp_path / "given", RoadMap([[6, 3], [12, 9]])
+    (given / "town").mkdir(parents=True)
+    (given / ".hidden").mkdir()
+    (given / "pictures").mkdir()
+    codes.save(given / "town" / "map.json")
+    options = ["--split", "1", "0", "0", "--trips", "1", "--out"]
+    assert main(["pack", str(given), *options, str(tmp_path / "one")]) == 0
+    assert "not read" not in capsys.readouterr().err
+    RoadMap([[6, 7, 3], [12, 13, 9]]).save(given / "beside.json")
+    RoadMap([[6, 7, 3], [12, 13, 9]]).save(given / ".hidden" / "beside.json")
+    shutil.copytree(packed, given / "packed")
+    assert main(["pack", str(given), *options, str(tmp_path / "two")]) == 0
+    assert f"{given}: not read: beside.json, packed; name each, to use its maps too" in capsys.readouterr().err
 
 
 def test_a_pack_is_replaced_only_by_force_and_alone(tmp_path):

@@ -45,7 +45,7 @@ def test_a_joined_result_is_that_of_all_keys_together(parts, tmp_path):
     joined.save(tmp_path / "joined.npz", state=False)
     together.save(tmp_path / "together.npz", state=False)
     assert (tmp_path / "joined.npz").read_bytes() == (tmp_path / "together.npz").read_bytes()
-    with pytest.raises(InputError, match="saved without its state"):
+    with pytest.raises(InputError, match="joined or saved without its state"):
         search(KEYS, state=joined.state)
 
 

@@ -64,7 +64,7 @@ def test_without_the_state_equal_searches_give_equal_bytes(result, tmp_path):
     kept = Result.load(tmp_path / "0.npz")
     chex.assert_trees_all_equal(kept.elites, result.elites)
     assert np.isnan(kept.history.evaluations_per_second).all()
-    with pytest.raises(InputError, match="got that of a result that was saved without its state"):
+    with pytest.raises(InputError, match="got that of a result that was joined or saved without its state"):
         evolve(KEYS, SHAPE, spec=result.search.to_spec(), state=kept.state)
 
 

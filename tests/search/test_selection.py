@@ -17,6 +17,7 @@ from elitelanes_jax.problem import paper_axes
 from elitelanes_jax.problem.descriptor import compute_descriptor
 from elitelanes_jax.search import History, MeasuredElites, RunState
 from elitelanes_jax.search.resolve import resolve
+from elitelanes_jax.search.selection import _spread
 
 AXES = paper_axes((6, 6))
 
@@ -208,3 +209,14 @@ def test_maps_follow_the_targets(evolved):
     beyond = again(evolved, targets={"turns": [high, high]})
     first = beyond.choose(1).maps[0]
     assert first.metrics["turns"] == high
+
+
+def test_a_point_without_a_different_map_passes_its_turn_to_the_next_point():
+    points, shares = np.array([[0.0], [1.0], [9.0], [5.0]]), np.full(4, 0.5)
+    order = _spread(np.concatenate([points, points]), np.zeros(8, int))
+    difference = np.concatenate([shares, shares])
+    given = []
+    for index in order(difference, 0.15, 3):
+        given.append(index % 4)
+        difference[2::4] = 0  # the maps of the third point are like the first map
+    assert given == [0, 3, 1]

@@ -1,6 +1,7 @@
 """The size of the largest map that a floor has room for, with the signs and lights that stand beside its roads."""
 
 from functools import cache
+from math import ceil
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, real
@@ -30,9 +31,9 @@ def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
     margin = floor_margin()
     rows, columns = (int((side - 2 * margin) / TILE_SIZE + _ROUNDING) for side in sides)
     if min(rows, columns) < _SMALLEST:
-        least = _SMALLEST * TILE_SIZE + 2 * margin
+        least = ceil(1000 * (_SMALLEST * TILE_SIZE + 2 * margin)) / 1000
         raise InputError(
-            f"floor: expected at least {least:.2f} x {least:.2f} m, got {sides[1]:g} x {sides[0]:g} m"
+            f"floor: expected at least {least:g} x {least:g} m, got {sides[1]:g} x {sides[0]:g} m"
         )
     return rows, columns
 
