@@ -164,7 +164,10 @@ def _announce_unread(source: Path, files: list[Path]) -> None:
 
 
 def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
-    """Reads the maps of a dataset in the metadata of its samples, in the order of their numbers."""
+    """Reads the maps of a dataset in the metadata of its samples, in the order of their numbers.
+
+    Further views of a map repeat its codes, and are left out.
+    """
     by_number: dict[int, tuple[str, RoadMap]] = {}
     if (folder / "part.jsonl").exists():
         raise InputError(
@@ -185,7 +188,11 @@ def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
                 raise InputError(
                     f"{file}: expected the metadata of a dataset, got: {error}"
                 ) from None
-    return [by_number[number] for number in sorted(by_number)]
+    maps: dict[tuple[tuple[int, ...], bytes], tuple[str, UserValue]] = {}
+    for number in sorted(by_number):
+        codes = by_number[number][1].codes
+        maps.setdefault((codes.shape, codes.tobytes()), by_number[number])
+    return list(maps.values())
 
 
 def _measured(road_map: RoadMap, name: str) -> RoadMap:

@@ -229,6 +229,7 @@ def test_an_id_is_that_of_all_rotations_and_mirror_images(packed, tmp_path):
 def test_a_dataset_is_packed_as_its_maps_are(tmp_path):
     spec = DatasetSpec(maps_from=MAPS, tile_px=16, views=2)
     make_dataset(spec, tmp_path / "dataset")
+    assert parse_given(tmp_path / "dataset").left_out == 0
     pack(SPEC, tmp_path / "dataset", tmp_path / "pack")
     packed = rows(tmp_path / "pack" / "maps.csv")
     assert [row["niche"] for row in packed] == ["6x7-{:02d}-{:02d}".format(*one.niche) for one in MAPS]
