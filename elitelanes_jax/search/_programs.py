@@ -60,6 +60,9 @@ _START, _ADVANCE, _COLLECT = "start", "advance", "collect"
 
 _tracing_lock = RLock()
 
+_with_jit = jax.disable_jit(False)
+"""Runs JAX's `jit` whatever the setting `jax_disable_jit` is. Without it JAX refuses to run compiled programs."""
+
 
 class ProgramKey(NamedTuple):
     """What distinguishes the compiled programs of one search."""
@@ -102,8 +105,9 @@ def _tracing() -> Iterator[None]:
     Threads that trace at once take turns, and all their programs come late. Tracing makes many
     lasting objects; the collector takes a tenth of the time to look through them. The user's
     functions draw as by default, so that a search can be continued under other settings of JAX.
+    Without `jit` JAX would write every generation into the program, which then compiles for minutes.
     """
-    with _tracing_lock, default_draws():
+    with _tracing_lock, default_draws(), jax.disable_jit(False):
         collects = gc.isenabled()
         try:
             gc.disable()
@@ -237,11 +241,13 @@ class Programs:
             self._compile(missing_keys)
 
     @runs_jax
+    @_with_jit
     def start(self, device: jax.Device, numbers: Sequence[Array], keys: KeyData) -> States:
         """Returns the states of generation 0 of the seeds of a part."""
         return self._program(_START, device)(numbers, keys)
 
     @runs_jax
+    @_with_jit
     def advance(
         self,
         device: jax.Device,
@@ -258,6 +264,7 @@ class Programs:
         return states, Info(best_fitness, elite_count, refused)
 
     @runs_jax
+    @_with_jit
     def collect(self, numbers: Sequence[Array], states: States) -> tuple[MeasuredElites, States]:
         """Returns the elites and the states; for one key alone, both without the axis of seeds."""
         # The program is missing if the compiler was interrupted.
