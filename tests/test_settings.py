@@ -10,7 +10,7 @@ import pytest
 from batches import GROUPS, batches, plain
 from certified import same
 
-from elitelanes_jax import InputError, Optimizer, RoadMap, ea, evolve, measure, repair, rotate
+from elitelanes_jax import InputError, Optimizer, RoadMap, ea, evolve, fitness, measure, random_grids, repair, rotate
 from elitelanes_jax.drive import RoadNav, RoadNavParams, make_levels
 from elitelanes_jax.drive._batch import SAME_STEP, Batch
 from elitelanes_jax.network import measure_town
@@ -105,6 +105,17 @@ def test_arrays_of_numpy_and_numbers_may_be_arguments_where_transfers_are_forbid
         together.reset([1, 2])
         together.step([0, 1])
         assert len(together.states("render")) == 2
+
+
+def test_a_fitness_is_the_same_with_64_bits_and_strict_promotion_together():
+    def compute(key):
+        grids = jax.vmap(repair)(random_grids(key, 8, (5, 6)))
+        return fitness(jax.vmap(measure)(grids))
+
+    key = seed_keys(0, 1)[0]
+    expected = jax.jit(compute)(key)
+    with settings(**STRICT, jax_enable_x64=True):
+        chex.assert_trees_all_equal(jax.jit(compute)(key), expected)
 
 
 def draw(grid):

@@ -182,7 +182,7 @@ WRONG = {
     "map: expected one map, got 2": lambda: to_dt_maps([GRID, GRID]),
     "to: expected one of duckietown, dt-maps, duckiematrix, sumo": lambda: PackSpec(to=3),
     "furnish: 3: expected one of objects, signs, lights": lambda: furnish(GRID, {3: 3}),
-    "town.json: expected a readable JSON file": lambda: furnish("town.json"),
+    "town.json: no such file or directory": lambda: furnish("town.json"),
     "grid: expected rows of one length": lambda: canonical_form([[6, 3], [12]]),
     "size: expected a whole number, 1 or more, got 0": lambda: scale_tiles(load_tiles(), 0),
     "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got float64 [4, 4, 3]": lambda: write_png(
@@ -291,7 +291,7 @@ WRONG = {
     ),
     "search: expected a function of task, generator, got one of ()": lambda: run_search(TASK, lambda: None, 1),
     "what: mine: expected maps, grids or files of maps, got None": lambda: collect({"mine": None}),
-    "what: mine: no-run: expected a readable": lambda: collect({"mine": "no-run"}),
+    "what: mine: no-run: no such file or directory": lambda: collect({"mine": "no-run"}),
     "colours: expected a Colour for road, red, yellow, got {'road': 1}": lambda: propose_masks(
         np.zeros((4, 4, 3), np.uint8), {"road": 1}
     ),

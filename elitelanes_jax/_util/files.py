@@ -50,6 +50,9 @@ def read_input(file: str | Path, limit: int, kind: str) -> str:
     """
     try:
         return read_text(file, limit)
+    except FileNotFoundError:
+        # The name may be meant for a folder.
+        raise InputError(f"{file}: no such file or directory") from None
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
         raise InputError(f"{file}: expected a readable {kind} file, got: {why}") from None

@@ -73,7 +73,13 @@ def write_card(
         "",
         "Lines cover the road. Pixels beyond a map, and above the horizon, are background.",
     ]
-    lines += ["", "## Loading it", "", "```python", loading, "```"]
+    lines += [
+        "",
+        "## Loading it",
+        "",
+        "`DIR` stands for the path of this folder: replace it in the programs.",
+    ]
+    lines += ["", "```python", loading, "```"]
     lines += ["", "As NumPy arrays:", "", "```python", arrays, "```", ""]
     lines.append(
         "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, the tile picture of "

@@ -200,9 +200,11 @@ def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Ar
             words.append([(name, 0, bits)])
     sums = {}
     for word in words:
-        total = jnp.sum(
-            sum((terms[name][0].astype(jnp.uint32) << low for name, low, _ in word), jnp.uint32(0))
+        packed = sum(
+            (terms[name][0].astype(jnp.uint32) << low for name, low, _ in word), jnp.uint32(0)
         )
+        # With 64-bit types, a sum without a type is a uint64.
+        total = jnp.sum(packed, dtype=jnp.uint32)
         for name, low, bits in word:
             sums[name] = (total >> low & np.uint32(2**bits - 1)).astype(jnp.int32)
     return sums

@@ -51,7 +51,7 @@ def test_maps_are_taken_in_every_form(name, file):
         ([3], "map 0: grid: expected two dimensions"),
         ([CODES, [[16]]], "map 1: grid: expected tile codes 0 to 15, got 16"),
         ([CODES, [[6, 3], [12]]], "map 1: grid: expected rows of one length"),
-        ("none.json", "none.json: expected a readable JSON file, got: No such file"),
+        ("none.json", "none.json: no such file"),
         ({"codes": CODES}, "none|codes"),
     ],
 )
