@@ -340,6 +340,8 @@ WRONG = {
     "feature_names: expected each name once, got a 2 times": lambda: Problem(
         (4, 4), road_problem((4, 4)).evaluate, ("a", "a")
     ),
+    "fill: expected True or False, got 3": lambda: Problem((4, 4), lambda grids: grids, fill=3),
+    "features: expected a name, got ''": lambda: road_problem((4, 4), features={"": lambda grid: grid[0, 0]}),
     "fixed: expected bool [4, 4], got": lambda: Problem(
         (4, 4), road_problem((4, 4)).evaluate, fixed=np.zeros((3, 4), bool)
     ),
