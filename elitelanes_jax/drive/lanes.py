@@ -73,12 +73,12 @@ def single(kind: type) -> Check:
 
     def check(value: UserValue) -> UserValue:
         fields = instance(kind)(value)
-        if not all(is_real(field) or hasattr(field, "dtype") for field in fields):
-            raise InputError(f"expected {kind.__name__} of numbers, got {shorten(repr(value))}")
         if any(map(np.ndim, fields)):
             raise InputError(
                 f"expected one {kind.__name__}; jax.vmap takes several; got {shorten(repr(value))}"
             )
+        if not all(is_real(field) or hasattr(field, "dtype") for field in fields):
+            raise InputError(f"expected {kind.__name__} of numbers, got {shorten(repr(value))}")
         return value
 
     return check
