@@ -241,7 +241,7 @@ WRONG = {
     "bits: expected a whole number, 0 or more, got -1": lambda: Move(-1, print),
     "niche: expected 2 indices, one for each grid, got [3]": lambda: insert(POPULATION, np.zeros(3, int), POPULATION),
     "populations: expected at least one, got none": lambda: truncate(count=3),
-    "pose: expected Pose, got Pose(x='a', y=0, theta=0)": lambda: lane_pose(GRID, Pose("a", 0, 0)),
+    "pose: expected Pose of numbers, got Pose(x='a', y=0, theta=0)": lambda: lane_pose(GRID, Pose("a", 0, 0)),
     "scale: expected a number over 0, up to 100, got -1": lambda: write_text(
         np.zeros((9, 9, 3), np.uint8), "text", (0, 0), -1, (0, 0, 0)
     ),
@@ -279,7 +279,7 @@ WRONG = {
     "goal: expected one LaneNode; jax.vmap takes several; got": lambda: distances(
         GRID, LaneNode(*np.zeros((3, 2), int))
     ),
-    "windows: expected one of levels, limit": lambda: make("RoadNav", "no-map.json", windows=5),
+    "windows: expected one of limit": lambda: make("RoadNav", "no-map.json", windows=5),
     "moves: expected mine to return int8 and bool (4, 4), got [((4, 4)": lambda: evolve(
         0, (4, 4), moves={"mine": (1, Move(1, lambda bits, grid, mate: grid))}
     ),
@@ -340,6 +340,8 @@ WRONG = {
     "feature_names: expected each name once, got a 2 times": lambda: Problem(
         (4, 4), road_problem((4, 4)).evaluate, ("a", "a")
     ),
+    "fill: expected True or False, got 3": lambda: Problem((4, 4), lambda grids: grids, fill=3),
+    "features: expected a name, got ''": lambda: road_problem((4, 4), features={"": lambda grid: grid[0, 0]}),
     "fixed: expected bool [4, 4], got": lambda: Problem(
         (4, 4), road_problem((4, 4)).evaluate, fixed=np.zeros((3, 4), bool)
     ),

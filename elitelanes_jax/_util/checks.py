@@ -38,6 +38,26 @@ def is_real(value: UserValue) -> bool:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
+def clip_to_int32(value: UserValue) -> UserValue:
+    """Returns a whole number clipped to 32 bits; anything else unchanged.
+
+    JAX drops the upper bits of a larger number of NumPy, so that 2**32 becomes 0. For one of Python it raises
+    `OverflowError`.
+    """
+    is_scalar = isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iu"
+    if not is_scalar and not is_whole(value):
+        return value
+    clipped = min(max(int(value), -_LARGEST_INT32 - 1), _LARGEST_INT32)
+    return value if clipped == value else clipped
+
+
+def unmasked(value: UserValue) -> UserValue:
+    """Checks that an array has no masked numbers, because `numpy.asarray` shows what the mask hides."""
+    if np.ma.is_masked(value):
+        raise InputError("expected a number at each index, got a masked array")
+    return value
+
+
 def whole(least: int, most: int = _LARGEST_INT32) -> Check:
     """Makes a check for a whole number from `least` to `most`."""
 

@@ -12,6 +12,7 @@ from elitelanes_jax._util.checks import (
     check_unique,
     function_of,
     is_whole,
+    unmasked,
     whole,
 )
 from elitelanes_jax._util.errors import InputError, shorten
@@ -137,6 +138,7 @@ class _Archive:
 
 
 def _check(task: Task, batch: UserValue) -> Int8[np.ndarray, "B H W"]:
+    check_named("search", unmasked, batch)
     try:
         codes = np.asarray(batch)
     except ValueError as error:

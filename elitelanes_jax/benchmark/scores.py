@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.checks import check_named, instance, unmasked
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.benchmark.tasks import Task
 from elitelanes_jax.problem.archive import VACANT, coverage
 
@@ -42,7 +42,7 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     fitness below the proven optimum of its niche.
     """
     check_named("task", instance(Task), task)
-    best = np.asarray(best)
+    best = np.asarray(check_named("best", unmasked, best))
     if best.ndim < 2 or best.shape[-1] != len(task.optimum):
         raise InputError(
             f"best: expected shape [..., {len(task.optimum)}] for {task.name}, got {list(best.shape)}"
@@ -87,9 +87,12 @@ def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``; equal values give equal limits.
 
     Runs with NaN are ignored. If all runs are NaN, both limits are NaN. Raises `InputError` for
-    another shape.
+    another shape, and for anything but finite numbers and NaN.
     """
-    values = np.atleast_1d(np.asarray(values, float))
+    values = np.atleast_1d(np.asarray(check_named("values", unmasked, values)))
+    if values.dtype.kind not in "biuf" or np.isinf(values).any():
+        raise InputError(f"values: expected finite scores or NaN, got {shorten(repr(values))}")
+    values = values.astype(float)
     if values.ndim != 1:
         raise InputError(
             f"values: expected one score for each run, shape [R], got shape {list(values.shape)}"

@@ -11,7 +11,7 @@ from jaxtyping import Int8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, file_named, instance
+from elitelanes_jax._util.checks import check_named, file_named, instance, unmasked
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import unpack
@@ -81,6 +81,7 @@ def read_submission(file: str | Path) -> Submission:
 def _check_fields(submission: UserValue) -> None:
     check_named("submission", instance(Submission), submission)
     check_named("submission: task", instance(Task), submission.task)
+    check_named("submission: grids", unmasked, submission.grids)
 
 
 def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) -> None:

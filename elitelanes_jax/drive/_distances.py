@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import check_named, clip_to_int32
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive.lanes import single
 from elitelanes_jax.lanes.links import linked_codes
@@ -52,7 +52,8 @@ def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 
     Raises:
       InputError: for a bad grid, or a goal that is no `LaneNode`.
     """
-    return _distances(check_grid(grid), check_named("goal", single(LaneNode), goal))
+    node = LaneNode(*map(clip_to_int32, check_named("goal", single(LaneNode), goal)))
+    return _distances(check_grid(grid), node)
 
 
 @jax.jit

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, clip_to_int32, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
@@ -64,7 +64,7 @@ def random_level(
     Raises:
       InputError: for a bad grid.
     """
-    return _random_level(key, check_grid(grid), least, most)
+    return _random_level(key, check_grid(grid), clip_to_int32(least), clip_to_int32(most))
 
 
 @divide_batches

@@ -1,7 +1,9 @@
 """RoadNav: from tile to tile across a map, choosing right, straight or left at crossings."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import wraps
+from typing import NamedTuple, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +11,15 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Int32, Key
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, flag, instance, one_of, real, whole
+from elitelanes_jax._util.checks import (
+    check_named,
+    clip_to_int32,
+    flag,
+    instance,
+    one_of,
+    real,
+    whole,
+)
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, option
@@ -21,6 +31,9 @@ from elitelanes_jax.drive.lanes import TURN_TAKEN
 from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.sharding import divide_batches
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def _check_window(value: UserValue) -> int:
@@ -137,8 +150,21 @@ def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservati
     return _reset_to_level(key, draw_level(key, params.levels), params)
 
 
+def _clip_action(step: Callable[P, R]) -> Callable[P, R]:
+    """Clips the action of a compiled step before JAX converts it to 32 bits."""
+
+    @wraps(step)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        clipped = [clip_to_int32(argument) for argument in args]
+        named = {name: clip_to_int32(argument) for name, argument in kwargs.items()}
+        return step(*clipped, **named)
+
+    return call
+
+
 @name_wrong_arguments
 @runs_jax
+@_clip_action
 @jax.jit
 @divide_batches
 def _step(

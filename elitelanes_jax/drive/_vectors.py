@@ -74,9 +74,10 @@ def gymnasium_vector_env(
             chosen, seeds = _check_mask(options, batch.envs), seed
             if is_whole(seed):
                 first = int(seed)  # a small number of NumPy would overflow
-                super().reset(seed=first)
                 seeds = range(first, first + batch.envs)
             observation = self._batch.reset(seeds, chosen)
+            if is_whole(seed):
+                super().reset(seed=first)
             self._over = self._over & ~chosen
             return observation, {}
 

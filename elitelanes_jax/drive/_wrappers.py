@@ -55,7 +55,7 @@ def make(
       InputError: for another name, and as `make_levels` and the parameters do.
     """
     environment, params = _ENVIRONMENTS[check_named("name", one_of(*_ENVIRONMENTS), name)]
-    check_names(settings, params.options())
+    check_names(settings, [option for option in params.options() if option != "levels"])
     key = seed_key(check_named("seed", SEED, seed))
     return environment, params(make_levels(key, maps, count), **settings)
 

@@ -20,7 +20,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Key
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import Check, check_named, instance
+from elitelanes_jax._util.checks import Check, check_named, instance, is_real
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, UserValue
@@ -72,10 +72,13 @@ def single(kind: type) -> Check:
     """Makes a check for one `Pose` or `LaneNode`, whose fields are numbers."""
 
     def check(value: UserValue) -> UserValue:
-        if any(map(np.ndim, instance(kind)(value))):
+        fields = instance(kind)(value)
+        if any(map(np.ndim, fields)):
             raise InputError(
                 f"expected one {kind.__name__}; jax.vmap takes several; got {shorten(repr(value))}"
             )
+        if not all(is_real(field) or hasattr(field, "dtype") for field in fields):
+            raise InputError(f"expected {kind.__name__} of numbers, got {shorten(repr(value))}")
         return value
 
     return check

@@ -17,6 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
@@ -44,6 +45,7 @@ class Collapsed(NamedTuple):
     solvable: bool
 
 
+@name_wrong_arguments
 def generate_batch(
     rng: np.random.Generator,
     n: int,

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
-from elitelanes_jax._util.checks import check_unique
+from elitelanes_jax._util.checks import check_named, check_unique
 from elitelanes_jax._util.checks import name as check_name
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import AnyArray, UserValue
@@ -131,7 +131,8 @@ def check_features(features: UserValue) -> tuple[str, ...]:
     """Checks the names of the user's own features, which no other feature may have."""
     if isinstance(features, str) or not isinstance(features, Iterable):
         raise InputError(f"features: expected names, got {shorten(repr(features))}")
-    names = check_unique("features", "name", map(check_name, features))
+    listed = [check_named("features", check_name, name) for name in features]
+    names = check_unique("features", "name", listed)
     taken = {*FEATURES, *TOWN_FEATURES, "constant"}
     for name in names:
         if not name.isidentifier() or name in taken:

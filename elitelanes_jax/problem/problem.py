@@ -15,6 +15,7 @@ from numpy.typing import DTypeLike
 from elitelanes_jax._util.checks import (
     check_named,
     check_unique,
+    flag,
     function,
     function_of,
     listed,
@@ -99,6 +100,7 @@ class Problem:
         check_named("repair", none_or(function_of("grid", "dirty", raster=False)), self.repair)
         check_named("repair", none_or(function_of("grid", raster=False)), self.repair)
         check_named("initial", none_or(_check_initial), self.initial, shape)
+        check_named("fill", flag, self.fill)
         if self.fixed is not None and np.shape(self.fixed) != shape:
             height, width = shape
             got = shorten(repr(self.fixed))

@@ -344,3 +344,29 @@ def test_grids_that_do_not_fit_the_task_get_no_score(change, words):
     grids = np.asarray(perfect().grids, int)
     with pytest.raises(InputError, match=f"^submission: {words}"):
         score_submission(perfect()._replace(grids=change(grids)))
+
+
+def masked(values):
+    """Returns an array whose first number is masked."""
+    array = np.ma.array(values)
+    array[(0,) * array.ndim] = np.ma.masked
+    return array
+
+
+def test_masked_numbers_are_refused():
+    with pytest.raises(InputError, match="^best: expected a number at each index, got a masked array"):
+        compute_scores(TASK, masked(np.zeros((2, len(TASK.optimum)))))
+    with pytest.raises(InputError, match="^values: expected a number at each index, got a masked array"):
+        confidence_interval(masked([1.0, 0.5]))
+    hidden = perfect()._replace(grids=masked(perfect().grids))
+    for use in (score_submission, grade_submission, lambda submission: write_submission("hidden.npz", submission)):
+        with pytest.raises(InputError, match="^submission: grids: expected a number at each index, got a masked"):
+            use(hidden)
+    with pytest.raises(InputError, match="^search: expected a number at each index, got a masked array"):
+        run(TASK, lambda task, rng: iter_once(masked(task.witnesses)), 1)
+
+
+@pytest.mark.parametrize("values", [None, [0.5, None], [0.5, np.inf], [-np.inf], "0.5"])
+def test_a_score_is_a_finite_number_or_nan(any_types, values):
+    with pytest.raises(InputError, match="^values: expected "):
+        confidence_interval(values)

@@ -111,3 +111,16 @@ def test_one_program_serves_all_grids_and_alone_is_as_in_a_batch():
 def test_a_wrong_grid_is_refused():
     with pytest.raises(InputError, match="grid: expected tile codes 0 to 15, got -1"):
         distances(np.full((3, 3), -1), LaneNode(0, 0, 0))
+
+
+@pytest.mark.parametrize("row", [2**32, -(2**32), 2**70, np.int64(2**32), np.array(2**32), np.uint64(2**63)])
+def test_no_grid_has_a_node_whose_row_needs_more_than_32_bits(row):
+    grid = np.array([[6, 7, 3], [12, 13, 9]])
+    assert (distances(grid, LaneNode(0, 1, 1)) < UNREACHABLE).any()
+    assert (distances(grid, LaneNode(row, 1, 1)) == UNREACHABLE).all()
+
+
+@pytest.mark.parametrize("row", ["0", None, True])
+def test_a_node_of_anything_but_numbers_is_refused(any_types, row):
+    with pytest.raises(InputError, match="^goal: expected LaneNode of numbers, got LaneNode"):
+        distances(np.array([[6, 3], [12, 9]]), LaneNode(row, 0, 0))

@@ -9,7 +9,7 @@ import pytest
 from driving_oracle import drawn_maps, lane_graph, pick
 
 from elitelanes_jax import InputError
-from elitelanes_jax.drive import UNREACHABLE, make_levels
+from elitelanes_jax.drive import UNREACHABLE, make, make_levels, random_level
 from elitelanes_jax.drive._distances import shortest_ways
 
 SHAPE = (4, 5)
@@ -65,3 +65,15 @@ def test_what_is_wrong_is_named(maps, any_types):
     for words, fault in faults.items():
         with pytest.raises(InputError, match=re.escape(words)):
             fault()
+
+
+@pytest.mark.parametrize("most", [2**40, np.int64(2**40), np.array(2**40)])
+def test_a_distance_of_more_than_32_bits_is_the_largest(maps, most):
+    level = random_level(jax.random.key(0), maps[0], least=most, most=most)
+    expected = random_level(jax.random.key(0), maps[0], least=2**31 - 1, most=2**31 - 1)
+    assert level.shortest == expected.shortest > 1
+
+
+def test_make_takes_maps_in_place_of_levels(maps):
+    with pytest.raises(InputError, match="^levels: expected one of limit, "):
+        make("RoadNav", maps, levels=make_levels(jax.random.key(0), maps))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from driving_oracle import BITS, drawn_maps, lane_graph, turned
 
-from elitelanes_jax.drive import RoadNav, RoadNavParams, make_levels
+from elitelanes_jax.drive import LaneNode, RoadNav, RoadNavParams, auto_reset, make_levels
 from elitelanes_jax.network.codes import rotate_codes
 
 SHAPE, COUNT, LIMIT = (4, 5), 24, 12
@@ -89,3 +89,21 @@ def test_what_is_not_asked_for_is_not_observed(params):
     everything = {"ways": (3,), "whole_map": SHAPE, "here": (3,)}
     assert shapes(window=0, goal="none", whole_map=True) == everything
     assert shapes(window=0, goal="mark", whole_map=True) == everything | {"there": (3,)}
+
+
+@pytest.mark.parametrize(
+    ("action", "turn"),
+    [(2**40, 2), (-(2**40), 0), (np.int64(2**40 + 1), 2), (np.array(-(2**40) + 2), 0), (np.uint64(2**63), 2)],
+)
+def test_an_action_of_more_than_32_bits_is_clipped(params, action, turn):
+    crossing = np.pad(np.array([[0, 2, 0], [4, 15, 1], [0, 8, 0]], np.int8), [(0, 1), (0, 2)])
+    _, state = RoadNav.reset(jax.random.key(0), params)
+    state = state._replace(grid=crossing, node=LaneNode(*np.array([1, 1, 0], np.int32)))
+    expected = RoadNav.step(jax.random.key(0), state, turn, params)
+    for transition in (
+        RoadNav.step(jax.random.key(0), state, action, params),
+        RoadNav.step(jax.random.key(0), state, action=action, params=params),
+        auto_reset(RoadNav).step(jax.random.key(0), state, action, params),
+    ):
+        np.testing.assert_array_equal(transition.reached.ways, expected.reached.ways)
+        np.testing.assert_array_equal(transition.reached.here, expected.reached.here)

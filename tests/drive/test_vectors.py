@@ -205,6 +205,8 @@ def test_a_seed_may_be_a_small_number_of_numpy():
     np.testing.assert_array_equal(alone.reset(seed=np.uint8(254))[0], expected[0])
     with pytest.raises(InputError, match="seed: expected a whole number"):
         alone.reset(seed=-1)
+    with pytest.raises(InputError, match="seed: expected a whole number"):
+        vector.reset(seed=-1)
 
 
 def test_what_gymnasium_does_not_take_is_named():

@@ -190,6 +190,7 @@ def test_the_papers_figures():
         ({"attempts": 0}, "attempts: expected a whole number, 1 or more, got 0"),
         ({"n": 0}, "n: expected a whole number, 1 or more, got 0"),
         ({"rng": 3}, "rng: expected a numpy.random.Generator, got int"),
+        ({"crossing_ban": "no"}, "crossing_ban: expected True or False, got 'no'"),
     ],
 )
 def test_bad_arguments_are_named(any_types, change, message):
