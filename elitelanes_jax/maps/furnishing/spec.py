@@ -37,7 +37,8 @@ class FurnishSpec(Record):
 
     An amount below 1 is a share of the cells without road: as many objects are placed, or as many
     as fit. A whole number, from 1, is a number of objects; if they do not all fit, an error says
-    so. All objects but those in lanes are on cells without road, and no two objects overlap.
+    so. All placed objects but those in lanes are on cells without road, and none overlaps another
+    one. Objects of your own may overlap each other.
 
     Attributes:
       objects: objects of your own, which are placed first and as they are; see `MapObject`
