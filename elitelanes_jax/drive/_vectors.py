@@ -33,8 +33,8 @@ def gymnasium_vector_env(
     """Makes a `VectorEnv` of Gymnasium 1.1 or later, for programs without JAX: its arrays are NumPy's.
 
     It does what Gymnasium's `SyncVectorEnv` of `envs` environments of `gymnasium_env` does, with
-    the same results, except that rewards are float32. Its attribute `next_observations` has the observations after the last actions,
-    before any reset in the same step.
+    the same results, except that rewards are float32. Its attribute `next_observations` has the
+    observations after the last actions, before any reset in the same step.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
