@@ -41,8 +41,8 @@ def is_real(value: UserValue) -> bool:
 def clip_to_int32(value: UserValue) -> UserValue:
     """Returns a whole number clipped to 32 bits; anything else unchanged.
 
-    JAX drops the upper bits of a larger number of NumPy, so that 2**32 becomes 0. For one of Python it raises
-    `OverflowError`.
+    JAX drops the upper bits of a larger number of NumPy, so that 2**32 becomes 0. For one of Python
+    it raises `OverflowError`.
     """
     is_scalar = isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iu"
     if not is_scalar and not is_whole(value):

@@ -4,7 +4,7 @@ import re
 import reprlib
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 from elitelanes_jax._util.types import UserValue
@@ -55,6 +55,12 @@ def suggest(name: UserValue, known: Iterable[str]) -> str:
 def pluralize(count: int, noun: str) -> str:
     """Returns a count with its noun: 1 map, 2 maps."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def list_some(names: Sequence[str], most: int, separator: str = ", ") -> str:
+    """Returns the first names, at most so many, and how many more there are."""
+    words = separator.join(names[:most])
+    return words if len(names) <= most else f"{words} and {len(names) - most} more"
 
 
 def reason(error: OSError) -> str:

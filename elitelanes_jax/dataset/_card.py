@@ -39,10 +39,10 @@ turned to the left of the lane. `curvature` is the lane's curvature to the left,
 `movement`, which was drawn at random: the row and the column of a tile, the heading with which it is entered (0 north,
 1 east, 2 south, 3 west), and the turn (0 right, 1 straight, 2 left). On a crossing, several movements pass the same
 position, and no picture shows which one was drawn. `nearest` has `d`, `phi` and `curvature` of the nearest lane that
-leads less than a quarter turn away from the robot's direction. It depends on the pose alone. Train on `nearest`, unless
-the network also receives the turn. `pose` is the robot's position on the map, `x` east and `y` south in tiles, and
-`theta`, counter-clockwise from east. `camera` has the camera's height and its distance ahead of the robot's middle in
-metres, and its angles in degrees. `transform.matrix` maps points behind the camera to a third coordinate of 0 or
+leads less than a quarter turn away from the robot's direction. They depend on the pose alone. Train on `nearest`,
+unless the network also receives the turn. `pose` is the robot's position on the map, `x` east and `y` south in tiles,
+and `theta`, counter-clockwise from east. `camera` has the camera's height and its distance ahead of the robot's middle
+in metres, and its angles in degrees. `transform.matrix` maps points behind the camera to a third coordinate of 0 or
 less."""
 
 _OBJECTS = """
@@ -73,12 +73,7 @@ def write_card(
         "",
         "Lines cover the road. Pixels beyond a map, and above the horizon, are background.",
     ]
-    lines += [
-        "",
-        "## Loading it",
-        "",
-        "`DIR` stands for the path of this folder: replace it in the programs.",
-    ]
+    lines += ["", "## Loading it", "", "Replace `DIR` in the programs by the path of this folder."]
     lines += ["", "```python", loading, "```"]
     lines += ["", "As NumPy arrays:", "", "```python", arrays, "```", ""]
     lines.append(

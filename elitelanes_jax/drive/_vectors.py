@@ -71,13 +71,13 @@ def gymnasium_vector_env(
         def reset(
             self, *, seed: UserValue = None, options: UserValue = None
         ) -> tuple[np.ndarray, dict[str, Untyped]]:
-            chosen, seeds = _check_mask(options, batch.envs), seed
+            chosen = _check_mask(options, batch.envs)
             if is_whole(seed):
                 first = int(seed)  # a small number of NumPy would overflow
-                seeds = range(first, first + batch.envs)
-            observation = self._batch.reset(seeds, chosen)
-            if is_whole(seed):
+                observation = self._batch.reset(range(first, first + batch.envs), chosen)
                 super().reset(seed=first)
+            else:
+                observation = self._batch.reset(seed, chosen)
             self._over = self._over & ~chosen
             return observation, {}
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, real
-from elitelanes_jax._util.errors import InputError, brief, shorten
+from elitelanes_jax._util.errors import InputError, brief, list_some, shorten
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import read_objects, write_objects
 from elitelanes_jax.formats._yaml_tree import yaml_tree
@@ -127,9 +127,8 @@ def check_roads(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
     grid = np.asarray(check_grid(codes))
     dead_ends = np.argwhere(CONNECTIONS[grid] == 1).tolist()
     if dead_ends:
-        cells = "; ".join(f"row {row}, column {column}" for row, column in dead_ends[:8])
-        if len(dead_ends) > 8:
-            cells += f" and {len(dead_ends) - 8} more"
+        places = [f"row {row}, column {column}" for row, column in dead_ends]
+        cells = list_some(places, 8, "; ")
         expected = "grid: expected tiles with two or more connections, as in Duckietown"
         hint = "dead_ends='grass' or without_dead_ends removes these roads"
         raise InputError(f"{expected}, got dead ends at {cells}; {hint}")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError, pluralize
+from elitelanes_jax._util.errors import InputError, list_some, pluralize
 from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.progress import announce, announce_at_end
 from elitelanes_jax._util.types import UserValue
@@ -146,6 +146,13 @@ def _may_be_map(entry: Path) -> bool:
     return entry.suffix.lower() in (".json", ".yaml", ".yml") or is_layers(entry)
 
 
+def _may_have_maps(entry: Path) -> bool:
+    try:
+        return _may_be_map(entry) or (entry.is_dir() and any(map(_may_be_map, entry.iterdir())))
+    except PermissionError:
+        return False
+
+
 def _announce_unread(source: Path, files: list[Path]) -> None:
     """Says which entries of a folder may have maps too, and were not read."""
     read = {*files}.union(*(file.parents for file in files))
@@ -154,12 +161,10 @@ def _announce_unread(source: Path, files: list[Path]) -> None:
         # Editors and version control keep JSON in hidden folders.
         if entry in read or entry.name.startswith("."):
             continue
-        if _may_be_map(entry) or (entry.is_dir() and any(map(_may_be_map, entry.iterdir()))):
+        if _may_have_maps(entry):
             unread.append(entry.name)
     if unread:
-        words = ", ".join(unread[:5])
-        if len(unread) > 5:
-            words += f" and {len(unread) - 5} more"
+        words = list_some(unread, 5)
         announce_at_end(str(source), f"not read: {words}; name each, to use its maps too")
 
 
@@ -168,11 +173,11 @@ def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
 
     Further views of a map repeat its codes, and are left out.
     """
-    by_number: dict[int, tuple[str, RoadMap]] = {}
     if (folder / "part.jsonl").exists():
         raise InputError(
             f"{folder}: expected a whole dataset, got a part; elitelanes merge joins the parts"
         )
+    by_number: dict[int, tuple[str, RoadMap]] = {}
     for file in sorted(folder.rglob("*.jsonl")):
         for line in read_text(file, 1024 * MIB).splitlines():
             try:

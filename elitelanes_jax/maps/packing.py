@@ -93,11 +93,12 @@ def pack(
         out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True
     ) as work:
         write_json(work.kept / "maps.json", [town.id for town in towns])
-        rows = []
+        rows, written = [], []
         with Progress("packing", len(towns), "maps") as bar:
             for number, town in enumerate(towns):
                 try:
-                    rows.append(_write(spec, town, work.files, settings))
+                    written.append(without_ends(town.road_map, spec.formats.dead_ends))
+                    rows.append(_write(spec, town, written[-1], work.files, settings))
                 except InputError as error:
                     (work.kept / "maps.json").unlink()  # nothing is left to resume
                     raise InputError(f"niche {town.niche}, {maps.names[number]}: {error}") from None
@@ -118,30 +119,30 @@ def pack(
         )
         write_sums(work.files)
     maps.announce_left_out()
-    _announce_limits(spec, towns)
-    _warn_of_removed_roads(spec, towns, maps.names)
+    _announce_limits(spec, written)
+    _warn_of_removed_roads(towns, written, maps.names)
     return about
 
 
-def _announce_limits(spec: PackSpec, towns: Sequence[_Town]) -> None:
+def _announce_limits(spec: PackSpec, written: Sequence[RoadMap]) -> None:
     """Says for each format how many maps have a part that its programs cannot use, and which part the first one has."""
-    written = [without_ends(town.road_map, spec.formats.dead_ends) for town in towns]
     for to in spec.to:
         limits = []
         for road_map in written:
             limits += FORMATS[to].limits(road_map)[:1]
         if limits:
             announce_at_end(
-                to, f"{len(limits)} of {pluralize(len(towns), 'map')}, the first: {limits[0]}"
+                to, f"{len(limits)} of {pluralize(len(written), 'map')}, the first: {limits[0]}"
             )
 
 
-def _warn_of_removed_roads(spec: PackSpec, towns: Sequence[_Town], names: Sequence[str]) -> None:
+def _warn_of_removed_roads(
+    towns: Sequence[_Town], written: Sequence[RoadMap], names: Sequence[str]
+) -> None:
     """Says which signs do not fit the crossings after the removal of roads that lead nowhere."""
-    for town, name in zip(towns, names, strict=True):
-        written = without_ends(town.road_map, spec.formats.dead_ends)
-        if not np.array_equal(written.codes, town.road_map.codes):
-            warn_of_faults(name, written)
+    for town, road_map, name in zip(towns, written, names, strict=True):
+        if not np.array_equal(road_map.codes, town.road_map.codes):
+            warn_of_faults(name, road_map)
 
 
 def _settings_of(to: str, settings: Mapping[str, UserValue]) -> dict[str, UserValue]:
@@ -206,15 +207,16 @@ def _shuffle_groups(seed: int, groups: Sequence[int], niches: Sequence[str]) -> 
 
 
 def _write(
-    spec: PackSpec, town: _Town, folder: Path, settings: Mapping[str, UserValue]
+    spec: PackSpec, town: _Town, written: RoadMap, folder: Path, settings: Mapping[str, UserValue]
 ) -> dict[str, Plain]:
     """Writes the files of a map that are not there yet; returns its row of the table.
 
-    `settings` are those of all formats, with their tile set.
+    `written` is the map as formats without dead ends have it. `settings` are those of all formats,
+    with their tile set.
     """
     graph = lane_graph(town.road_map.codes)
-    # Formats without dead ends lack roads, so a trip may not lead there.
-    driven = lane_graph(without_ends(town.road_map, spec.formats.dead_ends).codes)
+    # A trip may not lead to a road that the formats lack.
+    driven = graph if written is town.road_map else lane_graph(written.codes)
     trips = _trips(spec, town, driven, lane_offset_of(settings.get("tiles")))
     for to in spec.to:
         place = folder / to / town.niche

@@ -7,7 +7,7 @@ import numpy as np
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, none_or, path, paths, real
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, list_some
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import first_difference, has_unfinished, output_folder
 from elitelanes_jax._util.packages import installed_versions
@@ -138,10 +138,7 @@ def order_parts(
         by_index[index] = folder
     missing = [f"{index}/{count}" for index in range(1, count + 1) if index not in by_index]
     if missing:
-        words = ", ".join(missing[:5])
-        if len(missing) > 5:
-            words += f" and {len(missing) - 5} more"
-        raise InputError(f"parts: expected all {count} parts, got all but {words}")
+        raise InputError(f"parts: expected all {count} parts, got all but {list_some(missing, 5)}")
     return [by_index[index] for index in range(1, count + 1)]
 
 

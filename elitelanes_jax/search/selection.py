@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple, TypeAlias
 
 import jax
@@ -30,9 +31,9 @@ The first share applies until there are no more such maps, then the next one.
 """
 
 _Grids: TypeAlias = NDArray[np.int8]
-_Round: TypeAlias = Callable[[NDArray[np.float64], float, int], Iterator[int]]
-"""Takes the maps' differences from all chosen maps, the least difference and the largest number of maps, and yields the
-indices of the next maps to choose. The differences change after each map."""
+_Round: TypeAlias = Callable[[NDArray[np.float64], float], Iterator[int]]
+"""Takes the maps' differences from all chosen maps and the least difference, and yields the indices of the next maps to
+choose. The differences change after each map."""
 
 
 class Choice(NamedTuple):
@@ -272,7 +273,7 @@ def _choose(
     difference = roads.least_differences(before, largest)
     for share in shares:
         while len(chosen) < count and (difference >= share).any():
-            for index in order(difference, share, count - len(chosen)):
+            for index in islice(order(difference, share), count - len(chosen)):
                 chosen.append(index)
                 np.minimum(difference, roads.differences(grids[index], largest), out=difference)
                 difference[index] = -1
@@ -288,13 +289,12 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
     """
     maps_of: Counter[int] = Counter()  # the maps that each seed has given
 
-    def order(difference: NDArray[np.float64], share: float, count: int) -> Iterator[int]:
+    def order(difference: NDArray[np.float64], share: float) -> Iterator[int]:
         waiting: dict[bytes, list[int]] = {}
         for index in np.flatnonzero(difference >= share).tolist():
             waiting.setdefault(points[index].tobytes(), []).append(index)
         lists = list(waiting.values())
         first = [indices[0] for indices in lists]
-        remaining = count
         for point in _farthest(points[first]):
             different = [index for index in lists[point] if difference[index] >= share]
             # A point whose maps are like those chosen in this round yields none. The next point takes
@@ -303,9 +303,6 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
                 index = min(different, key=lambda index: (maps_of[int(seeds[index])], index))
                 maps_of[int(seeds[index])] += 1
                 yield index
-                remaining -= 1
-                if remaining == 0:
-                    return
 
     return order
 
@@ -313,7 +310,7 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
 def _follow(pursuit: SupportPoints, group: NDArray[np.int_]) -> _Round:
     """Orders the maps of a group by the targets; among equal ones the first comes first."""
 
-    def order(difference: NDArray[np.float64], share: float, _: int) -> Iterator[int]:
+    def order(difference: NDArray[np.float64], share: float) -> Iterator[int]:
         index = int(np.argmin(np.where(difference >= share, pursuit.losses()[group], np.inf)))
         pursuit.choose(int(group[index]))
         yield index

@@ -190,18 +190,21 @@ def size_of(picture: np.ndarray) -> str:
 
 
 def decode_png(content: bytes) -> NDArray | None:
-    """Decodes a PNG file as it is, without turning it upright; None if it cannot be read.
+    """Decodes a PNG file. The picture is not turned, even if the file says that the camera was.
 
-    Returns uint8 or uint16 ``[H, W, 4]``, BGR and opacity, if the file has transparency, ``[H, W]``
-    if it is grey, otherwise ``[H, W, 3]``, BGR.
+    Returns:
+      uint8 or uint16: ``[H, W, 4]``, BGR and opacity, if the file has transparency; ``[H, W]`` if
+      it is grey; otherwise ``[H, W, 3]``, BGR. None for a file that cannot be read.
     """
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except cv2.error:
         return None
+    if picture is None or picture.ndim == 3:
+        return picture
     transparent_grey = _transparent_grey(content)
-    if picture is None or picture.ndim == 3 or transparent_grey is None:
+    if transparent_grey is None:
         return picture
     most = 65535 if picture.dtype == np.uint16 else 255
     opacity = np.where(picture == transparent_grey, 0, most).astype(picture.dtype)

@@ -221,7 +221,7 @@ def test_a_signal_after_the_work_prints_nothing():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
 def test_a_signal_that_is_lost_is_heard_when_work_counts(monkeypatch):
-    """Python drops an exception in a callback of the garbage collector, of which it would print a traceback."""
+    """Python drops an exception in a callback of the garbage collector, and would print its traceback."""
     printed = []
     monkeypatch.setattr(sys, "unraisablehook", lambda dropped: printed.append(dropped.exc_type))
 

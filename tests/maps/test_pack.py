@@ -16,7 +16,7 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import movements
 from elitelanes_jax.drive.lanes import lane_length
 from elitelanes_jax.lanes.movements import Movement, lane_graph
-from elitelanes_jax.maps import PackSpec, exporting, furnish, pack, packing
+from elitelanes_jax.maps import PackSpec, exporting, furnish, given, pack, packing
 from elitelanes_jax.maps.exporting import FormatOptions
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.maps.packing import _split, _trips
@@ -261,6 +261,21 @@ def test_what_is_not_read_in_a_folder_is_named(packed, tmp_path, capsys):
     shutil.copytree(packed, given / "packed")
     assert main(["pack", str(given), *options, str(tmp_path / "two")]) == 0
     assert f"{given}: not read: beside.json, packed; name each, to use its maps too" in capsys.readouterr().err
+
+
+def test_a_folder_that_may_not_be_read_is_no_error(tmp_path, monkeypatch):
+    (tmp_path / "town").mkdir()
+    (tmp_path / "locked").mkdir()
+    RoadMap([[6, 3], [12, 9]]).save(tmp_path / "town" / "map.json")
+    is_layers = given.is_layers
+
+    def refused(folder):
+        if folder.name == "locked":
+            raise PermissionError
+        return is_layers(folder)
+
+    monkeypatch.setattr(given, "is_layers", refused)
+    assert len(parse_given(tmp_path).maps) == 1
 
 
 def test_a_pack_is_replaced_only_by_force_and_alone(tmp_path):

@@ -216,7 +216,7 @@ def test_a_point_without_a_different_map_passes_its_turn_to_the_next_point():
     order = _spread(np.concatenate([points, points]), np.zeros(8, int))
     difference = np.concatenate([shares, shares])
     given = []
-    for index in order(difference, 0.15, 3):
+    for index in order(difference, 0.15):
         given.append(index % 4)
         difference[2::4] = 0  # the maps of the third point are like the first map
     assert given == [0, 3, 1]
