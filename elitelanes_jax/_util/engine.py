@@ -254,7 +254,8 @@ def _read(future: Untyped, index: int, count: int) -> Untyped:
             raise InputError(
                 f"executor: expected futures with the result of the submitted call, got {got}"
             )
-        if outcome.error is not None and _is_loss(outcome.error):  # Submitit raises in a job whose time is over
+        # Submitit raises in a job whose time is over.
+        if outcome.error is not None and _is_loss(outcome.error):
             raise outcome.error
     if outcome.error is not None:
         raise outcome.error
