@@ -259,6 +259,15 @@ def test_an_executor_without_futures_is_refused():
         evolve(0, (4, 4), seeds=2, spec=SEARCH, executor=executor)
 
 
+def test_a_future_without_the_result_of_its_call_is_refused():
+    future = Future()
+    future.set_result({})
+    executor = SimpleNamespace(submit=lambda *arguments: future)
+    words = "executor: expected futures with the result of the submitted call, got {}"
+    with pytest.raises(InputError, match=f"^{words}$"):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, executor=executor)
+
+
 @pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize("case", WRONG)
 def test_what_is_no_executor_is_refused(case, tmp_path):

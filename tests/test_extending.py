@@ -63,7 +63,7 @@ def rough(which):
     return search(which, fitness=roughness, generations=30)
 
 
-@methods(slow=SLOW | {("ea", "tuned"), ("map-elites", "paper"), ("pso", "paper"), ("gwo", "paper")})
+@methods(slow={*PRESETS} - {("ea", "paper")})
 def test_a_float_fitness_is_that_of_the_kernel_in_every_method(which):
     result = rough(which)
     grids, fitness = elites(result)
@@ -124,16 +124,20 @@ def test_values_out_of_range_are_refused():
         "unsigned": lambda grid: jnp.where(grid[1, 1] == 12, jnp.uint32(2**32 - 1), jnp.uint32(1)),
         "weighed": lambda grid: jnp.where(grid[1, 1] == 3, -(10**6), 3),
     }
+    odd = {"odd": lambda grid: jnp.where(grid[1, 1] == 6, 2**28 + 1, 0)}
+    grids = jax.random.randint(jax.random.key(4), (256, *SHAPE), 0, 16, jnp.int8)
     for refused, options in (
-        ((3, 6, 12), {"features": features, "weights": {"weighed": -1000}}),
+        ((3, 6, 12), {"features": features, "measured": [*features], "feature_weights": [0, 0, -1000]}),
         ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -(2**29) - 1, metrics.turns)}),
-        ((6,), {"features": {"odd": lambda grid: jnp.where(grid[1, 1] == 6, 2**28 + 1, 0)}, "weights": {"odd": 2}}),
+        ((6,), {"features": odd, "measured": ["odd"], "feature_weights": [2]}),
         ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -jnp.inf, 1.0 * metrics.turns)}),
     ):
-        result = evolve(jax.random.key(3), SHAPE, generations=5, method="ea", preset="paper", **options)
-        grids, _ = elites(result)
-        assert len(grids) and not np.isin(grids[:, 1, 1], refused).any()
-        assert result.history.refused.sum() > 0
+        valid = jax.jit(partial(score, road_problem(SHAPE, **options)))(grids).valid
+        np.testing.assert_array_equal(valid, ~np.isin(grids[:, 1, 1], refused))
+    result = search(("ea", "paper"), generations=5, features=features, weights={"weighed": -1000})
+    found, _ = elites(result)
+    assert len(found) and not np.isin(found[:, 1, 1], (3, 6, 12)).any()
+    assert result.history.refused.sum() > 0
 
 
 @pytest.mark.parametrize("large", [np.int64(2**40), np.uint64(2**63), np.array(-(2**40))])
@@ -152,7 +156,7 @@ def test_an_error_of_the_user_is_not_blamed_on_jax():
             evolve(0, SHAPE, seeds=1, generations=1, **options)
 
 
-@methods(slow=SLOW | {("ea", "tuned"), ("map-elites", "paper"), ("pso", "paper"), ("gwo", "paper")})
+@methods(slow={*PRESETS} - {("ea", "paper")})
 def test_a_search_may_refuse_all_grids(which):
     with pytest.warns(UserWarning, match="the result has no elites"):
         result = search(which, fitness=lambda grid: jnp.nan, generations=3)

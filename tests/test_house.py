@@ -130,6 +130,16 @@ def defined_privately():
 PRIVATE_NAMES = {name for name in defined_privately() if name.startswith("_")}
 
 
+def test_shapes_belong_to_classes_of_arrays():
+    """From Python 3.13 on jaxtyping refuses `Annotated` types, such as `AnyArray`, when the package is imported."""
+    for name, file in MODULES.items():
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Tuple):
+                array, *shape = map(ast.unparse, node.slice.elts)
+                has_shape = len(shape) == 1 and shape[0].startswith(("'", '"'))
+                assert not (has_shape and array in ("AnyArray", "Numeric")), f"{name}: {ast.unparse(node)}"
+
+
 def test_chex_checks_the_edges():
     users = {name for name, file in MODULES.items() if "import chex" in file.read_text(encoding="utf-8")}
     assert "elitelanes_jax.network.edges" in users

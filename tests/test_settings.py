@@ -95,8 +95,9 @@ def test_all_run_under_strict_settings(group, without):
 
 def test_arrays_of_numpy_and_numbers_may_be_arguments_where_transfers_are_forbidden():
     road_map = RoadMap(np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8))
+    key = seed_keys(0, 1)[0]
     with settings(**STRICT):
-        key = seed_keys(0, 1)[0]
+        seed_keys(0, 1)
         params = RoadNavParams(make_levels(key, [road_map], 2))
         _, state = RoadNav.reset(key, params)
         RoadNav.step(key, state, 1, params)

@@ -37,6 +37,7 @@ def test_pictures_that_cannot_be_read_are_refused_before_any_search(settings, me
     DatasetSpec(maps=10, **settings | {"tile_px": 31})
 
 
+@pytest.mark.slow
 def test_archives_that_are_all_but_vacant_are_read(tmp_path):
     """Vacant places of an archive take no room in its file: they shrink to a thousandth."""
     grids = np.zeros((4, 2**20, 12, 12), np.int8)

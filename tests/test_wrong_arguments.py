@@ -1,5 +1,6 @@
 """Wrong arguments from Python: each is named in one line, before any search. `test_wrong_types` has the wrong types."""
 
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from elitelanes_jax import (
     SearchSpec,
     Weights,
     annealed_ea,
+    annealed_map_elites,
     ea,
     evolve,
     explore,
@@ -52,6 +54,7 @@ from elitelanes_jax.drive import (
     make_levels,
     make_rides,
 )
+from elitelanes_jax.drive._batch import Batch
 from elitelanes_jax.explorer import collect
 from elitelanes_jax.formats import (
     Streets,
@@ -68,6 +71,7 @@ from elitelanes_jax.formats import (
 from elitelanes_jax.maps import PackSpec, furnish
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.optimizers import (
+    PRESETS,
     AnnealingConfig,
     EvolutionConfig,
     Move,
@@ -82,6 +86,7 @@ from elitelanes_jax.optimizers.interop import qdax_scoring_fn
 from elitelanes_jax.problem import Population, extreme_maps, insert, niche_index, with_town_features
 from elitelanes_jax.tiles import (
     Photograph,
+    inspect_tiles,
     png_of,
     propose_masks,
     propose_tiles,
@@ -234,6 +239,23 @@ WRONG = {
     "seed: expected a whole number, 0 to 4294967295, got 1.5": lambda: searched().save("out", seed=1.5),
     "axes 'turns': expected at least one bin, of a width of at least 1, got 4 of width 0": lambda: niche_index(
         np.zeros((3, 1), np.int32), (Axis("turns", 4),)
+    ),
+    "axes: expected at least one, got none": lambda: niche_index(np.zeros((3, 0), int), ()),
+    "descriptor: expected whole numbers, got float64": lambda: niche_index(np.zeros((3, 1)), (Axis("turns", 4, 1),)),
+    "checkpoint: expected a name, got ''": lambda: evolve(0, (3, 3), evaluations=100, checkpoint=""),
+    "what: expected a name, got ''": lambda: explore([""], "page.html"),
+    "folder: expected a name, got ''": lambda: inspect_tiles(""),
+    "fixed: expected bool [2, 3], got array(": lambda: Problem((2, 3), print, fixed=np.eye(2, 3, dtype=int)),
+    "penalties: expected int32 [2000], got int32 [2000, 1]": lambda: run(
+        annealed_map_elites(
+            replace(road_problem((4, 4)), penalties=lambda features: features[..., :1]),
+            PRESETS["map-elites", "irregular"],
+        ),
+        seed_keys(0, 1),
+        1,
+    ),
+    "params: expected numbers for all environments, got arrays, which only jax.vmap maps over": lambda: Batch(
+        RoadNav, RoadNavParams(levels(), limit=np.array([3, 4])), 2, "Disabled"
     ),
     "images, labels: expected uint8, got float64 and uint8": lambda: make_atlas(
         np.zeros((4, 2, 2, 3)), np.zeros((4, 2, 2), np.uint8)

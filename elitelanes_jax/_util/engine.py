@@ -249,7 +249,13 @@ def _read(future: Untyped, index: int, count: int) -> Untyped:
     """Returns the result of a call, or raises its error."""
     with _naming_loss(index, count, "its result"):
         outcome = future.result()
-        if _is_loss(outcome.error):  # Submitit raises in a job whose time is over
+        if not isinstance(outcome, _Outcome):
+            got = shorten(repr(outcome))
+            raise InputError(
+                f"executor: expected futures with the result of the submitted call, got {got}"
+            )
+        # Submitit raises in a job whose time is over.
+        if outcome.error is not None and _is_loss(outcome.error):
             raise outcome.error
     if outcome.error is not None:
         raise outcome.error
@@ -273,7 +279,7 @@ def _naming_loss(index: int, count: int, expected: str) -> Iterator[None]:
         ) from None
 
 
-def _is_loss(error: Exception | None) -> bool:
+def _is_loss(error: Exception) -> bool:
     """Tells whether an error says that an executor lost a worker or a job, or was shut down."""
     if isinstance(error, RuntimeError) and "after shutdown" in str(error):
         return True

@@ -1,5 +1,6 @@
 """One sample: a map drawn in one view."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -26,12 +27,12 @@ from elitelanes_jax.dataset._variation import (
     vary_light,
     vary_motion,
 )
-from elitelanes_jax.dataset._views import draw_numbers, draw_view, photograph, warp
-from elitelanes_jax.formats.objects import NEAR
+from elitelanes_jax.dataset._views import View, draw_numbers, draw_view, photograph, warp
+from elitelanes_jax.formats.objects import NEAR, MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.files import GROUND
-from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat
-from elitelanes_jax.tiles.pasting import paste_objects
+from elitelanes_jax.tiles.object_set import ObjectPictures, ObjectSet, lay_all_flat
+from elitelanes_jax.tiles.pasting import Placed, paste_objects
 from elitelanes_jax.tiles.rendering import (
     LABELS,
     TileChoice,
@@ -93,60 +94,165 @@ def draw_sample(
     check_named("index", whole(0), index)
     check_named("tiles", instance(TileSet), tiles)
     tile_px = check_tile_px(tile_px)
-    chosen = _plan_choice(road_map.codes.tobytes(), road_map.codes.shape, tiles).choose(
-        [seed, index]
-    )
+    choice = _plan_choice(road_map.codes.tobytes(), road_map.codes.shape, tiles)
+    things: Sequence[MapObject] = ()
+    pictures: Sequence[ObjectPictures] = ()
+    if objects is not None:
+        things = road_map.objects or ()
+        pictures = objects.choose(things, [seed, index, 2])
+    scene = _Scene(road_map, tiles, choice.choose([seed, index]), tile_px, things, pictures)
     rng = np.random.default_rng([seed, index, 1])
-    things = (road_map.objects or ()) if objects is not None else ()
-    pictures = objects.choose(things, [seed, index, 2]) if objects is not None else []
     if camera is None:
-        about, near = {}, 0.0
-        size = (road_map.codes.shape[0] * tile_px, road_map.codes.shape[1] * tile_px)
-        view = draw_view(rng, transforms, size)
-        picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
-        seen = {"image": warp(picture.image, view, GROUND), "labels": warp(picture.labels, view)}
-        flat, order = lay_all_flat(things, pictures, tile_px)
-        placed = [one._replace(matrix=view.matrix @ one.matrix) for one in flat]
-        more: list[dict[str, Plain]] = [{} for _ in order]
+        shot = _see_from_above(rng, scene, transforms)
     else:
-        numbers = draw_numbers(rng)
-        viewpoint = draw_viewpoint(
-            rng, camera, road_map.codes, tile_px, road_map.objects or (), tiles.lane_offset
-        )
-        view = numbers.through(viewpoint.matrix, viewpoint.size, transforms)
-        about, near = viewpoint.about, NEAR
-        ground_view = _see_ground(road_map, tiles, chosen, tile_px, viewpoint)
-        seen = {"image": ground_view.image, "labels": ground_view.labels}
-        placed, order, distances = stand(things, pictures, viewpoint, tile_px)
-        more = [{"distance": distance} for distance in distances]
-    if transforms.background:
-        if camera is None:
-            paved = warp(show_paved(tiles, chosen, tile_px).astype(np.uint8), view) > 0
-            sky = np.zeros(view.size, bool)
-        else:
-            paved, sky = ground_view.paved, ground_view.sky
-        behind = np.random.default_rng([seed, index, 3])
-        seen["image"] = vary_background(behind, seen["image"], ~paved & ~sky, sky, transforms)
+        shot = _see_from_robot(rng, scene, transforms, camera)
+    ground, about = shot.ground, shot.about
+    layers = {"image": ground.image, "labels": ground.labels}
     instances: dict[str, NDArray[np.uint16]] = {}
+    if transforms.background:
+        behind = np.random.default_rng([seed, index, 3])
+        bare = ~ground.paved & ~ground.sky
+        layers["image"] = vary_background(behind, ground.image, bare, ground.sky, transforms)
     if objects is not None:
         # Arrays may be shared with the rendered map.
-        seen = {name: layer.copy() for name, layer in seen.items()}
-        instances["instances"], found = paste_objects(seen, placed, order, near)
-        about = about | {
-            "objects": [
-                {"kind": things[thing].kind, "instance": thing + 1, **one._asdict(), **further}
-                for thing, one, further in zip(order, found, more, strict=True)
-                if one.visible
-            ]
-        }
-    if varies(transforms):
-        rng = np.random.default_rng([seed, index, 4])
-        seen["image"] = vary_motion(
-            rng, vary_light(rng, seen["image"], transforms), transforms.motion
-        )
-    seen["image"] = photograph(seen["image"], view)
-    if varies(transforms):
-        seen["image"] = compress(rng, seen["image"], transforms.compression)
+        layers = {name: layer.copy() for name, layer in layers.items()}
+        instances["instances"], listed = _paste(layers, scene, shot)
+        about = about | {"objects": listed}
+    layers["image"] = _expose(layers["image"], shot.view, transforms, [seed, index, 4])
+    record = _describe(scene, shot.view, layers["labels"], index, about)
+    return Sample({**layers, **instances}, record)
+
+
+class _Scene(NamedTuple):
+    """A map, and what it is drawn with.
+
+    Attributes:
+      road_map: the map.
+      tiles: its tile set.
+      chosen: int ``[H, W, 2]``, the picture of each cell and its quarter turns, see `TileChoice`.
+      tile_px: side of a tile in pixels.
+      things: the objects that are drawn.
+      pictures: of each of them.
+    """
+
+    road_map: RoadMap
+    tiles: TileSet
+    chosen: NDArray[np.int_]
+    tile_px: int
+    things: Sequence[MapObject]
+    pictures: Sequence[ObjectPictures]
+
+
+class _Ground(NamedTuple):
+    """What a view shows of a map without its objects.
+
+    Attributes:
+      image: uint8 ``[h, w, 3]``, RGB.
+      labels: uint8 ``[h, w]``, indices in `LABELS`.
+      paved: bool ``[h, w]``, whether a pixel shows a tile, see `show_paved`; all False in a view
+        from above whose background does not vary.
+      sky: bool ``[h, w]``, whether a pixel is above the horizon.
+    """
+
+    image: NDArray[np.uint8]
+    labels: NDArray[np.uint8]
+    paved: NDArray[np.bool_]
+    sky: NDArray[np.bool_]
+
+
+class _Shot(NamedTuple):
+    """A view of a scene.
+
+    Attributes:
+      ground: what it shows without the objects.
+      view: its transform.
+      about: entries of the metadata about the camera.
+      placed: the pictures of the objects in the view, from back to front.
+      order: the index of each of them in the scene.
+      further: entries of the metadata about each of them.
+      near: pictures nearer to the camera than this distance in metres are not shown.
+    """
+
+    ground: _Ground
+    view: View
+    about: dict[str, Plain]
+    placed: list[Placed]
+    order: list[int]
+    further: list[dict[str, Plain]]
+    near: float
+
+
+def _see_from_above(rng: np.random.Generator, scene: _Scene, transforms: Transforms) -> _Shot:
+    """Draws a map and warps it into a view from above."""
+    codes, tiles, tile_px = scene.road_map.codes, scene.tiles, scene.tile_px
+    view = draw_view(rng, transforms, (codes.shape[0] * tile_px, codes.shape[1] * tile_px))
+    picture = render(codes, tiles, tile_px=tile_px, chosen=scene.chosen)
+    paved = np.zeros(view.size, bool)
+    if transforms.background:
+        paved = warp(show_paved(tiles, scene.chosen, tile_px).astype(np.uint8), view) > 0
+    flat, order = lay_all_flat(scene.things, scene.pictures, tile_px)
+    image, labels = warp(picture.image, view, GROUND), warp(picture.labels, view)
+    return _Shot(
+        ground=_Ground(image, labels, paved, sky=np.zeros(view.size, bool)),
+        view=view,
+        about={},
+        placed=[item._replace(matrix=view.matrix @ item.matrix) for item in flat],
+        order=order,
+        further=[{} for _ in order],
+        near=0.0,
+    )
+
+
+def _see_from_robot(
+    rng: np.random.Generator, scene: _Scene, transforms: Transforms, camera: Viewpoints
+) -> _Shot:
+    """Draws what a robot on a lane sees of a map."""
+    road_map, tiles, tile_px = scene.road_map, scene.tiles, scene.tile_px
+    numbers = draw_numbers(rng)
+    viewpoint = draw_viewpoint(
+        rng, camera, road_map.codes, tile_px, road_map.objects or (), tiles.lane_offset
+    )
+    placed, order, distances = stand(scene.things, scene.pictures, viewpoint, tile_px)
+    return _Shot(
+        ground=_see_ground(scene, viewpoint),
+        view=numbers.through(viewpoint.matrix, viewpoint.size, transforms),
+        about=viewpoint.about,
+        placed=placed,
+        order=order,
+        further=[{"distance": distance} for distance in distances],
+        near=NEAR,
+    )
+
+
+def _paste(
+    layers: dict[str, NDArray[np.uint8]], scene: _Scene, shot: _Shot
+) -> tuple[NDArray[np.uint16], list[dict[str, Plain]]]:
+    """Pastes the objects into the layers; returns the instances, and the metadata of objects that are seen."""
+    instances, seen = paste_objects(layers, shot.placed, shot.order, shot.near)
+    listed: list[dict[str, Plain]] = []
+    for index, item, further in zip(shot.order, seen, shot.further, strict=True):
+        if item.visible:
+            names = {"kind": scene.things[index].kind, "instance": index + 1}
+            listed.append({**names, **item._asdict(), **further})
+    return instances, listed
+
+
+def _expose(
+    image: NDArray[np.uint8], view: View, transforms: Transforms, seed: Sequence[int]
+) -> NDArray[np.uint8]:
+    """Takes a picture of what is seen: light and motion, the view's blur and noise, and compression."""
+    if not varies(transforms):
+        return photograph(image, view)
+    rng = np.random.default_rng(seed)
+    image = vary_motion(rng, vary_light(rng, image, transforms), transforms.motion)
+    return compress(rng, photograph(image, view), transforms.compression)
+
+
+def _describe(
+    scene: _Scene, view: View, labels: NDArray[np.uint8], index: int, about: dict[str, Plain]
+) -> dict[str, Plain]:
+    """Returns the metadata of a sample, without entries that the map does not have."""
+    road_map, names = scene.road_map, [picture.name for picture in scene.tiles.pictures]
     transform = view._asdict() | {"matrix": view.matrix.tolist()}
     del transform["size"]
     metadata = {
@@ -158,18 +264,13 @@ def draw_sample(
         "fitness": road_map.fitness,
         "niche": road_map.niche,
         "map_seed": road_map.seed,
-        "tiles": [[tiles.pictures[tile].name for tile in row] for row in chosen[..., 0].tolist()],
-        "quarter_turns": chosen[..., 1].tolist(),
+        "tiles": [[names[tile] for tile in row] for row in scene.chosen[..., 0].tolist()],
+        "quarter_turns": scene.chosen[..., 1].tolist(),
         "transform": transform,
         **about,
-        "class_pixels": [
-            int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))
-        ],
+        "class_pixels": [int(np.count_nonzero(labels == label)) for label in range(len(LABELS))],
     }
-    return Sample(
-        {**seen, **instances},
-        {name: value for name, value in metadata.items() if value is not None},
-    )
+    return {name: value for name, value in metadata.items() if value is not None}
 
 
 @lru_cache(maxsize=64)
@@ -178,34 +279,17 @@ def _plan_choice(codes: bytes, shape: tuple[int, int], tiles: TileSet) -> TileCh
     return plan_choice(np.frombuffer(codes, np.int8).reshape(shape), tiles)
 
 
-class _GroundView(NamedTuple):
-    """What a robot sees of a map without its objects.
-
-    Attributes:
-      image: uint8 ``[h, w, 3]``, RGB.
-      labels: uint8 ``[h, w]``, indices in `LABELS`.
-      paved: bool ``[h, w]``, whether a pixel shows a tile, see `show_paved`.
-      sky: bool ``[h, w]``, whether a pixel is above the horizon.
-    """
-
-    image: NDArray[np.uint8]
-    labels: NDArray[np.uint8]
-    paved: NDArray[np.bool_]
-    sky: NDArray[np.bool_]
-
-
-def _see_ground(
-    road_map: RoadMap, tiles: TileSet, chosen: NDArray[np.int_], tile_px: int, viewpoint: Viewpoint
-) -> _GroundView:
+def _see_ground(scene: _Scene, viewpoint: Viewpoint) -> _Ground:
     """Draws a robot's view of a map: of the tiles that are seen, or of the whole map if its tiles are blended."""
+    tiles, chosen, tile_px = scene.tiles, scene.chosen, scene.tile_px
     rays = find_rays(viewpoint, 1)
     sky = np.zeros(viewpoint.size, bool)
     sky[: rays.sky] = True
     if can_tile(tiles, tile_px):
         tiled = TiledMap(tiles, tile_px, chosen[..., 0] * 4 + chosen[..., 1])
         seen = see_tiled_labels(tiled, rays)
-        return _GroundView(tiled.see(viewpoint, GROUND), seen.labels, seen.paved, sky)
-    layers = draw_layers(road_map.codes, tiles, chosen, tile_px, ("image", "labels"))
+        return _Ground(tiled.see(viewpoint, GROUND), seen.labels, seen.paved, sky)
+    layers = draw_layers(scene.road_map.codes, tiles, chosen, tile_px, ("image", "labels"))
     paved = see_labels(show_paved(tiles, chosen, tile_px).astype(np.uint8), viewpoint) > 0
     labels = see_labels(layers["labels"], viewpoint)
-    return _GroundView(see(layers["image"], viewpoint, GROUND), labels, paved, sky)
+    return _Ground(see(layers["image"], viewpoint, GROUND), labels, paved, sky)

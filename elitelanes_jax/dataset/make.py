@@ -1,12 +1,13 @@
 """From a specification to a dataset's folder, drawn by several threads. A killed run is resumed."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Set
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance, path, whole
@@ -236,47 +237,28 @@ def finish(
 
     `drawing` is what the samples were drawn from; a dataset of shards needs it.
     """
-    splits, out, total = samples.splits, samples.files, samples.total
-    settings, has_objects = identity["settings"], "object_set" in identity
+    out, settings, has_objects = samples.files, identity["settings"], "object_set" in identity
     layout, camera = find_layout(settings["format"]), settings["camera"]
-    pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
-    count = min(_ON_SHEET, total)
-    on_sheet = [row * total // count for row in range(count)]
-    records: dict[int, dict[str, Plain]] = {}
-    for split in np.unique(splits).tolist():
-        for record in samples.read_split(split):
-            pixels[SPLITS[split]] += record["class_pixels"]
-            if record["number"] in on_sheet:
-                records[record["number"]] = record
-        layout.list_samples(out, split, partial(samples.read_split, split))
-    about = identity | {
-        "pictures": {
-            name: int((splits == split).sum()) * samples.views for split, name in enumerate(SPLITS)
-        },
-        "classes": [
-            {"label": label, "name": name, "colour": colour}
-            for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
-        ],
-        "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
-    }
-    first, shown = int(splits.min()), [records[index] for index in on_sheet]
+    count = min(_ON_SHEET, samples.total)
+    on_sheet = [row * samples.total // count for row in range(count)]
+    pixels, records = _list_samples(samples, layout, {*on_sheet})
+    about = identity | _counts(samples, pixels)
+    first = int(samples.splits.min())
     guide = layout.guide(first, objects=has_objects)
     programs = layout.loading(first), layout.loading_arrays(first, poses=camera is not None)
-    write_atomic(
-        out / "README.md", write_card(about, *programs, guide, layout.data_files(splits)).encode()
-    )
-    pictures, pictures_layout = out, layout
-    if layout.open_shard is not None:
+    card = write_card(about, *programs, guide, layout.data_files(samples.splits))
+    write_atomic(out / "README.md", card.encode())
+    shown = [records[index] for index in on_sheet]
+    if layout.open_shard is None:
+        pictures, pictures_layout = out, layout
+    else:
         assert drawing is not None
         write_maps(out / MAPS, [*drawing.maps.values()], samples.views)
-        # The sheet reads files of pictures. A few samples are drawn again for it.
         pictures, pictures_layout = samples.records / "sheet", LAYOUTS["imagefolder"]
-        for record in shown:
-            index = record["number"]
-            write_sample(drawing.draw(index), pictures_layout, samples.split_of(index), pictures)
+        _draw_again(shown, drawing, samples, pictures_layout, pictures)
     entries = [_on_sheet(record, samples, pictures_layout) for record in shown]
     shape = camera["rows"] / camera["columns"] if camera else 1
-    sheet = sample_sheet(pictures, entries, f"{count} of {total} pictures", shape)
+    sheet = sample_sheet(pictures, entries, f"{count} of {samples.total} pictures", shape)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
     if layout.boxes is not None and has_objects:
         fullest = max(shown, key=lambda record: len(record["objects"]))
@@ -284,6 +266,49 @@ def finish(
         write_atomic(out / layout.boxes, png_of(draw_boxes(out / image, fullest["objects"])))
     write_json(out / RECORD, about)
     return read_json(out / RECORD)
+
+
+def _list_samples(
+    samples: Samples, layout: Layout, wanted: Set[int]
+) -> tuple[dict[str, NDArray[np.int64]], dict[int, dict[str, Plain]]]:
+    """Writes the layout's lists of samples, split by split.
+
+    Returns the pixels of each class in each split, and the records of the wanted samples by index.
+    """
+    pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
+    records: dict[int, dict[str, Plain]] = {}
+    for split in np.unique(samples.splits).tolist():
+        for record in samples.read_split(split):
+            pixels[SPLITS[split]] += record["class_pixels"]
+            if record["number"] in wanted:
+                records[record["number"]] = record
+        layout.list_samples(samples.files, split, partial(samples.read_split, split))
+    return pixels, records
+
+
+def _counts(samples: Samples, pixels: Mapping[str, NDArray[np.int64]]) -> dict[str, Plain]:
+    """Returns the entries of the dataset's record that count pictures and pixels."""
+    pictures = {}
+    for split, name in enumerate(SPLITS):
+        pictures[name] = int((samples.splits == split).sum()) * samples.views
+    classes: list[Plain] = []
+    for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True)):
+        classes.append({"label": label, "name": name, "colour": colour})
+    class_pixels = {name: counts.tolist() for name, counts in pixels.items()}
+    return {"pictures": pictures, "classes": classes, "class_pixels": class_pixels}
+
+
+def _draw_again(
+    records: Iterable[dict[str, Plain]],
+    drawing: Drawing,
+    samples: Samples,
+    layout: Layout,
+    folder: Path,
+) -> None:
+    """Draws samples of shards again as files, from which the contact sheet is made."""
+    for record in records:
+        index = record["number"]
+        write_sample(drawing.draw(index), layout, samples.split_of(index), folder)
 
 
 def _on_sheet(

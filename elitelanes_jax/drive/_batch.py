@@ -209,6 +209,11 @@ class Batch:
         self._rows = max(self.envs, 2)
         states, result = _shapes(self.environment, self.params, self._rows)
         self._states = _Layout.of(states)
+        reward, terminated, truncated, _ = result
+        if any(leaf.shape != (self._rows,) for leaf in (reward, terminated, truncated)):
+            raise InputError(
+                "params: expected numbers for all environments, got arrays, which only jax.vmap maps over"
+            )
         self._result = _Layout.of(result)
         random_seeds = np.random.default_rng().integers(_SEEDS, size=self._rows, dtype=np.uint64)
         blank_states = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), states)

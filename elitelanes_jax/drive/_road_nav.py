@@ -216,10 +216,11 @@ def _step(
 @divide_batches
 def _observe(state: RoadNavState, params: RoadNavParams) -> RoadNavObservation:
     grid, goal, node = state.grid, state.goal, state.node
+    code = grid[node.row, node.column].astype(jnp.int32)
     window, mark = _look_around(grid, goal, node, params.window) if params.window else (None, None)
     everything = params.whole_map
     return RoadNavObservation(
-        ways=jnp.asarray(MOVEMENTS)[grid[node.row, node.column], node.heading],
+        ways=jnp.asarray(MOVEMENTS)[code, node.heading],
         window=window,
         mark=mark if params.goal in ("mark", "both") else None,
         compass=_compass(node, goal) if params.goal in ("compass", "both") else None,

@@ -326,12 +326,8 @@ def _lane_pose(
         & (movement.column >= 0)
         & (movement.column < width)
     )
-    found = (
-        within
-        & jnp.asarray(MOVEMENTS)[
-            links[movement.row, movement.column], movement.heading, movement.turn
-        ]
-    )
+    code = links[movement.row, movement.column].astype(jnp.int32)
+    found = within & jnp.asarray(MOVEMENTS)[code, movement.heading, movement.turn]
     d, phi, s = (jnp.where(found, error, 0) for error in lane_errors(pose, movement, lane_offset))
     return LanePose(
         d,

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import TILE_PX, check_named
+from elitelanes_jax._util.checks import TILE_PX, check_named, paths
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
@@ -54,7 +54,7 @@ def collect(
         heading = runs[0].name if len(runs) == 1 else ""
         return pack(runs, _load_tiles(tiles), tile_px, heading)
     if all(isinstance(source, str | Path) for source in sources):
-        return _collect_files([Path(source) for source in sources], tiles, tile_px)
+        return _collect_files(check_named("what", paths, sources), tiles, tile_px)
     if any(map(_is_result, sources)):
         raise InputError("what: expected one Result, or several by name, got a list of them")
     return pack(of_maps(check_named("what", as_maps, sources), ""), _load_tiles(tiles), tile_px, "")

@@ -1,16 +1,21 @@
 """The links between tiles, and the roads that they form."""
 
-from jaxtyping import Int, Int8
+from typing import TypeAlias
 
-from elitelanes_jax._util.types import AnyArray
+from jaxtyping import Int
+
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES, Side
 
 Cell = tuple[int, int]
 """A cell of a grid: row and column, from the north-west corner."""
 
+Codes: TypeAlias = Int[UserValue, "H W"]
+"""A grid of codes, an array of NumPy or JAX."""
 
-def linked_codes(codes: Int[AnyArray, "H W"]) -> Int8[AnyArray, "H W"]:
+
+def linked_codes(codes: Codes) -> Codes:
     """Removes the connections of a grid that the neighbour does not return, or that leave the grid.
 
     Returns an array of JAX if `codes` is one, otherwise of NumPy. Raises `InputError` for a bad
@@ -33,7 +38,7 @@ def side_towards(cell: Cell, neighbour: Cell) -> Side:
     return SIDE_TOWARDS[neighbour[0] - cell[0], neighbour[1] - cell[1]]
 
 
-def linked_tiles(codes: Int[AnyArray, "H W"]) -> dict[Cell, list[Cell]]:
+def linked_tiles(codes: Codes) -> dict[Cell, list[Cell]]:
     """Returns the linked neighbours of each non-empty tile, clockwise from north; tiles in the order of rows.
 
     Raises:

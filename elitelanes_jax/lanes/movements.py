@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import AnyArray, Numeric
-from elitelanes_jax.lanes.links import Cell, linked_codes
+from elitelanes_jax._util.types import Numeric
+from elitelanes_jax.lanes.links import Cell, Codes, linked_codes
 from elitelanes_jax.network.codes import SIDES
 
 TURNS = ("right", "straight", "left")
@@ -168,7 +168,7 @@ class LaneGraph(NamedTuple):
         return predecessors
 
 
-def movements_of(codes: Int[AnyArray, "H W"], *, turn_back: bool = False) -> Movement:
+def movements_of(codes: Codes, *, turn_back: bool = False) -> Movement:
     """Lists the movements of a map, int ``[M]`` each, in ascending order of row, column, heading and turn.
 
     Args:
@@ -182,7 +182,7 @@ def movements_of(codes: Int[AnyArray, "H W"], *, turn_back: bool = False) -> Mov
     return Movement(*np.argwhere(table[np.asarray(linked_codes(codes))]).T)
 
 
-def lane_graph(codes: Int[AnyArray, "H W"], *, turn_back: bool = False) -> LaneGraph:
+def lane_graph(codes: Codes, *, turn_back: bool = False) -> LaneGraph:
     """Makes the graph of a map's lanes. Its arguments are those of `movements_of`.
 
     Raises:

@@ -25,6 +25,7 @@ from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record, nested
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import split
+from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
 from elitelanes_jax.network.xla import run_if, take
 from elitelanes_jax.optimizers._annealing import (
@@ -210,7 +211,9 @@ class _Method:
             fresh = jnp.where(pending, bits.fresh, 0)
             filled = archives._replace(fitness=fitness).valid
             if config.require_feasible:
-                filled &= problem.penalties(features) == 0
+                penalties = problem.penalties(features)
+                check_array("penalties", penalties, features.shape[:-1], jnp.int32)
+                filled &= penalties == 0
             drawn = self.groups.draw_cycles(
                 cycle_bits,
                 fitness,

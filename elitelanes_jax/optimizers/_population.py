@@ -10,7 +10,8 @@ from typing import Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Int8, Key, Real, UInt32
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Int8, Integer, Key, Real, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, one_of, real, whole
@@ -19,6 +20,7 @@ from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.network.bits import randint, random_bits
+from elitelanes_jax.network.edges import check_array
 from elitelanes_jax.optimizers._mutations import Move, paper_mutation
 from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, count_refused
 from elitelanes_jax.problem.archive import Population, finite_or_vacant, vacant_fitness
@@ -122,12 +124,16 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
 @name_wrong_arguments
 @runs_jax
 def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
-    """Evaluates grids, in their order. A fitness that is not finite becomes that of a vacant slot.
+    """Evaluates grids, in their order.
+
+    A fitness that is not finite becomes that of a vacant slot, and so does the fitness of a grid
+    with a number that does not fit int32.
 
     Raises:
       InputError: if the problem's evaluation has other shapes or kinds of numbers than `Evaluation`
-        says.
+        says, or its repair other grids than those of the problem.
     """
+    grids = check_array("grids", grids, ("P", *problem.shape), jnp.int8)
     evaluation = problem.evaluate(grids)
     is_pair = isinstance(evaluation, tuple | list) and len(evaluation) == 2
     if not is_pair or not all(hasattr(part, "dtype") for part in evaluation):
@@ -148,8 +154,25 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
         raise InputError(
             f"evaluate: expected a fitness of real numbers and features of whole numbers, got {kinds[0]} and {kinds[1]}"
         )
-    kind = jnp.float32 if jnp.issubdtype(fitness.dtype, jnp.floating) else jnp.int32
-    return Population(grids, finite_or_vacant(fitness.astype(kind)), features.astype(jnp.int32))
+    fits = _fits_int32(features).all(axis=1)
+    if jnp.issubdtype(fitness.dtype, jnp.floating):
+        fitness = finite_or_vacant(fitness.astype(jnp.float32))
+    else:
+        fits = fits & _fits_int32(fitness)
+        fitness = fitness.astype(jnp.int32)
+    if not isinstance(fits, np.ndarray):
+        fitness = jnp.where(fits, fitness, vacant_fitness(fitness.dtype))
+    return Population(grids, fitness, features.astype(jnp.int32))
+
+
+def _fits_int32(numbers: Integer[Array, "..."]) -> Bool[Array | np.ndarray, "..."]:
+    """Returns which numbers fit int32, as an array of NumPy if the dtype alone says that all do."""
+    largest = jnp.iinfo(jnp.int32).max
+    if jnp.iinfo(numbers.dtype).max <= largest:
+        return np.ones(numbers.shape, bool)
+    if jnp.iinfo(numbers.dtype).min == 0:
+        return numbers <= largest
+    return numbers == numbers.astype(jnp.int32).astype(numbers.dtype)
 
 
 def unevaluated(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:

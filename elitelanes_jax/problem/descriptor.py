@@ -26,6 +26,8 @@ MOST_NICHES = 2**20
 """The largest number of niches, so that the archives of a single seed fit in memory."""
 
 
+_LARGEST_INT32 = 2**31 - 1
+
 _WHOLE = "0{0,9}[1-9][0-9]{0,18}"
 _AXIS_TEXT = re.compile(f"([^:]*):({_WHOLE})(?::({_WHOLE}))?", re.DOTALL)
 
@@ -133,8 +135,13 @@ def compute_descriptor(
 
 @name_wrong_arguments
 def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
-    """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]`` of NumPy or JAX."""
+    """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]`` of NumPy or JAX.
+
+    Raises `InputError` for no axes, another shape, or descriptors that are not whole numbers.
+    """
     check_named("axes", listed(Axis), axes)
+    if not axes:
+        raise InputError("axes: expected at least one, got none")
     for axis in axes:
         if axis.bins < 1 or axis.width < 1:
             got = f"{axis.bins} of width {axis.width}"
@@ -145,13 +152,21 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
         raise InputError(
             f"descriptor: expected shape [..., {len(axes)}], got {list(np.shape(descriptor))}"
         )
+    if not hasattr(descriptor, "dtype"):
+        descriptor = np.asarray(descriptor)
+    if descriptor.dtype.kind not in "iu":
+        raise InputError(f"descriptor: expected whole numbers, got {descriptor.dtype}")
     # With as many axes as the descriptor, see `xla.align`.
     aligned = (1,) * (np.ndim(descriptor) - 1) + (-1,)
-    bins = np.array([axis.bins for axis in axes], np.int32).reshape(aligned)
-    width = np.array([axis.width for axis in axes], np.int32).reshape(aligned)
+    last = np.array([axis.bins - 1 for axis in axes], np.uint32).reshape(aligned)
+    width = np.array([axis.width for axis in axes], np.uint32).reshape(aligned)
     start = np.array([axis.start for axis in axes], np.int32).reshape(aligned)
     with transfers():
-        return ((descriptor - start) // width).clip(0, bins - 1)
+        if np.iinfo(descriptor.dtype).max > _LARGEST_INT32:
+            descriptor = descriptor.clip(None, _LARGEST_INT32)
+        # A difference of two int32, one of them negative, may not fit int32. It fits uint32.
+        distance = (descriptor.clip(start, None).astype(np.int32) - start).astype(np.uint32)
+        return (distance // width).clip(None, last).astype(np.int32)
 
 
 @name_wrong_arguments

@@ -86,8 +86,8 @@ class Problem:
 
         Raises:
           InputError: for a bad shape or alphabet, an axis whose feature is no column, a repair
-            without these arguments, fixed cells of another shape, or initial grids of another shape
-            or with other codes.
+            without these arguments, fixed cells of another shape or type, or initial grids of
+            another shape or with other codes.
         """
         shape = check_shape(self.shape, new=True)
         alphabet = check_alphabet(self.alphabet)
@@ -101,10 +101,12 @@ class Problem:
         check_named("repair", none_or(function_of("grid", raster=False)), self.repair)
         check_named("initial", none_or(_check_initial), self.initial, shape)
         check_named("fill", flag, self.fill)
-        if self.fixed is not None and np.shape(self.fixed) != shape:
-            height, width = shape
-            got = shorten(repr(self.fixed))
-            raise InputError(f"fixed: expected bool [{height}, {width}], got {got}")
+        if self.fixed is not None:
+            is_bool = np.asarray(self.fixed).dtype.kind == "b"
+            if not is_bool or np.shape(self.fixed) != shape:
+                height, width = shape
+                got = shorten(repr(self.fixed))
+                raise InputError(f"fixed: expected bool [{height}, {width}], got {got}")
         axes: tuple[Axis, ...] = ()
         if not _is_empty(self.axes):
             axes = resolve_axes(self.axes, shape, None)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Key, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, flag, instance, none_or, real
+from elitelanes_jax._util.checks import check_named, flag, instance, none_or, path, real
 from elitelanes_jax._util.engine import Engine, Pool, check_pool
 from elitelanes_jax._util.errors import (
     InputError,
@@ -226,7 +226,7 @@ def evolve_search(
         generation, states = _restore(state, run)
     if checkpoint is None:
         return _evolve(run, generation, states, None, progress)
-    folder = Path(checkpoint)
+    folder = Path(check_named("checkpoint", path, checkpoint))
     check_can_save(run.programs.states)
     with locked(folder, folder):
         file = Checkpoint(folder, _identity(run, generation), every)

@@ -184,7 +184,7 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
 
     With `lines`, misplaced lines are problems too, see `misplaced_lines`.
     """
-    folder = Path(folder)
+    folder = Path(check_named("folder", path, folder))
     problems: list[str] = []
     about = _about(folder / "tileset.toml", problems)
     tiles = []

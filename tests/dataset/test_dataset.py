@@ -378,8 +378,9 @@ def interrupt(*_, **__):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
-@pytest.mark.parametrize("what", ["dataset", pytest.param("evolved", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("kills", [3, pytest.param(99, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["dataset", "evolved"])
+@pytest.mark.parametrize("kills", [3, 99])
 def test_ended_at_any_moment_it_continues_to_the_same_files(kills, what, tmp_path):
     program = [sys.executable, killed_runs.__file__, tmp_path / "out", str(kills), "0", what, "SIGINT", "SIGKILL"]
     ran = subprocess.run(program, capture_output=True, text=True, check=False)

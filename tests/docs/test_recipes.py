@@ -59,6 +59,7 @@ def changed_package(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_new_option_is_one_field(changed_package):
     command = [sys.executable, "-c", PROGRAM]
     ran = subprocess.run(command, cwd=changed_package, env=os.environ, capture_output=True, text=True, check=True)

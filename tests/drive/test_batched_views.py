@@ -126,7 +126,8 @@ def layers_of(scenes, plan):
     return road, (green_paved >> 16) / (4 * 64), above / 4
 
 
-@pytest.mark.parametrize("batch", [4, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("batch", [4, 1])
 def test_a_view_depends_on_the_key_and_its_index_alone(scenes, batch):
     key = jax.random.key(5)
     draw = partial(views, scenes=scenes, camera=CAMERA, variation=VARIED)

@@ -72,6 +72,7 @@ def test_a_study_writes_tables_plots_and_its_runs(compared):
     assert "| WFC |" in (compared / "timing.md").read_text()
 
 
+@pytest.mark.slow
 def test_rows_agree_with_the_grids(compared):
     rows = rows_of(compared)
     assert len(rows) == 3 * 3 + 3
@@ -91,6 +92,7 @@ def test_rows_agree_with_the_grids(compared):
         assert int(row["qd_score"]) == pytest.approx(int(row["niches"]) * (480 * 25 - float(row["fitness"])))
 
 
+@pytest.mark.slow
 def test_a_study_that_is_interrupted_continues(compared, tmp_path, monkeypatch, capsys):
     def interrupt(*_):
         raise KeyboardInterrupt
@@ -122,6 +124,7 @@ def test_wfc_that_fails_is_counted_and_the_search_is_reported(unfinished, monkey
     assert "| WFC |" not in text
 
 
+@pytest.mark.slow
 def test_maps_are_drawn_and_the_papers_figures_stand_beside_its_size(tmp_path):
     out = tmp_path / "out"
     assert compare(["--methods", "wfc", "--sizes", "12", "14", "--paper", "--out", str(out)]) == 0

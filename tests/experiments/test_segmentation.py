@@ -119,6 +119,7 @@ def test_lines_shift_with_their_masks(drawn_tiles):
             np.testing.assert_allclose(np.diff(shares), 0.1, atol=0.05)  # 0.05 tiles on each side, at the white line
 
 
+@pytest.mark.slow
 def test_lines_are_thinner_when_weights_are_taken_back():
     network = unet.UNet(4)
     weights = jax.jit(network.init)(jax.random.key(0), np.zeros((1, 16, 16, 3), np.uint8))

@@ -5,9 +5,20 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from elitelanes_jax import road_problem
-from elitelanes_jax.optimizers import EvolutionConfig, Move, Variation, random_population
+from elitelanes_jax import (
+    Axis,
+    InputError,
+    Problem,
+    annealed_map_elites,
+    gwo,
+    map_elites,
+    pso,
+    road_problem,
+    run,
+)
+from elitelanes_jax.optimizers import EvolutionConfig, Move, Variation, random_population, seed_keys
 from elitelanes_jax.optimizers._population import breed, evaluate, survivors, tournament
 from elitelanes_jax.problem import Population
 
@@ -64,6 +75,34 @@ def test_no_grids_are_evaluated_to_none():
     problem = road_problem((4, 5), "symmetry:3", fill=True)
     none = evaluate(problem, problem.random(jax.random.key(0), 0))
     assert none.grids.shape == (0, 4, 5) and none.fitness.shape == (0,) and len(none.features) == 0
+
+
+def test_numbers_that_do_not_fit_32_bits_are_refused():
+    """An unsigned number beyond int32 would become a negative one: the best fitness, or the first niche."""
+    grids, large = jnp.zeros((3, 2, 3), jnp.int8), jnp.array([7, 2**31, 2**32 - 1], jnp.uint32)
+    few = jnp.array([1, 2, 3], jnp.int32)
+    for fitness, features in ((large, few), (few, large), (few.astype(jnp.float32), large)):
+        problem = Problem((2, 3), lambda _, pair=(fitness, features[:, None]): pair, ("number",))
+        found = evaluate(problem, grids)
+        assert found.valid.tolist() == [True, False, False]
+        assert found.fitness.tolist()[0] == fitness.tolist()[0] and found.features.tolist()[0] == [features.tolist()[0]]
+
+
+@pytest.mark.parametrize(
+    ("repaired", "got"),
+    [(lambda grid: grid.T, r"int8 \[[0-9]+, 3, 2\]"), (lambda grid: grid.astype(jnp.float32), "float32")],
+)
+@pytest.mark.parametrize("make", [map_elites, annealed_map_elites, pso, gwo])
+def test_a_repair_that_returns_no_grids_is_one_line(repaired, got, make):
+    def count(grids):
+        sums = grids.sum((1, 2)).astype(jnp.int32)
+        return sums, sums[:, None]
+
+    problem = Problem(
+        (2, 3), count, ("sum",), (Axis("sum", 4, 4),), repair=lambda grid, dirty=None, raster=False: repaired(grid)
+    )
+    with pytest.raises(InputError, match=rf"grids: expected int8 \[P, 2, 3\], got {got}"):
+        jax.eval_shape(lambda keys: run(make(problem), keys, 2), seed_keys(0, 2))
 
 
 def test_the_defaults_are_the_papers():

@@ -103,6 +103,18 @@ def test_several_niches_are_a_batch_joined_to_itself(batches, data):
     jax.tree.map(np.testing.assert_array_equal, one, two)
 
 
+@pytest.mark.parametrize("start", [-(2**30), -5, 2**30])
+@pytest.mark.parametrize("kind", ["int64", "int32", "jax", "uint32"])
+def test_the_niches_of_all_whole_numbers(start, kind):
+    """The difference of a value and the start of an axis may not fit 32 bits."""
+    values = [-(2**31), -(2**30), -1, 0, 2**30, 2**31 - 1] if kind != "uint32" else [0, 2**31 - 1, 2**32 - 1]
+    descriptor = jnp.array(values, jnp.int32) if kind == "jax" else np.array(values, kind)
+    for bins, width in ((3, 5), (4, 2**30), (1, 1)):
+        expected = [min(max((min(value, 2**31 - 1) - start) // width, 0), bins - 1) for value in values]
+        found = niche_bins(descriptor[:, None], (Axis("turns", bins, width, start),))
+        assert found.dtype == np.int32 and found[:, 0].tolist() == expected
+
+
 def test_the_papers_niches():
     axes = paper_axes((12, 12))
     names = ["cyclomatic", "components", "dead_ends", "adjacent_crossings", "adjacent_turns"]
