@@ -217,6 +217,9 @@ WRONG = {
     "config: expected AnnealingConfig, got EvolutionConfig(": lambda: annealed_ea(
         road_problem((4, 4)), EvolutionConfig()
     ),
+    "config: expected one number as tile_rate, got shape (2,), which only jax.vmap maps over": lambda: ea(
+        road_problem((4, 4)), EvolutionConfig(tile_rate=np.array([0.1, 0.2]))
+    ),
     "keys: expected keys [S], such as those of seed_keys, got 0": lambda: run(ea(road_problem((4, 4))), 0, 3),
     "seed: expected a whole number, 0 to 4294967295, got -1": lambda: seed_keys(-1, 2),
     "what: map 0: grid: expected two dimensions": lambda: explore([3], "page.html"),

@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int32, Key, Real
 
 from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree
@@ -33,9 +35,14 @@ class Info(NamedTuple):
 
 
 def check_arguments(problem: Problem, config: Record, kind: type[Record]) -> None:
-    """Raises `InputError` unless a factory has got a problem, and a configuration of its own."""
+    """Raises `InputError` unless a factory has got a problem, and a configuration of its own with single numbers."""
     check_named("problem", instance(Problem), problem)
     check_named("config", instance(kind), config)
+    for path, value in jax.tree.leaves_with_path(config):
+        if jnp.shape(value) != ():
+            name = jax.tree_util.keystr(path).lstrip(".")
+            got = f"shape {jnp.shape(value)}, which only jax.vmap maps over"
+            raise InputError(f"config: expected one number as {name}, got {got}")
 
 
 def count_refused(evaluated: Population) -> Int32[Array, ""]:
