@@ -146,7 +146,7 @@ def test_a_mirrored_photograph_is_refused(codes):
     picture = np.ascontiguousarray(photographed.photograph(codes)[:, ::-1])
     proposal = propose_tiles(Photograph("mirror", picture), shape=codes.shape)
     assert proposal.score < SURE
-    assert proposal.advice.startswith("the photograph is mirrored")
+    assert proposal.advice.startswith("the photograph is mirrored or shows left-hand traffic")
 
 
 def test_a_tile_that_is_laid_otherwise_than_the_map_says_is_left_out(shot):
