@@ -57,7 +57,7 @@ The metadata of each sample have these fields. A field is missing if a given map
 | `metrics` | the metrics of the map; the command `elitelanes metrics` explains them |
 | `fitness`, `niche` | the map's fitness, lower is better, and its bin on each axis of the niches |
 | `map_seed` | the seed of the search, and the index of the search's run that found the map |
-| `tiles`, `quarter_turns` | the tile picture of each cell, and by how many quarter turns it is turned counter-clockwise |
+| `tiles`, `quarter_turns` | the tile picture of each cell, and its quarter turns counter-clockwise |
 | `transform` | `matrix` maps points (x, y) of the plain map, in pixels from its top left corner, to points of the \
 picture; the other values are the light, blur and noise of the picture |
 | `class_pixels` | the number of pixels of each label |"""
