@@ -213,7 +213,10 @@ def _read(options: argparse.Namespace) -> int:
     plan = None if options.against is None else read_map(options.against).codes
     shape = _shape(options, plan)
     if shape == (1, 1):
-        raise InputError("--size: expected the rows and columns of a floor, got none")
+        got = "none" if options.size is None else "1 1"
+        raise InputError(
+            f"--size: expected the rows and columns of a floor of 2 tiles or more, got {got}"
+        )
     if options.out is not None:
         check_new(options.out)
     tiles = load_tiles(options.tiles)
@@ -290,7 +293,8 @@ def _propose(
     corners = options.corners
     if corners is not None and len(corners) != len(photos):
         raise InputError(
-            f"--corners: expected them for each of {pluralize(len(photos), 'photograph')}, got {len(corners)}"
+            f"--corners: expected the option once for each of {pluralize(len(photos), 'photograph')}, "
+            f"got it for {len(corners)}"
         )
     if corners is None and options.exact:
         raise InputError("--exact: expected --corners, got none")

@@ -45,6 +45,23 @@ and `theta`, counter-clockwise from east. `camera` has the camera's height and i
 in metres, and its angles in degrees. `transform.matrix` maps points behind the camera to a third coordinate of 0 or
 less."""
 
+_METADATA = """\
+The metadata of each sample have these fields. A field is missing if a given map has no such value.
+
+| field | value |
+|---|---|
+| `image_file_name`, `labels_file_name` | the files of the sample, in the layout imagefolder alone |
+| `number` | the index of the sample in the dataset, from 0; its files have this number |
+| `size`, `pixels` | rows and columns: of the map in tiles, and of the picture in pixels |
+| `codes` | the tile code of each cell, 8·N + 4·E + 2·S + 1·W of the sides that are open |
+| `metrics` | the metrics of the map; the command `elitelanes metrics` explains them |
+| `fitness`, `niche` | the map's fitness, lower is better, and its bin on each axis of the niches |
+| `map_seed` | the seed of the search, and the index of the search's run that found the map |
+| `tiles`, `quarter_turns` | the tile picture of each cell, and its quarter turns counter-clockwise |
+| `transform` | `matrix` maps points (x, y) of the plain map, in pixels from its top left corner, to points of the \
+picture; the other values are the light, blur and noise of the picture |
+| `class_pixels` | the number of pixels of each label |"""
+
 _OBJECTS = """
 `objects` in the metadata lists the objects that are seen: `kind` (`category` in the layout imagefolder); `instance`
 (`id`), the object's number in the mask of instances; `box` (`bbox`), x, y, width and height of what is seen, in pixels;
@@ -76,11 +93,7 @@ def write_card(
     lines += ["", "## Loading it", "", "Replace `DIR` in the programs by the path of this folder."]
     lines += ["", "```python", loading, "```"]
     lines += ["", "As NumPy arrays:", "", "```python", arrays, "```", ""]
-    lines.append(
-        "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, the tile picture of "
-        "each cell, and `transform.matrix`, which maps points (x, y) of the plain map, in pixels from its top left "
-        "corner, to points of the picture."
-    )
+    lines.append(_METADATA)
     if about["settings"]["camera"] is not None:
         lines.append(_POSES)
     if "object_set" in about:

@@ -72,7 +72,10 @@ def check_grid(grid: AnyArray) -> AnyArray:
             "grid: expected a tile code in each cell, got a masked array; grid.filled(0) empties such cells"
         )
     if array.ndim != 2:
-        raise InputError(f"grid: expected two dimensions (rows, columns), got shape {array.shape}")
+        hint = "; give one grid, or batch a kernel with jax.vmap" if array.ndim == 3 else ""
+        raise InputError(
+            f"grid: expected two dimensions (rows, columns), got shape {array.shape}{hint}"
+        )
     check_shape(array.shape)
     if array.dtype.kind not in "iu":
         raise InputError(f"grid: expected integer tile codes, got {array.dtype}")

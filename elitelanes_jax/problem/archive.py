@@ -148,7 +148,8 @@ def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.flo
     """Returns the sum over all elites of worst - fitness, if positive; float ``[...]``.
 
     `fitness` is ``[..., N]``, lower is better, and anything in niches that are not `valid`, bool
-    ``[..., N]``. Source: Pugh, Soros and Stanley, "Quality diversity", 2016.
+    ``[..., N]``. NumPy computes it, therefore call it outside `jax.jit`. Source: Pugh, Soros and
+    Stanley, "Quality diversity", 2016.
     """
     return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
 
@@ -158,7 +159,7 @@ def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
     """Returns the filled share of the feasible niches, float ``[...]``.
 
     `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be
-    filled; by default all.
+    filled; by default all. NumPy computes it, therefore call it outside `jax.jit`.
     """
     valid = np.atleast_1d(np.asarray(valid, bool))
     feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)

@@ -50,7 +50,8 @@ def misplaced_lines(tiles: Sequence[Tile]) -> list[tuple[str, str, str]]:
             faults = [
                 (
                     "image",
-                    "expected a picture that is not mirrored, got stop lines on the outgoing lanes",
+                    "expected a picture that is not mirrored, of traffic that keeps right, "
+                    "got stop lines on the outgoing lanes",
                 )
             ]
         errors += [(tile.name, *fault) for fault in faults]

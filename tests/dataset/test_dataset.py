@@ -90,6 +90,7 @@ def test_an_evolved_dataset_has_these_files(evolved):
         "\n20 pictures of 20 road networks, 3 x 4 to 4 x 4 tiles: views from above, 16 pixels a tile.\n" in card
         and "lane separator" in card
     )
+    assert [name for name in row if f"`{name}`" not in card] == []
     assert len(forms) == 20
     assert sorted(sizes) == [(3, 4)] * 10 + [(4, 4)] * 10
 

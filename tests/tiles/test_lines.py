@@ -56,7 +56,7 @@ def test_mirrored_crossings_have_their_stop_lines_on_the_wrong_lane(drawn_tiles)
         red = np.flipud(tile.red)
         mirrored = misplaced_lines([tile._replace(red=red, image=np.flipud(tile.image))])
         assert [words for *_, words in mirrored] == [
-            "expected a picture that is not mirrored, got stop lines on the outgoing lanes"
+            "expected a picture that is not mirrored, of traffic that keeps right, got stop lines on the outgoing lanes"
         ]
         # One line that is beside its lane is no mirror image.
         red = tile.red & (np.arange(len(red))[:, None] > 40) | red & (np.arange(len(red))[:, None] <= 40)

@@ -194,7 +194,9 @@ def _lacks_colour(
     """
     pictures, floor = scale_tiles(tiles, READ_PX)["image"], _without_light(flat)[..., 1:]
     alike = np.ones(codes.shape)
-    for row, column in np.argwhere(codes > 0).tolist():
+    # Neighbours of a cell without a tile may ask for a dead end there, which few sets have.
+    has_picture = (codes > 0) & np.isin(codes, list(tiles.rotations))
+    for row, column in np.argwhere(has_picture).tolist():
         cell = _cell(floor, row, column)
         correlations = []
         for drawn in tiles.rotations[int(codes[row, column])][:_MOST_PICTURES]:
@@ -206,7 +208,7 @@ def _lacks_colour(
                 )
                 correlations.append(_most_alike(part, lines))
         alike[row, column] = max(correlations)
-    if codes.size == 1 or np.median(alike[codes > 0] if codes.any() else 0) < 2 * _COLOURED:
+    if codes.size == 1 or np.median(alike[has_picture] if has_picture.any() else 0) < 2 * _COLOURED:
         return np.zeros(codes.shape, np.bool_)
     return np.asarray(alike < _COLOURED, np.bool_)
 

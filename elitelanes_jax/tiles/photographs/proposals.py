@@ -76,7 +76,7 @@ _CROPPED = (
     "the outlined tiles are no squares in space; check the size, take a photograph that is not cropped, or give the "
     "corners"
 )
-_MIRRORED = "the photograph is mirrored; take it without a mirror, and do not flip it"
+_MIRRORED = "the photograph is mirrored or shows left-hand traffic; do not flip it"
 _HIDDEN = "the tile's border is not seen; photograph it on a floor of another colour, or give its exact corners"
 
 # Limits at which a score is a half, their widths, and what to do below. A negative width is of an

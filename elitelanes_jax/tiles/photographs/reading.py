@@ -100,6 +100,8 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
         what to do.
     """
     file = Path(check_named("file", path, file))
+    if file.is_dir():
+        raise InputError(f"{file}: {_WORDS}, got a folder; name the files in it")
     try:
         content = read_bytes(file, _MOST_BYTES)
     except OSError as error:
