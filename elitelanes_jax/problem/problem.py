@@ -102,8 +102,8 @@ class Problem:
         check_named("initial", none_or(_check_initial), self.initial, shape)
         check_named("fill", flag, self.fill)
         if self.fixed is not None:
-            is_bool = np.asarray(self.fixed).dtype.kind == "b"
-            if not is_bool or np.shape(self.fixed) != shape:
+            dtype = getattr(self.fixed, "dtype", None) or np.asarray(self.fixed).dtype
+            if dtype != np.bool_ or np.shape(self.fixed) != shape:
                 height, width = shape
                 got = shorten(repr(self.fixed))
                 raise InputError(f"fixed: expected bool [{height}, {width}], got {got}")
