@@ -3,7 +3,6 @@
 import io
 from collections.abc import Callable
 from functools import cache
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, file_named, instance, unmasked
-from elitelanes_jax._util.errors import InputError, pluralize, warn_user
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import unpack
 from elitelanes_jax._util.types import AnyArray, UserValue
@@ -114,8 +113,7 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
 
     Returns:
       float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite if it is vacant; and
-      the scores, each ``[R, T]``. Warns if two runs have equal grids in equal slots, because runs
-      that differ in nothing, such as their seed, make the intervals too small.
+      the scores, each ``[R, T]``.
 
     Raises:
       InputError: for grids that do not fit the task, or one that is better than its niche's
@@ -124,7 +122,6 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
     _check_fields(submission)
     task, grids = submission.task, np.asarray(submission.grids)
     _check("submission", task, grids, least=1)
-    _warn_of_equal_runs(grids)
     measured = _measure(submission)
     flawless = measured["flaws"] == 0
     beyond = np.argwhere(flawless & ~np.isin(measured["cyclomatic"], task.cyclomatic))
@@ -146,21 +143,6 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
                 f"grids: expected none better than the certified {optimum}, got {got}: please report it"
             )
     return best, compute_scores(task, best)
-
-
-def _warn_of_equal_runs(grids: Int8[np.ndarray, "R T N H W"]) -> None:
-    """Warns of a run that has the grids of an earlier one; runs without any grid are not compared."""
-    earlier: dict[bytes, int] = {}
-    for index, run in enumerate(grids):
-        if not run.any():
-            continue
-        first = earlier.setdefault(sha256(run.tobytes()).digest(), index)
-        if first != index:
-            warn_user(
-                f"grids: run {index} has the grids of run {first} at every budget: unless the task is tiny, both had "
-                "the same seed, and the intervals are too small"
-            )
-            return
 
 
 @name_wrong_arguments

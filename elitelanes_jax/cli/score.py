@@ -1,7 +1,6 @@
 """The command ``elitelanes score``."""
 
 import argparse
-import warnings
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import path
 from elitelanes_jax.cli.arguments import Commands, add_command, checked_by, naming
-from elitelanes_jax.cli.program import say, warn
+from elitelanes_jax.cli.program import say
 
 
 def add_score(commands: Commands) -> None:
@@ -40,11 +39,9 @@ def _score(options: argparse.Namespace) -> int:
     use_compile_cache()
     for file in options.archives:
         submission = read_submission(file)
-        with naming(file), warnings.catch_warnings(record=True, action="always") as caught:
+        with naming(file):
             _, scores = score_submission(submission)
             of_runs = scores._asdict() | {"graded": grade_submission(submission)}
-        for message in dict.fromkeys(str(warning.message) for warning in caught):
-            warn(f"{file}: {message}")
         say(
             f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(of_runs)}",
             asked=True,

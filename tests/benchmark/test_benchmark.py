@@ -31,30 +31,11 @@ from elitelanes_jax.network import Weights, mirror
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
 TASK = find_task("5x5A-100000")
 
-# Most archives here are made by hand, of equal runs.
-pytestmark = pytest.mark.filterwarnings("ignore:grids. run")
-
 
 def perfect(task=TASK, runs=10):
     """Runs that found the witnesses at once."""
     budgets = BUDGETS.index(task.evaluations) + 1
     return Submission(task, np.broadcast_to(task.witnesses, (runs, budgets, *task.witnesses.shape)).copy())
-
-
-def test_runs_that_are_equal_are_warned_of(tmp_path, capsys):
-    """Whoever forgets to pass on the seed has ten copies of one run, and an interval of width 0."""
-    words = "run 4 has the grids of run 1 at every budget: unless the task is tiny, both had the same seed"
-    grids = np.zeros((10, 2, 10, 5, 5), np.int8)
-    for run_index in range(2, 10):
-        grids[run_index, :, run_index] = TASK.witnesses[0]
-    score_submission(Submission(TASK, grids))  # two runs without grids are equal too
-    grids[1], grids[4, :, :] = grids[7], grids[7]
-    grids[7] = 0
-    with pytest.warns(UserWarning, match=f"^grids: {words}"):
-        score_submission(Submission(TASK, grids))
-    write_submission(tmp_path / "runs.npz", Submission(TASK, grids))
-    assert main(["score", str(tmp_path / "runs.npz")]) == 0
-    assert capsys.readouterr().err.count(f"runs.npz: grids: {words}") == 1
 
 
 def test_the_tasks_of_a_version_do_not_change():
