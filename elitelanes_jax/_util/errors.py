@@ -58,7 +58,7 @@ def pluralize(count: int, noun: str) -> str:
 
 
 def list_some(names: Sequence[str], most: int, separator: str = ", ") -> str:
-    """Returns the first names, at most so many, and how many more there are."""
+    """Returns the first `most` names as words, with the number of names that are left out."""
     words = separator.join(names[:most])
     return words if len(names) <= most else f"{words} and {len(names) - most} more"
 

@@ -95,12 +95,12 @@ def draw_sample(
     check_named("tiles", instance(TileSet), tiles)
     tile_px = check_tile_px(tile_px)
     choice = _plan_choice(road_map.codes.tobytes(), road_map.codes.shape, tiles)
-    things: Sequence[MapObject] = ()
+    drawn: Sequence[MapObject] = ()
     pictures: Sequence[ObjectPictures] = ()
     if objects is not None:
-        things = road_map.objects or ()
-        pictures = objects.choose(things, [seed, index, 2])
-    scene = _Scene(road_map, tiles, choice.choose([seed, index]), tile_px, things, pictures)
+        drawn = road_map.objects or ()
+        pictures = objects.choose(drawn, [seed, index, 2])
+    scene = _Scene(road_map, tiles, choice.choose([seed, index]), tile_px, drawn, pictures)
     rng = np.random.default_rng([seed, index, 1])
     if camera is None:
         shot = _see_from_above(rng, scene, transforms)
@@ -124,22 +124,22 @@ def draw_sample(
 
 
 class _Scene(NamedTuple):
-    """A map, and what it is drawn with.
+    """A map with the pictures of its tiles and objects.
 
     Attributes:
       road_map: the map.
       tiles: its tile set.
       chosen: int ``[H, W, 2]``, the picture of each cell and its quarter turns, see `TileChoice`.
       tile_px: side of a tile in pixels.
-      things: the objects that are drawn.
-      pictures: of each of them.
+      objects: those of its objects that are drawn.
+      pictures: of each object.
     """
 
     road_map: RoadMap
     tiles: TileSet
     chosen: NDArray[np.int_]
     tile_px: int
-    things: Sequence[MapObject]
+    objects: Sequence[MapObject]
     pictures: Sequence[ObjectPictures]
 
 
@@ -190,7 +190,7 @@ def _see_from_above(rng: np.random.Generator, scene: _Scene, transforms: Transfo
     paved = np.zeros(view.size, bool)
     if transforms.background:
         paved = warp(show_paved(tiles, scene.chosen, tile_px).astype(np.uint8), view) > 0
-    flat, order = lay_all_flat(scene.things, scene.pictures, tile_px)
+    flat, order = lay_all_flat(scene.objects, scene.pictures, tile_px)
     image, labels = warp(picture.image, view, GROUND), warp(picture.labels, view)
     return _Shot(
         ground=_Ground(image, labels, paved, sky=np.zeros(view.size, bool)),
@@ -212,7 +212,7 @@ def _see_from_robot(
     viewpoint = draw_viewpoint(
         rng, camera, road_map.codes, tile_px, road_map.objects or (), tiles.lane_offset
     )
-    placed, order, distances = stand(scene.things, scene.pictures, viewpoint, tile_px)
+    placed, order, distances = stand(scene.objects, scene.pictures, viewpoint, tile_px)
     return _Shot(
         ground=_see_ground(scene, viewpoint),
         view=numbers.through(viewpoint.matrix, viewpoint.size, transforms),
@@ -232,7 +232,7 @@ def _paste(
     listed: list[dict[str, Plain]] = []
     for index, item, further in zip(shot.order, seen, shot.further, strict=True):
         if item.visible:
-            names = {"kind": scene.things[index].kind, "instance": index + 1}
+            names = {"kind": scene.objects[index].kind, "instance": index + 1}
             listed.append({**names, **item._asdict(), **further})
     return instances, listed
 

@@ -35,7 +35,7 @@ class Info(NamedTuple):
 
 
 def check_arguments(problem: Problem, config: Record, kind: type[Record]) -> None:
-    """Raises `InputError` unless a factory has got a problem, and a configuration of its own with single numbers."""
+    """Checks the arguments of a factory: a problem, and a configuration of its kind with single numbers."""
     check_named("problem", instance(Problem), problem)
     check_named("config", instance(kind), config)
     for path, value in jax.tree.leaves_with_path(config):

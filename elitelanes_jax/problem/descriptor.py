@@ -26,8 +26,6 @@ MOST_NICHES = 2**20
 """The largest number of niches, so that the archives of a single seed fit in memory."""
 
 
-_LARGEST_INT32 = 2**31 - 1
-
 _WHOLE = "0{0,9}[1-9][0-9]{0,18}"
 _AXIS_TEXT = re.compile(f"([^:]*):({_WHOLE})(?::({_WHOLE}))?", re.DOTALL)
 
@@ -162,8 +160,9 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     width = np.array([axis.width for axis in axes], np.uint32).reshape(aligned)
     start = np.array([axis.start for axis in axes], np.int32).reshape(aligned)
     with transfers():
-        if np.iinfo(descriptor.dtype).max > _LARGEST_INT32:
-            descriptor = descriptor.clip(None, _LARGEST_INT32)
+        largest = np.iinfo(np.int32).max
+        if np.iinfo(descriptor.dtype).max > largest:
+            descriptor = descriptor.clip(None, largest)
         # A difference of two int32, one of them negative, may not fit int32. It fits uint32.
         distance = (descriptor.clip(start, None).astype(np.int32) - start).astype(np.uint32)
         return (distance // width).clip(None, last).astype(np.int32)
