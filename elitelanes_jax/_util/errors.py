@@ -46,10 +46,12 @@ def warn_user(message: str) -> None:
 
 def suggest(name: UserValue, known: Iterable[str]) -> str:
     """Returns the known name that an unknown name probably means, as the end of a message; "" if there is none."""
-    text, names = str(name)[:40].lower(), list(known)
-    start = text[: 5 if text.startswith("--") else 3]
-    alike = get_close_matches(text, names, 1) or [one for one in names if one.startswith(start)]
-    return f"; is it {alike[0]}?" if alike else ""
+    # Dashes that all options begin with would make any two of them alike: --floor and --force.
+    names_by_word = {name.lstrip("-"): name for name in known}
+    word = str(name)[:40].lower().lstrip("-")
+    alike = get_close_matches(word, names_by_word, 1, cutoff=0.7)
+    alike = alike or [candidate for candidate in names_by_word if candidate.startswith(word[:3])]
+    return f"; is it {names_by_word[alike[0]]}?" if alike else ""
 
 
 def pluralize(count: int, noun: str) -> str:

@@ -39,7 +39,9 @@ def shorten_coverage(metrics: Mapping[str, Numeric]) -> Row:
 
 @name_wrong_arguments
 def table_to_csv(rows: Sequence[Row]) -> str:
-    """Returns rows, such as those of `measure_maps`, as CSV with a header of all columns that any row has.
+    """Returns rows as CSV with a header of all columns that any row has.
+
+    A row has values by name, such as the `metrics` of a `RoadMap`.
 
     Raises:
       InputError: for the name of a file that UTF-8 cannot hold.

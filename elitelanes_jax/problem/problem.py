@@ -38,7 +38,8 @@ class Evaluation(NamedTuple):
 
     Attributes:
       fitness: int32 or float32 ``[P]``, lower is better.
-      features: int32 ``[P, F]``, in the order of `Problem.feature_names`.
+      features: int32 ``[P, F]``, in the order of `Problem.feature_names`; without features
+        an array ``[P, 0]``.
     """
 
     fitness: Real[Array, " P"]

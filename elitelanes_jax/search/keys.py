@@ -51,6 +51,11 @@ def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
         raise InputError(
             f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}"
         )
+    if isinstance(key, jax.core.Tracer):
+        raise InputError(
+            "key: expected a key outside jax.jit and jax.vmap, because evolve compiles a program of "
+            "its own; give an array of keys for many seeds, or use optimizers.run in your program"
+        )
     if seeds is not None:
         raise InputError(
             f"seeds: expected none with keys, because each key is a seed, got {seeds!r}"

@@ -304,12 +304,24 @@ def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
     return about
 
 
+def _names_to_save(folder: Path, missing: list[str]) -> str:
+    """Returns the end of a message: which files of the folder to save under the missing names, such as image.jpg."""
+    files = sorted(file.name for file in folder.iterdir())
+    advice = ""
+    for name in missing:
+        alike = [file for file in files if Path(file).stem.lower() == Path(name).stem]
+        if alike:
+            advice += f"; save {alike[0]} as {name}"
+    return advice
+
+
 def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
     before = len(problems)
     missing = [f"{name}.png" for name in _FILES if not (folder / f"{name}.png").is_file()]
     if missing:
         problems.append(
             f"{folder}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}"
+            f"{_names_to_save(folder, missing)}"
         )
     image = read_image(folder / "image.png", problems)
     road = read_mask(folder / "road.png", image, problems)

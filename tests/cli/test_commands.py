@@ -163,6 +163,23 @@ def test_what_ends_a_command_is_one_line_and_leaves_nothing(error, code, said, t
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("line", "hint"),
+    [
+        ("dataset --floor 4 3 --out out", ""),
+        ("dataset --resolution 128 --out out", ""),
+        ("generate --inventroy straight=3 --out out", "; is it --inventory?"),
+        ("generate --evals 100 --out out", "; is it --evaluations?"),
+    ],
+)
+def test_an_unknown_option_names_a_known_one_only_if_they_are_alike(line, hint, capsys):
+    with pytest.raises(SystemExit):
+        main(line.split())
+    command, *arguments = line.removesuffix(" --out out").split()
+    message = f"elitelanes {command}: unrecognized arguments: {' '.join(arguments)}{hint}"
+    assert capsys.readouterr().err == f"{message}\n"
+
+
 def test_a_fault_of_the_program_is_not_blamed_on_the_user(tmp_path, monkeypatch):
     def fail(*_, **__):
         raise ValueError("a bug")

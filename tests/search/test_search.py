@@ -313,6 +313,13 @@ def test_progress_is_shown_when_asked_for(capsys):
     assert re.search(r"map-elites 5x6 10/10 generations, best -?[\d,]+, \d+ elites, [\d,]+ evaluations/s\n", shown)
 
 
+@pytest.mark.parametrize("transform", [jax.jit, jax.vmap])
+def test_a_search_inside_a_transformation_is_refused_with_what_to_do(transform):
+    keys = jax.random.split(KEY, 2)
+    with pytest.raises(InputError, match="key: expected a key outside jax.jit and jax.vmap, .* optimizers.run"):
+        transform(lambda key: evolve(key, SHAPE, generations=1).best())(keys)
+
+
 @pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize(
     ("change", "message"),

@@ -173,6 +173,10 @@ SPOILS = [
     *((drawn(file, pixels.astype(np.uint8)), f"{file}: {words}") for file, (pixels, words) in PICTURES.items()),
     *((image(change), f"turn_1/image.png: .*{words}") for change, words in BYTES),
     (lambda folder: (folder / "turn_2/red.png").unlink(), "turn_2: expected image.png, road.png, .*, got no red.png"),
+    (
+        lambda folder: (folder / "turn_2/image.png").rename(folder / "turn_2/Image.JPG"),
+        "turn_2: expected .*, got no image.png; save Image.JPG as image.png$",
+    ),
     (without("crossing*"), r"expected tiles of every kind a map needs .*, got no crossing"),
     (without("straight*"), r"expected tiles of every kind a map needs .*, got no straight"),
     (without("*_*"), r"got no straight and no turn and no crossing"),
