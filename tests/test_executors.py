@@ -117,6 +117,7 @@ def test_any_number_of_parts_gives_the_files_of_one_machine(count, whole, tmp_pa
     assert [entry.name for entry in tmp_path.iterdir()] == ["maps"]
 
 
+@pytest.mark.slow
 def test_a_search_with_functions_of_ones_own_gives_the_same_arrays(threads):
     options = {"seeds": 4, "spec": SEARCH, "fitness": fitness}
     expected, got = evolve(3, (5, 5), **options), evolve(3, (5, 5), **options, executor=threads, parts=2)

@@ -118,6 +118,7 @@ def test_it_may_add_to_the_usual_fitness_and_take_all_that_is_measured():
     assert compared > 3
 
 
+@pytest.mark.slow
 def test_values_out_of_range_are_refused():
     features = {
         "large": lambda grid: jnp.where(grid[1, 1] == 6, 2**30, 7),
@@ -196,7 +197,7 @@ def of_factor(name, factor):
 
 
 @pytest.mark.parametrize(
-    "name", ["fitness", "optimizer", *(pytest.param(name, marks=pytest.mark.slow) for name in ("features", "moves"))]
+    "name", ["fitness", *(pytest.param(name, marks=pytest.mark.slow) for name in ("optimizer", "features", "moves"))]
 )
 def test_a_function_is_known_by_what_it_computes(name, tmp_path):
     """An equal function continues a run, whatever its name; an edited function of the same name does not."""

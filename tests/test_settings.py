@@ -154,6 +154,7 @@ def test_a_search_is_the_same_whatever_is_set(name, tmp_path):
             search(checkpoint=tmp_path / "own")
 
 
+@pytest.mark.slow
 def test_an_optimiser_is_traced_anew_under_other_settings():
     """It may compute other numbers with 64 bits. Then its search is another one."""
 

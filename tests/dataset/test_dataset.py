@@ -328,6 +328,7 @@ def furnished(what):
     return DatasetSpec(maps=4, size=4, split=(1, 0, 0), tile_px=16, search=search, furnish=what)
 
 
+@pytest.mark.slow
 def test_maps_are_kept_for_other_objects_if_some_do_not_fit(tmp_path, monkeypatch):
     out, kept = tmp_path / "out", "; the maps are kept for the same command with other objects$"
     with pytest.raises(InputError, match=f"^furnish: map .: houses: expected a number that fits, got 99, .* fit{kept}"):

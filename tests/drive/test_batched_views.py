@@ -139,6 +139,7 @@ def test_a_view_depends_on_the_key_and_its_index_alone(scenes, batch):
     assert (other.images != many.images).mean() > 0.5
 
 
+@pytest.mark.slow
 def test_all_at_once_draws_what_is_drawn_one_by_one(crowded):
     plans = plans_of(jax.random.key(5), crowded, 2, variation=VARIED)
     each, at_once = (jax.jit(partial(way, crowded))(plans) for way in (drawing._draw_each, drawing._draw_all))
@@ -186,6 +187,7 @@ def test_objects_hide_labels_and_no_robot_touches_them(furnished, crowded):
         assert not thing.height or (away > thing.radius + Robot().width / 2 - 1e-5).all()
 
 
+@pytest.mark.slow
 def test_objects_have_the_masks_and_the_pictures_that_datasets_have(drawn_tiles):
     grid, objects, camera = np.array([[6, 7, 3], [12, 13, 9]], np.int8), load_objects(), Camera(rows=60, columns=80)
     oblong = [one if one.height else replace(one, footprint=(0.12, 0.05)) for one in objects.pictures]
@@ -226,6 +228,7 @@ def test_objects_have_the_masks_and_the_pictures_that_datasets_have(drawn_tiles)
     assert shown > set(range(10, 16)) and len(shown) > 12
 
 
+@pytest.mark.slow
 def test_ranges_may_differ_between_the_pictures_of_a_batch(scenes):
     still = {"offset": 0, "heading": 0, "wobble": 0}
     ranges = Variation(noise=np.array([0, 64], np.float32), **still)

@@ -159,6 +159,7 @@ def test_a_ride_that_has_ended_stays_there_and_reaches_no_goal(monkeypatch):
     np.testing.assert_allclose(np.diff(made.x, axis=1), [[1, 0], [1, 1]], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_policy_with_a_camera_sees_its_picture_alone(drawn_tiles):
     asked = []
 

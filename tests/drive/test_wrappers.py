@@ -51,6 +51,7 @@ def seeing(levels):
     return LaneDriveParams(levels, limit=20, observe="camera", sight=sight)
 
 
+@pytest.mark.slow
 def test_the_camera_is_an_observation_of_all_wrappers(seeing):
     env = GymnaxEnv(LaneDrive, seeing, SPACES, values=5)
     assert env.observation_space() == ("box", 0, 255, (12, 16, 3), np.uint8)

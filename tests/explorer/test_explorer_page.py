@@ -293,6 +293,7 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
             collect(nothing)
 
 
+@pytest.mark.slow
 def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, capsys):
     """Its relative path is looked up in each folder above the run; another set of the same path is not its own."""
     home, away = tmp_path / "home", tmp_path / "away"

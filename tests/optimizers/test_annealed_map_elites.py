@@ -52,6 +52,7 @@ def test_the_last_archive_holds_the_best_of_all_and_is_the_result():
     np.testing.assert_array_equal(evaluation.fitness[elites.valid], elites.fitness[elites.valid])
 
 
+@pytest.mark.slow
 def test_each_group_keeps_what_its_own_chains_found_and_nothing_else():
     problem, _, states = usual()
     groups = len(states[0].archives.fitness) // 400 - 1
@@ -147,6 +148,7 @@ def test_penalties_are_the_fitness_without_rewards():
     np.testing.assert_array_equal(added, 3 * features[:, -1])
 
 
+@pytest.mark.slow
 def test_a_step_from_grids_that_are_not_evaluated_is_generation_0():
     given = np.random.default_rng(3).integers(0, 16, (2, *SHAPE)).astype(np.int8)  # their links do not match
     problem = road_problem(SHAPE, initial=given, fill=True)

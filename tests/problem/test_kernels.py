@@ -166,6 +166,7 @@ def test_own_features_come_after_the_metrics():
     assert not set(search.measured) & set(METRIC_NAMES)
 
 
+@pytest.mark.slow
 def test_features_of_a_town_are_measured_where_they_are_named():
     options = {"axes": ["symmetry:4", "turns:4"], "where": "box_fill=0.5.. repetition=..0.9", "rules": "duckietown"}
     found = evolve(jax.random.split(jax.random.key(0), 2), (5, 6), generations=30, **options, **PAPER)

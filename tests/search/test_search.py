@@ -101,6 +101,7 @@ def test_other_numbers_of_a_configuration_take_the_same_program():
     same(one, search(KEY, SHAPE, generations=20))
 
 
+@pytest.mark.slow
 def test_a_smaller_alphabet_is_steered_to():
     """Without a four-way crossing in the set, the best grids found have none."""
     alphabet = [3, 5, 6, 7, 9, 10, 11, 12, 13, 14]

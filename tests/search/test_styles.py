@@ -279,6 +279,7 @@ def test_an_empty_list_of_maps_is_refused(name):
     assert settings_of(SearchSpec(**{name: ()})) == settings_of(SearchSpec()) == Settings()
 
 
+@pytest.mark.slow
 def test_a_given_map_is_none_of_the_chosen_wherever_it_lies():
     moved = np.pad(rotate(RING), [(1, 1), (0, 2)])
     found = evolve(jax.random.split(jax.random.key(0), 1), (6, 6), rules="duckietown", initial=[moved], generations=0)
