@@ -6,9 +6,11 @@ and the number of its outlines.
 
 import json
 import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 
-from ultralytics.data.utils import check_det_dataset, img2label_paths, verify_image_label
+with redirect_stdout(sys.stderr):  # the first import on a machine says that it writes a file of settings
+    from ultralytics.data.utils import check_det_dataset, img2label_paths, verify_image_label
 
 for file in sys.argv[1:]:
     data, read = check_det_dataset(file, autodownload=False), {}
