@@ -52,7 +52,7 @@ def add_export(commands: Commands) -> None:
         type=checked_by(path),
         nargs="+",
         metavar="MAP",
-        help="a map.json, or a map of Duckietown: .yaml, or a folder of layers",
+        help="a map.json, or a map of Duckietown: .yaml, or a folder of layers; or a folder with such maps",
     )
     command.add_argument(
         "--to",
@@ -77,6 +77,7 @@ def _export(options: argparse.Namespace) -> int:
             f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got {shorten(repr(options.to))}"
         )
     settings = read_options(options, FormatOptions())
+    options.maps = _files_of_maps(options.maps)
     with naming_options(FormatOptions()):
         settings.check_taken_by(options.to)
     if options.to == _TABLE:
@@ -84,6 +85,20 @@ def _export(options: argparse.Namespace) -> int:
     else:
         _export_files(options, FORMATS[options.to], settings)
     return 0
+
+
+def _files_of_maps(sources: Sequence[Path]) -> list[Path]:
+    """Returns the files of maps: those that are named, and those in the folders that are named."""
+    from elitelanes_jax.maps.given import map_files
+
+    files: list[Path] = []
+    for source in sources:
+        if (source / "dataset.json").is_file():
+            raise InputError(
+                f"{source}: expected files of maps, got a dataset; elitelanes pack exports its maps"
+            )
+        files += map_files(source)
+    return files
 
 
 def _export_table(options: argparse.Namespace) -> None:

@@ -119,13 +119,14 @@ def _read_path(source: Path) -> list[tuple[str, UserValue]]:
     if (source / "dataset.json").is_file():
         return _of_dataset(source)
     maps = []
-    for file in _files(source):
+    for file in map_files(source):
         for road_map in read_maps(file):
             maps.append((str(file), road_map))
     return maps
 
 
-def _files(source: Path) -> list[Path]:
+def map_files(source: Path) -> list[Path]:
+    """Returns the files of maps in a folder, as `parse_given` finds them, or the file itself; raises `InputError`."""
     if not source.is_dir() or is_layers(source):
         return [source]
     if (source / "pack.json").is_file():

@@ -117,3 +117,10 @@ def test_a_terminal_without_box_drawing(maps, monkeypatch):
     monkeypatch.setattr(sys, "stdout", stream)
     assert main(["show", maps[0]]) == 0
     assert stream.buffer.getvalue().startswith(b"+-+\n+-+\n\n2 x 2 tiles")
+
+
+def test_a_dataset_is_refused_with_the_command_that_reads_it(tmp_path, capsys):
+    (tmp_path / "lanes").mkdir()
+    (tmp_path / "lanes" / "dataset.json").write_text("{}")
+    assert main(["export", str(tmp_path / "lanes"), "--to", "sumo", "--out", str(tmp_path / "out")]) == 2
+    assert "got a dataset; elitelanes pack exports its maps" in capsys.readouterr().err
