@@ -24,10 +24,6 @@ from itertools import cycle, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,7 +41,7 @@ from elitelanes_jax.benchmark import (
     write_submission,
 )
 from elitelanes_jax.search import use_compile_cache
-from experiments.common import Parser, leave, run, save, table, whole, write
+from experiments.common import Parser, leave, require, run, save, table, whole, write
 from experiments.search.board_rows import ROWS, Row
 
 __all__ = ["FIELDS", "PUBLISHED", "TASKS", "Board", "Place", "Score", "main", "read_board"]
@@ -58,7 +54,10 @@ PUBLISHED = Path(__file__).parent / "results" / "board.csv"
 FIELDS = (*Scores._fields, "graded")
 """The names of the scores."""
 
-_COLOURS = (*mpl.color_sequences["tab10"], "black", "gold", "navy")
+_COLOURS = (*(f"C{index}" for index in range(10)), "black", "gold", "navy")
+
+_LIBRARIES = ("qdax", "ribs", "evosax")
+"""The packages that rows need whose names begin so."""
 
 Record = dict[str, Any]
 """The scores of a row on a task: `row`, `task`, `evaluations`, `seconds`, and each of `FIELDS` by run and budget."""
@@ -105,6 +104,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> None:
     if not (options.rows or options.table):
         raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py, got none")
+    if options.table:
+        require("the picture of --table needs", "matplotlib")
     rows = dict(_find_row(name) for name in options.rows)
     tasks = [find_task(name) for name in options.tasks]
     use_compile_cache()
@@ -119,6 +120,9 @@ def _run(options: argparse.Namespace) -> None:
 def _find_row(name: str) -> tuple[str, Row]:
     """Returns a row of the board by its name, or a row that runs the search in a file."""
     if name in ROWS:
+        library = name.partition("-")[0]
+        if library in _LIBRARIES:
+            require(f"{name} needs", library)
         return name, ROWS[name]
     file = Path(name)
     if file.suffix == ".py" and not file.is_file():
@@ -216,11 +220,29 @@ def _cell(score: Score | None) -> str:
     return "" if score is None else f"{score.mean:.2f} ({score.low:.2f} to {score.high:.2f})"
 
 
+def _looks(rows: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Returns the mark and the colour of each row.
+
+    Rows of a file are dashed, with squares, because they are too many for colours of their own. They do not change
+    the colours of the board's rows.
+    """
+    named_rows = [row for row in rows if row in ROWS]
+    file_rows = [row for row in rows if row not in ROWS]
+    looks = {row: ("o-", colour) for row, colour in zip(named_rows, cycle(_COLOURS), strict=False)}
+    looks |= {row: ("s--", colour) for row, colour in zip(file_rows, cycle(_COLOURS), strict=False)}
+    return looks
+
+
 def _draw(board: Board, file: Path) -> None:
     """Plots graded score, reliability and the share of niches at the optimum against evaluations, by size.
 
     A size without a score has no panel of it.
     """
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
     sizes, rows = _sizes(board), list(dict.fromkeys(place.row for place in board))
     labels = {"graded": "graded score", "reliability": "reliability", "optimal": "share of niches at the optimum"}
     figure, axes = plt.subplots(
@@ -232,17 +254,17 @@ def _draw(board: Board, file: Path) -> None:
         sharey=True,
         squeeze=False,
     )
-    colours, lines = dict(zip(rows, cycle(_COLOURS), strict=False)), {}
+    looks, lines = _looks(rows), {}
     for row, size, (axis_row, field) in product(rows, sizes, enumerate(labels)):
         places = [place for place in board if (place.row, place.size) == (row, size) and field in board[place]]
         scores = [board[place][field] for place in places]
         if scores:
             axis, evaluations = axes[axis_row, sizes.index(size)], [place.evaluations for place in places]
-            (lines[row],) = axis.plot(
-                evaluations, [score.mean for score in scores], "o-", markersize=3, color=colours[row]
-            )
+            mark, colour = looks[row]
+            means = [score.mean for score in scores]
+            (lines[row],) = axis.plot(evaluations, means, mark, markersize=3, color=colour)
             low, high = [score.low for score in scores], [score.high for score in scores]
-            axis.fill_between(evaluations, low, high, color=colours[row], alpha=0.15, linewidth=0)
+            axis.fill_between(evaluations, low, high, color=colour, alpha=0.15, linewidth=0)
     for axis in axes.flat:
         axis.set(xscale="log", ylim=(-0.02, 1.02))
         axis.grid(alpha=0.3)

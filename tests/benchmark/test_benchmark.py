@@ -227,9 +227,14 @@ def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 def test_the_page_runs_searches_of_ones_own(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (_, program), *_ = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    (_, program), (_, reading), *_ = blocks(PAGE.read_text(encoding="utf-8"), "python")
     run_program(program, str(PAGE), capsys)
     assert main(["score", "own.npz"]) == 0
+    capsys.readouterr()
+    exec(compile(reading, str(PAGE), "exec"), {})
+    printed = capsys.readouterr().out.splitlines()
+    optima = [f"{task.cyclomatic[n]} cycles: optimum {task.optimum[n]}" for task in [TASK] for n in range(2)]
+    assert [line.split(", ")[0] for line in printed] == optima
     exec(compile("\n".join(program.rstrip().splitlines()[:-4]), "own.py", "exec"), own := {})
     assert run(find_task("6x6B-10000"), own["search"], seeds=1).grids.shape[-2:] == (6, 6)
 

@@ -77,6 +77,22 @@ def test_a_search_of_ones_own_gets_a_row_beside_the_published_ones(tmp_path, cap
     assert command(["score", str(tmp_path / "own-5x5A-10000.npz")]) == 0
 
 
+def test_rows_of_files_are_drawn_otherwise_and_change_no_colour():
+    names = list(ROWS)
+    of_board = board._looks(names)
+    looks = board._looks(["own", *names, "variant"])
+    assert {name: looks[name] for name in names} == of_board
+    assert len(set(looks.values())) == len(names) + 2
+
+
+def test_a_missing_package_is_named(monkeypatch, capsys):
+    monkeypatch.setattr("experiments.common.find_spec", lambda name: None)
+    assert board.main(["ribs-moves", "--tasks", TASK.name]) == 2
+    assert capsys.readouterr().err == "board: ribs-moves needs ribs: pip install ribs\n"
+    assert board.main(["--table"]) == 2
+    assert capsys.readouterr().err == "board: the picture of --table needs matplotlib: pip install matplotlib\n"
+
+
 def test_vacant_archives_have_no_precision(tmp_path, monkeypatch, published):
     monkeypatch.setitem(ROWS, "tuned", Row("Ours", lambda *arguments: 0 * play(*arguments)))
     assert board.main(["tuned", "--tasks", TASK.name, "--out", str(tmp_path), "--table"]) == 0
