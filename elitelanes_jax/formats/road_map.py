@@ -298,9 +298,18 @@ def _values_of_folder(folder: Path) -> Plain:
     """Reads the codes and objects of a folder of Duckietown's layers."""
     if not is_layers(folder):
         expected = "a file of a map, or a folder with tiles.yaml"
-        raise InputError(f"{folder}: expected {expected}, got a folder without")
+        raise InputError(f"{folder}: expected {expected}, got a folder without{_map_in(folder)}")
     codes, objects = read_layers(folder)
     return {"codes": codes, "objects": objects}
+
+
+def _map_in(folder: Path) -> str:
+    """Returns the end of a message that names a map in a folder of `generate`, or nothing."""
+    for pattern in ("maps/*/map.json", "*/map.json"):
+        map_files = sorted(folder.glob(pattern))
+        if map_files:
+            return f"; a map in it is {map_files[0]}"
+    return ""
 
 
 def _values_of_yaml(text: str) -> Plain:

@@ -158,8 +158,16 @@ def test_aliases_are_not_unfolded(tmp_path, layer, old, new):
 
 def test_a_folder_without_layers_is_refused(tmp_path):
     """The first file that is missing is named."""
-    with pytest.raises(InputError, match="expected a file of a map, or a folder with tiles.yaml, got a folder without"):
+    with pytest.raises(
+        InputError, match="expected a file of a map, or a folder with tiles.yaml, got a folder without$"
+    ):
         read_map(tmp_path)
+    file = tmp_path / "maps" / "0000" / "map.json"
+    file.parent.mkdir(parents=True)
+    file.touch()
+    for folder in (tmp_path, file.parents[1]):
+        with pytest.raises(InputError, match=rf"without; a map in it is {re.escape(str(file))}$"):
+            read_map(folder)
     (tmp_path / "tiles.yaml").write_text("tiles: {map_0/tile_0_0: {type: 4way}}")
     with pytest.raises(InputError, match="frames.yaml: no such file"):
         read_map(tmp_path)
