@@ -15,7 +15,7 @@ from elitelanes_jax import InputError, RoadMap, benchmark, drive, ea, load_tiles
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.records import Record
 from elitelanes_jax.explorer import collect
-from elitelanes_jax.maps import PackSpec, pack
+from elitelanes_jax.maps import FurnishSpec, GenerateSpec, PackSpec, pack
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.optimizers import interop
 from elitelanes_jax.problem import Population, paper_axes, road_problem
@@ -194,6 +194,11 @@ def test_a_text_for_force_replaces_no_folder(tmp_path):
 
 def test_flags_of_numpy_are_taken():
     assert measure_town([[6, 3], [12, 9]], detour=np.bool_(False)).mean_detour == 0
+    specs = [GenerateSpec(at_most=np.bool_(True)), FurnishSpec(unique_tags=np.bool_(True))]
+    assert specs == [GenerateSpec(at_most=True), FurnishSpec(unique_tags=True)]
+    assert specs[0].at_most is specs[1].unique_tags is True  # JSON has no flag of NumPy
+    walker = {"kind": "duckie", "x": 0.5, "y": 0.5, "static": np.bool_(False)}
+    assert RoadMap([[5]], objects=[walker]).objects[0].static is False
 
 
 def test_what_is_taken_is_not_blamed():

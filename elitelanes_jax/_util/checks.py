@@ -38,6 +38,11 @@ def is_real(value: UserValue) -> bool:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
+def is_flag(value: UserValue) -> bool:
+    """Returns whether a value is True or False, of Python or NumPy: `array.any()` is one of NumPy."""
+    return isinstance(value, bool | np.bool_)
+
+
 def clip_to_int32(value: UserValue) -> UserValue:
     """Returns a whole number clipped to 32 bits; anything else unchanged.
 
@@ -276,9 +281,9 @@ def folder(value: UserValue) -> Path:
 
 def flag(value: UserValue) -> bool:
     """Checks for True or False."""
-    if not isinstance(value, bool):
+    if not is_flag(value):
         raise InputError(f"expected True or False, got {value!r}")
-    return value
+    return bool(value)
 
 
 def check_named(

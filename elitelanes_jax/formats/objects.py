@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from math import hypot
 from typing import NamedTuple
 
-from elitelanes_jax._util.checks import check_named, is_real, is_whole
+from elitelanes_jax._util.checks import check_named, is_flag, is_real, is_whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.tags import LARGEST_TAG
@@ -244,11 +244,11 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
         raise InputError(
             f"tag: expected a number of the family 36h11, 0 to {LARGEST_TAG}, got {got}"
         )
-    if not isinstance(static, bool):
+    if not is_flag(static):
         raise InputError(f"static: expected true or false, got {shorten(repr(static), 40)}")
     if tag is not None:
         tag = int(tag)
-    return MapObject(kind, x, y, angle, object_height, tag, static)
+    return MapObject(kind, x, y, angle, object_height, tag, bool(static))
 
 
 def _number(

@@ -333,14 +333,18 @@ def _one_map_of(values: Plain) -> list[RoadMap]:
 
 
 def _maps_of(values: Plain) -> list[RoadMap]:
-    if not isinstance(values, list):
+    if not isinstance(values, list) or _are_rows(values):
         return _one_map_of(values)
     return [check_named(f"map {index}", _map_of, item) for index, item in enumerate(values)]
 
 
 def _map_of(values: Plain) -> RoadMap:
     if not isinstance(values, dict) or "codes" not in values:
-        got = "a list; name a file with one map" if isinstance(values, list) else 'no "codes"'
+        got = 'no "codes"'
+        if _are_rows(values):
+            got = 'rows alone; write {"codes": ...} around them'
+        elif isinstance(values, list):
+            got = "a list; name a file with one map"
         raise InputError(f'expected a map, {{"codes": [[...], ...]}}, got {got}')
     if values.get("format", _FORMAT) != _FORMAT:
         raise InputError(f"format: expected {_FORMAT!r}, got {shorten(repr(values['format']))}")
@@ -394,6 +398,15 @@ def _is_list(values: Plain, fits: Callable[[Plain], bool]) -> bool:
 def _is_table(rows: Plain, fits: Callable[[Plain], bool]) -> bool:
     """Returns whether a value is a list of lists whose items all pass a test."""
     return _is_list(rows, lambda row: _is_list(row, fits))
+
+
+def _are_rows(values: Plain) -> bool:
+    """Returns whether a value is a grid by itself, as files of fixed cells have it."""
+    return (
+        isinstance(values, list)
+        and len(values) > 0
+        and _is_table(values, lambda cell: cell is None or _is_number(cell))
+    )
 
 
 def _is_drawn(value: Plain) -> bool:

@@ -70,9 +70,8 @@ def _wrong_signs(road_map: RoadMap) -> list[str]:
     faults = count_sign_faults(road_map)
     parts = []
     if faults.wrong:
-        parts.append(
-            f"{faults.wrong} of {pluralize(faults.signs, 'sign')} do not fit the crossings"
-        )
+        verb = "does" if faults.wrong == 1 else "do"
+        parts.append(f"{faults.wrong} of {faults.signs:,} signs {verb} not fit the crossings")
     if faults.bare:
         parts.append(f"{pluralize(faults.bare, 'crossing')} of {faults.crossings} without signs")
     if not parts:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map, read_maps
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 CODES = np.array([[6, 5, 3], [12, 5, 9]], np.int8)
@@ -132,6 +132,10 @@ def drawn(tiles, turns):
     [
         ("{", "expected a readable JSON file"),
         ("[1]", 'expected a map, {"codes": .*}, got a list'),
+        ("[]", "got a list; name a file with one map"),
+        ('[{"codes": [[6, 3], [12, 9]]}]', "got a list; name a file with one map"),
+        ("[[6, 3], [12, 9]]", 'got rows alone; write {"codes": ...} around them'),
+        ("[[6, null], [12, 9]]", 'got rows alone; write {"codes": ...} around them'),
         ('{"code": []}', 'got no "codes"'),
         ('{"codes": [[1, 2], [3, 16]]}', "grid: expected tile codes 0 to 15, got 16 at row 1, column 1"),
         ('{"codes": [[1, 2], [3]]}', "grid: expected rows of one length"),
@@ -161,6 +165,13 @@ def test_bad_files_are_named(text, message, tmp_path):
     file.write_text(text)
     with pytest.raises(ValueError, match=f"map.json: .*{message}"):
         read_map(file)
+
+
+def test_rows_alone_are_no_list_of_maps(tmp_path):
+    file = tmp_path / "map.json"
+    file.write_text("[[6, 3], [12, 9]]")
+    with pytest.raises(InputError, match=r'map.json: expected a map, {"codes": .*}, got rows alone'):
+        read_maps(file)
 
 
 @pytest.mark.parametrize("name", ["map.json", "map.yaml"])

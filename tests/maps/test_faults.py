@@ -88,6 +88,8 @@ def test_a_light_and_signs_beside_no_crossing_are_counted(capsys):
     things = [MapObject("trafficlight", 3, 3, 0, 0.4), MapObject("sign_stop", 3, 3, 0, 0.18)]
     loop = RoadMap([[6, 5, 3], [10, 0, 10], [12, 5, 9]], objects=things)
     assert faults(loop, capsys) == "m: 2 of 2 signs do not fit the crossings, furnish places signs again\n"
+    alone = RoadMap(loop.codes, objects=things[:1])
+    assert faults(alone, capsys) == "m: 1 of 1 signs does not fit the crossings, furnish places signs again\n"
 
 
 @pytest.mark.parametrize("kind", ["sign_stop", "trafficlight"])
