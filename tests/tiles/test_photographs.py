@@ -383,6 +383,22 @@ def test_a_photograph_of_another_type_is_refused(change):
         cut_tiles(Photograph("frame", change(image)), proposal)
 
 
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_a_grey_photograph_is_refused_because_its_crossings_look_straight(suffix, tmp_path):
+    file = tmp_path / f"floor{suffix}"
+    picture = photographed.photograph(TOWN)
+    assert cv2.imwrite(str(file), cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
+    grey = read_photograph(file)
+    message = f"floor{suffix}: expected a photograph in colours, .* got a grey one"
+    with pytest.raises(InputError, match=message):
+        propose_tiles(grey, shape=TOWN.shape)
+    assert main(["tiles", "read", str(file), "--size", *map(str, TOWN.shape)]) == 2
+    np.testing.assert_array_equal(propose_tiles(grey, codes=TOWN).codes, TOWN)  # a map tells its kinds
+    file = tmp_path / f"coloured{suffix}"
+    photographed.write(file, picture)
+    np.testing.assert_array_equal(propose_tiles(read_photograph(file), shape=TOWN.shape).codes, TOWN)
+
+
 def test_a_calibrated_lens_is_straightened(tmp_path):
     (tmp_path / "camera.yaml").write_text(
         "image_width: 400\nimage_height: 320\ndistortion_model: plumb_bob\n"

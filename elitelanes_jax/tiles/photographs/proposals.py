@@ -123,6 +123,8 @@ _DIFFER = 0.03
 # Where no border is seen at single points, corners were off by 1.5 % at a spread of 0.52 %.
 _UNSEEN = 0.15
 _SPREAD_IF_UNSEEN = 0.0045, -0.0004
+# JPEG gives the greys of a picture channels that differ by up to 3 of 255; a camera's noise is more.
+_GREY = 4
 
 
 class _Start(NamedTuple):
@@ -156,7 +158,8 @@ def propose_tiles(
       fit: whether the corners are fitted to the photograph, or taken as they are.
 
     Raises:
-      InputError: if corners cross, no tile is found, or the photograph is not uint8 ``[H, W, 3]``.
+      InputError: if corners cross, no tile is found, or the photograph is not uint8 ``[H, W, 3]``;
+        and for a grey photograph without `codes`, unless `tiles` are grey too.
     """
     check_named("photograph: image", check_picture, photograph.image)
     shape = shape if codes is None else codes.shape
@@ -179,6 +182,8 @@ def propose_tiles(
         raise InputError(
             f"{photograph.name}: expected {floor}, found none; check the size, and give the corners"
         )
+    if codes is None and _is_grey(photograph.image):
+        _check_grey_tiles(photograph, tiles)
     starts.sort(key=lambda start: -start.support)
     proposals = []
     for start in starts[: _STARTS if fit else 1]:
@@ -201,6 +206,21 @@ def propose_tiles(
         if proposals[-1].score > _ENOUGH:
             break
     return max(proposals, key=lambda proposal: proposal.score)
+
+
+def _is_grey(image: NDArray[np.uint8]) -> bool:
+    """Returns whether red, green and blue are the same at each pixel."""
+    red, green, blue = cv2.split(image)
+    differences = cv2.absdiff(red, green).max(), cv2.absdiff(green, blue).max()
+    return max(differences) <= _GREY
+
+
+def _check_grey_tiles(photograph: Photograph, tiles: TileSet) -> None:
+    """Raises unless the tiles are grey too: beside coloured tiles, grey crossings are read as straights."""
+    if not all(_is_grey(tile.image) for tile in tiles.tiles):
+        raise InputError(
+            f"{photograph.name}: expected a photograph in colours, which tell crossings from straights, got a grey one"
+        )
 
 
 def _read_otherwise(
