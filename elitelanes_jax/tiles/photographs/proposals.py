@@ -123,7 +123,7 @@ _DIFFER = 0.03
 # Where no border is seen at single points, corners were off by 1.5 % at a spread of 0.52 %.
 _UNSEEN = 0.15
 _SPREAD_IF_UNSEEN = 0.0045, -0.0004
-# JPEG gives the greys of a picture channels that differ by up to 3 of 255; a camera's noise is more.
+# Of 255: programs that save a grey picture in colours may round its channels to different levels.
 _GREY = 4
 
 
