@@ -167,7 +167,8 @@ def test_a_search_may_refuse_all_grids(which):
     assert (result.history.elite_count == 0).all()
 
 
-@methods([("map-elites", "tuned"), ("ea", "tuned")], slow={("ea", "tuned")})
+@pytest.mark.slow
+@methods([("map-elites", "tuned"), ("ea", "tuned")], slow=set())
 def test_a_run_in_parts_is_one_run_and_is_saved(which, tmp_path):
     run = partial(search, which, fitness=roughness)
     half = run(generations=12)

@@ -93,6 +93,7 @@ def test_all_run_under_strict_settings(group, without):
                 raise AssertionError(name) from error
 
 
+@pytest.mark.slow
 def test_arrays_of_numpy_and_numbers_may_be_arguments_where_transfers_are_forbidden():
     road_map = RoadMap(np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8))
     key = seed_keys(0, 1)[0]
@@ -132,7 +133,7 @@ def search(generations=2, **options):
 
 
 # Each setting is another program to compile.
-QUICK = ("jax_enable_x64", "jax_default_prng_impl")
+QUICK = ("jax_default_prng_impl",)
 
 
 @pytest.mark.parametrize(

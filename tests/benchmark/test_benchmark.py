@@ -249,6 +249,7 @@ def walk(task, rng, sizes=(64,)):
             assert measured.fitness.shape == measured.cyclomatic.shape == measured.flaws.shape == (size,)
 
 
+@pytest.mark.slow
 def test_runs_keep_their_archive_at_every_budget():
     seen = []
 

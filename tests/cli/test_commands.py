@@ -355,6 +355,7 @@ def test_names_that_the_terminal_cannot_show(tmp_path):
     assert ran.stdout.startswith("Stra\\xdfen: 14 tiles")
 
 
+@pytest.mark.slow
 def test_no_generations_with_the_default_method(tmp_path):
     small = ["generate", "--size", "2", "2", "--seeds", "2", "--maps", "1", "--tile-px", "16"]
     assert main([*small, "--generations", "0", "--out", str(tmp_path / "out")]) == 0

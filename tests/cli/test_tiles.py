@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 from folders import files, read_picture
 
 from elitelanes_jax.cli.main import main
@@ -123,6 +124,7 @@ def first(name):
 SMALL = ["--seeds", "2", "--method", "ea", "--evaluations", "8000", "--tile-px", "16"]
 
 
+@pytest.mark.slow
 def test_maps_have_only_tiles_of_the_set(folder, tmp_path, capsys):
     shutil.rmtree(folder / "crossing3_1")
     assert main(["tiles", "check", str(folder)]) == 0

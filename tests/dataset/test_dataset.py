@@ -346,6 +346,7 @@ def test_maps_are_kept_for_other_objects_if_some_do_not_fit(tmp_path, monkeypatc
     assert sorted(path.name for path in tmp_path.iterdir()) == ["expected", "out"]
 
 
+@pytest.mark.slow
 def test_pictures_with_other_objects_are_not_resumed(tmp_path, monkeypatch):
     out = tmp_path / "out"
     with monkeypatch.context() as patch:

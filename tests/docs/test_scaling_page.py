@@ -17,7 +17,7 @@ SMALL = ["--size", "5", "6", "--seeds", "6", "--maps", "3", "--tile-px", "16", "
 SMALL += ["--generations", "9000"]
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 4, 6])
+@pytest.mark.parametrize("number", [0, 1, 2, 4, pytest.param(6, marks=pytest.mark.slow)])
 def test_programs_run_and_print_what_they_say(number, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run_program(PROGRAMS[number], "docs/scaling.md", capsys)

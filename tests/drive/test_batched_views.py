@@ -178,6 +178,7 @@ def test_lanes_and_poses_are_those_of_the_tile_sets_own_lane_offset(grids, drawn
     assert curvatures == {0.0, round(-1 / 0.35, 4), round(1 / 0.65, 4)}
 
 
+@pytest.mark.slow
 def test_objects_hide_labels_and_no_robot_touches_them(furnished, crowded):
     seen = jax.device_get(views(jax.random.key(2), crowded, 48, camera=CAMERA))
     assert (seen.labels[seen.instances > 0] == 0).all()

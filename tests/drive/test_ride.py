@@ -43,6 +43,7 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
         make_rides(GRID, seed=2**32)
 
 
+@pytest.mark.slow
 def test_trails_and_films_show_the_ride(rides, drawn_tiles):
     plain = trails(GRID, drawn_tiles, rides._replace(steps=np.zeros(1, int)), tile_px=16)
     drawn = trails(GRID, drawn_tiles, rides, tile_px=16)

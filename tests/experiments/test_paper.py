@@ -114,6 +114,7 @@ def test_a_study_that_is_interrupted_continues(compared, tmp_path, monkeypatch, 
         assert (out / name).read_bytes() == (compared / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_wfc_that_fails_is_counted_and_the_search_is_reported(unfinished, monkeypatch, capsys):
     failed = {"success": np.array([False])}
     monkeypatch.setattr(runs, "generate_batch", lambda *given: generate_batch(*given)._replace(**failed))

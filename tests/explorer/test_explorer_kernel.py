@@ -63,7 +63,8 @@ def test_repair_is_equal_on_many_grids(sample, made, fill):
     np.testing.assert_array_equal([one["repaired"][fill] for one in made], np.asarray(expected).reshape(-1, 144))
 
 
-@pytest.mark.parametrize("step", [20, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("step", [20, 1])
 def test_the_features_of_a_town_are_equal(sample, step, tmp_path):
     grids = sample[0][::step]
     made = run_kernel([{"rows": rows} for rows in grids.tolist()], tmp_path, town=True)

@@ -119,6 +119,7 @@ def test_archives_of_maps_of_other_sizes_are_refused(searched, tmp_path, capsys)
     assert "taller.npz: expected maps of 5 x 6, as in the first archive, got 6 x 6" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_features_of_ones_own_come_along_and_choose(tmp_path, capsys):
     def corner(grid):
         return (grid[0] > 0).sum(dtype=jnp.int32)

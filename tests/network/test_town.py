@@ -135,6 +135,7 @@ def test_a_known_town():
     assert {name: found[name] for name in known} == known
 
 
+@pytest.mark.slow
 def test_the_grid_around_a_town_changes_nothing(towns):
     padded = np.pad(towns[:20], [(0, 0), (2, 1), (3, 0)])
     alone, within = (measure_all(grids)._replace(box_share=0) for grids in (towns[:20], padded))

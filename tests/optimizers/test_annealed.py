@@ -62,7 +62,8 @@ def test_the_optimum_of_small_grids_is_found_by_all(method, fill):
     assert result.history.best_fitness[:, -1].tolist() == [min(certificates()[3, 3, fill].values())] * 4
 
 
-@pytest.mark.parametrize("fill", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("fill", [True, False])
 def test_the_optimum_of_four_by_four_is_found(fill):
     result = evolve(seed_keys(0, 8), (4, 4), method="ea", preset="tuned", evaluations=10_000, fill=fill)
     assert result.history.best_fitness[:, -1].tolist() == [min(certificates()[4, 4, fill].values())] * 8
@@ -86,6 +87,7 @@ def test_tuned_is_better_than_paper(method):
     assert best["tuned"].best_fitness[:, -1].max() < best["paper"].best_fitness[:, -1].min()
 
 
+@pytest.mark.slow
 @every_method
 def test_what_is_asked_for_is_found_and_other_ranges_need_no_second_compilation(method):
     setting = {"method": method, "preset": "tuned", "fill": True}

@@ -86,6 +86,7 @@ def test_a_cycle_keeps_its_target_and_only_isolated_chains_restart():
     assert lengths == {CYCLE, 2 * CYCLE}
 
 
+@pytest.mark.slow
 def test_a_cycle_draws_its_penalty_and_starts_from_the_best_elite_by_it():
     _, _, states = search(tuned_axes(SHAPE), 0)
     bins = np.indices([axis.bins for axis in tuned_axes(SHAPE)]).reshape(len(tuned_axes(SHAPE)), -1).T
@@ -133,6 +134,7 @@ def test_a_vacant_niche_gives_no_mate():
     np.testing.assert_array_equal(mates, others)
 
 
+@pytest.mark.slow
 def test_penalties_are_the_fitness_without_rewards():
     grids = np.random.default_rng(5).integers(0, 16, (40, 5, 6)).astype(np.int8)
     weights = Weights(turns=-7, tiles=3, constant=11)

@@ -252,8 +252,8 @@ def test_an_archive_changes_nothing_about_the_population():
 @pytest.mark.parametrize(
     ("factory", "config", "field", "values"),
     [
-        (ea, EvolutionConfig(), "tile_rate", (0.0, 0.7)),
-        pytest.param(gwo, GwoConfig(), "horizon", (3, 200), marks=pytest.mark.slow),
+        pytest.param(ea, EvolutionConfig(), "tile_rate", (0.0, 0.7), marks=pytest.mark.slow),
+        (gwo, GwoConfig(), "horizon", (3, 200)),
         pytest.param(pso, PsoConfig(), "inertia", (0.2, 0.7), marks=pytest.mark.slow),
         pytest.param(annealed_ea, TUNED, "cycle", (3, 7), marks=pytest.mark.slow),
         pytest.param(annealed_ea, TUNED, "moves", (MoveWeights(transplant=0), MoveWeights()), marks=pytest.mark.slow),

@@ -47,7 +47,8 @@ def test_seeds_spread_over_devices():
     assert ran.stdout == "done\n", ran.stderr[-2000:]
 
 
-@pytest.mark.parametrize("method", ["ea", pytest.param("map-elites", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["ea", "map-elites"])
 def test_seeds_are_the_same_on_any_number_of_devices_stopped_and_continued_on_others(method):
     run = partial(evolve, jax.random.split(jax.random.key(3), 7), (5, 6), method=method, preset="paper", fill=False)
     one, *others = (run(generations=12, devices=devices) for devices in (1, 2, [CPU] * 7))
@@ -73,6 +74,7 @@ def test_many_seeds_of_a_processor_run_in_small_parts(monkeypatch):
         chex.assert_trees_all_equal((found.elites, found.state), (whole.elites, whole.state))
 
 
+@pytest.mark.slow
 def test_keys_that_depend_on_those_beside_them_stay_together():
     """The bits of other kinds of keys depend on the batch: on several devices they would not be those on one."""
     run = partial(evolve, jax.random.split(jax.random.key(3, impl="rbg"), 3), (5, 6), method="ea", preset="paper")

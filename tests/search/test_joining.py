@@ -70,6 +70,7 @@ def test_results_of_ones_own_optimiser_are_joined():
     assert join_results([one, other]).elites.grids.shape[0] == 3
 
 
+@pytest.mark.slow
 def test_another_function_is_seen_by_its_digest(parts):
     with pytest.raises(InputError, match="^results: expected one search with function 'fitness' '"):
         join_results([parts[0], search(KEYS[2], turn=51)])

@@ -101,6 +101,7 @@ def test_loaded_programs_find_what_compiled_ones_find(settings, folder, monkeypa
     assert [*folder.iterdir()] == [file]
 
 
+@pytest.mark.slow
 def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch):
     start = run(generations=0)
     (file,) = folder.iterdir()
@@ -132,6 +133,7 @@ def test_programs_are_optimised_from_so_many_cells_on(monkeypatch):
     assert len({tuple(arrays(result)) for result in results}) == 1
 
 
+@pytest.mark.slow
 def test_a_search_goes_on_while_another_one_needs_a_higher_level(folder, monkeypatch):
     prepare = _programs.Programs.prepare
 
@@ -226,7 +228,10 @@ def test_functions_of_the_user_are_in_no_file(folder):
     assert not folder.exists()
 
 
-@pytest.mark.parametrize(("fitness", "level"), [(lambda usual: usual / 3, 2), (lambda usual: usual // 3, 0)])
+@pytest.mark.parametrize(
+    ("fitness", "level"),
+    [(lambda usual: usual / 3, 2), pytest.param(lambda usual: usual // 3, 0, marks=pytest.mark.slow)],
+)
 def test_floats_of_the_user_are_rounded_the_same_in_each_run(fitness, level, monkeypatch):
     """The compiler fuses products with sums at some levels of optimisation."""
     keys: list[ProgramKey] = []

@@ -122,6 +122,7 @@ def test_a_road_to_a_bare_cell_is_read_with_a_set_without_ends():
     np.testing.assert_array_equal(read.codes, [[6, 5, 3], [14, 0, 10], [12, 5, 9]])
 
 
+@pytest.mark.slow
 def test_a_floor_whose_tiles_differ_is_right_where_its_border_is_seen():
     picture = photographed.photograph(TURNS, tiles=photographed.worn_tiles(0.5, 0.75))
     proposal = propose_tiles(Photograph("worn", picture), shape=(3, 4))
@@ -130,7 +131,9 @@ def test_a_floor_whose_tiles_differ_is_right_where_its_border_is_seen():
     assert proposal.evidence["repeats"] < 0.85 and proposal.score > 0.9
 
 
-@pytest.mark.parametrize("move", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+@pytest.mark.parametrize(
+    "move", [(1, 0), *(pytest.param(move, marks=pytest.mark.slow) for move in ((-1, 0), (0, 1), (0, -1)))]
+)
 def test_corners_a_whole_tile_beside_the_floor_are_refused(move):
     codes = np.array([[6, 7, 5, 3], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)
     true = photographed.corners_of(3, 4)
@@ -141,7 +144,7 @@ def test_corners_a_whole_tile_beside_the_floor_are_refused(move):
     assert proposal.advice.startswith("no tiles are seen along one side of the floor")
 
 
-@pytest.mark.parametrize("codes", [TOWN, np.array([[15]], np.int8)])
+@pytest.mark.parametrize("codes", [pytest.param(TOWN, marks=pytest.mark.slow), np.array([[15]], np.int8)])
 def test_a_mirrored_photograph_is_refused(codes):
     picture = np.ascontiguousarray(photographed.photograph(codes)[:, ::-1])
     proposal = propose_tiles(Photograph("mirror", picture), shape=codes.shape)
@@ -149,6 +152,7 @@ def test_a_mirrored_photograph_is_refused(codes):
     assert proposal.advice.startswith("the photograph is mirrored or shows left-hand traffic")
 
 
+@pytest.mark.slow
 def test_a_tile_that_is_laid_otherwise_than_the_map_says_is_left_out(shot):
     plan = TOWN.copy()
     plan[1, 0] = 5
@@ -383,7 +387,7 @@ def test_a_photograph_of_another_type_is_refused(change):
         cut_tiles(Photograph("frame", change(image)), proposal)
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+@pytest.mark.parametrize("suffix", [".png", pytest.param(".jpg", marks=pytest.mark.slow)])
 def test_a_grey_photograph_is_refused_because_its_crossings_look_straight(suffix, tmp_path):
     file = tmp_path / f"floor{suffix}"
     picture = photographed.photograph(TOWN)
