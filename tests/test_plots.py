@@ -220,10 +220,11 @@ PAGE = (DOCS / "plots.md").read_text()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize("number", range(4))
 def test_each_program_of_the_page_runs_by_itself(number, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    assert len(programs) == 3
+    assert len(programs) == 4
     exec(compile(programs[number], "plots.md", "exec"), {})
-    assert [file.name for file in tmp_path.iterdir()] == [["map.svg"], ["archive.png"], ["runs.png"]][number]
+    written = ["map.svg", "archive.png", "turns.png", "runs.png"]
+    assert [file.name for file in tmp_path.iterdir()] == [written[number]]

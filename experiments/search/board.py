@@ -220,16 +220,16 @@ def _cell(score: Score | None) -> str:
     return "" if score is None else f"{score.mean:.2f} ({score.low:.2f} to {score.high:.2f})"
 
 
-def _looks(rows: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Returns the mark and the colour of each row.
+def _looks(rows: Sequence[str]) -> dict[str, tuple[str, int, str]]:
+    """Returns the mark, its size and the colour of each row.
 
     Rows of a file are dashed, with squares, because they are too many for colours of their own. They do not change
-    the colours of the board's rows.
+    the colours of the board's rows. Their squares are large, because a row with one budget is a mark without a line.
     """
     named_rows = [row for row in rows if row in ROWS]
     file_rows = [row for row in rows if row not in ROWS]
-    looks = {row: ("o-", colour) for row, colour in zip(named_rows, cycle(_COLOURS), strict=False)}
-    looks |= {row: ("s--", colour) for row, colour in zip(file_rows, cycle(_COLOURS), strict=False)}
+    looks = {row: ("o-", 3, colour) for row, colour in zip(named_rows, cycle(_COLOURS), strict=False)}
+    looks |= {row: ("s--", 6, colour) for row, colour in zip(file_rows, cycle(_COLOURS), strict=False)}
     return looks
 
 
@@ -260,9 +260,9 @@ def _draw(board: Board, file: Path) -> None:
         scores = [board[place][field] for place in places]
         if scores:
             axis, evaluations = axes[axis_row, sizes.index(size)], [place.evaluations for place in places]
-            mark, colour = looks[row]
+            mark, size_of_mark, colour = looks[row]
             means = [score.mean for score in scores]
-            (lines[row],) = axis.plot(evaluations, means, mark, markersize=3, color=colour)
+            (lines[row],) = axis.plot(evaluations, means, mark, markersize=size_of_mark, color=colour)
             low, high = [score.low for score in scores], [score.high for score in scores]
             axis.fill_between(evaluations, low, high, color=colour, alpha=0.15, linewidth=0)
     for axis in axes.flat:

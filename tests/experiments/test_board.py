@@ -83,6 +83,8 @@ def test_rows_of_files_are_drawn_otherwise_and_change_no_colour():
     looks = board._looks(["own", *names, "variant"])
     assert {name: looks[name] for name in names} == of_board
     assert len(set(looks.values())) == len(names) + 2
+    _, size_of_own_mark, _ = looks["own"]
+    assert all(size_of_own_mark > size for _, size, _ in of_board.values())
 
 
 def test_a_missing_package_is_named(monkeypatch, capsys):

@@ -184,6 +184,8 @@ def test_amounts_are_counts_or_shares():
     assert found == {"duckie": 9, "tree": 2, "duckiebot": 2}
     lit = Counter(thing.kind for thing in furnish(TOWN, "lights=0.75 trees=0.45").objects)
     assert lit == {"trafficlight": 4, "tree": 2}, "the nearest whole numbers of 3.75 and 1.8"
+    with pytest.raises(InputError, match="lights: expected a share of the crossings, 0 to 1, got 'all'"):
+        furnish(TOWN, "lights=all")
     with pytest.raises(InputError, match="trees: expected a number that fits, got 1, of which 0 fit"):
         furnish(np.full((2, 2), 15), "trees=1")
     walking = furnish(TOWN, "crossing_duckies=3").objects

@@ -65,7 +65,7 @@ class FurnishSpec(Record):
 
     objects: tuple[MapObject, ...] = option((), _own_objects)
     signs: str = option("none", one_of("none", "possible", "all"), "WHICH")
-    lights: float = option(0.0, real(0, 1), "SHARE")
+    lights: float = option(0.0, real(0, 1, unit="a share of the crossings"), "SHARE")
     street_names: str = option("none", one_of("none", "possible", "all"), "WHICH")
     unique_tags: bool = option(False, flag)
     buildings: float = option(0.0, _amount, "AMOUNT")
