@@ -69,6 +69,13 @@ class RoadNavParams(Record):
     goal: str = static("compass", one_of("compass", "mark", "both", "none"))
     whole_map: bool = static(False, flag)
 
+    def check_together(self) -> None:
+        """Checks that a goal that is marked in the window has a window, or is observed with the whole map."""
+        if self.goal == "mark" and not self.window and not self.whole_map:
+            raise InputError(
+                "window: expected 1 or more, because the goal is marked in the window, got 0; goal='none' hides it"
+            )
+
     @property
     def max_steps_in_episode(self) -> Numeric:
         """The limit, by the name in Gymnax."""

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from driving_oracle import BITS, drawn_maps, lane_graph, turned
 
+from elitelanes_jax import InputError
 from elitelanes_jax.drive import LaneNode, RoadNav, RoadNavParams, auto_reset, make_levels
 from elitelanes_jax.network.codes import rotate_codes
 
@@ -89,6 +90,11 @@ def test_what_is_not_asked_for_is_not_observed(params):
     everything = {"ways": (3,), "whole_map": SHAPE, "here": (3,)}
     assert shapes(window=0, goal="none", whole_map=True) == everything
     assert shapes(window=0, goal="mark", whole_map=True) == everything | {"there": (3,)}
+
+
+def test_a_goal_that_would_be_marked_in_no_window_is_refused(params):
+    with pytest.raises(InputError, match="window: expected 1 or more"):
+        RoadNavParams(params.levels, window=0, goal="mark")
 
 
 @pytest.mark.parametrize(
