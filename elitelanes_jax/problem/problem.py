@@ -59,9 +59,10 @@ class Problem:
       feature_names: the names of the F columns of features.
       axes: axes of the descriptor space; MAP-Elites needs at least one.
       alphabet: the codes, among 0 to 15, that new tiles are drawn from.
-      repair: (grid, dirty, raster) -> grid, applied to every new grid; the last two are optional,
-        and `raster` is given by name. See `elitelanes_jax.network.repair`. By default a code
-        outside the alphabet becomes one of its K codes, the one at index code mod K.
+      repair: a function of ``(grid, dirty=None, raster=False)`` that returns a grid, applied to
+        every new grid. It takes all three arguments, also if it uses the grid alone; see
+        `elitelanes_jax.network.repair`. By default a code outside the alphabet becomes one of its K
+        codes, the one at index code mod K.
       penalties: features int32 ``[..., F]`` -> int32 ``[...]``, the part of the fitness that no
         reward lowers; by default 0. The tuned MAP-Elites with `require_feasible`, as in its preset
         `irregular`, counts a niche as vacant until this is 0 there.
