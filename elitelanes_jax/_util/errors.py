@@ -47,10 +47,10 @@ def warn_user(message: str) -> None:
 def suggest(name: UserValue, known: Iterable[str]) -> str:
     """Returns the known name that an unknown name probably means, as the end of a message; "" if there is none."""
     # Dashes that all options begin with would make any two of them alike: --floor and --force.
-    names_by_word = {name.lstrip("-"): name for name in known}
+    names_by_word = {candidate.lstrip("-"): candidate for candidate in known}
     word = str(name)[:40].lower().lstrip("-")
     alike = get_close_matches(word, names_by_word, 1, cutoff=0.7)
-    alike = alike or [candidate for candidate in names_by_word if candidate.startswith(word[:3])]
+    alike = alike or [other for other in names_by_word if other.startswith(word[:3])]
     return f"; is it {names_by_word[alike[0]]}?" if alike else ""
 
 

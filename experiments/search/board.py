@@ -57,7 +57,7 @@ FIELDS = (*Scores._fields, "graded")
 _COLOURS = (*(f"C{index}" for index in range(10)), "black", "gold", "navy")
 
 _LIBRARIES = ("qdax", "ribs", "evosax")
-"""The packages that rows need whose names begin so."""
+"""Other libraries. A row whose name begins with one of them needs its package."""
 
 Record = dict[str, Any]
 """The scores of a row on a task: `row`, `task`, `evaluations`, `seconds`, and each of `FIELDS` by run and budget."""

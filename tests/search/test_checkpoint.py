@@ -287,6 +287,6 @@ def killed(out, kills, seed):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
-@pytest.mark.parametrize("kills", [2, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [3, pytest.param(100, marks=pytest.mark.slow)])
 def test_killed_at_any_moment_it_ends_the_same(kills, tmp_path):
     killed(tmp_path / "out", kills, seed=kills)
