@@ -135,9 +135,12 @@ def check_features(features: UserValue) -> tuple[str, ...]:
     names = check_unique("features", "name", listed)
     taken = {*FEATURES, *TOWN_FEATURES, "constant"}
     for name in names:
-        if not name.isidentifier() or name in taken:
-            expected = "names of letters, digits and _ that no other feature has"
+        if not name.isidentifier():
+            expected = "names of letters, digits and _"
             raise InputError(f"features: expected {expected}, got {shorten(repr(name), 40)}")
+        if name in taken:
+            expected = "names that no built-in feature has"
+            raise InputError(f"features: expected {expected}, got {name!r}")
     return tuple(names)
 
 

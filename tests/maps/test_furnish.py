@@ -169,6 +169,18 @@ def test_objects_of_ones_own_are_kept_as_they_are(tmp_path):
         furnish(TOWN, {"objects": [{"kind": "cone", "x": 1.8, "y": 1.9}], "signs": "all"})
 
 
+def test_a_second_map_is_no_file_of_objects(tmp_path, capsys):
+    """The command furnishes one map; a map without objects among its words was meant to be furnished too."""
+    first, second, out = (tmp_path / name for name in ("a.json", "b.json", "out.json"))
+    for file in (first, second):
+        RoadMap(TOWN).save(file)
+    assert main(["furnish", str(first), str(second), "signs", "--out", str(out)]) == 2
+    assert capsys.readouterr().err == (
+        f"elitelanes: furnish: {second}: expected objects to place, got a map without any (a call furnishes one map)\n"
+    )
+    assert not out.exists()
+
+
 def test_the_same_seed_gives_the_same_objects():
     """Whatever else the map has; another seed gives others."""
     town = furnish(TOWN, "all", seed=4)

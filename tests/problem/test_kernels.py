@@ -116,8 +116,8 @@ def test_values_may_be_negative():
 @pytest.mark.parametrize(
     ("features", "options", "message"),
     [
-        ({"turns": middle}, {}, "names of letters, digits and _ that no other feature has, got 'turns'"),
-        ({"a b": middle}, {}, "names of letters, digits and _ that no other feature has, got 'a b'"),
+        ({"turns": middle}, {}, "names that no built-in feature has, got 'turns'"),
+        ({"a b": middle}, {}, "names of letters, digits and _, got 'a b'"),
         ({"mine": 3}, {}, "expected mine to be a function of a grid, got 3"),
         ({"mine": lambda grid: grid.mean()}, {}, "mine to return an integer scalar, got float32 of shape ()"),
         ({"mine": lambda grid: grid[0]}, {}, "mine to return an integer scalar, got int8 of shape (5,)"),

@@ -170,7 +170,10 @@ def _words(text: str) -> list[str]:
 def _read_objects(file: str) -> tuple[MapObject, ...]:
     """Reads the objects of a map file, or the list "objects" of a TOML file."""
     if not file.endswith(".toml"):
-        return read_map(file).objects or ()
+        objects = read_map(file).objects
+        if not objects:  # another map to furnish, perhaps
+            raise InputError(f"{file}: expected objects to place, got a map without any (a call furnishes one map)")
+        return objects
     values = read_toml(file, file)
     if "objects" not in values:
         raise InputError(f'{file}: expected a list of "objects", got none')
