@@ -1,7 +1,7 @@
 """From a specification to a dataset's folder, drawn by several threads. A killed run is resumed."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -38,6 +38,7 @@ from elitelanes_jax.dataset._shards import shard_fields
 from elitelanes_jax.dataset._splits import split_maps
 from elitelanes_jax.dataset.planning import PlannedDataset, plan_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
@@ -101,64 +102,93 @@ def make_planned(
     spec, tiles, _, objects = plan
     out = Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
-    given = spec.maps_from
     find_layout(spec.format)  # checks that its package is installed
     identity = _identity(spec, tiles, objects)
     asked = identity | {"part": spec.part}
     settle(out)
-    if (out / RECORD).exists():
-        try:
-            compare_settings(
-                out, out / RECORD, asked, "use another folder, or force=True to replace this one"
-            )
-            return read_json(out / RECORD)
-        except InputError:
-            if not force:
-                raise
-    inputs: list[str | Path] = [*(given.paths if given else ()), *spec.inputs, *spec.search.inputs]
+    complete = _read_complete(out, asked, force)
+    if complete is not None:
+        return complete
     with output_folder(
         out,
         _of_maps(asked),
-        inputs=inputs,
+        inputs=_inputs(spec),
         foreign=foreign_to_dataset,
         force=force,
         resume_files=True,
     ) as work:
-        try:
-            first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
-            sizes = first if first == last else f"{first} to {last}"
-            words = f"{pluralize(spec.maps, 'map')} of {sizes} tiles, {pluralize(spec.views, 'view')} each"
-            announce(f"making a dataset of {words}")
-            maps = (
-                evolve_maps(spec, plan.searches, work.kept, pool) if given is None else given.maps
-            )
-            splits = split_maps(spec, maps)
-        except (InputError, NotEnoughMapsError):  # the next run has other settings
-            remove(work.kept)
-            raise
+        maps, splits = _make_maps(plan, work, pool)
         _resume_pictures(out, work, identity, force)
         fields = shard_fields(spec, maps, objects)
         drawing = Drawing(spec, dict(enumerate(maps)), tiles, objects, fields)
         samples = Samples(spec.views, splits, spec.map_indices, work.files, work.kept / "records")
-        with Progress("drawing", samples.total, "pictures", done=samples.count_drawn()) as bar:
-            try:
-                if pool is None:
-                    draw_here(drawing, samples, workers, bar.count)
-                else:
-                    draw_on(pool, drawing, samples, bar.count)
-            except InputError as error:  # the objects do not fit
-                _delete_pictures(work)
-                if given is not None:
-                    raise
-                hint = "the maps are kept for the same command with other objects"
-                raise InputError(f"{error}; {hint}") from None
+        _draw_samples(drawing, samples, work, workers, pool)
         if spec.part is None:
             about = finish(samples, identity, drawing)
         else:
             about = write_part(samples, asked)
-    if given is not None:
-        given.announce_left_out()
+    if spec.maps_from is not None:
+        spec.maps_from.announce_left_out()
     return about
+
+
+def _read_complete(out: Path, asked: dict[str, Plain], force: bool) -> dict[str, Plain] | None:
+    """Returns the record of the dataset in the folder; None if none is complete, or another is replaced."""
+    if not (out / RECORD).exists():
+        return None
+    hint = "use another folder, or force=True to replace this one"
+    try:
+        compare_settings(out, out / RECORD, asked, hint)
+    except InputError:
+        if force:
+            return None
+        raise
+    return read_json(out / RECORD)
+
+
+def _inputs(spec: DatasetSpec) -> list[str | Path]:
+    """Returns the files that the dataset is made from, which it must not replace."""
+    maps = () if spec.maps_from is None else spec.maps_from.paths
+    return [*maps, *spec.inputs, *spec.search.inputs]
+
+
+def _make_maps(
+    plan: PlannedDataset, work: Unfinished, pool: Pool | None
+) -> tuple[Sequence[RoadMap], NDArray[np.int_]]:
+    """Evolves the maps, or takes those that are given; returns them and the split of each."""
+    spec = plan.spec
+    smallest, largest = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
+    sizes = smallest if smallest == largest else f"{smallest} to {largest}"
+    views = pluralize(spec.views, "view")
+    announce(f"making a dataset of {pluralize(spec.maps, 'map')} of {sizes} tiles, {views} each")
+    try:
+        maps: Sequence[RoadMap]
+        if spec.maps_from is None:
+            maps = evolve_maps(spec, plan.searches, work.kept, pool)
+        else:
+            maps = spec.maps_from.maps
+        return maps, split_maps(spec, maps)
+    except (InputError, NotEnoughMapsError):  # the next run has other settings
+        remove(work.kept)
+        raise
+
+
+def _draw_samples(
+    drawing: Drawing, samples: Samples, work: Unfinished, workers: int, pool: Pool | None
+) -> None:
+    """Draws the samples that no earlier run has drawn, here or on the pool."""
+    with Progress("drawing", samples.total, "pictures", done=samples.count_drawn()) as bar:
+        try:
+            if pool is None:
+                draw_here(drawing, samples, workers, bar.count)
+            else:
+                draw_on(pool, drawing, samples, bar.count)
+        except InputError as error:  # the objects do not fit
+            _delete_pictures(work)
+            if drawing.spec.maps_from is not None:
+                raise
+            hint = "the maps are kept for the same command with other objects"
+            raise InputError(f"{error}; {hint}") from None
 
 
 def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> dict[str, Plain]:

@@ -172,7 +172,9 @@ def _read_objects(file: str) -> tuple[MapObject, ...]:
     if not file.endswith(".toml"):
         objects = read_map(file).objects
         if not objects:  # another map to furnish, perhaps
-            raise InputError(f"{file}: expected objects to place, got a map without any (a call furnishes one map)")
+            raise InputError(
+                f"{file}: expected objects to place, got a map without any (a call furnishes one map)"
+            )
         return objects
     values = read_toml(file, file)
     if "objects" not in values:
