@@ -22,7 +22,7 @@ from elitelanes_jax.maps.planning import PlannedRun, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.search.evolution import evolve_search
 from elitelanes_jax.search.keys import keys_of_seeds
-from elitelanes_jax.search.parts import evolve_parts, join_parts
+from elitelanes_jax.search.parts import evolve_parts, join_evolved_parts
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
 
@@ -140,7 +140,7 @@ def _evolve_on(pool: Pool, run: PlannedRun, folder: Path) -> Evolved:
     speeds = np.concatenate([part.result.history.evaluations_per_second for part in parts])
     return Evolved(
         run=run,
-        result=join_parts(parts),
+        result=join_evolved_parts(parts),
         seconds=seconds,
         speed=round(float(np.median(speeds))) if speeds.size else None,
         device=", ".join(sorted({part.device for part in parts})),

@@ -52,51 +52,41 @@ def merge(
     with output_folder(
         out, {"command": "merge"}, inputs=folders, foreign=foreign_to_maps, force=force
     ) as work:
-        return write_run(work.files, join_parts(folders))
+        return write_run(work.files, read_and_join_parts(folders))
 
 
-def join_parts(folders: Sequence[Path]) -> Evolved:
+def read_and_join_parts(folders: Sequence[Path]) -> Evolved:
     """Joins all parts of a run, in any order; the result has no state to continue from.
 
     Raises `InputError`.
     """
     records = [_read_record(folder) for folder in folders]
-    settings = records[0]["settings"] | {"part": None}
-    expected = {
-        "versions": installed_versions(),
-        "settings": settings,
-        "tile_set": records[0]["tile_set"],
-    }
-    identities = []
-    for about in records:
-        settings_of_run = about["settings"] | {"part": None}
-        identities.append(
-            {
-                "versions": about["versions"],
-                "settings": settings_of_run,
-                "tile_set": about["tile_set"],
-            }
-        )
-    by_index = order_parts(
-        folders, [about["settings"]["part"] for about in records], identities, expected
-    )
+    identities = [_identity(record) for record in records]
+    expected = identities[0] | {"versions": installed_versions()}
+    parts = [record["settings"]["part"] for record in records]
+    by_index = order_parts(folders, parts, identities, expected)
     count = len(by_index)
-    run = plan_run(_read_spec(folders[0], settings))
-    archives = {
-        folder: about.get("archive") for folder, about in zip(folders, records, strict=True)
-    }
+    run = plan_run(_read_spec(folders[0], identities[0]["settings"]))
+    record_by_folder = dict(zip(folders, records, strict=True))
     results = []
     for index, folder in enumerate(by_index, start=1):
-        results.append(_read_archive(folder, run, (index, count), archives))
-    speeds = [about["times"]["evaluations_per_second"] for about in records]
+        archive = record_by_folder[folder].get("archive")
+        results.append(_read_archive(folder, run, (index, count), archive))
+    speeds = [record["times"]["evaluations_per_second"] for record in records]
     known = [speed for speed in speeds if speed is not None]
     return Evolved(
         run=run,
         result=join_parts_of_run(results),
-        seconds=sum(about["times"]["seconds"]["evolve"] for about in records),
+        seconds=sum(record["times"]["seconds"]["evolve"] for record in records),
         speed=round(float(np.median(known))) if known else None,
-        device=", ".join(sorted({about["device"] for about in records})),
+        device=", ".join(sorted({record["device"] for record in records})),
     )
+
+
+def _identity(record: dict[str, Plain]) -> dict[str, Plain]:
+    """Returns what a part depends on besides its index."""
+    settings = record["settings"] | {"part": None}
+    return {"versions": record["versions"], "settings": settings, "tile_set": record["tile_set"]}
 
 
 def order_parts(
@@ -148,21 +138,16 @@ def _read_record(folder: Path) -> dict[str, Plain]:
             f"{folder}: expected a complete part, got unfinished work; the same command completes it"
         )
     try:
-        about = read_json(folder / RECORD)
-        part = about["settings"]["part"]
+        record = read_json(folder / RECORD)
+        part = record["settings"]["part"]
         if part is not None:
-            about["settings"]["part"] = parse_part(part)
-        times = about["times"]
+            record["settings"]["part"] = parse_part(part)
+        times = record["times"]
         times["seconds"]["evolve"] = real(0)(times["seconds"]["evolve"])
         times["evaluations_per_second"] = none_or(real(0))(times["evaluations_per_second"])
-        complete = {"versions", "tile_set"} <= set(about) and isinstance(about["device"], str)
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        RecursionError,
-    ):  # an InputError is a ValueError
+        complete = {"versions", "tile_set"} <= set(record) and isinstance(record["device"], str)
+    # An InputError is a ValueError.
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         complete = False
     if not complete:
         raise InputError(
@@ -170,7 +155,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
         )
     if part is None:
         raise InputError(f"{folder}: {_EXPECTED}, got a whole run")
-    return about
+    return record
 
 
 def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
@@ -180,9 +165,7 @@ def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
         raise InputError(f"{folder / RECORD}: expected settings of a run, got: {error}") from None
 
 
-def _read_archive(
-    folder: Path, run: PlannedRun, part: tuple[int, int], archives: dict[Path, Plain]
-) -> Result:
+def _read_archive(folder: Path, run: PlannedRun, part: tuple[int, int], archive: Plain) -> Result:
     file = folder / ARCHIVE
     result = Result.load(file)
     if result.search != run.search:
@@ -192,10 +175,11 @@ def _read_archive(
             )
         raise InputError(f"{file}: expected the search in {RECORD} next to it, got another search")
     seeds = len(run.spec.replace(part=part).seed_indices)
+    # Grids are [seeds, elites, height, width]; the number of elites may be any.
     shape, expected = result.elites.grids.shape, (seeds, *run.spec.size)
     if shape[:-3] + shape[-2:] != expected:
         raise InputError("{}: expected {} seeds of {} x {}, got {}".format(file, *expected, shape))
-    if describe_archive(result) != archives[folder]:
+    if describe_archive(result) != archive:
         raise InputError(
             f"{file}: expected the archive of the same run as {RECORD} next to it, got another one"
         )

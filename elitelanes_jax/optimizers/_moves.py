@@ -110,7 +110,7 @@ class MoveWeights(Record):
     user_moves: dict[str, tuple[Int[ArrayLike, "..."], Move]] = option((), _check_user_moves)
 
     def check_together(self) -> None:
-        """Checks that there is a move to make."""
+        """Checks that a move can be drawn, and that whole weights add up to at most `LARGEST`."""
         weights = [getattr(self, name) for name in KNOWN_MOVES]
         for weight, _ in self.user_moves.values():
             weights.append(weight)
@@ -329,15 +329,21 @@ class _Change(NamedTuple):
 
 
 _COPIED, _REFITTED, _TOGGLED = -1, -2, -3
-# Copies are mirrored north to south, or east to west; rows and columns of the source are exchanged
-# first; the source is the mate; what leaves the rectangle on one side enters it on the other.
-_FLIPPED, _MIRRORED, _TRANSPOSED, _FROM_MATE, _ROTATED = 1, 2, 4, 8, 16
+
+# How tiles are copied; the values of `_Change.how` are sums of these.
+_FLIPPED = 1  # Mirrored north to south.
+_MIRRORED = 2  # Mirrored east to west.
+_TRANSPOSED = 4  # The rows and columns of the source are exchanged first.
+_FROM_MATE = 8  # The source is the mate.
+_CYCLIC = 16  # What leaves the rectangle on one side enters it on the other.
 
 
 class _Draws:
     """What the plans draw from random bits, uint32 [7], on a grid of a shape.
 
-    Plans share what is drawn once.
+    bits[0:4] give a position. In bits[4], 1 and 2 give directions, axes or mirror images, 4 a
+    transposition, and 8 the axis of a displacement. bits[5:7] give its offset. Only one plan is
+    applied, so plans share the bits.
     """
 
     def __init__(self, bits: UInt32[Array, " 7"], shape: tuple[int, ...]):
@@ -447,7 +453,7 @@ def _apply_one_plan(
     change = _choose_change(index, [plan(draws) for plan in plans])
     window = None
     if _plan_refit in plans:
-        window = _refit(bits[3], change, grid, empty=empty)
+        window = _refit(draws.bits[2], change, grid, empty=empty)
     return _apply_change(change, grid, mate, window)
 
 
@@ -459,9 +465,9 @@ def _choose_change(index: Int32[Array, ""], changes: Sequence[_Change]) -> _Chan
         candidates = [jnp.asarray(value, jnp.int32) for value in values]
         chosen_fields.append(jax.lax.select_n(index, *candidates))
     first, last, code, how, offset = chosen_fields
-    # One stored array, because XLA would compute the numbers again for every tile. If they were
-    # joined, XLA would compile the plans once for each of them. So each row of the array selects
-    # its numbers.
+    # The numbers are stored as one array, because XLA would otherwise compute them again for every
+    # tile. Selects build the array: with a concatenation, XLA compiles all plans once for each
+    # number.
     row = np.arange(4)[:, None]
     numbers = jnp.where(np.array([True, False]), code, how)
     numbers = jnp.where(row == 2, offset, numbers)
@@ -521,11 +527,11 @@ def _copy(
     mirrored = change.how & _MIRRORED > 0
     transposed = change.how & _TRANSPOSED > 0
     from_mate = change.how & _FROM_MATE > 0
-    rotated = change.how & _ROTATED > 0
+    cyclic = change.how & _CYCLIC > 0
 
     height, width = grid.shape
-    rows = _source_indices(change, 0, height, backwards=flipped, rotated=rotated)
-    columns = _source_indices(change, 1, width, backwards=mirrored, rotated=rotated)
+    rows = _source_indices(change, 0, height, backwards=flipped, cyclic=cyclic)
+    columns = _source_indices(change, 1, width, backwards=mirrored, cyclic=cyclic)
     row_indices = rows[:, None] * jnp.where(transposed, 1, width)
     column_indices = columns[None] * jnp.where(transposed, width, 1)
     indices = row_indices + column_indices
@@ -538,14 +544,14 @@ def _copy(
 
 
 def _source_indices(
-    change: _Change, axis: int, length: int, *, backwards: AnyArray, rotated: AnyArray
+    change: _Change, axis: int, length: int, *, backwards: AnyArray, cyclic: AnyArray
 ) -> Int32[Array, " length"]:
     """Returns the row that each row is copied from, or the column that each column is copied from."""
     indices = np.arange(length, dtype=np.int32)
     first, last = change.first[axis], change.last[axis]
     sources = change.offset[axis] + jnp.where(backwards, -indices, indices)
-    before_first = rotated & (sources < first)
-    after_last = rotated & (sources > last)
+    before_first = cyclic & (sources < first)
+    after_last = cyclic & (sources > last)
     sources = jnp.where(before_first, last, jnp.where(after_last, first, sources))
     # Sources beyond the grid belong to tiles outside the rectangle, which are not written.
     return jnp.clip(sources, 0, length - 1)
@@ -554,9 +560,9 @@ def _source_indices(
 def _refit(
     bits: UInt32[Array, ""], change: _Change, grid: Int8[Array, "H W"], *, empty: bool
 ) -> Int8[Array, "H W"]:
-    """Draws another valid window for the rectangle between four sides.
+    """Draws another valid window for the rectangle of a change, on the whole grid.
 
-    Tiles outside it have no meaning.
+    Tiles outside the rectangle have no meaning.
     """
     height, width = (min(side, _WINDOW) for side in grid.shape)
     windows = valid_windows(height, width, empty=empty)
@@ -641,7 +647,7 @@ def _plan_slide(draws: _Draws) -> _Change:
         first=jnp.where(slides, first, 0),
         last=jnp.where(slides, last, draws.shape - 1),
         code=_COPIED,
-        how=_ROTATED,
+        how=_CYCLIC,
         offset=jnp.where(slides, step, 0),
     )
 

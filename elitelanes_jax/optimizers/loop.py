@@ -25,7 +25,7 @@ from elitelanes_jax.problem.archive import Population
 @name_wrong_arguments
 @runs_jax
 def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
-    """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on the number and its index alone.
+    """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on `seed` and its index alone.
 
     Key i is ``fold_in(key(seed, impl="threefry2x32"), i)``, whatever kind of key JAX is set to
     make. `indices` are those of the keys; or their number K, for the first K. Raises `InputError`
@@ -76,11 +76,12 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
     check_named("generations", whole(0), generations)
 
     def run_all(keys: Array) -> tuple[Pytree, Info]:
-        first, states = optimizer.first_generation, start(optimizer, keys)
-        states, info = advance(
-            optimizer, keys, states, first, generations, most=generations + 1 - first
-        )
-        return states, jax.tree.map(lambda array: array[1 - first :], info)
+        first = optimizer.first_generation
+        states = start(optimizer, keys)
+        most = generations + 1 - first
+        states, info = advance(optimizer, keys, states, first, generations, most=most)
+        # Generation 0 only evaluates the initial grids, so its row is left out.
+        return states, jax.tree.map(lambda rows: rows[1 - first :], info)
 
     return divide_batches(run_all, rows=(0, 1))(keys)
 
@@ -97,9 +98,9 @@ def over_seeds(function: Callable[..., Pytree], *trees: Pytree) -> Pytree:
     """Maps a function over the first axis of arrays, for `vmap`; one seed alone takes a quarter less time to trace."""
     if jax.tree.leaves(trees)[0].shape[0] > 1:
         return jax.vmap(function)(*trees)
-    found = function(*jax.tree.map(lambda array: array[0], trees))
-    # A user's may be a Python number.
-    return jax.tree.map(lambda array: jnp.asarray(array)[None], found)
+    result = function(*jax.tree.map(lambda array: array[0], trees))
+    # A leaf from a user's optimiser may be a Python number.
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], result)
 
 
 @runs_jax
@@ -115,9 +116,9 @@ def advance(
     """Runs the generations `first` to `last`, both included; a run begins with `Optimizer.first_generation`.
 
     Generation i of a seed depends on ``fold_in(key, i)`` and the state before it alone. Therefore
-    generations 1 to 200 equal 1 to 100 and then 101 to 200, bit for bit, and a seed's result does
-    not depend on other seeds. `first` and `last` may be traced: one compiled call serves every part
-    of every run.
+    generations 1 to 200 equal 1 to 100 and then 101 to 200, bit for bit. With JAX's default kind of
+    key, a seed's result does not depend on other seeds. `first` and `last` may be traced: one
+    compiled call serves every part of every run.
 
     Returns the states, and an `Info` of arrays ``[most, S]``. Only the first `last` - `first` + 1
     rows have a meaning; if `last` is less than `first`, no generation is run. `most` is static.
@@ -126,9 +127,9 @@ def advance(
     @partial(jax.jit, inline=True)  # so that it is traced once, for the shapes and for the loop
     def step(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
         def step_one(key: Array, state: Pytree) -> tuple[Pytree, Info]:
-            found = optimizer.step(fold_in(key, generation), state)
-            _check_step(state, found)
-            return found
+            outcome = optimizer.step(fold_in(key, generation), state)
+            _check_step(state, outcome)
+            return outcome
 
         return over_seeds(step_one, keys, states)
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Int
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.codes import KINDS, SIDES
+from elitelanes_jax.network.codes import EAST, KINDS, NORTH, SIDES, SOUTH, WEST
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.records import (
     features_without_gaps,
@@ -28,6 +28,7 @@ from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.problem.ranges import Range
 from elitelanes_jax.problem.rules import RULES, map_constraints
 
+# Each round can only narrow intervals. Those of the inequalities below settle after a few rounds.
 _MOST_ROUNDS = 200
 
 _Cell = tuple[int, int]  # row and column
@@ -38,9 +39,9 @@ _PER_TILE = {"loops_per_tile": "cyclomatic", "adjacent_turns_per_tile": "adjacen
 # Without any of these, straight roads lead away from each crossing, and have no roads beside them.
 _BESIDE_CROSSINGS = ("crowded_crossings", "unlinked_neighbours")
 
-# What holds for the metrics of all repaired grids. AREA is the number of cells, and INNER that of
-# cells away from the border. PAIRS is the number of pairs of neighbours. LONGEST is the longer
-# side, and SHORTENED is it without its ends.
+# What holds for the metrics of all repaired grids. AREA is the number of cells, INNER the number of
+# cells that are not on the border, and PAIRS the number of pairs of neighbours. LONGEST is the
+# longer side, and SHORTENED is LONGEST - 2.
 _FACTS = (
     "tiles + empty_cells = AREA",
     # Euler's formula.
@@ -167,7 +168,9 @@ def find_bounds(shape: tuple[int, int], certain: Mapping[str, int]) -> FeatureBo
     intervals = {name: (0, most) for name, most in largest.items()}
     bounds = FeatureBounds(shape, intervals, tuple(_inequalities(shape)))
     for name, value in certain.items():
-        bounds = _with(bounds, [_Inequality({name: 1}, value), _negated({name: 1}, value)])
+        bounds = _with_inequalities(
+            bounds, [_Inequality({name: 1}, value), _at_most({name: 1}, value)]
+        )
     return _narrowed(bounds)
 
 
@@ -178,7 +181,7 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
     states the bound.
     """
     where = tuple(where)
-    bounds = _with(bounds, _least_tiles(where, bounds.shape))
+    bounds = _with_inequalities(bounds, _least_tiles(where, bounds.shape))
     # What messages call the maps in the ranges that the bounds contain.
     ranged_maps = maps
     for item in where:
@@ -188,9 +191,9 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
         _check_range(item, bounds, ranged_maps)
         inequalities = []
         if item.name in FEATURES or item.name in COUNTED.values():
-            inequalities = _within(item)
+            inequalities = _inequalities_of_range(item)
         try:
-            bounds = _narrowed(_with(bounds, inequalities))
+            bounds = _narrowed(_with_inequalities(bounds, inequalities))
         except _ContradictionError as error:
             expected = f"a range that {ranged_maps} can be in"
             raise InputError(
@@ -251,7 +254,7 @@ def check_feasible(
         lacking_kinds = [kind for kind in COUNTED if codes.isdisjoint(KINDS[kind])]
     if fix is not None:
         _check_fixed(fix, rules)
-        _check_room(fix, filled)
+        _check_connectable(fix, filled)
     if where:
         fills_all_cells = filled and fix is None
         constraints = map_constraints(rules, filled=fills_all_cells)
@@ -281,14 +284,14 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
                 )
 
 
-def _check_room(fix: FixedCells, filled: bool) -> None:
+def _check_connectable(fix: FixedCells, filled: bool) -> None:
     """Checks that roads can pass through the cells that need one, and connect them.
 
     `filled` says whether each free cell needs one; a free cell without any neighbour to link stays
     empty.
     """
     is_fixed = fix.fixed
-    ways = _ways(np.where(is_fixed, fix.grid, 15))
+    ways = _ways(np.where(is_fixed, fix.grid, NORTH | EAST | SOUTH | WEST))
     for cell, neighbours in list(ways.items()):
         if not neighbours and not is_fixed[cell]:
             del ways[cell]
@@ -378,9 +381,9 @@ def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
         if relation == ">=":
             inequalities.append(_Inequality(factors, least))
         elif relation == "<=":
-            inequalities.append(_negated(factors, least))
+            inequalities.append(_at_most(factors, least))
         else:
-            inequalities += [_Inequality(factors, least), _negated(factors, least)]
+            inequalities += [_Inequality(factors, least), _at_most(factors, least)]
     return inequalities
 
 
@@ -405,12 +408,12 @@ def _read_sum(text: str, constants: Mapping[str, int]) -> tuple[dict[str, int], 
     return factors, number
 
 
-def _negated(factors: Mapping[str, int], most: int) -> _Inequality:
+def _at_most(factors: Mapping[str, int], most: int) -> _Inequality:
     """Returns the inequality that a sum is at most a number."""
     return _Inequality({name: -factor for name, factor in factors.items()}, -most)
 
 
-def _within(item: Range) -> list[_Inequality]:
+def _inequalities_of_range(item: Range) -> list[_Inequality]:
     """Returns the inequalities of a range.
 
     The range of a share limits a part by a multiple of its whole.
@@ -428,7 +431,7 @@ def _within(item: Range) -> list[_Inequality]:
     return inequalities
 
 
-def _with(bounds: FeatureBounds, more: Iterable[_Inequality]) -> FeatureBounds:
+def _with_inequalities(bounds: FeatureBounds, more: Iterable[_Inequality]) -> FeatureBounds:
     return bounds._replace(inequalities=(*bounds.inequalities, *more))
 
 

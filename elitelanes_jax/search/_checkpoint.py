@@ -52,11 +52,10 @@ class Checkpoint:
         """Whether to write a checkpoint of an interrupted search."""
         return self.kept or time.monotonic() - self._began >= _SECONDS_TO_KEEP
 
-    @property
-    def due(self) -> bool:
-        """Whether it is time to write.
+    def is_due(self) -> bool:
+        """Returns whether it is time to write.
 
-        The timer starts at the first call, so compile time does not count.
+        The first call starts the timer, so compile time does not count.
         """
         now = time.monotonic()
         if self._began > now:
@@ -65,9 +64,12 @@ class Checkpoint:
 
     def save(self, result: Result) -> None:
         """Writes the result so far. A kill leaves the result before."""
-        began = time.monotonic()
+        started_writing = time.monotonic()
         if not self.kept:
             write_json(self.folder / _SETTINGS, self._identity)
         result.save(self.folder / _RESULT)
-        now = time.monotonic()
-        self._due = now + (max(self._every, _TIMES_WRITING * (now - began)) if self._every else 0)
+        written = time.monotonic()
+        pause = 0.0
+        if self._every:
+            pause = max(self._every, _TIMES_WRITING * (written - started_writing))
+        self._due = written + pause

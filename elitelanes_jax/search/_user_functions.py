@@ -17,7 +17,7 @@ from elitelanes_jax.optimizers.presets import PRESETS, Config, find_preset, user
 from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, digest
 from elitelanes_jax.search._setup import Factory, Setup
 from elitelanes_jax.search._stored_programs import settings_of_thread
-from elitelanes_jax.search.resolve import Search, describe_method
+from elitelanes_jax.search.resolve import Search, with_method
 from elitelanes_jax.search.settings import CUSTOM
 from elitelanes_jax.search.spec import SearchSpec
 
@@ -134,9 +134,9 @@ def find_config(search: Search, extensions: Extensions) -> Config | None:
 def name_what_makes(search: Search, config: Config | None, extensions: Extensions) -> Search:
     """Returns a search whose settings say what makes the result, if it is no preset of a method."""
     if extensions.optimizer is not None:
-        return describe_method(search, CUSTOM, _name_of(extensions.optimizer))
+        return with_method(search, CUSTOM, _name_of(extensions.optimizer))
     if config != PRESETS[search.settings.method, search.settings.preset]:
-        return describe_method(search, search.settings.method, CUSTOM)
+        return with_method(search, search.settings.method, CUSTOM)
     return search
 
 

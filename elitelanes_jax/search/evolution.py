@@ -195,14 +195,14 @@ def _evolve_in_pool(
 ) -> Result:
     """Runs a search on an executor's workers."""
     # The module of the parts imports this one.
-    from elitelanes_jax.search.parts import evolve_parts, join_parts
+    from elitelanes_jax.search.parts import evolve_parts, join_evolved_parts
 
     # Planning a run of one seed checks the user's functions here, before they travel. Workers
     # compare their functions with the digests.
     first_key = keys._replace(data=keys.data[:1])
     functions = plan_run(search, first_key, extensions, choose_devices(1)).setup.digests
     results = evolve_parts(search, keys, pool, extensions, functions=functions, progress=progress)
-    return join_parts(results)
+    return join_evolved_parts(results)
 
 
 def evolve_search(
@@ -399,7 +399,7 @@ def _evolve(
                 histories.append(history)
                 # One statement, so that an interruption cannot split it.
                 states, count = later_states, count + 1
-                if checkpoint is not None and checkpoint.due:
+                if checkpoint is not None and checkpoint.is_due():
                     checkpoint.save(run.result(states, histories, first))
         except KeyboardInterrupt:
             has_no_grids = generation < 0 and not count

@@ -113,7 +113,7 @@ def evolve_each(
     return call_on_workers(pool.executor, partial(_evolve_task, extensions, caches), tasks)
 
 
-def join_parts(parts: Sequence[EvolvedPart]) -> Result:
+def join_evolved_parts(parts: Sequence[EvolvedPart]) -> Result:
     """Joins the results of all parts, in their order."""
     return join_parts_of_run([part.result for part in parts])
 
@@ -141,6 +141,8 @@ def _load(path: Path, search: Search) -> EvolvedPart | None:
     if not path.with_suffix(".json").exists():
         return None
     figures, result = read_json(path.with_suffix(".json")), Result.load(path.with_suffix(".npz"))
-    if result.search != search:  # with another budget
+    # The folder may hold parts of an earlier search, such as one with another budget.
+    if result.search != search:
         return None
+    # `Search.inputs` is not saved, so the search of the caller is taken.
     return EvolvedPart(replace(result, search=search), figures["seconds"], figures["device"])

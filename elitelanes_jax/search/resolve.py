@@ -32,7 +32,10 @@ LARGE = 12
 """Maps whose shorter side is at least this long are large."""
 
 Room: TypeAlias = Literal["maps", "grids", "anything"]
-"""What the constraints must leave room for: maps to write, repaired grids, or what a user's optimiser makes."""
+"""What the constraints must leave room for: maps to write, repaired grids, or what a user's optimiser makes.
+
+``anything`` checks nothing.
+"""
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,7 @@ def resolve(
     with naming_origins(origins):
         _check_choices(settings)
         _check_shape(search, shape_name)
-        _check_room(search, room_for)
+        _check_constraints(search, room_for)
     return search
 
 
@@ -182,13 +185,13 @@ def search_from_plain(plain: Plain, shape: tuple[int, int]) -> Search:
 
 
 def has_other_alphabet(search: Search, other: Search) -> bool:
-    """Returns whether two searches differ in nothing but the alphabet."""
+    """Returns whether two searches differ, and in the alphabet alone."""
     settings = replace(search.settings, alphabet=other.settings.alphabet)
-    return search != other and settings == other.settings
+    return search != other and replace(search, settings=settings, alphabet=other.alphabet) == other
 
 
 def _split_large(plain: Plain) -> tuple[dict[str, Plain], Plain]:
-    """Returns the plain options without those for large maps, and these, or None."""
+    """Splits plain options into those for all maps and those for large maps, or None."""
     if not isinstance(plain, Mapping) or "large" not in plain:
         raise InputError(f"search: expected all options of a search, got {shorten(repr(plain))}")
     options = dict(plain)
@@ -219,7 +222,9 @@ def resolve_again(
       InputError: for constraints that no map meets.
     """
     settings = replace(search.settings, **options)
-    _check_room(_complete(replace(settings, alphabet=alphabet), search.shape), "maps")
+    # Elites may have codes outside the search's alphabet, so the check allows all of them.
+    widened = replace(settings, alphabet=alphabet)
+    _check_constraints(_complete(widened, search.shape), "maps")
     return _complete(settings, search.shape)
 
 
@@ -231,7 +236,7 @@ def with_ranges(search: Search, ranges: Sequence[Range]) -> Search:
     return replace(_complete(settings, search.shape), axes=search.axes)
 
 
-def describe_method(search: Search, method: str, preset: str) -> Search:
+def with_method(search: Search, method: str, preset: str) -> Search:
     """Returns a search whose settings say what makes its result: a custom configuration or the user's optimiser."""
     settings = replace(search.settings, method=method, preset=preset, axes=search.axes)
     return replace(search, settings=settings)
@@ -347,7 +352,7 @@ def _check_shape(search: Search, shape_name: str) -> None:
         raise InputError(f"{shape_name}: expected {expected}, got {size}") from None
 
 
-def _check_room(search: Search, room_for: Room) -> None:
+def _check_constraints(search: Search, room_for: Room) -> None:
     """Checks that the constraints leave room for maps, or for repaired grids."""
     if room_for == "maps":
         check_feasible(
@@ -359,14 +364,14 @@ def _check_room(search: Search, room_for: Room) -> None:
             alphabet=search.settings.alphabet,
         )
     elif room_for == "grids":
-        _check_ranges(search.ranges, search.shape, search.fills_all_cells)
+        _check_ranges_of_grids(search.ranges, search.shape, search.fills_all_cells)
 
 
 @lru_cache(maxsize=32)
-def _check_ranges(ranges: tuple[Range, ...], shape: tuple[int, int], filled: bool) -> None:
+def _check_ranges_of_grids(ranges: tuple[Range, ...], shape: tuple[int, int], filled: bool) -> None:
     """Checks ranges against the bounds of the metrics of repaired grids.
 
-    A search may be repeated for other seeds.
+    The result is cached, because a search that is repeated for other seeds is checked again.
     """
     certain = {"dead_ends": 0, "empty_cells": 0} if filled else {}
     height, width = shape

@@ -149,7 +149,7 @@ def check_options(
 def _check_large(large: UserValue, user_features: Collection[str]) -> dict[str, UserValue]:
     """Checks the options for large maps: values by name, or a specification that was made of them."""
     if isinstance(large, SearchSpec):
-        large = {name: value for name, value in large.options.items() if name not in NOT_OF_LARGE}
+        large = large.options
     if not isinstance(large, Mapping):
         raise InputError(f"expected options by their names, got {shorten(repr(large))}")
     return check_options(large, user_features, without=NOT_OF_LARGE)

@@ -207,19 +207,19 @@ def test_checkpoints_come_as_often_as_asked_for_and_take_little_of_the_time(tmp_
     monkeypatch.setattr(Result, "save", lambda self, path: clock.__setitem__(0, clock[0] + 3.0))
     often, seldom = Checkpoint(tmp_path, {}, 0), Checkpoint(tmp_path, {}, 20)
     clock[0] = 50.0  # compiling
-    assert often.due and not seldom.due
+    assert often.is_due() and not seldom.is_due()
     assert not seldom.keeps_interrupted
     clock[0] = 60.0
-    assert seldom.keeps_interrupted and not seldom.due
+    assert seldom.keeps_interrupted and not seldom.is_due()
     clock[0] = 70.0
-    assert seldom.due
+    assert seldom.is_due()
     seldom.save(whole)
     often.save(whole)
-    assert often.due and not seldom.due
+    assert often.is_due() and not seldom.is_due()
     clock[0] = 132.9
-    assert not seldom.due
+    assert not seldom.is_due()
     clock[0] = 133.1
-    assert seldom.due
+    assert seldom.is_due()
     (tmp_path / "result.npz").touch()
     assert Checkpoint(tmp_path, {}, 20).keeps_interrupted, "one that is there is kept up to date"
 

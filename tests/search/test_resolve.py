@@ -7,7 +7,7 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.maps import planning
 from elitelanes_jax.search import evolution
 from elitelanes_jax.search import resolve as module
-from elitelanes_jax.search.resolve import resolve
+from elitelanes_jax.search.resolve import has_other_alphabet, resolve
 
 SEARCH = "--method ea --preset paper --generations 2 --seeds 2 --at-most --quiet"
 
@@ -15,7 +15,7 @@ SEARCH = "--method ea --preset paper --generations 2 --seeds 2 --at-most --quiet
 @pytest.fixture
 def counted(monkeypatch):
     """The calls that resolve a search, and those that check it."""
-    calls = {"resolve": 0, "_check_choices": 0, "_check_shape": 0, "_check_room": 0}
+    calls = {"resolve": 0, "_check_choices": 0, "_check_shape": 0, "_check_constraints": 0}
 
     def counting(name, function):
         def call(*arguments, **named):
@@ -24,7 +24,7 @@ def counted(monkeypatch):
 
         return call
 
-    for name in ("_check_choices", "_check_shape", "_check_room"):
+    for name in ("_check_choices", "_check_shape", "_check_constraints"):
         monkeypatch.setattr(module, name, counting(name, getattr(module, name)))
     counted_resolve = counting("resolve", module.resolve)
     for user in (module, planning, evolution):
@@ -74,3 +74,13 @@ def test_room_for_maps_is_less_than_room_for_grids():
     resolve(spec, (5, 5))
     with pytest.raises(InputError, match="where 'cyclomatic=0': expected a range with some of 1"):
         resolve(spec, (5, 5), room_for="maps")
+
+
+def test_searches_on_other_shapes_differ_in_more_than_the_alphabet():
+    """`merge` blames the tile set for an archive of a search with another alphabet alone."""
+    search = resolve(SearchSpec(), (6, 6))
+    turns = resolve(SearchSpec(), (6, 6), alphabet=(0, 3, 5, 6, 9, 10, 12))
+    assert has_other_alphabet(search, turns)
+    assert not has_other_alphabet(search, search)
+    assert not has_other_alphabet(search, resolve(SearchSpec(), (7, 7)))
+    assert not has_other_alphabet(turns, resolve(SearchSpec(method="ea"), (6, 6)))

@@ -1,4 +1,4 @@
-"""Who lives in a town: buildings, vehicles, trees, cones and duckies, at random places where they fit."""
+"""Places buildings, vehicles, trees, cones and duckies at random where they fit."""
 
 from collections.abc import Callable
 from math import hypot, pi
@@ -11,7 +11,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.maps.furnishing.space import Space, make_object, outline_of
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
-from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.codes import EAST, KINDS, SIDES, WEST
 
 Place = tuple[float, float, float]
 """x and y in tiles, and an angle in radians."""
@@ -28,8 +28,9 @@ _QUARTERS = (0.0, pi / 2, pi, -pi / 2)
 def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float) -> None:
     """Adds the objects of a specification to those that are on the map, large ones first.
 
-    Each amount has random numbers of its own. Without a side of a road, objects beside roads are in
-    blocks. The middle of a lane is `lane_offset` tiles from the road's middle.
+    Each amount has random numbers of its own. An amount below 1 places as many as fit. If no cell
+    without road has a road beside it, what belongs beside a road is placed anywhere on such cells.
+    The middle of a lane is `lane_offset` tiles from the road's middle.
 
     Raises:
       InputError: if a number of objects do not fit; the message names the amount and how many fit.
@@ -40,7 +41,7 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
         count = round(amount * empty_cells) if amount < 1 else int(amount)
         random = np.random.default_rng([seed, index])
         if amount >= 1:
-            _check_room(name, scenery, count, space.codes)
+            _check_count(name, scenery, count, space.codes)
         placed = _place(space, name, scenery, count, random, lane_offset)
         if placed < count and amount >= 1:
             raise InputError(
@@ -48,14 +49,16 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
             )
 
 
-def _check_room(name: str, scenery: "_Scenery", count: int, codes: Int8[np.ndarray, "H W"]) -> None:
+def _check_count(
+    name: str, scenery: "_Scenery", count: int, codes: Int8[np.ndarray, "H W"]
+) -> None:
     """Raises `InputError` if the area has no room for objects: tries for 100,000 would take half an hour."""
     outline = outline_of(make_object(scenery.kind, 0, 0, 0))
     length = 2 * max(x for x, _ in outline)
     width = 2 * max(y for _, y in outline)
     spots, _ = _spots_of(scenery, codes)
     cells = len(np.unique(spots[:, :2], axis=0))
-    # The middle of an object is on a cell of a spot.
+    # An object's middle is on the cell of a spot, so the object lies in a square of this side.
     side = 1 + hypot(length, width)
     most = int(cells * side**2 / (length * width))
     if cells and count > most:
@@ -69,8 +72,8 @@ def _spots_of(
 ) -> tuple[Int[np.ndarray, "N _"], "_Draw"]:
     """Returns the spots of an amount, and the function that draws a place at a spot."""
     spots = scenery.list_spots(codes)
-    if len(spots) == 0 and scenery.draw is _beside_a_road:
-        return _blocks(codes), _in_a_block
+    if len(spots) == 0 and scenery.draw is _draw_beside_road:
+        return _list_blocks(codes), _draw_in_block
     return spots, scenery.draw
 
 
@@ -95,20 +98,18 @@ def _place(
                 break
             spot = spots[random.integers(len(spots))]
             x, y, angle = draw(spot, random, lane_offset)
-            candidate = make_object(
-                scenery.kind, x, y, round(angle, 6), static=name != "crossing_duckies"
-            )
-            placed += space.place(candidate, in_lane=name.startswith("lane_"))
+            candidate = make_object(scenery.kind, x, y, round(angle, 6), static=scenery.static)
+            placed += space.place(candidate, in_lane=scenery.in_lane)
             bar.update(placed)
     return placed
 
 
-def _blocks(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 2"]:
+def _list_blocks(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 2"]:
     """Lists the cells without road: (row, column)."""
     return np.argwhere(codes == 0)
 
 
-def _kerbs(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 3"]:
+def _list_kerbs(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 3"]:
     """Lists the sides of cells without road whose neighbour has one: (row, column, side)."""
     padded = np.pad(codes, 1)
     height, width = codes.shape
@@ -116,20 +117,20 @@ def _kerbs(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 3"]:
     return np.argwhere((codes == 0)[..., None] & np.stack(roads, axis=-1))
 
 
-def _straights(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 3"]:
+def _list_straights(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 3"]:
     """Lists the straight tiles: (row, column, whether the road leads from west to east)."""
-    cells = np.argwhere(np.isin(codes, (5, 10)))
-    leads_east = codes[cells[:, 0], cells[:, 1]] == 5
+    cells = np.argwhere(np.isin(codes, KINDS["straight"]))
+    leads_east = codes[cells[:, 0], cells[:, 1]] == EAST | WEST
     return np.column_stack([cells, leads_east])
 
 
-def _in_a_block(spot: list[int], random: np.random.Generator, _: float) -> Place:
+def _draw_in_block(spot: list[int], random: np.random.Generator, _: float) -> Place:
     """Draws a place anywhere on a cell, parallel to its sides."""
     row, column = spot
     return column + random.random(), row + random.random(), _QUARTERS[random.integers(4)]
 
 
-def _beside_a_road(spot: list[int], random: np.random.Generator, _: float) -> Place:
+def _draw_beside_road(spot: list[int], random: np.random.Generator, _: float) -> Place:
     """Draws a place at a side of a cell, looking at the road there."""
     row, column, side = spot
     nearest, farthest = _BESIDE
@@ -141,10 +142,10 @@ def _beside_a_road(spot: list[int], random: np.random.Generator, _: float) -> Pl
     return x, y, pi / 2 * (1 - side)
 
 
-def _in_a_lane(spot: list[int], random: np.random.Generator, lane_offset: float) -> Place:
+def _draw_in_lane(spot: list[int], random: np.random.Generator, lane_offset: float) -> Place:
     """Draws a place in the middle of a lane of a straight tile, in the direction of its traffic."""
-    row, column, across = spot
-    heading = 2 * int(random.integers(2)) + across
+    row, column, leads_east = spot
+    heading = 2 * int(random.integers(2)) + leads_east
     ahead, right = SIDES[heading], SIDES[(heading + 1) % 4]
     along = random.uniform(-0.5, 0.5)
     x = column + 0.5 + along * ahead.right + lane_offset * right.right
@@ -156,39 +157,43 @@ class _Scenery(NamedTuple):
     """An amount of objects.
 
     Attributes:
-      kind: of the objects.
+      kind: the kind of the objects.
       list_spots: returns the spots of a map, an array of whole numbers with a row for each.
       draw: returns a random place at a spot.
+      static: whether simulators keep the objects where they are.
+      in_lane: whether the objects are on roads.
     """
 
     kind: str
     list_spots: Callable[[Int8[np.ndarray, "H W"]], Int[np.ndarray, "N _"]]
     draw: _Draw
+    static: bool = True
+    in_lane: bool = False
 
 
-def _on_block(kind: str) -> _Scenery:
-    return _Scenery(kind, _blocks, _in_a_block)
+def _in_block(kind: str) -> _Scenery:
+    return _Scenery(kind, _list_blocks, _draw_in_block)
 
 
-def _beside_road(kind: str) -> _Scenery:
-    return _Scenery(kind, _kerbs, _beside_a_road)
+def _beside_road(kind: str, *, static: bool = True) -> _Scenery:
+    return _Scenery(kind, _list_kerbs, _draw_beside_road, static)
 
 
 def _in_lane(kind: str) -> _Scenery:
-    return _Scenery(kind, _straights, _in_a_lane)
+    return _Scenery(kind, _list_straights, _draw_in_lane, in_lane=True)
 
 
 # The amounts of a specification, large objects first.
 _AMOUNTS = {
-    "buildings": _on_block("building"),
-    "houses": _on_block("house"),
-    "buses": _on_block("bus"),
-    "trucks": _on_block("truck"),
+    "buildings": _in_block("building"),
+    "houses": _in_block("house"),
+    "buses": _in_block("bus"),
+    "trucks": _in_block("truck"),
     "barriers": _beside_road("barrier"),
-    "robots": _on_block("duckiebot"),
-    "trees": _on_block("tree"),
+    "robots": _in_block("duckiebot"),
+    "trees": _in_block("tree"),
     "cones": _beside_road("cone"),
-    "crossing_duckies": _beside_road("duckie"),
+    "crossing_duckies": _beside_road("duckie", static=False),
     "duckies": _beside_road("duckie"),
     "lane_robots": _in_lane("duckiebot"),
     "lane_duckies": _in_lane("duckie"),
