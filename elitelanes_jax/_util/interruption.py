@@ -1,4 +1,4 @@
-"""Signals that end a program: `KeyboardInterrupt` in its main thread, and again at the next step of its work."""
+"""Turns signals into `KeyboardInterrupt`, and raises it again if it was lost."""
 
 import signal
 import sys
@@ -10,16 +10,17 @@ _SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
 
-_interrupted = False  # since the current block of `catch_interrupts` began
+# Whether a signal came since the block of `catch_interrupts` began.
+_interrupted = False
 
 
 @contextmanager
 def catch_interrupts() -> Iterator[None]:
     """Makes SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in its block. Signals that are ignored stay ignored.
 
-    A signal that comes while the exception is handled raises nothing, so that cleaning up is not
-    disturbed. Nor does one that comes while a module loads, because native modules crash:
-    `raise_if_interrupted` raises it later. Python prints nothing about one that it drops.
+    While the exception is handled, another signal raises nothing, so that cleanup can finish. While
+    a module loads, a signal raises nothing, because native modules crash; `raise_if_interrupted`
+    raises it later. If Python drops the exception, nothing is printed.
     """
     global _interrupted
     _interrupted = False
@@ -46,7 +47,7 @@ def catch_interrupts() -> Iterator[None]:
 def was_interrupted() -> bool:
     """Returns whether a signal came in the block of `catch_interrupts`.
 
-    Native code may make another error of it.
+    Native code may replace the `KeyboardInterrupt` by another error.
     """
     return _interrupted
 
@@ -54,8 +55,8 @@ def was_interrupted() -> bool:
 def raise_if_interrupted() -> None:
     """Raises `KeyboardInterrupt` if a signal came whose exception was lost.
 
-    Python drops an exception in a callback of the garbage collector, and JAX's native code one in a
-    comparison. So work that counts its steps calls this function.
+    Python drops exceptions in callbacks of the garbage collector, and JAX's native code drops them
+    in comparisons. So work that counts its steps calls this function.
     """
     if _interrupted and not _is_handled():
         raise KeyboardInterrupt
@@ -75,7 +76,7 @@ def _is_loading(frame: FrameType | None) -> bool:
 
 
 def _is_handled() -> bool:
-    """Returns whether the main thread handles a `KeyboardInterrupt`, or an error that followed from it."""
+    """Returns whether the calling thread handles a `KeyboardInterrupt`, or an error that followed from it."""
     error = sys.exc_info()[1]
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__

@@ -12,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, field, fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple, Self
 
 from elitelanes_jax._util.checks import check_named, instance
@@ -20,6 +21,8 @@ from elitelanes_jax._util.types import UserValue
 
 REQUIRED = MISSING
 """The default of a required field."""
+
+_METAVARS_OF_FOLDERS = ("DIR", "FILE|DIR", "MAP")
 
 
 class Option(NamedTuple):
@@ -92,7 +95,8 @@ class Record:
         return named
 
     def _keep_inputs(self, given: Mapping[str, UserValue], *more: str) -> Self:
-        if named := (*more, *inputs_among(given.values())):
+        named = (*more, *inputs_among(given, self.options()))
+        if named:
             vars(self)["_inputs"] = named
         return self
 
@@ -106,15 +110,25 @@ class Record:
         return replace(self, **values)._keep_inputs(values, *self.inputs) if values else self  # type: ignore[type-var]
 
 
-def inputs_among(values: Iterable[UserValue]) -> Iterator[str]:
-    """Yields the files and folders that options name, also by a word of a text, such as "signs objects.toml"."""
-    for value in values:
-        for one in value if isinstance(value, list | tuple) else [value]:
-            if isinstance(one, Record):
-                yield from one.inputs
-            elif isinstance(one, str | Path):
-                # `exists` is False for a text that is too long for a path.
-                yield from filter(os.path.exists, dict.fromkeys([str(one), *str(one).split()]))
+def inputs_among(
+    values: Mapping[str, UserValue], options: Mapping[str, Option] = MappingProxyType({})
+) -> Iterator[str]:
+    """Yields the files and folders that options name, also by a word of a text, such as "signs objects.toml".
+
+    A text names a folder only where the option's metavar says so: in ``--style town --out town`` it
+    is a word. A `Path` is always one.
+    """
+    for name, value in values.items():
+        takes_folders = name in options and options[name].metavar in _METAVARS_OF_FOLDERS
+        # Both are False for a text that is too long for a path.
+        is_input = os.path.exists if takes_folders else os.path.isfile
+        for item in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(item, Record):
+                yield from item.inputs
+            elif isinstance(item, Path) and item.exists():
+                yield str(item)
+            elif isinstance(item, str):
+                yield from filter(is_input, dict.fromkeys([item, *item.split()]))
 
 
 def check_names(names: Iterable[str], known: Iterable[str]) -> None:

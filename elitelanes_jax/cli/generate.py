@@ -104,7 +104,8 @@ def _generate(options: argparse.Namespace) -> int:
     else:
         index, count = spec.part
         seeds = f"seeds {spec.seed_indices[0]} to {spec.seed_indices[-1]}"
-        say(f"part {index} of {count}, {seeds}, in {options.out}; elitelanes merge joins all parts")
+        joins = f"{program_name()} merge joins all parts"
+        say(f"part {index} of {count}, {seeds}, in {options.out}; {joins}")
     return 0
 
 
@@ -144,11 +145,8 @@ def _merge(options: argparse.Namespace) -> int:
         from elitelanes_jax.cli.dataset import describe_dataset
         from elitelanes_jax.dataset.joining import merge_dataset
 
-        say(
-            describe_dataset(
-                merge_dataset(options.parts, options.out, force=options.force), options.out
-            )
-        )
+        about = merge_dataset(options.parts, options.out, force=options.force)
+        say(describe_dataset(about, options.out))
         return 0
     from elitelanes_jax.maps.parts import merge
 
@@ -184,9 +182,7 @@ def add_pick(commands: Commands) -> None:
     add_shared(command, "--force")
     command.add_argument(
         "--force-archive",
-        dest="force",
-        action="store_const",
-        const="archive",
+        action="store_true",
         help="like --force, but also replace a folder with an archive.npz, which pick does not write again",
     )
     add_shared(command, "--quiet")
@@ -203,8 +199,8 @@ def _pick(options: argparse.Namespace) -> int:
             spec,
             options.archives,
             options.out,
-            force=bool(options.force),
-            force_archive=options.force == "archive",
+            force=options.force,
+            force_archive=options.force_archive,
         )
     say(describe_maps(maps, spec.maps, options.out))
     return 0
@@ -220,7 +216,9 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
         lines.append(
             "  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True))
         )
-    of = f" of {wanted:,}" if len(maps) < wanted else ""
-    sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
-    lines.append(f"{pluralize(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
+    count = pluralize(len(maps), "map")
+    if len(maps) < wanted:
+        count += f" of {wanted:,}"
+    they_are = "it is" if len(maps) == 1 else "all of them"
+    lines.append(f"{count} in {out / 'maps'}, {they_are} on {out / 'contact-sheet.png'}")
     return "\n".join(lines)

@@ -37,8 +37,9 @@ def _act(options: argparse.Namespace) -> int:
 
     If an interrupted or failed command can be resumed, the message says so.
     """
-    if getattr(options, "force", False) and options.out is not None:
-        values = (value for name, value in vars(options).items() if name != "out")
+    replaces = getattr(options, "force", False) or getattr(options, "force_archive", False)
+    if replaces and options.out is not None:
+        values = {name: value for name, value in vars(options).items() if name != "out"}
         check_apart(options.out, inputs_among(values))
     try:
         return int(options.action(options))

@@ -1,4 +1,4 @@
-"""The frame of all programs of the project: messages, exit codes, signals.
+"""The frame of the command line: messages, exit codes, signals.
 
 A user's mistake ends in one line on standard error and exit code 2, too few maps or too little
 memory in exit code 1, an interruption in 130. A fault of the program keeps its traceback.
@@ -45,9 +45,9 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, quiet: bo
         )
     except KeyboardInterrupt:
         return fail(program, f"interrupted; {interrupted}", INTERRUPTED)
+    except NotEnoughMemoryError as error:
+        return fail(program, str(error), 1)
     except Exception as error:
-        if isinstance(error, NotEnoughMemoryError):
-            return fail(program, str(error), 1)
         platforms = os.environ.get("JAX_PLATFORMS")
         if platforms and not _has_devices():
             return fail(
@@ -86,7 +86,8 @@ def leave(main: Callable[[], int]) -> NoReturn:
             except KeyboardInterrupt:
                 code = INTERRUPTED
             except SystemExit as stop:
-                code = stop.code if isinstance(stop.code, int) else 0
+                # As Python does for a text.
+                code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
             for stream in (sys.stdout, sys.stderr):
                 _flush(stream)
             if code == INTERRUPTED:

@@ -6,9 +6,9 @@ the map. A ``place`` is in metres from the middle of a tile, with tiles counted 
 north-west corner, with y to the south, as the comments in the maps say, and ``rotate`` is
 counter-clockwise.
 
-Objects are written with a ``pose``: duckietown-world 6.4.3 and gym-duckietown 6.1.34 agree on it. A
-``pos`` they move by one tile to the south and turn the other way round, and on maps that are not
-square they differ.
+Objects are written with a ``pose``: duckietown-world 6.4.3 and gym-duckietown 6.1.34 agree on it.
+Both programs move a ``pos`` one tile to the south and turn it the other way. They differ on maps
+that are not square.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,8 +30,8 @@ FALSE = ["false", "False", "FALSE", "no", "No", "NO", "off", "Off", "OFF"]
 # What readers of YAML take for a truth value or for nothing.
 _YAML_WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
 
-# As duckietown-world names them.
-_OF_MAP = {"sign_1_way_left": "sign_oneway_left", "sign_1_way_right": "sign_oneway_right"}
+# The names of duckietown-world.
+_KIND_OF_MAP_NAME = {"sign_1_way_left": "sign_oneway_left", "sign_1_way_right": "sign_oneway_right"}
 
 # gym-duckietown needs a picture of each sign, and has none of street names.
 _STREET_NAME, _BLANK = "sign_street_name", "sign_blank"
@@ -49,8 +49,8 @@ _SLOTS = (
     (_LONG, -_SHORT),
 )
 
-# In Duckietown a traffic light is at the middle of its mesh and faces a quarter turn to the left of
-# its arm. So far is its stand from there, by the height.
+# Duckietown places a traffic light at the middle of its mesh, facing a quarter turn to the left of
+# its arm. Its stand is this far away, in heights.
 _STAND = 0.27 / 0.4
 
 
@@ -119,8 +119,8 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     if not isinstance(value, dict) or not isinstance(value.get("kind"), str):
         raise InputError(f'expected {{"kind": ...}}, got {brief(value)}')
     name = str(value["kind"])
-    if name in _OF_MAP or name in OBJECT_KINDS:
-        kind = _OF_MAP.get(name, name)
+    if name in _KIND_OF_MAP_NAME or name in OBJECT_KINDS:
+        kind = _KIND_OF_MAP_NAME.get(name, name)
     else:
         kind = check_kind(OTHER + name)
     x, y, angle = _pose(value, rows, tile_size)
@@ -154,7 +154,7 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
             raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {slot}")
         east, north = _SLOTS[slot]
         if "pose" in value:
-            rotate = radians(real_of(table_of(value["pose"], "~SE2Transform"), "theta_deg", 0.0))
+            rotate = _angle(table_of(value["pose"], "~SE2Transform"))
     elif "pos" in value:
         x, y = _pair(value, "pos")
         return x, y, rotate
@@ -172,13 +172,17 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
 
 
 def _transform(value: Plain) -> tuple[float, float, float]:
-    inner = table_of(value, "~SE2Transform")
-    if "theta" in inner:
-        turned = real_of(inner, "theta")
-    else:
-        turned = radians(real_of(inner, "theta_deg", 0.0))
-    x, y = _pair(inner, "p", (0.0, 0.0))
-    return x, y, turned
+    """Returns x and y in metres, and the angle."""
+    transform = table_of(value, "~SE2Transform")
+    x, y = _pair(transform, "p", (0.0, 0.0))
+    return x, y, _angle(transform)
+
+
+def _angle(transform: Mapping[str, Plain]) -> float:
+    """Returns the angle of a transform in radians."""
+    if "theta" in transform:
+        return real_of(transform, "theta")
+    return radians(real_of(transform, "theta_deg", 0.0))
 
 
 def table_of(value: Plain, name: str) -> dict[str, Plain]:
@@ -192,6 +196,7 @@ def table_of(value: Plain, name: str) -> dict[str, Plain]:
 def _pair(
     values: Mapping[str, Plain], name: str, default: tuple[float, float] | None = None
 ) -> tuple[float, float]:
+    """Returns two numbers under a name. A third one, a height, is ignored."""
     listed = values.get(name, default)
     if not isinstance(listed, list | tuple) or len(listed) not in (2, 3):
         raise InputError(f"{name}: expected two numbers, got {brief(listed, 40)}")
@@ -204,15 +209,14 @@ def real_of(values: Mapping[str, Plain], name: str, default: float | None = None
     Raises:
       InputError: if there is no finite number; the message starts with the name.
     """
-    text = values.get(name, default)
+    value = values.get(name, default)
     with suppress(TypeError, ValueError):
-        if (
-            not isinstance(text, list | dict)
-            and "_" not in str(text)
-            and isfinite(number := float(text))
-        ):
-            return number
-    raise InputError(f"{name}: expected a number, got {brief(text, 40)}")
+        # `float` also reads "1_000". The text of a list may be longer than the memory.
+        if not isinstance(value, list | dict) and "_" not in str(value):
+            number = float(value)
+            if isfinite(number):
+                return number
+    raise InputError(f"{name}: expected a number, got {brief(value, 40)}")
 
 
 def whole_of(values: Mapping[str, Plain], name: str) -> int:

@@ -96,7 +96,7 @@ class SearchSpec:
         _check_budget(options)
         user_features = check_named("features", check_features, options.get("features", ()))
         object.__setattr__(self, "options", check_options(options, user_features))
-        object.__setattr__(self, "inputs", tuple(inputs_among(options.values())))
+        object.__setattr__(self, "inputs", tuple(inputs_among(options, OPTIONS)))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SearchSpec) and self.options == other.options

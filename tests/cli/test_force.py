@@ -27,7 +27,7 @@ SMALL += ["--method", "ea", "--preset", "paper"]
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     out = tmp_path_factory.mktemp("written") / "out"
-    assert main([*SMALL, "--maps", "3", "--out", str(out)]) == 0
+    assert main([*SMALL, "--maps", "3", "--furnish", "lane_duckies=1", "--out", str(out)]) == 0
     return out
 
 
@@ -127,6 +127,21 @@ def test_a_folder_with_a_file_that_a_specification_named_is_not_replaced(write, 
     with pytest.raises(InputError, match="contains no input, got one with .*map.json"):
         write(source, folder)
     assert files(folder) == before
+
+
+def test_a_word_that_is_also_the_name_of_the_folder_is_no_input(tmp_path, monkeypatch):
+    """`--method ea --out ea` names no file, and so the folder can be replaced."""
+    monkeypatch.chdir(tmp_path)
+    command = [*SMALL, "--maps", "1"]
+    assert main([*command, "--out", "ea"]) == 0
+    assert main([*command, "--seed", "1", "--out", "ea", "--force"]) == 0
+    assert SearchSpec(method="ea", preset="paper", style="paper").inputs == ()
+    assert SearchSpec(like="ea/maps/0000/map.json").inputs == ("ea/maps/0000/map.json",)
+    assert GenerateSpec(tiles="ea", furnish="signs").inputs == ("ea",)
+    shutil.copytree("ea", "archive")
+    pick_again = ["pick", "ea/archive.npz", "--maps", "1", "--quiet", "--out", "archive"]
+    assert main([*pick_again, "--force-archive", "--force"]) == 0
+    assert not Path("archive/archive.npz").exists()
 
 
 @pytest.mark.parametrize("through", ["folder", "file", "out"])

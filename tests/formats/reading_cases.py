@@ -199,6 +199,8 @@ YAML_FILES = [
     f"{OBJECT}pose: {{~SE2Transform: {{theta: 1.5}}}}, place: none}}\n",
     f"{OBJECT}place: {{tile: [1, 0], relative: {{~SE2Transform: {{p: [0.1, 0.2, 0], theta: -4}}}}}}}}\n",
     f"{OBJECT}attach: {{tile: [1, 1], slot: 6}}, pose: {{~SE2Transform: {{theta_deg: -270}}}}, pos: none}}\n",
+    f"{OBJECT}attach: {{tile: [1, 1], slot: 6}}, pose: {{~SE2Transform: {{theta: 1.5}}}}}}\n",
+    f"{OBJECT}pose: {{~SE2Transform: {{p: [0.3, 0.4], theta: 1.5, theta_deg: 10}}}}}}\n",
     f"{OBJECT}attach: {{tile: [1, 1], slot: 0.0}}, rotate: 45}}\n",
     *[(f"{OBJECT}attach: {{tile: [1, 1], slot: {text}}}}}\n", "slot: expected") for text in ("8", "-1", "0.5", "a")],
     (f"{OBJECT}pos: [1, 1], rotate: east}}\n", "rotate: expected"),

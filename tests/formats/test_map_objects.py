@@ -94,7 +94,8 @@ def test_four_ways_to_say_where_an_object_is(tmp_path):
         "  c: {kind: truck, height: 0.2, place: {tile: [1, 2],\n"
         "      relative: {~SE2Transform: {p: [0.05, -0.05], theta: 1.5}}}}\n"
         "  d: {kind: sign_stop, attach: {tile: [1, 2], slot: 4}, pose: {~SE2Transform: {theta_deg: 180}},\n"
-        "      tag: {~TagInstance: {family: 36h11, tag_id: 31, size: 0.08}}}\n",
+        "      tag: {~TagInstance: {family: 36h11, tag_id: 31, size: 0.08}}}\n"
+        "  e: {kind: sign_stop, attach: {tile: [1, 2], slot: 4}, pose: {~SE2Transform: {theta: 1.5}}}\n",
         encoding="utf-8",
     )
     expected = [
@@ -102,6 +103,7 @@ def test_four_ways_to_say_where_an_object_is(tmp_path):
         MapObject("sign_oneway_left", 1.5, 0.25, math.pi / 2, 0.18),
         MapObject("truck", 1.6, 0.6, 1.5, 0.2),
         MapObject("sign_stop", 1 - 0.18, 1 + 0.07, math.pi, 0.18, tag=31),
+        MapObject("sign_stop", 1 - 0.18, 1 + 0.07, 1.5, 0.18),
     ]
     check_same(read_map(file).objects, expected)
 

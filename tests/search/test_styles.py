@@ -219,9 +219,9 @@ def test_large_towns_are_those_of_their_style():
     assert "mean_block" in {axis.metric for axis in large.axes} & {item.name for item in large.where}
     with pytest.raises(InputError, match="large: expected one of method, .*, got 'large'"):
         SearchSpec(large={"large": {}})
-    for large in ({"evaluations": 10}, SearchSpec(evaluations=10)):
+    for options in ({"evaluations": 10}, SearchSpec(evaluations=10)):
         with pytest.raises(InputError, match="^large: evaluations: expected one of method, .*, got 'evaluations'"):
-            SearchSpec(large=large)
+            SearchSpec(large=options)
     assert large.style == "town"
 
 

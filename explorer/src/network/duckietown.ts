@@ -213,7 +213,7 @@ function poseIn(fields: Table, rows: number, tileSize: number): [x: number, y: n
     const slot = wholeIn(attach, "slot");
     check(slot >= 0 && slot < SLOTS.length, `slot: expected a whole number, 0 to ${SLOTS.length - 1}, got ${slot}`);
     [east, north] = SLOTS[slot];
-    if (fields.has("pose")) rotate = radiansIn(realIn(tableIn(fields.get("pose"), "~SE2Transform"), "theta_deg", 0));
+    if (fields.has("pose")) rotate = angleIn(tableIn(fields.get("pose"), "~SE2Transform"));
   } else if (fields.has("pos")) {
     return [...pairIn(fields, "pos"), rotate];
   } else if (fields.has("pose")) {
@@ -228,9 +228,14 @@ function poseIn(fields: Table, rows: number, tileSize: number): [x: number, y: n
 }
 
 function transformIn(value: Tree | undefined): [east: number, north: number, angle: number] {
-  const inner = tableIn(value, "~SE2Transform");
-  const angle = inner.has("theta") ? realIn(inner, "theta") : radiansIn(realIn(inner, "theta_deg", 0));
-  return [...pairIn(inner, "p", [0, 0]), angle];
+  const transform = tableIn(value, "~SE2Transform");
+  return [...pairIn(transform, "p", [0, 0]), angleIn(transform)];
+}
+
+/** Returns the angle of a transform in radians. */
+function angleIn(transform: Table): number {
+  if (transform.has("theta")) return realIn(transform, "theta");
+  return radiansIn(realIn(transform, "theta_deg", 0));
 }
 
 function tableIn(value: Tree | undefined, name: string): Table {
