@@ -156,7 +156,7 @@ class _Scenery(NamedTuple):
     """An amount of objects.
 
     Attributes:
-      kind: of the objects.
+      kind: the kind of the objects.
       list_spots: returns the spots of a map, an array of whole numbers with a row for each.
       draw: returns a random place at a spot.
     """
