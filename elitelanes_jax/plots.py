@@ -60,10 +60,10 @@ def road_map(
 
     Args:
       grid: integer codes ``[H, W]``, repaired or not.
-      width: of the roads, a part of a tile's side, over 0 and at most 0.8.
+      width: the width of the roads, a part of a tile's side, over 0 and at most 0.8.
       lanes: whether to draw the line between the lanes. Small pictures are clearer without it.
       marked: bool ``[H, W]``, cells to colour, such as the dirty tiles of a move.
-      ax: to draw on.
+      ax: the Axes to draw on; by default those of a new figure.
 
     Raises:
       InputError: for a bad grid, a width out of its range, a mask of another shape, or without
@@ -171,12 +171,12 @@ def archive_map(
       fitness: a `Result` or its elites; or numbers ``[..., N]``, lower is better, in the order of
         `niche_index`: the fitness of a `Population`, or of a QDax repertoire with its sign changed
         and one axis. The largest int32 and numbers that are not finite mean vacant.
-      axes: of the descriptor space; by default those of the result.
+      axes: the axes of the descriptor space; by default those of the result.
       across: the metric of an axis, by default the first of those with most bins.
       down: the metrics of one axis or of several, of which the last changes fastest from row to
         row; by default all others.
-      label: of the colour bar.
-      ax: to draw on.
+      label: the label of the colour bar.
+      ax: the Axes to draw on; by default those of a new figure.
       image: further arguments of matplotlib's `imshow`, such as ``vmax`` if a few bad niches hide
         the differences of others.
 
@@ -309,9 +309,10 @@ def history(
     Args:
       record: a `Result`, or its `History`, of one seed or of many.
       name: ``best_fitness`` or ``elite_count``.
-      label: of the line in the legend.
+      label: the label of the line in the legend.
       quantiles: the limits of the band, 0 to 1.
-      ax: to draw on; several runs on one Axes have different colours.
+      ax: the Axes to draw on, by default those of a new figure; several runs on one Axes have
+        different colours.
 
     Raises:
       InputError: for a result without history, another name, bad quantiles, or without matplotlib.
@@ -343,9 +344,9 @@ def seed_band(
     Args:
       x: numbers ``[X]``.
       values: numbers ``[X]``, or ``[S, X]`` of S seeds.
-      label: of the line in the legend.
+      label: the label of the line in the legend.
       quantiles: the limits of the band, 0 to 1.
-      ax: to draw on.
+      ax: the Axes to draw on; by default those of a new figure.
       line: further arguments of matplotlib's `plot` for the line.
 
     Raises:

@@ -112,7 +112,7 @@ def call_on_workers(
 
     Args:
       executor: starts the calls.
-      function: of one argument.
+      function: the function to call, which has one argument.
       arguments: one for each call.
       packages: whose versions are compared besides those of `installed_versions`.
 

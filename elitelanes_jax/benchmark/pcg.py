@@ -76,7 +76,7 @@ class RoadNetworks:
     """The evaluation of road networks in the PCG Benchmark, by its names; see `register_pcg_problems`.
 
     Args:
-      size: of the benchmark, such as ``7x7B``.
+      size: a size of the benchmark, such as ``7x7B``.
     """
 
     def __init__(self, size: str) -> None:

@@ -56,7 +56,7 @@ def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUN
     is kept.
 
     Args:
-      task: to run, or its name.
+      task: the task to run, or its name.
       search: a generator function; see `Search`. It is stopped when the task's evaluations are
         spent. If a batch exceeds a budget, only its first grids count for this budget.
       seeds: their number, or the seeds of NumPy's generators. A submission needs 10 or more.

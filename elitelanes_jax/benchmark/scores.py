@@ -73,7 +73,7 @@ def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> 
     """Computes the graded score ``[...]`` of archives, which `grade_submission` defines.
 
     Args:
-      task: with F feasible niches.
+      task: the task, with F feasible niches.
       best: float ``[..., F]``, as in `compute_scores`.
       flaws: float ``[..., F]``, the smallest number of flaws of a grid in each niche; infinite if
         the niche is vacant.

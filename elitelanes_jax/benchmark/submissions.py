@@ -33,7 +33,7 @@ class Submission(NamedTuple):
     """The archives of R runs on a task, after each of the T budgets up to the task's own.
 
     Attributes:
-      task: of the runs.
+      task: the task of the runs.
       grids: int8 ``[R, T, N, H, W]``, up to N elites of each archive, in any order; a vacant slot
         is all zeros. Grids that are not flawless, or have an empty cell although the task fills
         every cell, do not count.

@@ -37,9 +37,9 @@ class Block(NamedTuple):
 
     Attributes:
       split: an index in `SPLITS`.
-      number: of the block in its split, from 0.
+      number: the index of the block in its split, from 0.
       total: the number of blocks in the split.
-      indices: of the samples, in order.
+      indices: the indices of the samples in the dataset, in order.
       records: the file with a line for each sample: its index, a tab, and its record. A sample is
         complete when its line is written. A run that is killed may leave a part of a line at the
         end.
@@ -155,11 +155,11 @@ class Drawing(NamedTuple):
     """What samples are drawn from.
 
     Attributes:
-      spec: of the dataset.
-      maps: by their indices in the dataset.
-      tiles: to draw the maps with.
+      spec: the specification of the dataset.
+      maps: the maps by their indices in the dataset.
+      tiles: the tile set to draw the maps with.
       objects: whose pictures to draw the maps' objects with; None to leave them out.
-      fields: of the records in shards.
+      fields: the fields of the records in shards.
     """
 
     spec: DatasetSpec

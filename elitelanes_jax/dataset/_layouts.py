@@ -45,8 +45,8 @@ class Layout(NamedTuple):
     usual short name.
 
     Attributes:
-      path: of a picture, with LAYER for its layer, and NUMBER for the sample; or of a shard, with
-        SHARD for its number in the split, and COUNT for the number of shards.
+      path: the path of a picture, with LAYER for its layer, and NUMBER for the sample; or the path
+        of a shard, with SHARD for its number in the split, and COUNT for the number of shards.
       program: lines of Python that load a split from the folder ``DIR``.
       metadata: the file with a line of JSON for each sample of a split; None if shards have the
         metadata.
@@ -55,7 +55,7 @@ class Layout(NamedTuple):
       open_shard: writes a shard; None for a file for each picture.
       arrays: lines of Python that load a split of shards as NumPy arrays, with TARGETS and VALUE
         for what they predict.
-      folders: of layers whose folder has another name.
+      folders: the names of folders that differ from the name of their layer, by layer.
       note: sample -> additions to its record, for `rows`.
       needs: a package that writing it needs.
       about: text for the README about the files.

@@ -50,8 +50,8 @@ class Viewpoint(NamedTuple):
       sky: its colour, RGB.
       tile_px: side of a tile of the rendered map in pixels.
       lines: the stretch of a tile at its white lines, in tiles; positive if they shift outwards.
-      about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and
-        ``camera``.
+      about: the fields ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and
+        ``camera`` of the metadata.
     """
 
     matrix: Float[NDArray, "3 3"]
@@ -244,13 +244,13 @@ def see_parts(
     """Draws the camera's view of a map whose parts are made when they are seen.
 
     Args:
-      part_of: from the number of halvings of the map, and points of the whole map in pixels, to a
+      part_of: (number of halvings of the map, x and y of points of the whole map in pixels) -> a
         part with these points. It may overwrite the points. What it has beyond its part must be
         beyond the map.
-      viewpoint: of the camera.
+      viewpoint: the viewpoint of the camera.
       ground: the colour beyond the map.
-      channels: of the parts, 3 or 4. OpenCV samples four channels in less than half the time of
-        three.
+      channels: the number of channels of the parts, 3 or 4. OpenCV samples four channels in less
+        than half the time of three.
     """
     rows, columns = viewpoint.size
     outside, above = (

@@ -49,8 +49,8 @@ class Sample(NamedTuple):
     """A drawn sample.
 
     Attributes:
-      layers: by name: image, uint8 ``[h, w, 3]``; labels, uint8 ``[h, w]``; of a map with objects
-        also instances, uint16 ``[h, w]``.
+      layers: the layers by name: image, uint8 ``[h, w, 3]``; labels, uint8 ``[h, w]``; with an
+        object set also instances, uint16 ``[h, w]``.
       record: its metadata, plain values for JSON.
     """
 
@@ -79,9 +79,9 @@ def draw_sample(
 
     Args:
       road_map: the map.
-      tiles: to draw it with.
+      tiles: the tile set to draw the map with.
       index: the index of the sample, 0 or more.
-      seed: of the dataset.
+      seed: the seed of the dataset.
       tile_px: side of a tile in pixels.
       transforms: the ranges of views.
       camera: the ranges of views from a robot on the lanes; by default views are from above.
@@ -132,7 +132,7 @@ class _Scene(NamedTuple):
       chosen: int ``[H, W, 2]``, the picture of each cell and its quarter turns, see `TileChoice`.
       tile_px: side of a tile in pixels.
       objects: those of its objects that are drawn.
-      pictures: of each object.
+      pictures: the pictures of each object in `objects`.
     """
 
     road_map: RoadMap

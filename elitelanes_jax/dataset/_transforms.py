@@ -178,11 +178,11 @@ class Viewpoints(Record):
     """Poses on the lanes of a map, and the camera there, by default gym-duckietown's.
 
     Attributes:
-      rows: of a picture, in pixels, 16 to 4096.
-      columns: of a picture, in pixels, 16 to 4096.
+      rows: the height of a picture in pixels, 16 to 4096.
+      columns: the width of a picture in pixels, 16 to 4096.
       offset: largest distance from the lane's centre in tiles, either way, 0 to 0.2.
       heading: largest angle from the lane's direction in degrees, either way, 0 to 180.
-      height: of the camera above the ground in metres, 0.01 to 10.
+      height: the height of the camera above the ground in metres, 0.01 to 10.
       forward: metres from the middle between the wheels ahead to the camera, -1 to 1.
       pitch: degrees downwards, 0 to 90.
       field_of_view: degrees, from the upper to the lower edge, 1 to 170.

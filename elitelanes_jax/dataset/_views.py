@@ -35,7 +35,7 @@ class View(NamedTuple):
       offset: grey levels added to all channels.
       blur: standard deviation in pixels.
       noise: standard deviation in grey levels.
-      noise_seed: of the noise.
+      noise_seed: the seed of the noise.
     """
 
     matrix: NDArray[np.float64]
@@ -59,7 +59,7 @@ class ViewNumbers(NamedTuple):
       lights: -1 to 1, of the light, the contrast, and the three colours.
       blur: 0 to 1.
       noise: 0 to 1.
-      noise_seed: of the noise.
+      noise_seed: the seed of the noise.
     """
 
     quarters: int

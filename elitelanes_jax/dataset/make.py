@@ -63,13 +63,13 @@ def make_dataset(
     was killed, the same call resumes it. If the dataset is complete, the call returns its record.
 
     Args:
-      spec: of the dataset.
+      spec: the specification of the dataset.
       out: the folder, new or empty.
       workers: threads that draw; by default one for each core (see `use_cores`).
       force: whether another dataset in the folder is replaced when this one is complete, if an
         earlier run wrote all files in it. Until then the disk needs room for both.
-      executor: as in `evolve`; its workers search and draw, and need no access to the folder.
-        Pictures return through the executor, and are written here.
+      executor: an executor, as in `evolve`; its workers search and draw, and need no access to the
+        folder. Pictures return through the executor, and are written here.
       parts: the number of parts in which an executor's workers draw; defaults to parts of up to 250
         pictures.
 

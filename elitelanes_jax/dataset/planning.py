@@ -18,8 +18,8 @@ class PlannedDataset(NamedTuple):
     """A dataset before its maps are evolved.
 
     Attributes:
-      spec: of the dataset.
-      tiles: to draw the maps with.
+      spec: the specification of the dataset.
+      tiles: the tile set to draw the maps with.
       searches: resolved, by the (height, width) of the maps; empty for given maps.
       objects: whose pictures to draw the maps' objects with; None if there are no objects.
     """

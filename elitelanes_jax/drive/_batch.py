@@ -151,8 +151,8 @@ class Outcome(NamedTuple):
       reward: float32 ``[N]``.
       terminated: bool ``[N]``.
       truncated: bool ``[N]``.
-      metrics: of the info, by name, each ``[N]``; 0 for an environment that was reset instead of a
-        step.
+      metrics: the metrics of the info by name, each ``[N]``; 0 for an environment that was reset
+        instead of a step.
       reached: the observation after the action, before a reset in the same step.
     """
 
@@ -230,7 +230,8 @@ class Batch:
         """Starts episodes in the chosen environments, by default in all, and returns the observations of all.
 
         Args:
-          seeds: of each environment, or None to go on with its keys. At first the keys are random.
+          seeds: the seed of each environment, or None to go on with its keys. At first the keys are
+            random.
           chosen: bool ``[N]``.
 
         Raises:
@@ -455,9 +456,9 @@ class _Layout(NamedTuple):
     """How the leaves of a pytree become few arrays, because each array that a compiled function returns takes 2 us.
 
     Attributes:
-      structure: of the pytree.
-      rows: for each leaf ``[N]`` its dtype, whose leaves are stacked, and its row there; None for
-        another leaf.
+      structure: the structure of the pytree.
+      rows: the dtype of each leaf ``[N]``, and its row in the stack of all such leaves of this
+        dtype; None for another leaf.
     """
 
     structure: Pytree

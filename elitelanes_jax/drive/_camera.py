@@ -94,8 +94,8 @@ class Camera(Record):
       noise: standard deviation of each colour, of 255; None for none.
       ground: red, green and blue beyond the map.
       sky: red, green and blue above the horizon.
-      rows: of the picture; static.
-      columns: of the picture; static.
+      rows: the height of the picture in pixels; static.
+      columns: the width of the picture in pixels; static.
       objects: the most objects that are shown, the nearest ones; static.
     """
 
@@ -134,7 +134,7 @@ class Sight(NamedTuple):
 
     Attributes:
       camera: its options.
-      atlas: of the tile set.
+      atlas: the atlas of the tile set, from `make_atlas`.
       tiles: int32 ``[16, V]``, the atlas' tiles for each code. A cell shows the one at
         ``(row + 2 * column) % V``. If V is even, a code with two pictures shows the same one all
         along a row.
@@ -161,9 +161,9 @@ def make_sight(
     Args:
       images: see `make_atlas`.
       labels: see `make_atlas`.
-      rotations: by code, (index in the set, quarter turns) of each picture, as `TileSet.rotations`
-        has them. A code without a picture is shown like code 0.
-      camera: by default `Camera()`.
+      rotations: the pictures by code, each as (index in the set, quarter turns), as
+        `TileSet.rotations` has them. A code without a picture is shown like code 0.
+      camera: the options of the camera; by default `Camera()`.
       objects: views of objects by kind, as `ObjectSet.views` has them; by default no objects are
         seen.
 
@@ -274,13 +274,13 @@ def look(
 
     Args:
       key: consumed for noise; otherwise not used.
-      pose: of the middle between the wheels, in tiles.
+      pose: the pose of the middle between the wheels, in tiles.
       tiles: the tile of the atlas for each cell of the map:
         ``4 * index in the set + quarter turns``. For the result of `choose_tiles` this is
         ``chosen[..., 0] * 4 + chosen[..., 1]``.
-      atlas: of the tile set, of `make_atlas`.
+      atlas: the atlas of the tile set, from `make_atlas`.
       camera: its options.
-      objects: of the map, of `make_objects`.
+      objects: the objects of the map, from `make_objects`.
       billboards: their pictures; without both no objects are shown.
     """
     seed = jax.random.bits(key, (), jnp.uint32)
@@ -365,10 +365,10 @@ def look_around(
     """Renders the view from a pose on a grid. The camera's noise depends on the pose alone.
 
     Args:
-      pose: of the middle between the wheels, in tiles.
+      pose: the pose of the middle between the wheels, in tiles.
       grid: integer codes ``[H, W]``.
-      sight: of `make_sight`.
-      objects: of the map; shown if the sight has their pictures.
+      sight: the camera and its tiles, from `make_sight`.
+      objects: the objects of the map; shown if the sight has their pictures.
     """
     grid = jnp.asarray(grid)
     height, width = grid.shape

@@ -20,7 +20,7 @@ class Transition(NamedTuple):
     """The result of a step.
 
     Attributes:
-      observation: of the state.
+      observation: the observation of the state.
       state: the next state.
       reward: float32.
       terminated: bool, whether the episode is over.
@@ -93,8 +93,8 @@ class ReplayState(NamedTuple):
     """The state of an environment that begins its level again.
 
     Attributes:
-      state: of the environment.
-      level: that every episode begins on.
+      state: the state of the environment.
+      level: the level that every episode begins on.
     """
 
     state: Pytree

@@ -59,15 +59,15 @@ class LaneDriveParams(Record):
       start_d: the largest distance of the start from the lane's centre, in tiles, to either side,
         at most `lane_offset`.
       start_phi: the largest angle between the start and the lane, in radians, to either side.
-      progress_reward: for each tile that a robot drives along its own lane and faces along it. A
-        tile driven against the lane counts as -1.
-      offset_cost: per second, for each tile from the lane's centre.
-      heading_cost: per second, for each radian from the lane's direction.
-      oncoming_cost: per second in the oncoming lane.
-      leaving_cost: for leaving the road, which terminates the episode.
-      goal_reward: for reaching the goal of a route.
-      collision_cost: of touching an object; a second, if that does not terminate the episode. The
-        robot is a disc of its width, and an object the disc around its footprint.
+      progress_reward: the reward for each tile that a robot drives along its own lane and faces
+        along it. A tile driven against the lane counts as -1.
+      offset_cost: the cost per second for each tile from the lane's centre.
+      heading_cost: the cost per second for each radian from the lane's direction.
+      oncoming_cost: the cost per second in the oncoming lane.
+      leaving_cost: the cost of leaving the road, which terminates the episode.
+      goal_reward: the reward for reaching the goal of a route.
+      collision_cost: the cost of touching an object; per second, if that does not terminate the
+        episode. The robot is a disc of its width, and an object the disc around its footprint.
       task: "route": turns lead to the goal by a shortest way from the robot's position. "lane":
         turns are random, and no goal ends the episode; static.
       collision: "terminate" or "cost": whether touching an object terminates the episode; static.
@@ -292,7 +292,7 @@ def _step(
       key: consumed, for noise and random turns.
       state: the state before.
       action: two numbers, clipped to -1 to 1, 0 instead of NaN; see `LaneDriveParams.action`.
-      params: of the environment.
+      params: the options of the environment.
     """
     check_named("params", instance(LaneDriveParams), params)
     check_named("state", instance(LaneDriveState), state)
@@ -486,8 +486,8 @@ def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array,
     University, 1992.
 
     Args:
-      state: of the environment.
-      params: of the environment.
+      state: the state of the environment.
+      params: the options of the environment.
 
     Returns:
       An action of `LaneDrive`, for either kind.

@@ -33,7 +33,8 @@ class Level(NamedTuple):
       goal: node to be reached, with its heading.
       shortest: int32, tiles from the start to the goal.
       ways: uint8 ``[H, W]``, the turns of a shortest way from every node (see `shortest_ways`).
-      objects: of the map, for the cameras and collisions of `LaneDrive`; None without any.
+      objects: the objects of the map, for the cameras and collisions of `LaneDrive`; None without
+        any.
     """
 
     grid: Int8[Array, "H W"]

@@ -51,9 +51,9 @@ class RoadNavParams(Record):
     Attributes:
       levels: a batch, from which `reset` draws; `make_levels` makes one.
       limit: steps after which an episode is truncated.
-      goal_reward: for reaching the goal.
-      tile_cost: of each tile driven.
-      stuck_cost: of entering a dead end other than the goal, which terminates the episode.
+      goal_reward: the reward for reaching the goal.
+      tile_cost: the cost of each tile driven.
+      stuck_cost: the cost of entering a dead end other than the goal, which terminates the episode.
       window: k, side of the observed window in tiles, odd, or 0 for none; static.
       goal: how the goal is observed: "compass", "mark" in the window, "both" or "none"; static.
       whole_map: whether the map, the node and, unless `goal` is "none", the goal are observed;
@@ -187,7 +187,7 @@ def _step(
       action: 0 right, 1 straight, 2 left; other numbers are clipped. If that turn is not open, the
         next open turn is taken, in the order right, straight, left, right. So any action follows a
         road without choice. On a dead end the agent stays.
-      params: of the environment.
+      params: the options of the environment.
     """
     check_named("params", instance(RoadNavParams), params)
     check_named("state", instance(RoadNavState), state)

@@ -24,7 +24,7 @@ class SceneMap(NamedTuple):
       links: int32 ``[H, W]``, the codes' connections that the neighbour returns.
       movements: int32 ``[N, 4]``, row, column, heading and turn, without the border.
       movement_count: int32, the number of movements. Rows after it are not used.
-      objects: of the map; None if no map has any.
+      objects: the objects of the map; None if no map has any.
       choices: int32 ``[O, 2]``, the first of the billboards that may show each object, and how many
         may; None if no map has objects.
       floor: the objects on the floor; None if no map has any.
@@ -57,7 +57,7 @@ class Scenes:
       picture_counts: int32 ``[16]``, the number of pictures that show each code. Columns after it
         are not used.
       billboards: the pictures of objects; None without objects.
-      lane_offset: from the road's middle to the centre of a lane in tiles, of the tile set; static.
+      lane_offset: tiles from the road's middle to the centre of a lane, in the tile set; static.
     """
 
     maps: SceneMap

@@ -372,7 +372,7 @@ def lay_background(
       road: the colours of roads and objects, times their share of each pixel.
       paved: the share of roads and objects.
       sky: the share of the sky; one column if it is the same in a row.
-      look: of the picture.
+      look: the numbers of the picture's variation.
     """
     below, above = list(look.ground), list(look.sky)
     if (background := look.background) is not None:

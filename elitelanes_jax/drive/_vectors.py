@@ -294,7 +294,7 @@ def puffer_env(
       pufferlib: the module ``pufferlib``.
       envs: the number of agents, each in an environment of its own.
       buf: the arrays that are written to; None for arrays of its own.
-      seed: of a reset without a seed.
+      seed: the seed of a reset that gets no seed, 0 to 2**32 - 1.
 
     Raises:
       InputError: for options out of their range, or another module.

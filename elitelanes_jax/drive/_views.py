@@ -66,7 +66,7 @@ class Views(NamedTuple):
         horizon and on objects.
       lanes: float32 ``[B, 3]``, the offset from the nearest lane in tiles and the angle to it in
         radians, both to the left, and its curvature in 1 / tiles. Lanes are those of the tile set.
-      poses: of the middle between the wheels, each field float32 ``[B]``.
+      poses: the poses of the middle between the wheels, each field float32 ``[B]``.
       maps: int32 ``[B]``, the index of the map.
       instances: int32 ``[B, rows, columns]``, 0, or the index of the object that is seen plus 1;
         None without objects.
@@ -107,16 +107,16 @@ class _Plan(NamedTuple):
 
     Attributes:
       map: int32, the index of the map.
-      pose: of the middle between the wheels.
+      pose: the pose of the middle between the wheels.
       lane: float32 ``[3]``, of `Views`.
       cells: int32 ``[H * W]``, the picture of each cell, with the map's border.
       samples: the rows of samples.
       centres: the rows of pixels' centres, in the largest pictures of tiles.
       lines: float32, the shift of positions where a tile is stretched most, in 2**-20 tile; None
         for none.
-      camera: as it was drawn.
+      camera: the camera with the height, pitch and field of view that were drawn.
       look: the numbers of the variation.
-      objects: of the map; None if no map has any.
+      objects: the objects of the map; None if no map has any.
       pictures: int32 ``[O]``, the billboards that show the objects; None if no map has objects.
       floor: the objects on the floor; None if no map has any.
     """
@@ -186,7 +186,7 @@ def stream_views(
     read-only.
 
     Args:
-      seed: of all batches, 0 to 2**32 - 1.
+      seed: the seed of all batches, 0 to 2**32 - 1.
       scenes: see `views`.
       batch: see `views`.
       camera: see `views`.

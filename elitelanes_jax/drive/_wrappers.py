@@ -48,7 +48,7 @@ def make(
       name: "RoadNav" or "LaneDrive".
       maps: a `RoadMap`, several of one size, or integer codes ``[M, H, W]``.
       count: the number of levels. Level i is on map i modulo M.
-      seed: of the levels, 0 or more.
+      seed: the seed of the levels, 0 to 2**32 - 1.
       settings: fields of `RoadNavParams` or `LaneDriveParams`, such as ``limit``.
 
     Raises:

@@ -109,7 +109,7 @@ class LanePose(NamedTuple):
       own_lane: bool, on the road and within `lane_offset` of the lane's centre, so not beyond the
         road's middle.
       oncoming: bool, on the road, farther to the left.
-      movement: of the lane.
+      movement: the movement of the lane.
       found: bool, whether that movement exists. If not, `d`, `phi` and `s` are 0, and `own_lane`
         and `oncoming` False.
     """
@@ -292,10 +292,10 @@ def lane_pose(
     Args:
       grid: integer codes ``[H, W]``.
       pose: finite; beyond the grid it is on no road.
-      movement: of the lane to use. By default, of the movements on the pose's tile that point less
-        than a quarter turn away from it, the one with the smallest offset; if none does, the one
-        with the smallest offset. Among equal ones the first heading clockwise from north is used,
-        then right before straight before left.
+      movement: the movement of the lane to use. By default, of the movements on the pose's tile
+        that point less than a quarter turn away from it, the one with the smallest offset; if none
+        does, the one with the smallest offset. Among equal ones the first heading clockwise from
+        north is used, then right before straight before left.
       lane_offset: tiles from the road's middle to the centre of a lane.
 
     Raises:

@@ -113,7 +113,7 @@ def make_rides(
       count: N, the number of rides.
       policy: one of `POLICIES`, or your own driver.
       seconds: the length of a ride.
-      seed: of starts, goals and everything random.
+      seed: the seed of starts, goals and everything random, 0 to 2**32 - 1.
       tiles: whose lanes are driven, and that the camera of your own driver shows; by default the
         package's own.
 

@@ -32,10 +32,10 @@ class Robot(Record):
 
     Attributes:
       dt: seconds per step.
-      top_speed: of a wheel, metres a second.
+      top_speed: the top speed of a wheel in metres a second.
       top_turn: radians a second, for commands of speed and turn.
       wheel_distance: metres.
-      width: of the body, metres.
+      width: the width of the body in metres.
       trim: share by which the right wheel turns too fast, and the left one too slow, -0.5 to 0.5.
       noise: standard deviation of each wheel's speed, as a share of the top speed; None for none.
       latency: steps until a command takes effect, 0 to 4, also fractions; None for none.

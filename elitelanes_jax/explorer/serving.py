@@ -46,7 +46,7 @@ class HandServer(ThreadingHTTPServer):
     """The server of one `HandWork`. `serve_forever` returns when the page is finished with.
 
     Attributes:
-      url: of the page.
+      url: the address of the page.
     """
 
     daemon_threads = True

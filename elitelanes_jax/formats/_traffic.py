@@ -51,7 +51,8 @@ class Road(NamedTuple):
     Attributes:
       kind: "lane", "road_line", the line between lanes, "road_edge" or "stop_sign".
       points: complex ``[P]``; a sign has one point.
-      movement: that the line follows. A sign is for all movements from this one's node.
+      movement: the movement that the line follows. A sign is for all movements from this one's
+        node.
     """
 
     kind: str
@@ -71,11 +72,11 @@ class Traffic(NamedTuple):
     """The traffic on a map. Positions are complex: metres east + north·i of the grid's south-west corner.
 
     Attributes:
-      graph: of the lanes. Cars turn back at dead ends.
+      graph: the graph of the lanes. Cars turn back at dead ends.
       roads: lanes come first; their indices are those of the graph's movements.
-      logs: of up to `AGENTS` cars.
-      sides: of each car.
-      rows: of the grid.
+      logs: the logs of up to `AGENTS` cars.
+      sides: the sides of each car.
+      rows: the number of rows of the grid.
     """
 
     graph: LaneGraph
@@ -95,7 +96,7 @@ def make_traffic(source: UserValue, streets: Streets, seed: int) -> Traffic:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file. Connections that no neighbour
         returns, or that leave the grid, are no roads.
       streets: their measures. Signs stand at all-way stops alone.
-      seed: of the cars' starts and turns.
+      seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
       InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad

@@ -39,8 +39,8 @@ class _Lanelet(NamedTuple):
     """A lanelet of the scenario.
 
     Attributes:
-      number: from 1.
-      movement: that it leads along.
+      number: the number of the lanelet, from 1.
+      movement: the movement that the lanelet leads along.
       left: its left bound in metres.
       right: its right bound, with as many points.
       predecessors: the numbers of the lanelets that lead into it.

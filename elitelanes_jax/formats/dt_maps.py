@@ -49,7 +49,7 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str
 
     Args:
       road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
-      tile_size: in metres, 0.01 to 100.
+      tile_size: the side of a tile in metres, 0.01 to 100.
 
     Raises:
       InputError: for a bad map or size, or tiles with one connection, which Duckietown lacks; the
@@ -77,7 +77,7 @@ def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dic
 
     Args:
       road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
-      tile_size: in metres, 0.01 to 100.
+      tile_size: the side of a tile in metres, 0.01 to 100.
 
     Raises:
       InputError: for a bad map or size, one without a lane, or tiles with one connection, which
@@ -119,7 +119,7 @@ def _write_layers(
 
     Args:
       road_map: the map.
-      size: of a tile, in metres.
+      size: the side of a tile in metres.
       roads: the code of each kind of tile with a road at yaw 0.
       frame_of_tile: the frame of a tile from its column i, its row j from the south, and its yaw.
       robot: what the frames of robots are named after.

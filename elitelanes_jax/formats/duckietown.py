@@ -91,9 +91,10 @@ def to_duckietown(
 
     Args:
       codes: integer codes ``[H, W]``.
-      objects: of the map. Tags are written of signs and tags on the floor only.
-      tile_size: in metres, 0.01 to 100. duckietown-world rounds positions to centimetres where
-        lanes meet: sizes in whole centimetres work at any extent, 0.585 up to 37 tiles a side.
+      objects: the objects of the map. Tags are written of signs and tags on the floor only.
+      tile_size: the side of a tile in metres, 0.01 to 100. duckietown-world rounds positions to
+        centimetres where lanes meet: sizes in whole centimetres work at any extent, 0.585 up to 37
+        tiles a side.
 
     Raises:
       InputError: for a bad grid, object or size, or tiles with one connection, which Duckietown

@@ -43,12 +43,12 @@ class _Node(NamedTuple):
     """A square of the scene.
 
     Attributes:
-      name: of the node.
+      name: the name of the node.
       picture: the index of its picture.
       right: its right side, in metres.
       up: its height.
-      forwards: where it faces; of length 1.
-      place: of the middle of its lower edge.
+      forwards: the direction that it faces, of length 1.
+      place: the position of the middle of its lower edge, in metres.
     """
 
     name: str

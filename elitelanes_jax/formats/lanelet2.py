@@ -42,8 +42,8 @@ class _Lanelet(NamedTuple):
     """A lanelet of the map.
 
     Attributes:
-      movement: that it leads along.
-      number: of its relation.
+      movement: the movement that the lanelet leads along.
+      number: the number of its relation.
       members: its bounds, and the rules that it obeys.
       entry: the left and the right point where it begins, in metres.
     """

@@ -29,7 +29,7 @@ class MovingAI(NamedTuple):
     """The files of a map.
 
     Attributes:
-      grid: of the cells: ``.`` is road, ``@`` is not.
+      grid: the file of the map, whose cells are ``.`` on the road and ``@`` elsewhere.
       tasks: 100 starts and goals, or as many as there are, with the lengths of their shortest
         paths, the short ones first.
     """
@@ -44,8 +44,8 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
 
     Args:
       codes: integer codes ``[H, W]``.
-      name: of the map's file, for the tasks.
-      cells: along a tile's side, 5 to 256; with 5 the road is 3 wide.
+      name: the name of the map's file, for the tasks.
+      cells: the number of cells along a tile's side, 5 to 256; with 5 the road is 3 wide.
 
     Raises:
       InputError: for a bad grid, one without a road, a bad name, or a bad number of cells, or over

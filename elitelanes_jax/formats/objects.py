@@ -32,9 +32,9 @@ class ObjectKind(NamedTuple):
     An object of another height has a footprint that is larger or smaller in proportion.
 
     Attributes:
-      height: by default.
-      length: of the footprint at that height, along the object's direction.
-      width: of the footprint at that height, across the object's direction.
+      height: the default height.
+      length: the length of the footprint at that height, along the object's direction.
+      width: the width of the footprint at that height, across the object's direction.
       is_round: whether the footprint is a disc, with `length` as its diameter, instead of a
         rectangle.
     """
@@ -109,7 +109,7 @@ class MapObject(NamedTuple):
     Attributes:
       kind: one of `OBJECT_KINDS`; or "other:" and a name that an imported map has, such as
         "other:helicopter".
-      x: of the footprint's centre, in tiles east of the map's north-west corner.
+      x: the position of the footprint's centre, in tiles east of the map's north-west corner.
       y: tiles south of that corner.
       angle: the direction of the object's front, in radians. A vehicle drives in this direction.
         The printed side of a sign faces it: whoever drives east reads a sign with the angle pi. The
@@ -153,7 +153,7 @@ class Standing(NamedTuple):
     Attributes:
       thing: the object.
       picture: a PNG file with transparency, from the floor to the object's height.
-      width: of the picture, in metres.
+      width: the width of the picture in metres.
       colour: the mean red, green and blue of its opaque pixels, 0 to 1.
     """
 

@@ -63,8 +63,8 @@ class PlacedTile(NamedTuple):
     """A tile of a plan.
 
     Attributes:
-      row: from 0 in the north.
-      column: from 0 in the west.
+      row: the row of the tile, from 0 in the north.
+      column: the column of the tile, from 0 in the west.
       kind: straight, turn, crossing3 or crossing4.
       quarter_turns: the fewest counter-clockwise turns that rotate the tile in `REFERENCE` to this
         one, 0 to 3.

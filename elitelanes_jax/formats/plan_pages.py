@@ -44,9 +44,9 @@ def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE
     """Writes the plan of a map with its bill of materials; a PDF also has a check-list.
 
     Args:
-      road_map: as `make_plan` takes it.
+      road_map: the map, as `make_plan` takes it.
       file: a name that ends in .pdf, .svg or .png; an existing file is replaced.
-      tile_size: as `make_plan` takes it.
+      tile_size: the pitch of the tiles in metres, as `make_plan` takes it.
 
     Raises:
       InputError: as `make_plan` does, for another ending, or without matplotlib.
@@ -98,15 +98,15 @@ class _MapLayout(NamedTuple):
     """Where the parts of the first page are.
 
     Attributes:
-      page_width: of the sheet.
-      page_height: of the sheet.
+      page_width: the width of the sheet.
+      page_height: the height of the sheet.
       tile: the side of a tile of the map.
       edge: the room around the map for signs beyond it.
-      left: of the map.
-      top: of the map.
-      bill_left: of the bill of materials, and of the legend below it.
-      bill_top: of the bill of materials.
-      legend_top: of the legend.
+      left: the left edge of the map.
+      top: the upper edge of the map.
+      bill_left: the left edge of the bill of materials, and of the legend below it.
+      bill_top: the upper edge of the bill of materials.
+      legend_top: the upper edge of the legend.
     """
 
     page_width: float

@@ -49,7 +49,7 @@ def to_pufferdrive(
         returns, or that leave the grid, are no roads.
       name: the name of the scenario, in the JSON.
       streets: their measures. Signs stand at all-way stops alone.
-      seed: of the cars' starts and turns.
+      seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
       InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad

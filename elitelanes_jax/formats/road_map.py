@@ -51,11 +51,11 @@ class RoadMap:
 
     Attributes:
       codes: int8 ``[H, W]``, read-only.
-      metrics: by name.
-      fitness: in the search that found it; lower is better.
+      metrics: the metrics by name.
+      fitness: the fitness in the search that found it; lower is better.
       descriptor: the values of the niche's axes, by metric.
       niche: the bins on the axes.
-      seed: of the run, and the index of the run's seed that found the map, from 0.
+      seed: the seed of the run, and the index of the run's seed that found the map, from 0.
       drawn: its tile pictures.
       objects: what stands on it, such as signs and trees.
       unsure: row and column of each cell whose code is unsure, in a map that was read from a

@@ -54,7 +54,7 @@ def to_scenarionet(
         returns, or that leave the grid, are no roads.
       name: the id of the scenario.
       streets: their measures. Signs stand at all-way stops alone.
-      seed: of the cars' starts and turns.
+      seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
       InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad
@@ -83,8 +83,9 @@ def index_scenarios(folder: str | Path, files: Iterable[str | Path]) -> dict[str
     """Returns the files that make a folder a database of ScenarioNet, by their names.
 
     Args:
-      folder: of the database.
-      files: of `to_scenarionet`, in the order of their indices in `ScenarioEnv`, in any folders.
+      folder: the folder of the database.
+      files: the files of `to_scenarionet`, in the order of their indices in `ScenarioEnv`, in any
+        folders.
 
     Raises:
       InputError: for no files, files that have the same name, or a file that `to_scenarionet` did

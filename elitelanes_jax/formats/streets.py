@@ -31,8 +31,8 @@ class Streets(Record):
       tile: side of a tile in metres, 0.01 to 1000, and more than two lanes.
       lane: width of a lane in metres, 0.001 to 500.
       speed: limit in metres a second, 0.001 to 100.
-      right_of_way: at crossings: "allway_stop", the meaning of stop lines on all sides, "priority",
-        "right_before_left" or "traffic_light".
+      right_of_way: the right of way at crossings: "allway_stop", the meaning of stop lines on all
+        sides, "priority", "right_before_left" or "traffic_light".
     """
 
     tile: float = option(30.0, real(0.01, 1000))

@@ -55,9 +55,9 @@ class Sumo(NamedTuple):
       nodes: plain XML; each is named ROW_COLUMN after its tile.
       edges: each is named ROW_COLUMN_SIDE after its first tile and the side by which it leaves that
         tile.
-      connections: from each edge to those that start at its end; back along the same road only at
-        dead ends.
-      settings: for ``netconvert -c``, which makes the network NAME.net.xml.
+      connections: the connections from each edge to those that start at its end; back along the
+        same road only at dead ends.
+      settings: the settings for ``netconvert -c``, which makes the network NAME.net.xml.
     """
 
     nodes: str
@@ -74,7 +74,8 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
 
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
-      name: of the files, without their suffixes .nod.xml, .edg.xml and .con.xml, for the settings.
+      name: the name of the files, without their suffixes .nod.xml, .edg.xml and .con.xml, for the
+        settings.
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
 

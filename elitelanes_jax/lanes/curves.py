@@ -67,9 +67,9 @@ class Curve(NamedTuple):
     """A line or an arc.
 
     Attributes:
-      x: of its start, tiles east.
-      y: of its start, tiles south.
-      heading: at its start: 0 north, 1 east, 2 south, 3 west.
+      x: the position of its start, in tiles east of the grid's north-west corner.
+      y: the position of its start, in tiles south of that corner.
+      heading: the heading at its start: 0 north, 1 east, 2 south, 3 west.
       length: tiles.
       curvature: 1 / tiles, to the left; 0 for a line.
     """

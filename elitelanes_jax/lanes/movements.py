@@ -71,8 +71,8 @@ class LaneNode(NamedTuple):
     array.
 
     Attributes:
-      row: from the north.
-      column: from the west.
+      row: the row of the tile, from 0 in the north.
+      column: the column of the tile, from 0 in the west.
       heading: 0 north, 1 east, 2 south, 3 west.
     """
 
@@ -96,9 +96,9 @@ class Movement(NamedTuple):
     """A way across a tile. Each field is a whole number or an integer array.
 
     Attributes:
-      row: from the north.
-      column: from the west.
-      heading: when the tile is entered: 0 north, 1 east, 2 south, 3 west.
+      row: the row of the tile, from 0 in the north.
+      column: the column of the tile, from 0 in the west.
+      heading: the heading with which the tile is entered: 0 north, 1 east, 2 south, 3 west.
       turn: 0 right, 1 straight, 2 left; 3 back, where a format's cars turn at dead ends.
     """
 

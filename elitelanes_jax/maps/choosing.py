@@ -27,10 +27,10 @@ def choose_enough(
     """Chooses maps as `Result.choose` does, and fails if there are too few.
 
     Args:
-      result: of a search.
+      result: the result of a search.
       count: the number of maps.
       at_most: whether fewer maps are enough.
-      seed: of the run; it is noted in the maps.
+      seed: the seed of the run; it is noted in the maps.
       exclude: grids that no chosen map may equal.
       hint: what finds more; by default it depends on the search.
 

@@ -30,11 +30,11 @@ class Format(NamedTuple):
     """A format with files for each map.
 
     Attributes:
-      suffixes: of the files.
+      suffixes: the suffixes of the files.
       convert: (map, name of its files without suffix, settings) -> the content of each file.
       takes: the settings of `FormatOptions` that it has.
       limits: map -> what of the map the programs that read the format cannot use.
-      prefix: of the names of the files.
+      prefix: the prefix of the names of the files.
       catalogue: (folder, the files of all maps in it) -> more files of the folder by name; None for a
         format without.
     """

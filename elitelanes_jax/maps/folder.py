@@ -44,7 +44,7 @@ class Drawing(NamedTuple):
     Attributes:
       tiles: the tile pictures.
       tile_px: the side of a tile in pixels.
-      seed: of the choice of tile pictures, and of the positions of objects.
+      seed: the seed of the choice of tile pictures, and of the positions of objects.
       furnish: the objects of the maps; None if maps keep the objects that they have.
     """
 

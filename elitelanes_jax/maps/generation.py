@@ -57,11 +57,11 @@ def generate(
     a part of the seeds only the archive and the record are written, no maps.
 
     Args:
-      spec: of the search and the folder.
+      spec: the specification of the search and the folder.
       out: the folder, new or empty.
       force: whether the folder is replaced, if an earlier run wrote all files in it.
-      executor: as in `evolve`; its workers need no access to the folder. If a run ends early, the
-        same call evolves only the parts that did not return.
+      executor: an executor, as in `evolve`; its workers need no access to the folder. If a run ends
+        early, the same call evolves only the parts that did not return.
       parts: the number of parts that an executor's workers get; defaults to parts of up to 32
         seeds.
 

@@ -23,10 +23,10 @@ class GivenMaps:
     """The maps that a user provides for a dataset; equal if their digests are.
 
     Attributes:
-      maps: at least one, each with its metrics.
-      digest: of all fields of all maps.
+      maps: the maps, at least one, each with its metrics.
+      digest: the digest of all fields of all maps.
       paths: the files and folders they were read from.
-      names: of the maps in messages: the index, and the file if there is one.
+      names: the names of the maps in messages: the index, and the file if there is one.
       left_out: the number of other maps, whose roads are those of one of these, see `road_form`.
     """
 

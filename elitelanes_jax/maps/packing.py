@@ -59,7 +59,7 @@ def pack(
     same call resumes it.
 
     Args:
-      spec: of the pack.
+      spec: the specification of the pack.
       sources: a folder of `generate` or `pick`, a dataset, a pack, or maps in any form that
         `as_maps` takes; or several of these. Of maps whose roads are the same when moved, rotated
         or mirrored, the first one is packed.

@@ -99,7 +99,7 @@ def order_parts(
     """Returns the folders of all parts in the order of the parts.
 
     Args:
-      folders: in any order.
+      folders: the folders of the parts, in any order.
       parts: the index of each, from 1, and the number of parts.
       identities: what each depends on beside its part.
       expected: what all depend on.

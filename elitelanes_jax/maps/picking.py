@@ -37,9 +37,9 @@ class _Source(NamedTuple):
     """Where maps may come from.
 
     Attributes:
-      name: in messages; the file, if there is one.
-      result: with an axis of seeds.
-      seed: that the keys of the search were made from, or None.
+      name: the name in messages; the file, if there is one.
+      result: the result, with an axis of seeds.
+      seed: the seed that the keys of the search were made from, or None.
     """
 
     name: str
@@ -62,7 +62,7 @@ def pick(
     maps.
 
     Args:
-      spec: of the choice.
+      spec: the specification of the choice.
       archives: one file or several, ``archive.npz`` of `generate` or of `Result.save`, of maps of
         one size.
       out: the folder, new or empty.
@@ -110,7 +110,7 @@ def write_result(
     """Writes the folder that `generate` writes: chosen maps with pictures and masks, a sheet, and the archive.
 
     Args:
-      result: of `evolve`.
+      result: the result of `evolve`.
       out: the folder, new or empty.
       maps: the number of maps.
       force: whether the folder is replaced, if an earlier run wrote all files in it.

@@ -20,9 +20,9 @@ class PlannedRun(NamedTuple):
     """A run of a specification.
 
     Attributes:
-      spec: of the folder.
+      spec: the specification of the search and the folder.
       search: resolved on the size of the maps, with the alphabet of the tiles.
-      tiles: to draw the maps with.
+      tiles: the tile set to draw the maps with.
     """
 
     spec: GenerateSpec

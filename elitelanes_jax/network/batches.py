@@ -32,7 +32,7 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
     batch that is sharded over devices is divided by `jax.shard_map` first.
 
     Args:
-      kernel: of pytrees of arrays, such as `measure`, `repair`, or a function of one's own that
+      kernel: a function of pytrees of arrays, such as `measure`, `repair`, or one of your own that
         calls them.
       block: the most elements in a block, 1 or more. By default as many as have 65,536 numbers in
         all, such as 455 grids of 12 x 12 tiles. That suits caches of 1 to 2 MB.

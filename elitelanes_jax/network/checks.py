@@ -18,7 +18,7 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
     """Checks a grid's shape; returns (height, width) as two ints.
 
     Args:
-      shape: to check.
+      shape: the shape to check.
       new: whether it is the shape of maps to create. A map one tile wide has no loop, so their
         sides are at least 2.
 

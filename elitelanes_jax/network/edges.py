@@ -20,8 +20,8 @@ def check_array(
     """Checks the shape and the dtype of an array; returns it as an array of JAX.
 
     Args:
-      name: in messages.
-      array: of numbers.
+      name: the name of the array in messages.
+      array: the array of numbers to check.
       shape: the length of each axis, or a text that names an axis of any length.
       *dtypes: the dtypes that the array may have.
 

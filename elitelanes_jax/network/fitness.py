@@ -18,7 +18,7 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
     """Returns the weighted sum of a network's metrics; lower is better.
 
     Args:
-      metrics: of one grid, or of many with the same leading axes.
+      metrics: the metrics of one grid, or of many with the same leading axes.
       weights: integers, or integer arrays that broadcast against the metrics. The sum must fit
         int32.
 

@@ -208,8 +208,8 @@ def _count_differing(
     """Counts the cells in which boxes ``[N, H, W]`` differ from the grids of a group, at the most similar position.
 
     Args:
-      group: of M grids.
-      boxes: around the roads of other grids.
+      group: a group of M grids.
+      boxes: the boxes around the roads of other grids.
       near: bool ``[N, M]``, the pairs to compare.
       below: pairs that differ in this many cells or more may be left out.
 

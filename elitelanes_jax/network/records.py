@@ -101,7 +101,7 @@ class Weights(NamedTuple):
     crossings and b(x) as bridges. `jax.vmap` may map over arrays of weights.
 
     Attributes:
-      components: for each component beyond the first.
+      components: the amount for each component beyond the first.
       constant: added once.
       others: each for one unit of the metric with its name.
     """

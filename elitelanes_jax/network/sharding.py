@@ -24,8 +24,8 @@ def divide_batches(function: Callable[P, R], *, rows: Pytree = None) -> Callable
     meshes.
 
     Args:
-      function: of pytrees of arrays; `jax.vmap` makes its batches. Arguments that can only be given
-        by name are static.
+      function: a function of pytrees of arrays; `jax.vmap` makes its batches. Arguments that can
+        only be given by name are static.
       rows: None; or for a function whose rows, along the first axis of its arguments, do not depend
         on each other: the axis of the rows in each result.
     """

@@ -125,8 +125,8 @@ class MoveWeights(Record):
         """Returns the weights with some changed, and with moves of the user.
 
         Args:
-          moves: by name: the weight of a move above, such as ``{"mirror": 0}``; or for another name
-            a weight and a `Move`, such as ``{"zigzag": (4, zigzag)}``.
+          moves: the changes by name: the weight of a move above, such as ``{"mirror": 0}``; or for
+            another name a weight and a `Move`, such as ``{"zigzag": (4, zigzag)}``.
 
         Raises:
           InputError: for anything else.

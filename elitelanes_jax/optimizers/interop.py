@@ -34,7 +34,7 @@ def qdax_scoring_fn(
     """Makes the scoring function of QDax's `MAPElites` (QDax 0.5), on genotypes that are grids.
 
     Args:
-      problem: with at least one axis.
+      problem: a problem with at least one axis.
 
     Returns:
       (genotypes int8 ``[B, H, W]``, key) -> (fitness float32 ``[B]`` to be maximised, descriptor

@@ -56,7 +56,7 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
     """Runs an optimiser from the start; for `jax.jit`.
 
     Args:
-      optimizer: on one problem.
+      optimizer: the optimiser of one problem.
       keys: ``[S]``, one for each seed. With JAX's default kind of key a seed's result does not
         depend on other seeds.
       generations: the number of generations, static.

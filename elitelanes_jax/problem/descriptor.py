@@ -86,9 +86,9 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
     """Reads axes from texts, mappings or records.
 
     Args:
-      axes: for each axis ``NAME:BINS``, ``NAME:BINS:WIDTH``, a mapping of the fields of `Axis`, or
-        an `Axis`; or for all axes one text with spaces between, or a mapping of names to bins or to
-        pairs of bins and width.
+      axes: the axes: for each axis ``NAME:BINS``, ``NAME:BINS:WIDTH``, a mapping of the fields of
+        `Axis`, or an `Axis`; or for all axes one text with spaces between, or a mapping of names to
+        bins or to pairs of bins and width.
       features: the names of the user's features; None accepts any name.
 
     Raises:

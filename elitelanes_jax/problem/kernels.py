@@ -165,7 +165,7 @@ def with_town_features(
 
     Args:
       features: int32 ``[...]`` by name, as a search measured them.
-      names: of the features that are needed.
+      names: the names of the features that are needed.
       grids: int8 ``[..., H, W]``.
       source: the start of the message.
 

@@ -64,7 +64,7 @@ class RoadProblem:
 
     Attributes:
       shape: (height, width) of the grids.
-      axes: of the descriptor space.
+      axes: the axes of the descriptor space.
       feature_names: the names of the F columns of features: the metrics, then all others that are
         measured.
       alphabet: the codes that new tiles are drawn from.
@@ -72,8 +72,8 @@ class RoadProblem:
       fix: cells that never change, or None.
       measured: the names of K features besides the metrics that may have a weight.
       kernels: the names and kernels of the user's features among `feature_names`.
-      fitness: of the user, or None.
-      weights: of the metrics in the fitness.
+      fitness: the fitness function of the user, or None.
+      weights: the weights of the metrics in the fitness.
       limits: int32 ``[2, C]``, the least and the greatest value of each column of `with_shares`;
         None for no ranges.
       feature_weights: int ``[K]``, of the `measured` features in the fitness; None if all are 0.

@@ -22,7 +22,7 @@ class Checkpoint:
     """The folder of one search.
 
     Args:
-      folder: of the search, locked.
+      folder: the locked folder of the search.
       identity: all that the search depends on except its budget, plain values for JSON.
       every: seconds between two checkpoints; 0 to write at every occasion.
     """

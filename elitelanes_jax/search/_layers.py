@@ -24,9 +24,9 @@ class Merged(NamedTuple):
     """The merged options of a search.
 
     Attributes:
-      small: for maps whose shorter side is under 12.
-      large: for larger maps, or None if they have the same options.
-      origins: where an option comes from that the user did not give, such as "style 'town'", by the
+      small: the options for maps whose shorter side is under 12.
+      large: the options for larger maps, or None if they are the same.
+      origins: the origin of each option that the user did not give, such as "style 'town'", by the
         option's name. A range has an entry of its own, "where NAME".
     """
 

@@ -121,12 +121,13 @@ class Programs:
     """The programs of a search, for arguments of given shapes; see `find_programs`.
 
     Args:
-      setup: of the search; only its structure, and the shapes and dtypes of its numbers, matter.
+      setup: the setup of the search; only its structure, and the shapes and dtypes of its numbers,
+        matter.
       keys: the data of the keys of all seeds; only its shape and dtype matter.
       single: whether there was one key alone, so that results have no axis of seeds.
-      devices: of the parts of the search.
+      devices: the devices of the parts of the search.
       floats: whether the user's functions compute with floats.
-      folder: for exported programs, or None.
+      folder: the folder for exported programs, or None.
     """
 
     def __init__(

@@ -36,11 +36,12 @@ class Setup:
     """The problem and the method of a search; a pytree. Searches of equal structure share compiled programs.
 
     Attributes:
-      problem: of the search.
-      config: of the method; None for the user's own optimiser.
+      problem: the problem of the search.
+      config: the configuration of the method; None for the user's own optimiser.
       factory: the user's own optimiser, or None.
       key_kind: the implementation of the random keys.
-      digests: of what the user's functions compute, by name. An edited function keeps its name.
+      digests: the digests of what the user's functions compute, by name. An edited function keeps
+        its name.
     """
 
     problem: RoadProblem
@@ -87,11 +88,11 @@ def make_setup(
 
     Args:
       search: resolved.
-      config: of the method, with plain numbers; None for `factory`.
+      config: the configuration of the method, with plain numbers; None for `factory`.
       key_kind: the implementation of the random keys.
       factory: the user's own optimiser, or None.
-      kernels: of the user's features.
-      fitness: of the user, or None.
+      kernels: the kernels of the user's features, by name.
+      fitness: the fitness function of the user, or None.
     """
     feature_weights = limits = initial = None
     if search.feature_weights is not None:

@@ -34,7 +34,7 @@ class StoredPrograms(NamedTuple):
     """The content of a file.
 
     Attributes:
-      facts: about the search, plain values for JSON.
+      facts: facts about the search, plain values for JSON.
       exports: serialised `jax.export.Exported` by the program's name.
     """
 

@@ -29,9 +29,9 @@ class Extensions:
     Attributes:
       config: a configuration in place of the preset's, or None.
       optimizer: a factory in place of a method, or None.
-      kernels: of the user's features, by name.
-      fitness: of the user, or None.
-      moves: of the user, or None.
+      kernels: the kernels of the user's features, by name.
+      fitness: the fitness function of the user, or None.
+      moves: the weights and moves of the user, by name, or None.
     """
 
     config: Config | None = None
@@ -54,9 +54,9 @@ def ask_for_method(
     """Returns a specification that asks for the method of a configuration, or for any method beside an optimiser.
 
     Args:
-      spec: with the options of the call.
-      options: of the call.
-      extensions: of the call.
+      spec: the specification with the options of the call.
+      options: the options of the call.
+      extensions: the extensions of the call.
 
     Raises:
       InputError: for a configuration or an optimiser of the wrong type, both, or the configuration

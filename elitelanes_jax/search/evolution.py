@@ -106,8 +106,8 @@ def evolve(
       spec: the search.
       config: a configuration of a method, instead of a preset; its type determines the method.
       optimizer: your own factory, `Problem` -> `Optimizer`, instead of a method.
-      state: of an earlier result, to continue from. 100 generations and 100 more equal 200, bit for
-        bit.
+      state: the state of an earlier result, to continue from. 100 generations and 100 more equal
+        200, bit for bit.
       checkpoint: a folder for the result so far, in ``result.npz`` for `Result.load`. If the
         process is killed, the same call resumes and returns the same result, bit for bit except for
         the measured speeds. A larger budget extends the search. Only one process at a time can use
@@ -269,13 +269,13 @@ class Run:
 
     Attributes:
       search: what makes the result.
-      config: of the method; None for the user's own optimiser.
-      setup: of the programs.
-      keys: of all seeds.
+      config: the configuration of the method; None for the user's own optimiser.
+      setup: the setup of the programs.
+      keys: the keys of all seeds.
       fingerprint: uint32, of the setup and the keys.
-      programs: of the search.
+      programs: the programs of the search.
       numbers: the numbers of the setup, on the default device.
-      devices: of the parts of the seeds.
+      devices: the devices of the parts of the seeds.
       workers: the number of parts that run side by side.
     """
 

@@ -24,8 +24,8 @@ def join_results(results: Sequence[Result]) -> Result:
     results one after another.
 
     Args:
-      results: of the same size, options, configuration, functions and generations, with different
-        keys.
+      results: the results, with the same size, options, configuration, functions and generations,
+        and with different keys.
 
     Raises:
       InputError: for no results, results of different searches, or a result that comes twice.

@@ -49,13 +49,13 @@ def evolve_parts(
 
     Args:
       search: resolved.
-      keys: of all seeds.
+      keys: the keys of all seeds.
       pool: the executor, and the number of parts; by default parts have up to 32 seeds.
-      extensions: of the search.
+      extensions: the extensions of the search.
       functions: the name and the digest of each function in `extensions`, in this process.
       folder: keeps complete parts, so that the next call with an equal search evolves the others
         alone.
-      progress: as in `evolve`.
+      progress: whether to show progress, as in `evolve`.
 
     Raises:
       InputError: for one key alone, keys of another kind than JAX's default, a worker whose

@@ -47,11 +47,11 @@ class Search:
       settings: a value for each option.
       alphabet: the codes that new tiles are drawn from.
       fills: whether repair also gives every tile two connections.
-      axes: of the niches.
-      ranges: that every map meets: those asked for, and the limits of the inventory.
+      axes: the axes of the niches.
+      ranges: the ranges that every map meets: those asked for, and the limits of the inventory.
       measured: the features that are measured besides the metrics.
-      weights: of the metrics and the constant in the fitness.
-      feature_weights: of the `measured` features in the fitness; None if all are 0.
+      weights: the weights of the metrics and the constant in the fitness.
+      feature_weights: the weights of the `measured` features in the fitness; None if all are 0.
       inputs: the files and folders that the options named.
     """
 
@@ -214,7 +214,7 @@ def resolve_again(
     """Resolves a search with other options for maps that are chosen among its elites.
 
     Args:
-      search: that found the elites.
+      search: the search that found the elites.
       options: checked values by name.
       alphabet: all codes that the elites may have.
 

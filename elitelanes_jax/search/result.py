@@ -151,10 +151,10 @@ class Result:
 
     Attributes:
       elites: the grids found, with their metrics.
-      history: of the generations of this call.
-      state: to continue from.
-      search: with all its settings. Its method and preset say what made the result; `custom` is
-        your own configuration or optimiser.
+      history: the history of the generations of this call.
+      state: the state to continue from.
+      search: the search with all its settings. Its method and preset say what made the result;
+        `custom` is your own configuration or optimiser.
       config: the configuration of the method; None for your own optimiser.
       functions: names and digests of your own functions, which tell edited functions apart.
     """
@@ -287,7 +287,7 @@ class Result:
           path: the file, ``.npz`` or without a suffix; an existing file is replaced.
           state: whether to write the state and the measured speeds too. Without them equal searches
             give equal bytes.
-          seed: that the keys were made from, to be noted in the file.
+          seed: the seed that the keys were made from, to be noted in the file.
 
         Raises:
           InputError: if the name has the suffix of another format, such as .json, or your own

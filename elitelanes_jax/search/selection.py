@@ -96,10 +96,10 @@ def choose_maps(
     the axes' target bins come before all others.
 
     Args:
-      elites: of a search.
-      search: that found them.
+      elites: the elites of a search.
+      search: the search that found the elites.
       count: the number of maps.
-      seed: of the run; it is noted in the maps.
+      seed: the seed of the run; it is noted in the maps.
       exclude: grids, of any size, whose roads no chosen map may have; the chosen maps should differ
         from them too.
       min_difference: the least `difference` of each map from all others. If there are too few such
@@ -213,7 +213,7 @@ def without_flaws(
     Args:
       valid: bool of any shape, which slots are filled.
       metrics: arrays of the same shape, by name.
-      search: with rules and fixed cells.
+      search: the search, with its rules and fixed cells.
     """
     rejected: Counter[str] = Counter()
     useful = valid.copy()

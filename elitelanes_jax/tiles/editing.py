@@ -60,8 +60,8 @@ class HandWork:
     """The tiles and photographs that a page shows, and the folder that it saves to.
 
     Attributes:
-      folder: of the tile set, new or existing.
-      photographs: that tiles are cut from.
+      folder: the folder of the tile set, new or existing.
+      photographs: the photographs that tiles are cut from.
       saved: whether the set was written, and the earlier one is kept.
     """
 

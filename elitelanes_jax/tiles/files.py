@@ -30,7 +30,7 @@ class Tile(NamedTuple):
     """One elementary tile.
 
     Attributes:
-      name: of its folder, ``<kind>_<n>``.
+      name: the name of its folder, ``<kind>_<n>``.
       code: the sides it opens, as a tile code.
       image: uint8 ``[S, S, 3]``, RGB. Transparent pixels of its file have the colour of the ground.
       road: bool ``[S, S]``, the drivable surface.

@@ -40,9 +40,9 @@ class Colour(NamedTuple):
     """A range of colours, limits included, in OpenCV's units: hues 0 to 179, the others 0 to 255.
 
     Attributes:
-      hue: from, to; a range beyond 179, such as (170, 10), continues at 0.
-      saturation: from, to.
-      value: brightness, from, to.
+      hue: the first and the last hue; a range beyond 179, such as (170, 10), continues at 0.
+      saturation: the least and the greatest saturation.
+      value: the least and the greatest brightness.
     """
 
     hue: tuple[int, int]
@@ -92,7 +92,7 @@ def propose_masks(
 
     Args:
       image: uint8 ``[S, S, 3]``, RGB.
-      colours: of ``road``, ``red`` and ``yellow``.
+      colours: the ranges of colours of ``road``, ``red`` and ``yellow``, by these names.
 
     Returns:
       bool ``[S, S]`` for each of these names. Lines are on the road, and do not overlap.
@@ -134,7 +134,7 @@ class Proposal(NamedTuple):
     """The masks of one tile.
 
     Attributes:
-      folder: of the tile.
+      folder: the folder of the tile.
       image: uint8 ``[S, S, 3]``, RGB.
       masks: bool ``[S, S]``, by the names in `MASKS`; existing masks of the folder are kept.
       proposed: the names of the proposed ones.
@@ -153,7 +153,7 @@ def mask_folder(
     """Proposes the masks that the tiles of a set lack; writes nothing.
 
     Args:
-      folder: of a tile set, as `load_tiles` takes it, in which masks may be missing.
+      folder: the folder of a tile set, as `load_tiles` takes it, in which masks may be missing.
       colours: see `propose_masks`.
       overwrite: names of masks to propose even if they exist.
 

@@ -54,7 +54,7 @@ class ObjectPictures:
     """The pictures of an object.
 
     Attributes:
-      name: of its folder.
+      name: the name of its folder.
       kind: one of `OBJECT_KINDS`.
       height: metres from the lowest to the top row of the views.
       footprint: length and width in metres of the picture from above.
@@ -83,7 +83,7 @@ class ObjectSet:
     """A set of pictures of objects.
 
     Attributes:
-      name: of its folder.
+      name: the name of its folder.
       pictures: sorted by name.
     """
 
@@ -247,7 +247,8 @@ def load_objects(folder: ObjectSet | str | Path | None = None) -> ObjectSet:
     """Loads an object set.
 
     Args:
-      folder: of the set, or a loaded set, which is returned; by default the package's own.
+      folder: the folder of the set, or a loaded set, which is returned; by default the package's
+        own.
 
     Raises:
       InputError: for a fault of the folder; the message names the file.

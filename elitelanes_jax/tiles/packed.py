@@ -25,7 +25,7 @@ class Pictures(NamedTuple):
     nothing.
 
     Attributes:
-      tiles: of the roads.
+      tiles: the tile set of the roads.
       objects: None to draw no objects.
     """
 

@@ -74,7 +74,7 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
     Args:
       grid: codes ``[H, W]``.
       tiles: whose pictures to choose from.
-      seed: of a `numpy.random.default_rng`; equal seeds give equal choices.
+      seed: the seed of a `numpy.random.default_rng`; equal seeds give equal choices.
 
     Returns:
       int ``[H, W, 2]``, the index of the tile in the set and its quarter turns counter-clockwise.
@@ -151,8 +151,9 @@ def render(
         code.
       tiles: whose pictures to draw with, a set or its folder; by default the package's own.
       tile_px: side of a tile in pixels, 16 to 512.
-      seed: of the choice among the pictures of each code (see `choose_tiles`). By default a map is
-        drawn with the same pictures as before, if the set has them; other maps have seed 0.
+      seed: the seed of the choice among the pictures of each code (see `choose_tiles`). By default
+        a map is drawn with the same pictures as before, if the set has them; other maps have seed
+        0.
       chosen: the choice, instead of the seed's.
       objects: the pictures of the map's objects, a set or its folder; by default the package's own.
 
@@ -193,10 +194,10 @@ def draw_layers(
 
     Args:
       grid: codes ``[H, W]``.
-      tiles: to draw it with.
+      tiles: the tile set to draw the map with.
       chosen: what `choose_tiles` returns.
       tile_px: P, the side of a tile in pixels.
-      names: of `Picture`'s layers; "labels" if there is "image".
+      names: the names of `Picture`'s layers to draw; with "image" also "labels".
 
     Returns:
       The layers by name, uint8 ``[H·P, W·P]`` and for "image" ``[H·P, W·P, 3]``.
@@ -280,7 +281,7 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
 
     Args:
       folder: made if it does not exist. Files of the same names are replaced.
-      picture: from `render`.
+      picture: the picture, from `render`.
 
     Raises:
       InputError: for an argument of another type.
@@ -335,9 +336,9 @@ def stand(
     """Returns how objects look from their front, for the floors of 3-D simulators; tags on the floor are left out.
 
     Args:
-      objects: of a map; None is no object.
-      pictures: of objects, a set or its folder; by default the package's own. `render` chooses the
-        same ones.
+      objects: the objects of a map; None is no object.
+      pictures: the pictures of objects, a set or its folder; by default the package's own. `render`
+        chooses the same ones.
 
     Raises:
       InputError: for anything else, or a kind without pictures in the set.

@@ -22,7 +22,7 @@ class SideLines(NamedTuple):
 
     Attributes:
       side: N, E, S or W.
-      road: where the road begins and ends.
+      road: the beginning and the end of the road.
       separator: the middle of the lane separator; None if there is none.
       white: the middles of the white lines to the left and right of the road; None where there is
         none.

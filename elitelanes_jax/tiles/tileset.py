@@ -85,12 +85,12 @@ class TileSet:
     """A set of elementary tiles.
 
     Attributes:
-      name: of the set.
-      licence: of its pictures, as stated by its makers; empty if none is.
+      name: the name of the set.
+      licence: the licence of its pictures, as stated by its makers; empty if none is.
       tiles: sorted by kind and number.
       blend: whether the tiles are blended on a map, as photographs need it: equal light, feathered
         seams.
-      lane_offset: from the road's middle to the centre of a lane, in tiles, over 0 and under 0.5.
+      lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5.
     """
 
     name: str
@@ -162,7 +162,7 @@ def load_tiles(folder: str | Path | None = None) -> TileSet:
     check` reports them.
 
     Args:
-      folder: of the set; by default the package's own.
+      folder: the folder of the set; by default the package's own.
 
     Raises:
       InputError: for an error in the folder; the message names the file.

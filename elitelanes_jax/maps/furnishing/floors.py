@@ -20,7 +20,7 @@ def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
     """Returns the rows and columns of the largest map of tiles of 0.585 m for a floor, with `floor_margin` around it.
 
     Args:
-      width: of the floor, metres from west to east.
+      width: the width of the floor, metres from west to east.
       depth: metres from north to south.
 
     Raises:

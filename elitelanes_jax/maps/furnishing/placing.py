@@ -38,7 +38,7 @@ def furnish(
         at every crossing, ``street_names``, ``all`` for some of everything, ``unique_tags``,
         settings such as ``duckies=6`` that override these words, and a file .toml, .json or .yaml
         with objects of your own.
-      seed: of the places of objects, 0 to 2**32 - 1.
+      seed: the seed of the positions of objects, 0 to 2**32 - 1.
       lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5. A
         tile set may have its own, `TileSet.lane_offset`.
 

@@ -16,8 +16,8 @@ class Difference(NamedTuple):
     """A cell where the floor differs from the plan.
 
     Attributes:
-      row: of the cell in the plan, from 0.
-      column: of the cell in the plan, from 0.
+      row: the row of the cell in the plan, from 0.
+      column: the column of the cell in the plan, from 0.
       planned: the code in the plan.
       laid: the code of the tile on the floor.
     """
@@ -40,7 +40,7 @@ def turn_to_plan(codes: ArrayLike, plan: ArrayLike) -> int:
     """Returns the quarter turns counter-clockwise that bring a floor's codes nearest to a plan's.
 
     Args:
-      codes: of the floor ``[H, W]``, seen from any side.
+      codes: the codes of the floor ``[H, W]``, seen from any side.
       plan: codes ``[H, W]`` or, turned, ``[W, H]``.
 
     Raises:

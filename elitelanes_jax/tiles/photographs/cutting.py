@@ -34,12 +34,12 @@ class Cut(NamedTuple):
     """A tile cut out of a photograph.
 
     Attributes:
-      name: of its folder in a tile set, ``<kind>_<number>``.
+      name: the name of its folder in a tile set, ``<kind>_<number>``.
       code: the sides that it opens, as a tile code.
       image: uint8 ``[S, S, 3]``, RGB.
       photo: the name of the photograph.
-      row: of the tile in it, from 0.
-      column: of the tile in it, from 0.
+      row: the row of the tile in the photograph, from 0.
+      column: the column of the tile in the photograph, from 0.
       copy_of: the name of an earlier tile that looks nearly the same, empty if there is none.
     """
 
@@ -57,8 +57,8 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
     """Cuts the tiles of a proposal whose kind is sure.
 
     Args:
-      photograph: that the proposal was made for.
-      proposal: where the tiles are. Its score is not checked.
+      photograph: the photograph that the proposal was made for.
+      proposal: the proposal, which says where the tiles are. Its score is not checked.
       earlier: tiles of other photographs. Names continue after theirs.
 
     Returns:

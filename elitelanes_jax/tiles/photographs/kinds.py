@@ -56,8 +56,8 @@ class Kinds(NamedTuple):
         no tile.
       scores: float ``[H, W, 16]``, the correlation with each code's most similar picture; -1 if the
         set has none.
-      handed: by how much crossings are more alike to pictures than to mirrored pictures, on the
-        average; 1 if no cell looks like a crossing.
+      handed: the mean over crossings of how much more alike they are to pictures than to mirrored
+        pictures; 1 if no cell looks like a crossing.
     """
 
     codes: NDArray[np.int8]
@@ -73,8 +73,8 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
     Args:
       flat: uint8, RGB, the floor from above, a tile `READ_PX` pixels wide, with a margin of
         `MARGIN_PX` around it.
-      rows: of tiles.
-      columns: of tiles.
+      rows: the number of rows of tiles.
+      columns: the number of columns of tiles.
       tiles: whose pictures the cells are compared with.
     """
     scores = _correlate(flat, rows, columns, tiles)

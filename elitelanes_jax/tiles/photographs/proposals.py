@@ -37,13 +37,13 @@ class Proposal(NamedTuple):
 
     Attributes:
       photo: the name of the photograph.
-      width: of the photograph in pixels.
-      height: of the photograph in pixels.
-      corners: of the tiles in pixels, x and y, ``[4][2]``: clockwise, from the first row's first
-        tile.
+      width: the width of the photograph in pixels.
+      height: the height of the photograph in pixels.
+      corners: the corners of the tiles in pixels, x and y, ``[4][2]``: clockwise, from the first
+        row's first tile.
       homography: ``[3][3]``, from tiles (x to the right, y down) to pixels without distortion.
       radial: distortion of the lens, see `View`.
-      codes: of the tiles ``[H][W]``; 0 is a cell without a tile.
+      codes: the codes of the tiles ``[H][W]``; 0 is a cell without a tile.
       sure: how sure each cell's code is ``[H][W]``, 0 to 1.
       score: how sure it is that the corners of every tile are within 1 % of a tile, 0 to 1.
       evidence: what the score is made of, by name.
@@ -148,12 +148,12 @@ def propose_tiles(
     """Proposes where the tiles in a photograph are.
 
     Args:
-      photograph: from `read_photograph`.
+      photograph: the photograph, from `read_photograph`.
       shape: rows and columns of tiles. A single tile may lie in any direction.
-      corners: of all tiles in pixels ``[4, 2]``, clockwise from the first row's first tile, off by
-        up to a tenth of a tile. By default they are found.
-      codes: of the map that is laid, ``[H, W]``, in any of the four directions. By default they are
-        read.
+      corners: the corners of all tiles in pixels ``[4, 2]``, clockwise from the first row's first
+        tile, off by up to a tenth of a tile. By default they are found.
+      codes: the codes of the map that is laid, ``[H, W]``, in any of the four directions. By
+        default they are read.
       tiles: pictures that kinds are read with; by default the package's own.
       fit: whether the corners are fitted to the photograph, or taken as they are.
 

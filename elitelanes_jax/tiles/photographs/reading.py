@@ -25,7 +25,7 @@ class Photograph(NamedTuple):
     """A photograph.
 
     Attributes:
-      name: of its file, for messages.
+      name: the name of its file, for messages.
       image: uint8 ``[H, W, 3]``, RGB, upright.
       shrunk: how many times smaller than the file's picture it is.
       lens: the calibrated lens whose distortion was removed, None if there is none.
@@ -49,8 +49,8 @@ class Lens(NamedTuple):
       matrix: float ``[3, 3]``, of the camera.
       distortion: OpenCV's coefficients; four of a fisheye lens.
       fisheye: whether the model is ROS's `equidistant` or `fisheye`.
-      width: of its pictures in pixels.
-      height: of its pictures in pixels.
+      width: the width of its pictures in pixels.
+      height: the height of its pictures in pixels.
     """
 
     matrix: NDArray[np.float64]
@@ -91,9 +91,9 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
     """Reads a JPEG or PNG file of a photograph, turned upright as its EXIF data say.
 
     Args:
-      file: of at most 128 MiB. A JPEG of more than 26 megapixels is read at a half, a quarter or an
-        eighth of its size.
-      lens: from `read_lens`. Its distortion is removed.
+      file: the file, of at most 128 MiB. A JPEG of more than 26 megapixels is read at a half, a
+        quarter or an eighth of its size.
+      lens: the lens, from `read_lens`. Its distortion is removed.
 
     Raises:
       InputError: for another file, transparent pixels, or sides below 200 pixels; the message says

@@ -65,7 +65,7 @@ class Fit(NamedTuple):
     """A fitted view.
 
     Attributes:
-      view: of the floor.
+      view: the view of the floor.
       spread: float ``[9, 9]``, the covariance of the view's parameters, as `_basis` has them.
       alike: the correlation of the cells with the mean of their kind, 0 to 1; 0 if nothing can be
         compared.
@@ -87,7 +87,7 @@ def fit_view(
     Args:
       image: uint8 ``[H, W, 3]``, RGB.
       view: a first guess, off by up to a tenth of a tile.
-      codes: of the tiles ``[rows, columns]``; 0 is a cell without a tile.
+      codes: the codes of the tiles ``[rows, columns]``; 0 is a cell without a tile.
       bends: whether the lens may have radial distortion.
     """
     groups = _groups(codes)
@@ -439,7 +439,7 @@ def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> ND
     Args:
       colours: Lab ``[S, A, T, 3]``, from outside to inside.
       steps: the distance outside of each of the T places.
-      reach: of the search.
+      reach: the reach of the search in tiles, outside and inside.
     """
     blurred = cv2.blur(colours.reshape(-1, *colours.shape[2:]), (3, 1))
     colours = np.asarray(blurred, np.float32).reshape(colours.shape)

@@ -20,8 +20,8 @@ class View(NamedTuple):
       homography: float ``[3, 3]``, from tiles to pixels without distortion.
       radial: a point at the distance r from the photograph's centre, in half diagonals, is seen at
         r + radial·r³.
-      width: of the photograph in pixels.
-      height: of the photograph in pixels.
+      width: the width of the photograph in pixels.
+      height: the height of the photograph in pixels.
     """
 
     homography: NDArray[np.float64]
