@@ -13,15 +13,17 @@ from elitelanes_jax._util.types import UserValue
 R = TypeVar("R", bound=Record)
 
 
+def range_ends(value: UserValue) -> Sequence[UserValue]:
+    """Returns the ends of a range: of a text such as ``8..14``, of a pair, or of a single value."""
+    if isinstance(value, str):
+        return value.split("..")
+    if isinstance(value, Sequence):
+        return value
+    return [value]
+
+
 def _parse_scale(scale: UserValue) -> tuple[float, float]:
-    pair = (
-        scale.split("..")
-        if isinstance(scale, str)
-        else scale
-        if isinstance(scale, Sequence)
-        else [scale]
-    )
-    factors = [real(0.25, 4)(factor) for factor in pair]
+    factors = [real(0.25, 4)(factor) for factor in range_ends(scale)]
     if len(factors) not in (1, 2) or factors[0] > factors[-1]:
         raise InputError(
             f"expected a factor, or the smallest and the largest such as 0.5..1.5, got {scale!r}"
@@ -87,16 +89,18 @@ STANDARD = Transforms(
 """Roughly the views of a camera over a real floor."""
 
 VARIED = STANDARD.replace(
-    **{
-        "light": 0.3,
-        "contrast": 0.4,
-        "colour": 0.1,
-        "noise": 8,
-        "background": 0.8,
-        "shadow": 0.6,
-        "vignette": 0.5,
-    },
-    **{"gamma": 0.6, "saturation": 0.5, "warmth": 0.2, "motion": 2, "compression": 0.5},
+    light=0.3,
+    contrast=0.4,
+    colour=0.1,
+    noise=8,
+    background=0.8,
+    shadow=0.6,
+    vignette=0.5,
+    gamma=0.6,
+    saturation=0.5,
+    warmth=0.2,
+    motion=2,
+    compression=0.5,
 )
 """Views that differ so much that a network that was trained on them works in other worlds."""
 
@@ -133,7 +137,7 @@ def parse_transforms(texts: UserValue) -> Transforms:
 def parse_words(
     field: str,
     defaults: R,
-    given: UserValue,
+    value: UserValue,
     kind: str,
     example: str,
     presets: Mapping[str, R] = MappingProxyType({}),
@@ -143,34 +147,39 @@ def parse_words(
     The first word may be the name of a preset. A flag is a word without a value. `field`, `kind`
     and `example` are for messages.
     """
-    if isinstance(given, type(defaults)):
-        return given
-    if isinstance(given, Mapping):
-        return defaults.replace(**{str(name): value for name, value in given.items()})
-    words = [given] if isinstance(given, str) else given
+    if isinstance(value, type(defaults)):
+        return value
+    if isinstance(value, Mapping):
+        return defaults.replace(**{str(name): setting for name, setting in value.items()})
+    words = [value] if isinstance(value, str) else value
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"{field}: expected words such as {example}, got {shorten(repr(given))}")
+        raise InputError(f"{field}: expected words such as {example}, got {shorten(repr(value))}")
     check_unique(field, kind, [word.partition("=")[0] for word in words])
-    if late := [word for word in words[1:] if word in presets]:
-        raise InputError(f"{field}: expected {late[0]} alone or first, because it sets all {kind}s")
+    late_presets = [word for word in words[1:] if word in presets]
+    if late_presets:
+        raise InputError(
+            f"{field}: expected {late_presets[0]} alone or first, because it sets all {kind}s"
+        )
     flags = {
         name.replace("_", "-"): name
         for name in defaults.options()
         if getattr(defaults, name) is False
     }
     numbers = [name for name in defaults.options() if name not in flags.values()]
+    record = defaults
     for word in words:
-        name, equals, value = word.partition("=")
+        name, equals, number = word.partition("=")
         if word in presets:
-            defaults = presets[word]
+            record = presets[word]
         elif word in flags:
-            defaults = defaults.replace(**{flags[word]: True})
+            record = record.replace(**{flags[word]: True})
         elif equals and name in numbers:
-            defaults = defaults.replace(**{name: value})
+            record = record.replace(**{name: number})
         else:
-            known = ", ".join((*presets, *flags, *(f"{number}=..." for number in numbers)))
-            raise InputError(f"{field}: expected some of {known}, got {shorten(repr(word))}")
-    return defaults
+            settings = [f"{known}=..." for known in numbers]
+            expected = ", ".join([*presets, *flags, *settings])
+            raise InputError(f"{field}: expected some of {expected}, got {shorten(repr(word))}")
+    return record
 
 
 @dataclass(frozen=True)

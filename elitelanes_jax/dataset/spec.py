@@ -29,6 +29,7 @@ from elitelanes_jax.dataset._transforms import (
     Viewpoints,
     parse_transforms,
     parse_viewpoints,
+    range_ends,
 )
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.given import GivenMaps, parse_given
@@ -70,12 +71,7 @@ def parse_sides(size: UserValue) -> Sides:
 
 def _parse_range(text: UserValue) -> tuple[int, int]:
     """Reads a side, or the smallest and the largest one: ``8``, ``8..14`` or a pair."""
-    ends = [text]
-    if isinstance(text, str):
-        ends = text.split("..")
-    elif isinstance(text, Sequence):
-        ends = list(text)
-    sides = [whole(2, LONGEST_SIDE)(end) for end in ends]
+    sides = [whole(2, LONGEST_SIDE)(end) for end in range_ends(text)]
     if len(sides) not in (1, 2) or sides[0] > sides[-1]:
         raise InputError(f"expected the smallest and the largest side, such as 8..14, got {text!r}")
     return sides[0], sides[-1]

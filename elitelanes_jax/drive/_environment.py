@@ -1,4 +1,4 @@
-"""Environments: three pure functions on one state, and the automatic reset around them."""
+"""Environments: pure functions on one state, and steps that begin a new episode by themselves."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -68,7 +68,7 @@ def draw_level(key: Key[Array, ""], levels: Level) -> Level:
 
 @name_wrong_arguments
 def auto_reset(environment: Environment) -> Environment:
-    """Returns the environment with steps that reset to another level at the end of an episode.
+    """Returns the environment with steps that reset to a newly drawn level at the end of an episode.
 
     `reward`, `terminated`, `truncated`, `info` and `reached` are those of the step, `observation`
     and `state` those of the new episode. Raises `InputError` for anything else than an environment.
@@ -79,14 +79,19 @@ def auto_reset(environment: Environment) -> Environment:
     @divide_batches
     def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
         # Folded in instead of split, so that an unused key costs nothing.
-        done = environment.step(jax.random.fold_in(key, 0), state, action, params)
+        transition = environment.step(jax.random.fold_in(key, 0), state, action, params)
         _, first = environment.reset(jax.random.fold_in(key, 1), params)
-        ended = done.terminated | done.truncated
-        state = jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, done.state)
+        state = _next_state(transition, first)
         # Observed again instead of chosen, so that XLA drops an unused `reached`.
-        return done._replace(observation=environment.observe(state, params), state=state)
+        return transition._replace(observation=environment.observe(state, params), state=state)
 
     return environment._replace(step=name_wrong_arguments(step))
+
+
+def _next_state(transition: Transition, first: Pytree) -> Pytree:
+    """Returns the first state of a new episode if the episode has ended, otherwise the next state."""
+    ended = transition.terminated | transition.truncated
+    return jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, transition.state)
 
 
 class ReplayState(NamedTuple):
@@ -123,12 +128,12 @@ def auto_replay(environment: Environment) -> Environment:
     @runs_jax
     @divide_batches
     def step(key: Key[Array, ""], state: ReplayState, action: Pytree, params: Pytree) -> Transition:
-        done = environment.step(jax.random.fold_in(key, 0), state.state, action, params)
+        transition = environment.step(jax.random.fold_in(key, 0), state.state, action, params)
         _, first = environment.reset_to_level(jax.random.fold_in(key, 1), state.level, params)
-        ended = done.terminated | done.truncated
-        after = jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, done.state)
-        return done._replace(
-            observation=environment.observe(after, params), state=ReplayState(after, state.level)
+        next_state = _next_state(transition, first)
+        return transition._replace(
+            observation=environment.observe(next_state, params),
+            state=ReplayState(next_state, state.level),
         )
 
     return environment._replace(

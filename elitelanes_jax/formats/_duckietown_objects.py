@@ -12,20 +12,14 @@ that are not square.
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from math import cos, degrees, isfinite, pi, radians, remainder, sin
+from math import cos, degrees, pi, radians, remainder, sin
 
 from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.types import Plain
+from elitelanes_jax.formats._yaml_values import FALSE, real_of, table_of, whole_of
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
-from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
-
-TAG_FAMILY = "36h11"
-"""The family of all tags."""
-
-FALSE = ["false", "False", "FALSE", "no", "No", "NO", "off", "Off", "OFF"]
-"""What YAML 1.1 reads as false."""
+from elitelanes_jax.formats.tags import STREET_NAMES, TAG_FAMILY, TAG_SIZE
 
 # What readers of YAML take for a truth value or for nothing.
 _YAML_WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
@@ -185,14 +179,6 @@ def _angle(transform: Mapping[str, Plain]) -> float:
     return radians(real_of(transform, "theta_deg", 0.0))
 
 
-def table_of(value: Plain, name: str) -> dict[str, Plain]:
-    """Returns the table under a name; raises an `InputError` that starts with the name if there is none."""
-    inner = value.get(name) if isinstance(value, dict) else None
-    if not isinstance(inner, dict):
-        raise InputError(f"{name}: expected a table, got {brief(inner, 40)}")
-    return inner
-
-
 def _pair(
     values: Mapping[str, Plain], name: str, default: tuple[float, float] | None = None
 ) -> tuple[float, float]:
@@ -201,30 +187,6 @@ def _pair(
     if not isinstance(listed, list | tuple) or len(listed) not in (2, 3):
         raise InputError(f"{name}: expected two numbers, got {brief(listed, 40)}")
     return real_of({name: listed[0]}, name), real_of({name: listed[1]}, name)
-
-
-def real_of(values: Mapping[str, Plain], name: str, default: float | None = None) -> float:
-    """Returns the number under a name.
-
-    Raises:
-      InputError: if there is no finite number; the message starts with the name.
-    """
-    value = values.get(name, default)
-    with suppress(TypeError, ValueError):
-        # `float` also reads "1_000". The text of a list may be longer than the memory.
-        if not isinstance(value, list | dict) and "_" not in str(value):
-            number = float(value)
-            if isfinite(number):
-                return number
-    raise InputError(f"{name}: expected a number, got {brief(value, 40)}")
-
-
-def whole_of(values: Mapping[str, Plain], name: str) -> int:
-    """Returns the whole number under a name; raises as `real_of` does."""
-    number = real_of(values, name)
-    if not number.is_integer():
-        raise InputError(f"{name}: expected a whole number, got {number:g}")
-    return int(number)
 
 
 def _number(value: float) -> str:

@@ -8,12 +8,12 @@ from elitelanes_jax.lanes.links import Cell, side_towards
 from elitelanes_jax.lanes.movements import Movement, turn_between
 from elitelanes_jax.network.codes import SIDES
 
-# From the border of a crossing to its junction, in tiles, if the next tile is a crossing too. Where
-# its lanes turn they are 0.0002 tiles out of place, 6 mm on tiles of 30 m.
+# Between adjacent crossings, roads lead this far beyond the border, in tiles. It displaces turning
+# lanes by 0.0002 tiles: 6 mm on tiles of 30 m.
 _INSET = 2.0**-11
 
 
-def middle(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curve]:
+def middle_of_road(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curve]:
     """Returns the middle of a road, across all tiles of a path but the first and the last.
 
     It also leads to the middle of a dead end at an end of the path, and between adjacent crossings
@@ -25,7 +25,9 @@ def middle(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curve]:
     x, y = moved(first_border, headings[0], -first_lead)
     pieces = [Curve(x, y, headings[0], first_lead)]
     for (row, column), (heading, exit_heading) in zip(path[1:-1], pairwise(headings), strict=True):
-        pieces += across(Movement(row, column, heading, turn_between(heading, exit_heading)))
+        pieces += middle_across_tile(
+            Movement(row, column, heading, turn_between(heading, exit_heading))
+        )
     x, y = middle_of_side(path[-1], (headings[-1] + 2) % 4)
     pieces.append(Curve(x, y, headings[-1], last_lead))
     return _joined_lines(pieces)
@@ -53,10 +55,14 @@ def _joined_lines(pieces: list[Curve]) -> list[Curve]:
     return joined
 
 
-def across(
+def middle_across_tile(
     movement: Movement, from_crossing: bool = False, to_crossing: bool = False
 ) -> list[Curve]:
-    """Returns the road's middle across the tile of a movement, between points as far from the borders as junctions."""
+    """Returns the road's middle across the tile of a movement.
+
+    It starts and ends at the borders, or `_INSET` inside them next to another crossing. The turn is
+    not `BACK`.
+    """
     tile, heading, exit_heading = movement.node.tile, movement.heading, movement.exit
     inset = _INSET if from_crossing else 0.0
     outset = _INSET if to_crossing else 0.0

@@ -17,7 +17,7 @@ from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, to_metres
 from elitelanes_jax.lanes.curves import CHORDS, lane_curves
 from elitelanes_jax.lanes.links import Cell, linked_codes
-from elitelanes_jax.lanes.movements import BACK, LaneGraph, Movement, lane_graph, no_lane
+from elitelanes_jax.lanes.movements import BACK, LaneGraph, Movement, lane_graph, no_lane_error
 from elitelanes_jax.network.codes import CONNECTIONS
 
 AGENTS = 32
@@ -194,7 +194,7 @@ def _drive(
     movements, successors = graph.list_movements(), graph.list_successors()
     starts = [index for index, movement in enumerate(movements) if movement.turn != BACK]
     if not starts:
-        raise no_lane()
+        raise no_lane_error()
     taken: set[tuple[int, int]] = set()
     logs: list[Log] = []
     for index in rng.permutation(starts).tolist():

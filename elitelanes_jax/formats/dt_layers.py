@@ -20,8 +20,8 @@ from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.errors import InputError, brief
 from elitelanes_jax._util.files import MIB, read_input
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.formats._duckietown_objects import FALSE, real_of, table_of, whole_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
+from elitelanes_jax.formats._yaml_values import FALSE, real_of, table_of, whole_of
 from elitelanes_jax.formats.duckietown import GROUNDS, TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import (
     OBJECT_KINDS,

@@ -21,7 +21,6 @@ import yaml
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY
 from elitelanes_jax.formats.dt_layers import (
     LAYERS,
     ROADS,
@@ -33,7 +32,7 @@ from elitelanes_jax.formats.dt_layers import (
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_roads, check_tile_size
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject
 from elitelanes_jax.formats.road_map import RoadMap, as_map
-from elitelanes_jax.formats.tags import TAG_SIZE
+from elitelanes_jax.formats.tags import TAG_FAMILY, TAG_SIZE
 from elitelanes_jax.lanes.curves import lane_curves
 from elitelanes_jax.lanes.movements import lane_graph
 from elitelanes_jax.network.codes import rotate_codes
@@ -88,8 +87,10 @@ def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dic
     check_roads(source.codes)
     robots = [thing for thing in source.objects or () if thing.kind == "duckiebot"]
     others = [thing for thing in source.objects or () if thing.kind != "duckiebot"]
+    if not robots:
+        robots = [_robot_on_first_lane(source)]
     # Robots come first, because an object's index is the number in its name.
-    source = replace(source, objects=(*(robots or [_robot_on_first_lane(source)]), *others))
+    source = replace(source, objects=(*robots, *others))
 
     def frame_of_tile(i: int, j: int, yaw: float) -> _Table:
         return {"relative_to": None, "unit": "tiles", "pose": _pose(float(i), float(j), yaw)}
@@ -124,29 +125,31 @@ def _write_layers(
       frame_of_tile: the frame of a tile from its column i, its row j from the south, and its yaw.
       robot: what the frames of robots are named after.
     """
-    kinds = {
-        rotate_codes(code, turns): (kind, turns)
-        for kind, code in roads.items()
-        for turns in (3, 2, 1, 0)
-    }
+    kinds: dict[int, tuple[str, int]] = {}
+    for kind, upright_code in roads.items():
+        for turns in range(4):
+            # A straight looks the same after half a turn: the fewest turns count.
+            kinds.setdefault(rotate_codes(upright_code, turns), (kind, turns))
     rows = len(road_map.codes)
     layers: dict[str, _Table] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}
     layers["frames"][_MAP] = {"relative_to": None, "pose": _pose(0.0, 0.0, 0.0)}
     for (row, i), code in np.ndenumerate(road_map.codes):
-        j, (kind, turns) = rows - 1 - row, kinds.get(int(code), ("grass", 0))
+        j = rows - 1 - row
+        kind, turns = kinds.get(int(code), ("grass", 0))
         name = f"{_MAP}/tile_{i}_{j}"
         layers["tiles"][name] = {"i": i, "j": j, "type": kind}
         layers["frames"][name] = frame_of_tile(i, j, turns * pi / 2)
     for index, thing in enumerate(road_map.objects or ()):
         stem = robot if thing.kind == "duckiebot" else thing.kind.removeprefix(OTHER)
         name = f"{_MAP}/{stem}_{index}"
-        if name in layers["tiles"]:  # of the kind other:tile_0
+        if name in layers["tiles"]:  # an object of the kind other:tile_0
             name = f"{_MAP}/other_{name.removeprefix(f'{_MAP}/')}"
         layer, values = _entry(thing)
-        layers[layer][name] = (
-            values | {"height": thing.height} | ({} if thing.static else {"static": False})
-        )
+        values["height"] = thing.height
+        if not thing.static:
+            values["static"] = False
+        layers[layer][name] = values
         pose = _pose(thing.x * size, (rows - thing.y) * size, thing.angle)
         layers["frames"][name] = {"relative_to": _MAP, "pose": pose}
     return layers
@@ -174,7 +177,7 @@ def _pose(x: float, y: float, yaw: float) -> _Table:
 
 
 def _entry(thing: MapObject) -> tuple[str, _Table]:
-    """Returns the layer of an object, and what that says of its kind."""
+    """Returns the layer of an object, and the fields there that its kind determines."""
     if thing.kind == "duckie":
         return "citizens", {"color": "yellow"}
     if thing.kind == "duckiebot":

@@ -17,7 +17,7 @@ from elitelanes_jax._util.checks import check_named, text_name, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.lanes.curves import on_road
 from elitelanes_jax.lanes.links import linked_codes
-from elitelanes_jax.lanes.movements import no_road
+from elitelanes_jax.lanes.movements import no_road_error
 from elitelanes_jax.network.checks import check_grid
 
 _STARTS = 10  # of each, as many goals
@@ -58,7 +58,7 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
         )
     road = _road_cells(codes, cells)
     if not road.any():
-        raise no_road()
+        raise no_road_error()
     height, width = road.shape
     rows = "".join("".join(row) + "\n" for row in np.where(road, ".", "@").tolist())
     lines = [

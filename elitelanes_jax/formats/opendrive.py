@@ -17,7 +17,7 @@ from jaxtyping import Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats._pieces import across, middle
+from elitelanes_jax.formats._pieces import middle_across_tile, middle_of_road
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import (
     Arrival,
@@ -154,7 +154,7 @@ def _roads(network: _Network, signals: dict[Arrival, list[Signal]]) -> list[str]
     )
     roads = []
     for number, path in enumerate(network.paths, network.first_road):
-        pieces = middle(path, network.links)
+        pieces = middle_of_road(path, network.links)
         signs = ""
         for signal in signals[path[0], path[1]]:
             signs += signal_element(signal, 0, 1, streets, height)
@@ -202,7 +202,7 @@ def _connecting_pieces(network: _Network, movement: Movement) -> list[Curve]:
         return [half_circle]
     links = network.links
     is_crossing = len(links[movement.node.tile]) > 2
-    return across(
+    return middle_across_tile(
         movement,
         from_crossing=is_crossing and len(links[movement.node.tile_before]) > 2,
         to_crossing=is_crossing and len(links[movement.next_node.tile]) > 2,

@@ -23,7 +23,7 @@ from elitelanes_jax.formats.signals import rights_of_way
 from elitelanes_jax.formats.streets import Streets, to_metres
 from elitelanes_jax.lanes.curves import CHORDS
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
-from elitelanes_jax.lanes.movements import LaneNode, no_road
+from elitelanes_jax.lanes.movements import LaneNode, no_road_error
 from elitelanes_jax.network.codes import CONNECTIONS
 
 _SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
@@ -86,7 +86,7 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     rules, grid = rights_of_way(road_map, streets), road_map.codes
     roads = _roads(grid)
     if not roads:
-        raise no_road()
+        raise no_road_error()
     exits: dict[Cell, list[Cell]] = {}
     for road in roads:
         exits.setdefault(road[0], []).append(road[1])

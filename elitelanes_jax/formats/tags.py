@@ -3,6 +3,9 @@
 All tags are of the family 36h11. The database has several numbers for some street names.
 """
 
+TAG_FAMILY = "36h11"
+"""The family of all tags."""
+
 TAG_SIZE = 0.065
 """The side of a tag's black square in metres."""
 

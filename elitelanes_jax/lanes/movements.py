@@ -25,7 +25,7 @@ BACK = 3
 def exit_heading(heading: Numeric, turn: Numeric) -> Numeric:
     """Returns the heading with which a movement leaves its tile.
 
-    All turns are known, `BACK` too.
+    `turn` may be `BACK`.
     """
     return (heading + 1 - turn) & 3
 
@@ -155,8 +155,10 @@ class LaneGraph(NamedTuple):
     def list_successors(self) -> list[list[int]]:
         """Returns the indices of the movements that continue each movement."""
         starts, ends = self.edges.T
-        first, end = (np.searchsorted(starts, ends, side) for side in ("left", "right"))
-        return [list(range(*span)) for span in np.stack([first, end], axis=1).tolist()]
+        # Movements are in the order of the nodes where they start, so those of a node are a range.
+        first = np.searchsorted(starts, ends, "left").tolist()
+        stop = np.searchsorted(starts, ends, "right").tolist()
+        return [list(range(*span)) for span in zip(first, stop, strict=True)]
 
     def list_predecessors(self) -> list[list[int]]:
         """Returns the indices of the movements that each movement continues."""
@@ -190,17 +192,17 @@ def lane_graph(codes: Codes, *, turn_back: bool = False) -> LaneGraph:
     """
     movements = movements_of(codes, turn_back=turn_back)
     if not movements.row.size:
-        raise no_road() if turn_back else no_lane()
+        raise no_road_error() if turn_back else no_lane_error()
     ends = [np.stack(node, axis=1) for node in (movements.node, movements.next_node)]
     nodes, indices = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
     return LaneGraph(LaneNode(*nodes.T), movements, indices.reshape(2, -1).T)
 
 
-def no_road() -> InputError:
+def no_road_error() -> InputError:
     """Makes the error for a map without links."""
     return InputError("grid: expected a road, two tiles that connect to each other, got none")
 
 
-def no_lane() -> InputError:
+def no_lane_error() -> InputError:
     """Makes the error for a map without movements."""
     return InputError("grid: expected a lane, a tile that connects to two others, got none")

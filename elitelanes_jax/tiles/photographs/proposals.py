@@ -18,7 +18,14 @@ from elitelanes_jax.tiles.photographs.outline import find_corners
 from elitelanes_jax.tiles.photographs.reading import Photograph
 from elitelanes_jax.tiles.photographs.registration import Fit, fit_view, largest_spread
 from elitelanes_jax.tiles.photographs.single import SIDES_OF_TILE, fit_tile
-from elitelanes_jax.tiles.photographs.views import Points, View, flatten, places_of, view_of
+from elitelanes_jax.tiles.photographs.views import (
+    Points,
+    View,
+    flatten,
+    floor_corners,
+    places_of,
+    view_of,
+)
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 SURE = 0.5
@@ -46,7 +53,7 @@ class Proposal(NamedTuple):
       codes: the codes of the tiles ``[H][W]``; 0 is a cell without a tile.
       sure: how sure each cell's code is ``[H][W]``, 0 to 1.
       score: how sure it is that the corners of every tile are within 1 % of a tile, 0 to 1.
-      evidence: what the score is made of, by name.
+      evidence: measurements by name. The score is made of most, the others are on the sheet.
       advice: what is wrong and what to do if the score is below `SURE`, otherwise empty.
     """
 
@@ -79,35 +86,49 @@ _CROPPED = (
 _MIRRORED = "the photograph is mirrored or shows left-hand traffic; do not flip it"
 _HIDDEN = "the tile's border is not seen; photograph it on a floor of another colour, or give its exact corners"
 
-# Limits at which a score is a half, their widths, and what to do below. A negative width is of an
-# upper limit. Measured on photographs of `experiments/perception/cutting.py`.
-_LIMITS: dict[str, dict[str, tuple[float, float, str]]] = {
+
+class _Limit(NamedTuple):
+    """Where evidence gives a score of one half, and what to do if it gives less.
+
+    Attributes:
+      value: the limit.
+      width: the width of the sigmoid; negative for an upper limit.
+      advice: what to do.
+    """
+
+    value: float
+    width: float
+    advice: str
+
+
+# Measured on photographs of `experiments/perception/cutting.py`.
+_LIMITS: dict[str, dict[str, _Limit]] = {
     "floor": {
-        "alike": (0.5, 0.03, _UNLIKE),
-        "out_of_square": (0.025, -0.004, _CROPPED),
-        "edge": (
+        "alike": _Limit(0.5, 0.03, _UNLIKE),
+        "out_of_square": _Limit(0.025, -0.004, _CROPPED),
+        "edge": _Limit(
             0.42,
             0.02,
             "no tiles are seen along one side of the floor; check the size, and give the corners",
         ),
-        "handed": (0.0, 0.03, _MIRRORED),
-        "repeats": (
+        "handed": _Limit(0.0, 0.03, _MIRRORED),
+        "repeats": _Limit(
             0.87,
             0.015,
             "the tiles do not repeat in this grid; check the size, take away what stands on them, and give the corners",
         ),
-        "spread": (
+        "spread": _Limit(
             0.009,
             -0.0008,
             "too few lines and too little of the border are seen; photograph it from closer",
         ),
     },
     "tile": {
-        "alike": (0.5, 0.03, _UNLIKE),
-        "out_of_square": (0.02, -0.003, _CROPPED),
-        "handed": (0.0, 0.03, _MIRRORED),
-        "contrast": (4.5, 0.1, _HIDDEN),
-        "spread": (0.006, -0.0006, _HIDDEN),
+        "alike": _Limit(0.5, 0.03, _UNLIKE),
+        "out_of_square": _Limit(0.02, -0.003, _CROPPED),
+        "handed": _Limit(0.0, 0.03, _MIRRORED),
+        "contrast": _Limit(4.5, 0.1, _HIDDEN),
+        "spread": _Limit(0.006, -0.0006, _HIDDEN),
     },
 }
 
@@ -149,7 +170,8 @@ def propose_tiles(
 
     Args:
       photograph: the photograph, from `read_photograph`.
-      shape: rows and columns of tiles. A single tile may lie in any direction.
+      shape: the rows and columns of tiles; those of `codes`, if they are given. A single tile may
+        lie in any direction.
       corners: the corners of all tiles in pixels ``[4, 2]``, clockwise from the first row's first
         tile, off by up to a tenth of a tile. By default they are found.
       codes: the codes of the map that is laid, ``[H, W]``, in any of the four directions. By
@@ -161,17 +183,19 @@ def propose_tiles(
       InputError: if corners cross, no tile is found, or the photograph is not uint8 ``[H, W, 3]``;
         and for a grey photograph without `codes`, unless `tiles` are grey too.
     """
-    check_named("photograph: image", check_picture, photograph.image)
-    shape = shape if codes is None else codes.shape
-    tiles = load_tiles() if tiles is None else tiles
-    quads = (
-        find_corners(photograph.image) if corners is None else [check_corners(photograph, corners)]
-    )
-    starts = [
-        start
-        for quad in quads
-        for start in _starts(photograph.image, quad, shape, codes, tiles, corners is None)
-    ]
+    image = photograph.image
+    check_named("photograph: image", check_picture, image)
+    if codes is not None:
+        shape = codes.shape
+    if tiles is None:
+        tiles = load_tiles()
+    if corners is None:
+        quads = find_corners(image)
+    else:
+        quads = [_check_corners(photograph, corners)]
+    starts: list[_Start] = []
+    for quad in quads:
+        starts += _starts(image, quad, shape, codes, tiles, corners is None)
     if not quads:
         raise InputError(
             f"{photograph.name}: expected tiles that stand out from the floor, found none; give their corners, or "
@@ -182,30 +206,48 @@ def propose_tiles(
         raise InputError(
             f"{photograph.name}: expected {floor}, found none; check the size, and give the corners"
         )
-    if codes is None and _is_grey(photograph.image):
+    if codes is None and _is_grey(image):
         _check_grey_tiles(photograph, tiles)
+    # The user's corners replace this evidence, see `_judge`.
+    ignored: set[str] = set()
+    if corners is not None:
+        ignored.add("out_of_square")
+    if not fit:
+        ignored.add("contrast")
     starts.sort(key=lambda start: -start.support)
     proposals = []
     for start in starts[: _STARTS if fit else 1]:
-        if not fit:
-            fitted = Fit(start.view, np.eye(9) * 1e-7, 1.0, np.ones(4))
-        elif shape == (1, 1):
-            fitted = fit_tile(photograph.image, start.view)
+        if fit:
+            fitted, kinds = _fit(image, start, shape, tiles, is_map=codes is not None)
         else:
-            fitted = fit_view(photograph.image, start.view, start.codes)
-        kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
-        read = _read_otherwise(kinds, start.codes, is_map=codes is not None)
-        if fit and shape != (1, 1) and read is not None:
-            # Cells were compared with cells of another kind.
-            fitted = fit_view(photograph.image, fitted.view, read)
-            kinds = _read(photograph.image, fitted.view, shape, tiles, within=True)
-        told = {"out_of_square"} if corners is not None else set[str]()
-        proposals.append(
-            _proposal(photograph, fitted, kinds, codes, told if fit else told | {"contrast"})
-        )
+            fitted = Fit(start.view, np.eye(9) * 1e-7, 1.0, np.ones(4))
+            kinds = _read(image, fitted.view, shape, tiles, within=True)
+        proposals.append(_proposal(photograph, fitted, kinds, codes, ignored))
         if proposals[-1].score > _ENOUGH:
             break
     return max(proposals, key=lambda proposal: proposal.score)
+
+
+def _fit(
+    image: NDArray[np.uint8],
+    start: _Start,
+    shape: tuple[int, int],
+    tiles: TileSet,
+    *,
+    is_map: bool,
+) -> tuple[Fit, Kinds]:
+    """Fits a view to the photograph, and reads the kinds in it."""
+    if shape == (1, 1):
+        fitted = fit_tile(image, start.view)
+        return fitted, _read(image, fitted.view, shape, tiles, within=True)
+    fitted = fit_view(image, start.view, start.codes)
+    kinds = _read(image, fitted.view, shape, tiles, within=True)
+    corrected = _corrected_codes(kinds, start.codes, is_map=is_map)
+    if corrected is not None:
+        # Cells were compared with cells of another kind.
+        fitted = fit_view(image, fitted.view, corrected)
+        kinds = _read(image, fitted.view, shape, tiles, within=True)
+    return fitted, kinds
 
 
 def _is_grey(image: NDArray[np.uint8]) -> bool:
@@ -223,7 +265,7 @@ def _check_grey_tiles(photograph: Photograph, tiles: TileSet) -> None:
         )
 
 
-def _read_otherwise(
+def _corrected_codes(
     kinds: Kinds, codes: NDArray[np.int8], *, is_map: bool
 ) -> NDArray[np.int8] | None:
     """Returns the codes of a fitted floor if they are others than those that it was fitted with, otherwise None.
@@ -236,11 +278,13 @@ def _read_otherwise(
         differs &= (kinds.margins > _SURELY) | (kinds.codes == 0)
         if differs.mean() > _FEW:
             return None
-    read = np.where(differs, kinds.codes, codes)
-    return read if differs.any() and read.any() else None
+    corrected = np.where(differs, kinds.codes, codes)
+    if differs.any() and corrected.any():
+        return corrected
+    return None
 
 
-def check_corners(photograph: Photograph, corners: Points) -> Points:
+def _check_corners(photograph: Photograph, corners: Points) -> Points:
     """Checks four corners in pixels ``[4, 2]``: in the photograph, clockwise, around a convex area."""
     points = np.asarray(corners, np.float64)
     if points.shape != (4, 2) or not np.isfinite(points).all():
@@ -264,7 +308,7 @@ def check_corners(photograph: Photograph, corners: Points) -> Points:
     return points
 
 
-def out_of_square(view: View) -> float:
+def _out_of_square(view: View) -> float:
     """Returns how far the tiles are from squares in space, 0 for squares: ratio of the sides, and angle in radians.
 
     The camera's axis is the photograph's middle, and its pixels are square. The focal length is
@@ -342,20 +386,18 @@ def _proposal(
     fit: Fit,
     kinds: Kinds,
     codes: NDArray[np.int8] | None,
-    told: Collection[str],
+    ignored: Collection[str],
 ) -> Proposal:
     laid = kinds.codes if codes is None else codes
     rows, columns = laid.shape
     height, width = photograph.image.shape[:2]
-    corners = fit.view.pixels_of(
-        np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
-    )
+    corners = fit.view.pixels_of(floor_corners(rows, columns))
     alike = _alike(kinds, laid)
     evidence = {
         "alike": float(alike[laid > 0].mean()) if laid.any() else 0.0,
         "repeats": fit.alike,
         "spread": largest_spread(fit, rows, columns),
-        "out_of_square": out_of_square(fit.view),
+        "out_of_square": _out_of_square(fit.view),
         "edge": _edge(alike * (laid > 0)),
         "handed": kinds.handed,
         "margin": float(kinds.margins.min()),
@@ -365,7 +407,7 @@ def _proposal(
     else:
         evidence["border"] = float(fit.border.min()) if len(fit.border) else 0.0
     sure = np.where(laid == kinds.codes, np.vectorize(_sigmoid)((kinds.margins - 0.06) / 0.02), 0.0)
-    score, advice = _judge(evidence, "tile" if laid.size == 1 else "floor", told)
+    score, advice = _judge(evidence, "tile" if laid.size == 1 else "floor", ignored)
     return Proposal(
         photograph.name,
         width,
@@ -386,37 +428,37 @@ def _edge(alike: NDArray[np.float64]) -> float:
     return float(min(edge.max() for edge in (alike[0], alike[-1], alike[:, 0], alike[:, -1])))
 
 
-def _judge(evidence: dict[str, float], kind: str, told: Collection[str]) -> tuple[float, str]:
+def _judge(evidence: dict[str, float], kind: str, ignored: Collection[str]) -> tuple[float, str]:
     """Returns the score of a proposal, and what to do about its weakest evidence.
 
-    Evidence that the user's corners replace, `told`, does not count: a cropped photograph looks as
+    Evidence that the user's corners replace, `ignored`, does not count: a cropped photograph looks as
     if its tiles were no squares, and exact corners need no contrast.
     """
-    limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in told}
+    limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in ignored}
     if kind == "floor":
         evidence, limits = _weigh_border(evidence, limits)
     sures = {
-        name: _sigmoid((evidence[name] - limit) / width)
-        for name, (limit, width, _) in limits.items()
+        name: _sigmoid((evidence[name] - limit.value) / limit.width)
+        for name, limit in limits.items()
     }
     weakest = min(sures, key=lambda name: sures[name])
     # Nothing else counts where there are no tiles at all, except that mirrored tiles look like none.
     reason = next((name for name in ("handed", "alike") if sures[name] < SURE), weakest)
-    return float(np.prod(list(sures.values()))), limits[reason][2]
+    return float(np.prod(list(sures.values()))), limits[reason].advice
 
 
 def _weigh_border(
-    evidence: dict[str, float], limits: dict[str, tuple[float, float, str]]
-) -> tuple[dict[str, float], dict[str, tuple[float, float, str]]]:
+    evidence: dict[str, float], limits: dict[str, _Limit]
+) -> tuple[dict[str, float], dict[str, _Limit]]:
     """Returns what the score of a floor is made of, and its limits, by how well the border is seen."""
     limits = dict(limits)
     if evidence["spread"] > _BORDER_TELLS:
         differ = max(1.0, (1 - evidence["repeats"]) / _DIFFER)
         evidence = evidence | {"spread": evidence["spread"] * differ}
     elif evidence["border"] >= _SEEN and evidence["out_of_square"] <= _SQUARE:
-        limits["repeats"] = (*_REPEATS_IF_SEEN, limits["repeats"][2])
+        limits["repeats"] = _Limit(*_REPEATS_IF_SEEN, limits["repeats"].advice)
     if evidence["border"] < _UNSEEN:
-        limits["spread"] = (*_SPREAD_IF_UNSEEN, limits["spread"][2])
+        limits["spread"] = _Limit(*_SPREAD_IF_UNSEEN, limits["spread"].advice)
     return evidence, limits
 
 

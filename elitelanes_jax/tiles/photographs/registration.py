@@ -25,7 +25,7 @@ from elitelanes_jax.tiles.photographs.borders import (
     outer_sides,
     shadow_width,
 )
-from elitelanes_jax.tiles.photographs.views import Points, View, flatten, places_of
+from elitelanes_jax.tiles.photographs.views import Points, View, flatten, floor_corners, places_of
 
 Field = NDArray[np.float32]
 
@@ -212,7 +212,7 @@ def solve_equations(
 
 def _is_seen(view: View, rows: int, columns: int) -> bool:
     """Returns whether a view is one of a convex floor near the photograph: a fit to nothing may leave it."""
-    corners = view.pixels_of(np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float))
+    corners = view.pixels_of(floor_corners(rows, columns))
     if not np.isfinite(corners).all() or np.abs(corners).max() > 4 * max(view.width, view.height):
         return False
     return (
@@ -223,8 +223,7 @@ def _is_seen(view: View, rows: int, columns: int) -> bool:
 
 def largest_spread(fit: Fit, rows: int, columns: int) -> float:
     """Returns the standard deviation of the least sure corner of a fitted floor, in tiles."""
-    corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
-    basis = _basis(fit.view, corners, rows, columns)
+    basis = _basis(fit.view, floor_corners(rows, columns), rows, columns)
     variances = np.einsum("icd,ij,jcd->c", basis, fit.spread, basis)
     return float(np.sqrt(variances.max()))
 

@@ -67,9 +67,14 @@ class View(NamedTuple):
         return float(np.hypot(self.width, self.height) / 2)
 
 
+def floor_corners(rows: int, columns: int) -> Points:
+    """Returns the corners of a floor in tiles, x and y ``[4, 2]``: clockwise, from the first row's first tile."""
+    return np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
+
+
 def view_of(corners: Points, rows: int, columns: int, width: int, height: int) -> View:
     """Returns the view, without distortion, in which a floor's corners are at pixels ``[4, 2]``, clockwise."""
-    places = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], np.float32)
+    places = floor_corners(rows, columns).astype(np.float32)
     homography = cv2.getPerspectiveTransform(places, np.asarray(corners, np.float32))
     return View(np.asarray(homography, np.float64), 0.0, width, height)
 

@@ -1,0 +1,43 @@
+"""Numbers and tables among values that were read from YAML."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from math import isfinite
+
+from elitelanes_jax._util.errors import InputError, brief
+from elitelanes_jax._util.types import Plain
+
+FALSE = ["false", "False", "FALSE", "no", "No", "NO", "off", "Off", "OFF"]
+"""What YAML 1.1 reads as false."""
+
+
+def table_of(value: Plain, name: str) -> dict[str, Plain]:
+    """Returns the table under a name; raises an `InputError` that starts with the name if there is none."""
+    inner = value.get(name) if isinstance(value, dict) else None
+    if not isinstance(inner, dict):
+        raise InputError(f"{name}: expected a table, got {brief(inner, 40)}")
+    return inner
+
+
+def real_of(values: Mapping[str, Plain], name: str, default: float | None = None) -> float:
+    """Returns the number under a name.
+
+    Raises:
+      InputError: if there is no finite number; the message starts with the name.
+    """
+    value = values.get(name, default)
+    with suppress(TypeError, ValueError):
+        # `float` also reads "1_000". The text of a list may be longer than the memory.
+        if not isinstance(value, list | dict) and "_" not in str(value):
+            number = float(value)
+            if isfinite(number):
+                return number
+    raise InputError(f"{name}: expected a number, got {brief(value, 40)}")
+
+
+def whole_of(values: Mapping[str, Plain], name: str) -> int:
+    """Returns the whole number under a name; raises as `real_of` does."""
+    number = real_of(values, name)
+    if not number.is_integer():
+        raise InputError(f"{name}: expected a whole number, got {number:g}")
+    return int(number)
