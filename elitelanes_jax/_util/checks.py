@@ -20,9 +20,10 @@ LARGEST = 2**30
 
 # The suffixes of files, which the name of a folder hardly has.
 _FILES = (
-    ".csv", ".gif", ".glb", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log", ".map", ".md",
-    ".npy", ".npz", ".osm", ".pdf", ".pkl", ".png", ".py", ".scen", ".svg", ".tar", ".toml", ".txt",
-    ".xml", ".xodr", ".yaml", ".yml", ".zip",
+    ".bin", ".csv", ".gif", ".glb", ".gltf", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log",
+    ".map", ".md", ".mjcf", ".netccfg", ".npy", ".npz", ".osm", ".pdf", ".pkl", ".png", ".py",
+    ".scen", ".svg", ".tar", ".toml", ".txt", ".usd", ".usda", ".xml", ".xodr", ".yaml", ".yml",
+    ".zip",
 )  # fmt: skip
 
 _LARGEST_INT32 = 2**31 - 1

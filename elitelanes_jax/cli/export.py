@@ -170,16 +170,20 @@ def _write_maps(
 
 
 def _names(files: Sequence[Path]) -> dict[Path, str]:
-    """Returns a file name for each map, without suffix: the part of its path that differs, 0003 for 0003/map.json."""
+    """Returns a file name for each map, without suffix: 0003 for maps/0003/map.json.
+
+    If two maps have the same name, all names begin with as many folders as tell the maps apart.
+    """
     stems = [_stem(file) for file in files]
-    root = os.path.commonpath([stem.parent for stem in stems])
-    files_by_name: dict[str, Path] = {}
-    for file, stem in zip(files, stems, strict=True):
-        name = "-".join(stem.relative_to(root).parts)
-        if name in files_by_name:
-            raise InputError(f"{file}: expected maps of different names, got two for {name}")
-        files_by_name[name] = file
-    return {file: name for name, file in files_by_name.items()}
+    folders_and_names = [stem.relative_to(stem.anchor).parts for stem in stems]
+    names: list[str] = []
+    for count in range(1, max(map(len, folders_and_names)) + 1):
+        names = ["-".join(parts[-count:]) for parts in folders_and_names]
+        if len(set(names)) == len(names):
+            return dict(zip(files, names, strict=True))
+    second = next(index for index in range(len(names)) if names[index] in names[:index])
+    got = f"two for {stems[second].name}"
+    raise InputError(f"{files[second]}: expected maps of different names, got {got}")
 
 
 def _stem(file: Path) -> Path:

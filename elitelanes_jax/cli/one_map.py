@@ -218,6 +218,7 @@ def _furnish(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.objects import check_objects
     from elitelanes_jax.lanes.curves import LANE_OFFSET
     from elitelanes_jax.maps.furnishing.placing import furnish
+    from elitelanes_jax.maps.furnishing.signs import crossings
     from elitelanes_jax.maps.furnishing.spec import parse_furnish
 
     spec = check_named(
@@ -236,5 +237,8 @@ def _furnish(options: argparse.Namespace) -> int:
         furnished = furnish(road_map, spec, seed=options.seed, lane_offset=lane_offset)
     with never_replacing(options.out):
         furnished.save(options.out)
-    say(f"{pluralize(len(furnished.objects or ()), 'object')} in {options.out}")
+    placed = f"{pluralize(len(furnished.objects or ()), 'object')} in {options.out}"
+    if spec.signs != "none" and not crossings(furnished.codes):
+        placed += "; no signs, because the map has no crossing"
+    say(placed)
     return 0

@@ -287,7 +287,7 @@ def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]])
     try:
         if is_yaml:
             return parse(_values_of_yaml(text))
-        return parse(_values_of_json(text))
+        return parse(_values_of_json(text, suffix))
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except RecursionError:
@@ -318,12 +318,16 @@ def _values_of_yaml(text: str) -> Plain:
     return {"codes": codes, "objects": objects}
 
 
-def _values_of_json(text: str) -> Plain:
+def _values_of_json(text: str, suffix: str) -> Plain:
+    """Reads the values of a JSON file. `suffix` is of its name, for messages."""
     try:
         return parse_json(text)
     except InputError:
         raise
     except ValueError as error:
+        if suffix not in ("", ".json") and not text.lstrip().startswith(("{", "[")):
+            expected = "a map, JSON or Duckietown's .yaml"
+            raise InputError(f"expected {expected}, got {suffix} without JSON") from None
         # The error of JSON, or of a number with too many digits.
         raise InputError(f"expected a readable JSON file, got: {error}") from None
 

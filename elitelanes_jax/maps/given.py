@@ -135,9 +135,10 @@ def map_files(source: Path) -> list[Path]:
     if not files and not (source / "run.json").exists():
         files = [entry for entry in sorted(source.iterdir()) if _may_be_map(entry)]
     if not files:
-        raise InputError(
-            f"{source}: expected a folder with map.json or other files of maps in it, got one without"
-        )
+        folders = [str(entry) for entry in sorted(source.iterdir()) if _may_have_maps(entry)]
+        hint = f"; name {list_some(folders, 3)}" if folders else ""
+        expected = "a folder with map.json or other files of maps in it"
+        raise InputError(f"{source}: expected {expected}, got one without{hint}")
     if not (source / "run.json").exists():
         _announce_unread(source, files)
     return files

@@ -83,6 +83,26 @@ def test_sumo_has_four_files_for_each_map(maps, tmp_path):
     assert texts == to_sumo(GRID, "0001", Streets(0.585, 0.222, 0.3, "right_before_left"))
 
 
+@pytest.mark.parametrize(
+    ("files", "written"),
+    [
+        ("a.json b/c.json", "a c"),
+        ("a.json maps/0/map.json maps/1/map.json", "0 1 a"),
+        ("a/maps/0/map.json b/maps/0/map.json b/maps/1/map.json", "a-maps-0 b-maps-0 b-maps-1"),
+        ("a.json a/a.json", "a-a TOP-a"),
+    ],
+)
+def test_names_have_the_folders_that_tell_maps_apart(files, written, tmp_path, monkeypatch):
+    top = tmp_path / "TOP"
+    top.mkdir()
+    monkeypatch.chdir(top)
+    for file in files.split():
+        Path(file).parent.mkdir(parents=True, exist_ok=True)
+        RoadMap(GRID).save(file)
+    assert main(["export", *files.split(), "--to", "opendrive", "--out", "out"]) == 0
+    assert sorted(file.stem for file in Path("out").iterdir()) == sorted(written.split())
+
+
 def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
     out = str(tmp_path / "out")
     same, strange = (str(tmp_path / "maps" / name) for name in ("0000.json", "a\nmap.json"))

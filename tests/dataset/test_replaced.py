@@ -76,3 +76,11 @@ def test_a_folder_with_anything_else_is_never_removed(add, found, folder, capsys
     assert main(["dataset", "--maps", "12", "--size", "5", "--seed", "1", "--force", "--out", str(folder)]) == 2
     assert f"expected a folder with files of an earlier run alone, got one with {found}" in capsys.readouterr().err
     assert files(folder) == before
+
+
+@pytest.mark.parametrize("given", [str, Path])
+def test_a_dataset_whose_maps_are_taken_is_not_replaced_by_them(given, folder):
+    before = files(folder)
+    with pytest.raises(InputError, match="^.*out: expected a folder to replace that contains no input, got one with"):
+        make_dataset(small(maps_from=given(folder), seed=1), folder, force=True)
+    assert files(folder) == before
