@@ -170,8 +170,8 @@ def _is_list_of(value: UserValue, origin: UserValue, parts: tuple[UserValue, ...
     if not hasattr(value, "__len__"):  # a generator, whose items are gone once they are seen
         return True
     has_fixed_length = origin is tuple and ... not in parts
-    if has_fixed_length and len(value) != len(parts):
-        return False
+    if has_fixed_length:
+        return len(value) == len(parts) and all(map(_fits, value, parts))
     return all(_fits(item, parts[0]) for item in value)
 
 

@@ -59,6 +59,7 @@ def write_submission(file: str | Path, submission: Submission) -> None:
     write_atomic(out, content.getvalue())
 
 
+@name_wrong_arguments
 def read_submission(file: str | Path) -> Submission:
     """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
     names = ("version", "task", "grids")

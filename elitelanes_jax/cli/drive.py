@@ -80,30 +80,27 @@ def _drive(options: argparse.Namespace) -> int:
         rides_shown = 1
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     warn_of_faults(str(options.map), road_map)
-    policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
+    policy = options.policy
+    if isinstance(policy, Path):
+        policy = load_policy(policy)
     use_compile_cache()
     try:
         chosen = recall_choice(road_map, tiles)
-        chosen = choose_tiles(road_map.codes, tiles) if chosen is None else chosen
+        if chosen is None:
+            chosen = choose_tiles(road_map.codes, tiles)
         settings = {"policy": policy, "seconds": options.seconds, "seed": options.seed}
         rides = make_rides(road_map.codes, rides_shown, tiles=tiles, **settings)
     except InputError as error:
         message = str(error)
-        raise InputError(
-            f"--{message}" if message.startswith("policy:") else f"{options.map}: {message}"
-        ) from None
+        source = "--" if message.startswith("policy:") else f"{options.map}: "
+        raise InputError(source + message) from None
+    look = {"tile_px": options.tile_px, "chosen": chosen}
     with never_replacing(options.out):
         if kind == ".png":
-            write_atomic(
-                options.out,
-                png_of(trails(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)),
-            )
+            write_atomic(options.out, png_of(trails(road_map, tiles, rides, **look)))
         else:
-            write_film(
-                options.out, film(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)
-            )
+            write_film(options.out, film(road_map, tiles, rides, **look))
     reached, count = int(rides.success.sum()), len(rides.success)
-    say(
-        f"{reached} of {count} goals reached, {rides.steps.sum() / 30:.1f} s driven, in {options.out}"
-    )
+    driven = f"{rides.steps.sum() / 30:.1f} s driven"
+    say(f"{reached} of {count} goals reached, {driven}, in {options.out}")
     return 0

@@ -83,21 +83,20 @@ def _masks(options: argparse.Namespace) -> int:
         for proposal in proposals
         for mask in proposal.proposed
     }
-    replaced = [file for file in masks if file.exists()]
-    kept_as = [_keep(file) for file in (*replaced, *([sheet] if sheet.exists() else []))]
+    kept_as = [_keep(file) for file in masks if file.exists()]
+    if sheet.exists():
+        _keep(sheet)
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
-    kept = len(_MASKED) * len(proposals) - len(masks)
-    say(
-        f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')} in {options.folder}"
-        + (f", {kept} existing ones unchanged" if kept else "")
-        + (
-            f", {len(replaced)} replaced and kept as {kept_as[0].name} and the like"
-            if replaced
-            else ""
-        )
-        + f"; all are on {sheet}\n"
-        f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
-    )
+    unchanged = len(_MASKED) * len(proposals) - len(masks)
+    written = f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')}"
+    written += f" in {options.folder}"
+    if unchanged:
+        written += f", {unchanged} existing ones unchanged"
+    if kept_as:
+        written += f", {len(kept_as)} replaced and kept as {kept_as[0].name} and the like"
+    say(f"{written}; all are on {sheet}")
+    next_command = f"elitelanes tiles check {options.folder}"
+    say(f"correct them by hand in any picture editor, then: {next_command}")
     return 0
 
 

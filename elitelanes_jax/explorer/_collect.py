@@ -103,7 +103,7 @@ def _collect_files(
             for folder in _run_folders(source):
                 runs.append(read_run(folder))
                 recorded_tiles = recorded_tiles or _find_tiles(folder, runs[-1])
-        elif source.suffix == ".npz":
+        elif source.suffix.lower() == ".npz":
             runs.append(read_archive(source, source.stem))
         else:
             maps += _named_maps(source)
