@@ -13,9 +13,11 @@ import sys
 def run() -> None:
     """Runs the command line of the process."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)  # not on every system
+        # Not every system has all three.
+        number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda *_: os._exit(130))  # until `leave` has its own
+            # This holds until `leave` has its own handlers.
+            signal.signal(number, lambda *_: os._exit(130))
     # Most objects made while modules load and JAX traces are kept. Looking for garbage took a fifth
     # of that time. The modules have some 200,000 objects.
     gc.set_threshold(400_000)

@@ -187,10 +187,12 @@ def archive_map(
     from elitelanes_jax.problem.descriptor import parse_axes
 
     source: UserValue = fitness
-    if hasattr(source, "elites"):  # a result
+    if hasattr(source, "elites"):
+        # The source is a result.
         fitness = source.elites.fitness
         axes = source.search.axes if axes is None else axes
-    elif hasattr(source, "fitness"):  # elites
+    elif hasattr(source, "fitness"):
+        # The source is a result's elites.
         fitness = source.fitness
     if axes is None:
         raise InputError(
@@ -274,7 +276,8 @@ def _label_columns(ax: "Axes", axis: "Axis") -> None:
 
 def _label_rows(ax: "Axes", axes: "Sequence[Axis]") -> None:
     """Labels the rows by their bins on the axes down, and draws lines between the groups of the last one."""
-    if not axes:  # the descriptor has one axis
+    if not axes:
+        # The descriptor has one axis.
         ax.set_yticks([])
         return
     names = [axis.metric.replace("_", _HARD_SPACE) for axis in axes]

@@ -91,7 +91,8 @@ def _find_wrong(
     """Returns a message about the arguments that caused an error; None if it may have another cause."""
     try:
         bound = signature(function).bind(*args, **kwargs)
-    except TypeError:  # other parameters; Python's message says so
+    except TypeError:
+        # The arguments are for other parameters, as Python's message says.
         return None
     for parameter, value in _arguments(bound):
         if value is not parameter.default and not _fits(value, parameter.annotation):
@@ -167,7 +168,8 @@ def _is_list_of(value: UserValue, origin: UserValue, parts: tuple[UserValue, ...
     is_several = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
     if not is_several or getattr(value, "ndim", 1) == 0:
         return False
-    if not hasattr(value, "__len__"):  # a generator, whose items are gone once they are seen
+    if not hasattr(value, "__len__"):
+        # The items of a generator are gone once they are seen.
         return True
     has_fixed_length = origin is tuple and ... not in parts
     if has_fixed_length:
@@ -181,19 +183,23 @@ def _is_key(value: UserValue) -> bool:
 
 def _is_array(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
     """Returns whether a value is an array of numbers or can be one; the annotation may say how many axes."""
-    value = getattr(value, "codes", value)  # of a map
+    # A map stands for its codes.
+    value = getattr(value, "codes", value)
     dtypes = getattr(annotation, "dtypes", ())
     if "prng_key" in dtypes:
         return _is_key_array(value, annotation, batch)
     try:
         array = value if hasattr(value, "dtype") else np.asarray(value)
-    except ValueError:  # lists of several lengths
+    except ValueError:
+        # The value is a list of lists of several lengths.
         return False
     takes_whole = bool(dtypes) and all("int" in dtype for dtype in dtypes)
-    kinds = "biuV" if takes_whole else "biufV"  # V: the float types of JAX that NumPy does not know
+    # V stands for the float types of JAX that NumPy does not know.
+    kinds = "biuV" if takes_whole else "biufV"
     if _is_key(array) or array.dtype.kind not in kinds:
         return False
-    if not array.size and array is not value:  # an empty list
+    if not array.size and array is not value:
+        # An empty list has no numbers, and an empty array has a dtype.
         return False
     return _has_axes(annotation, array.ndim, batch)
 

@@ -46,7 +46,8 @@ _LOST = {
 _OURS = (InputError, NotEnoughMapsError, NotEnoughMemoryError, OSError)
 
 
-@runtime_checkable  # for type checks while tests run
+# Type checks in tests ask whether an object is an `Engine`.
+@runtime_checkable
 class Engine(Protocol):
     """What divides work among workers: a `concurrent.futures.Executor`, or another class with its `submit`."""
 
@@ -122,7 +123,8 @@ def call_on_workers(
       ConnectionError: if the executor lost a call.
     """
     payload, versions = _dump(function), installed_versions(*packages)
-    together = getattr(executor, "batch", nullcontext)  # Submitit's, which makes an array of jobs
+    # Submitit's executor has such a method, which makes one array of jobs.
+    together = getattr(executor, "batch", nullcontext)
     running: dict[int, Untyped] = {}
     first, pause = 0, _SOON
     try:
@@ -239,7 +241,8 @@ def _add_worker(error: Exception) -> Exception:
     worker = platform.node()
     try:
         error = pickle.loads(pickle.dumps(error))
-    except Exception:  # of the user's class
+    except Exception:
+        # The error's class is the user's, and its pickling can fail in any way.
         error = RuntimeError(f"worker {worker}: {type(error).__name__}: {error}")
     error.__notes__ = [f"on the worker {worker}", place]
     return error

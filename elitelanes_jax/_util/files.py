@@ -24,7 +24,8 @@ KIB, MIB = 2**10, 2**20
 # For a key of 20,000 parts, such as a.a.a, Python's reader takes 1.5 GB.
 _LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*"|'[^'\n]*')[ \t]*+\.[ \t]*+){32}""")
 
-_KEPT: ContextVar[Path | None] = ContextVar("kept", default=None)  # the file of `never_replacing`
+# The file that `never_replacing` protects.
+_KEPT: ContextVar[Path | None] = ContextVar("kept", default=None)
 
 
 def read_bytes(file: str | Path, limit: int) -> bytes:
@@ -74,11 +75,13 @@ def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
         if _LONG_KEY.search(text):
             raise ValueError("a key of more than 32 parts")
         return tomllib.loads(text)
-    except InputError:  # a large file
+    except InputError:
+        # The file is too large, and the message names it.
         raise
     except OSError as error:
         raise InputError(f"{source}: {reason(error)}") from None
-    except (ValueError, RecursionError) as error:  # of TOML, or of UTF-8
+    except (ValueError, RecursionError) as error:
+        # TOML has a `TOMLDecodeError`, and UTF-8 a `UnicodeDecodeError`; both are a ValueError.
         raise InputError(f"{source}: expected TOML, got {shorten(str(error))}") from None
 
 
@@ -100,7 +103,11 @@ def _refuse(number: str) -> NoReturn:
 
 
 def _finite(number: str) -> float:
-    return value if isfinite(value := float(number)) else _refuse(number)  # 1e400 is infinite
+    value = float(number)
+    if not isfinite(value):
+        # A number such as 1e400 is infinite.
+        _refuse(number)
+    return value
 
 
 @contextmanager
@@ -112,9 +119,12 @@ def new_file(file: Path) -> Iterator[Path]:
     symbolic link is followed. An `OSError` names `file`, and no part of the file is left.
     """
     target = Path(os.path.realpath(file)) if file.is_symlink() else file
-    # "." has no parent to write a part in. A link that leads to itself stays one.
-    if wrong := errno.EISDIR if not file.name else errno.ELOOP if target.is_symlink() else 0:
-        raise OSError(wrong, os.strerror(wrong), str(file))
+    if not file.name:
+        # "." has no parent to write a part in.
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
+    if target.is_symlink():
+        # A link that leads to itself stays one.
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(file))
     # Cut, because a name has at most 255 bytes, and a character up to four.
     part = target.with_name(f".{target.stem[:20]}-{os.urandom(4).hex()}.part{target.suffix[:12]}")
     try:
@@ -126,8 +136,10 @@ def new_file(file: Path) -> Iterator[Path]:
         part.replace(target)
     except OSError as error:
         if error.filename not in (None, str(part)) and not target.is_relative_to(error.filename):
-            raise  # the block wrote another file
-        if isinstance(error, FileExistsError):  # a parent folder's name is a file's
+            # The block wrote another file.
+            raise
+        if isinstance(error, FileExistsError):
+            # A file has the name of a parent folder.
             error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         raise OSError(error.errno, error.strerror, str(file)) from None
     finally:
@@ -154,15 +166,15 @@ def free_name(path: Path, name: str) -> Path:
 
 def check_new(file: Path) -> None:
     """Raises `InputError` if a file of this name exists, or a symbolic link that leads nowhere."""
-    if file.exists() or file.is_symlink():
-        got = (
-            "a folder"
-            if file.is_dir()
-            else "an existing one"
-            if file.exists()
-            else "a link that leads nowhere"
-        )
-        raise InputError(f"{file}: expected a new file, got {got}")
+    if file.is_dir():
+        got = "a folder"
+    elif file.exists():
+        got = "an existing one"
+    elif file.is_symlink():
+        got = "a link that leads nowhere"
+    else:
+        return
+    raise InputError(f"{file}: expected a new file, got {got}")
 
 
 def copy_mode(old: Path, new: Path) -> None:

@@ -28,10 +28,15 @@ _LOCK, _SETTINGS, _KEPT, _FILES, _REPLACED = "lock", "settings.json", "kept", "f
 
 
 class Unfinished(NamedTuple):
-    """The folders of unfinished work."""
+    """The folders of unfinished work.
 
-    files: Path  # a folder for the files; it becomes the output folder
-    # A folder for what the next run resumes from; it is deleted when the output folder is complete.
+    Attributes:
+      files: a folder for the files; it becomes the output folder.
+      kept: a folder for what the next run resumes from; it is deleted when the output folder is
+        complete.
+    """
+
+    files: Path
     kept: Path
 
 
@@ -71,7 +76,8 @@ def output_folder(
     """
     try:
         asked, out = out, Path(os.path.realpath(out))
-    except OSError as error:  # the current folder was deleted
+    except OSError as error:
+        # The current folder was deleted.
         raise unwritable_error(out, error) from None
     if out.is_symlink():
         raise InputError(f"{asked}: expected a folder, got a link that leads to itself")
@@ -103,19 +109,23 @@ def output_folder(
                 elif mine and not resume_files:
                     _clear(work.files)
     except OSError as error:
-        if error.errno is None:  # not of the system
+        if error.errno is None:
+            # The error does not come from the system.
             raise
         file = str(error.filename or asked).replace(str(work.files), str(asked))
         raise OSError(error.errno, error.strerror, file) from None
     finally:
-        for folder in (hidden, *([] if done else missing)):  # the deepest first
-            with suppress(OSError):  # it is not empty
+        for folder in (hidden, *([] if done else missing)):
+            # The deepest folder goes first.
+            with suppress(OSError):
+                # A folder with files stays.
                 folder.rmdir()
 
 
 def has_unfinished(out: str | Path) -> bool:
     """Returns whether the next run for a folder resumes unfinished work."""
-    with suppress(OSError):  # what cannot be read cannot be resumed
+    with suppress(OSError):
+        # What cannot be read cannot be resumed.
         return _has_work(_hidden(Path(os.path.realpath(out))))
     return False
 
@@ -128,7 +138,8 @@ def settle(out: str | Path) -> None:
         # Another process that holds it does the rest.
         with suppress(InputError), locked(hidden, out):
             _settle(hidden, out)
-        with suppress(OSError):  # there is other work
+        with suppress(OSError):
+            # A folder with other work stays.
             hidden.rmdir()
 
 
@@ -138,7 +149,8 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
 
     A folder that did not exist is made, and removed at the end if it is empty.
     """
-    from filelock import FileLock, Timeout  # it takes 50 ms to load
+    # Imported here, because loading it takes 50 ms.
+    from filelock import FileLock, Timeout
 
     new, lock = not folder.exists(), FileLock(folder / _LOCK)
     try:
@@ -163,7 +175,8 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
                     # An interruption of this process, which may go on, leaves no lock.
                     lock.release(force=True)
         if new:
-            with suppress(OSError):  # it is not empty
+            with suppress(OSError):
+                # A folder with files stays.
                 folder.rmdir()
 
 
@@ -244,9 +257,11 @@ def remove(path: Path) -> None:
 
 def _hidden(out: Path) -> Path:
     name, whole = out.name, os.fsencode(out.name)
-    if len(whole) > 255 - len(".-unfinished"):  # a name has at most 255 bytes
+    if len(whole) > 255 - len(".-unfinished"):
+        # A name has at most 255 bytes.
         name = f"{name[:50]}-{sha256(whole).hexdigest()[:16]}"
-    return out.parent / f".{name}-unfinished"  # the root has no name
+    # The root has no name.
+    return out.parent / f".{name}-unfinished"
 
 
 def _check_replaceable(
@@ -302,7 +317,8 @@ def _resume(
         folder.mkdir(exist_ok=True)
     if not resume_files:
         _clear(files)
-    for part in files.rglob(".*.part*"):  # a kill left it
+    for part in files.rglob(".*.part*"):
+        # A kill left this part of a file.
         part.unlink()
 
 

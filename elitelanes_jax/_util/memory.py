@@ -13,7 +13,8 @@ def free_memory() -> int:
 
     free = [psutil.virtual_memory().available, *_of_groups()]
     with suppress(ImportError, OSError):
-        import resource  # not on every system
+        # Not every system has this module.
+        import resource
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
         if limit != resource.RLIM_INFINITY:
@@ -45,16 +46,11 @@ def _of_groups() -> Iterator[int]:
         for folder in (group, *group.parents):
             if not folder.is_relative_to(_GROUPS):
                 break
-            with suppress(OSError, ValueError, StopIteration):  # "max" is no limit
-                limit, taken = (
-                    int((folder / f"memory.{name}").read_text()) for name in ("max", "current")
-                )
+            with suppress(OSError, ValueError, StopIteration):
+                # The word "max" instead of a number means no limit.
+                limit = int((folder / "memory.max").read_text())
+                taken = int((folder / "memory.current").read_text())
                 stat = (folder / "memory.stat").read_text().splitlines()
+                pages = next(line for line in stat if line.startswith("inactive_file "))
                 # The system frees pages of files when memory is needed.
-                yield (
-                    limit
-                    - taken
-                    + int(
-                        next(line for line in stat if line.startswith("inactive_file ")).split()[1]
-                    )
-                )
+                yield limit - taken + int(pages.split()[1])

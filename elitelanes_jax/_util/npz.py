@@ -45,7 +45,8 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
     """Returns the JSON values of a file, or None, and its arrays by name; raises `InputError` if it cannot be read."""
     try:
         with Path(path).open("rb") as stream:
-            if stream.read(2) != b"PK":  # NumPy would read a single array, or a pickle
+            if stream.read(2) != b"PK":
+                # NumPy would read a single array, or a pickle.
                 raise zipfile.BadZipFile("no archive of arrays")
             with zipfile.ZipFile(stream) as members:
                 size = sum(member.file_size for member in members.infolist())

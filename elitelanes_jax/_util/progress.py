@@ -21,9 +21,12 @@ from elitelanes_jax._util.interruption import raise_if_interrupted
 # drawing in a terminal.
 _REDRAW, _LINES, _DELAY = 0.2, 30.0, 1.0
 
-_quiet: bool | None = None  # whether the running command is quiet; None outside of commands
-_running: list["Progress"] = []  # the outermost work first
-_last_line = 0.0  # the time when the last line was printed
+# Whether the running command is quiet; None outside of commands.
+_quiet: bool | None = None
+# The outermost work comes first.
+_running: list["Progress"] = []
+# The time when the last line was printed.
+_last_line = 0.0
 # What the running command says of files at its end, by their names.
 _at_end: dict[str, list[str]] = {}
 
@@ -58,7 +61,8 @@ def announce(text: str) -> None:
             work.display is not None and work.display.redraws and work.display.drawn
             for work in _running
         )
-        with suppress(OSError, ValueError):  # a closed stream must not stop the work
+        with suppress(OSError, ValueError):
+            # A closed stream must not stop the work.
             print(("\r\x1b[K" if drawn else "") + text, file=sys.stderr, flush=True)
 
 
@@ -96,7 +100,8 @@ class Progress:
         self.display: _Display | None = None
         self._name, self._total, self._unit, self._done = name, total, unit, done
         self._note, self._step = "", ""
-        self._since, self._first = time.monotonic(), done  # for the remaining time
+        # The remaining time follows from what was done since.
+        self._since, self._first = time.monotonic(), done
         self._shown = shown
 
     def update(self, done: int, note: str = "") -> None:
@@ -168,7 +173,8 @@ class _Display(Thread):
         self.start()
 
     def run(self) -> None:
-        with suppress(OSError, ValueError):  # a closed stream must not stop the work
+        with suppress(OSError, ValueError):
+            # A closed stream must not stop the work.
             while True:
                 with suppress(Empty):
                     self._ended.get(timeout=max(self._wait(), 0))
@@ -197,7 +203,8 @@ class _Display(Thread):
         global _last_line
         text, columns = "; ".join(map(str, list(_running))), 100
         if self.redraws:
-            with suppress(OSError, ValueError):  # a notebook has none
+            with suppress(OSError, ValueError):
+                # The stream of a notebook has no terminal.
                 columns = os.get_terminal_size(self._stream.fileno()).columns or columns
             text = text[: columns - 1]
             print("\r" + text.ljust(self._width), end="", file=self._stream, flush=True)

@@ -17,9 +17,12 @@ from elitelanes_jax._util.errors import InputError
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_started = False  # whether JAX had started when this process forked
-_forked = False  # whether this process was forked from one in which JAX had started
-_opencv_threads: int | None = None  # the threads of OpenCV when this process forked
+# Whether JAX had started when this process forked.
+_started = False
+# Whether this process was forked from one in which JAX had started.
+_forked = False
+# The number of OpenCV's threads when this process forked.
+_opencv_threads: int | None = None
 
 
 def runs_jax(function: Callable[P, R]) -> Callable[P, R]:
@@ -84,7 +87,8 @@ def _stop_opencv() -> None:
     """
     global _opencv_threads
     cv2 = sys.modules.get("cv2")
-    if cv2 is not None and hasattr(cv2, "setNumThreads"):  # another thread may be importing it
+    if cv2 is not None and hasattr(cv2, "setNumThreads"):
+        # Another thread may be importing OpenCV, which then lacks its functions.
         _opencv_threads = cv2.getNumThreads()
         cv2.setNumThreads(1)
 
@@ -95,7 +99,8 @@ def _continue_opencv() -> None:
         sys.modules["cv2"].setNumThreads(_opencv_threads)
 
 
-if hasattr(os, "register_at_fork"):  # not on Windows
+if hasattr(os, "register_at_fork"):
+    # Windows has no fork.
     os.register_at_fork(
         before=_stop_opencv, after_in_parent=_continue_opencv, after_in_child=_continue_opencv
     )

@@ -10,7 +10,8 @@ from elitelanes_jax._util.files import write_atomic
 SUMS = "SHA256SUMS"
 """The file with the checksums of the other files in its folder."""
 
-_DIGITS = 64  # of a checksum; two spaces follow, and the path
+# The digits of a checksum. Two spaces follow it, and the path.
+_DIGITS = 64
 
 
 def write_sums(folder: Path) -> None:

@@ -31,7 +31,8 @@ def use_cores(count: int) -> None:
 
 def count_cores() -> int:
     """Returns the number of cores that this process may use, at most the limit of `use_cores`."""
-    known = hasattr(os, "sched_getaffinity")  # not on macOS and Windows
+    # macOS and Windows lack this function.
+    known = hasattr(os, "sched_getaffinity")
     cores = len(os.sched_getaffinity(0)) if known else os.cpu_count() or 1
     return min(cores, _limit or cores)
 
@@ -112,6 +113,7 @@ def side_by_side(
         for _ in threads:
             jobs.put(None)
         for thread in threads if joins else ():
-            if thread.is_alive():  # a thread whose start was interrupted is not
+            if thread.is_alive():
+                # A thread whose start was interrupted does not live, and cannot be joined.
                 thread.join()
     return [values[index] for index in range(count)]

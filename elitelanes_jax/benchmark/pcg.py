@@ -24,7 +24,8 @@ VARIANTS = {"roads-v0": "7x7B", "roads-filled-v0": "7x7A", "roads-large-v0": "12
 DIVERSITY = 0.4
 """The share of the cells by which two networks differ if they count as different."""
 
-_PIXELS = 16  # the side of a tile in a picture
+# The side of a tile in a picture, in pixels.
+_PIXELS = 16
 _GRASS, _ASPHALT = (96, 128, 72), (64, 64, 64)
 
 _Info = Mapping[str, Any]

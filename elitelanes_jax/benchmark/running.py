@@ -45,7 +45,8 @@ class Measured(NamedTuple):
 Search = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
 """A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch."""
 
-_ENDED = object()  # what a search that has ended yields
+# Stands for the batch of a search that has ended.
+_ENDED = object()
 
 
 @name_wrong_arguments
@@ -79,7 +80,8 @@ def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUN
 def _check_seeds(seeds: int | Iterable[int]) -> list[int]:
     """Returns the seeds: those given, or as many as a number says."""
     if hasattr(seeds, "tolist"):
-        seeds = seeds.tolist()  # of an array without axes: a number
+        # An array without axes becomes a number.
+        seeds = seeds.tolist()
     numbers = (
         list(seeds)
         if isinstance(seeds, Iterable)
@@ -116,7 +118,8 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
         except StopIteration:
             batch = _ENDED
     search.close()
-    while len(at_budgets) < len(budgets):  # the search ended early
+    while len(at_budgets) < len(budgets):
+        # The search ended before it had spent its budget.
         at_budgets.append(archive.grids)
     return np.stack(at_budgets)
 
@@ -127,7 +130,8 @@ class _Archive:
     def __init__(self, task: Task) -> None:
         niches = task.shape[0] * task.shape[1]
         self.grids = np.zeros((niches, *task.shape), np.int8)
-        self._ranks = [(np.inf, np.inf)] * niches  # flaws and fitness
+        # The flaws and the fitness of each niche's grid.
+        self._ranks = [(np.inf, np.inf)] * niches
 
     def insert(self, codes: Int8[np.ndarray, "H W"], measured: Measured, number: int) -> None:
         """Keeps a grid if it is better than its niche's; `measured` has the figures of its batch."""

@@ -26,7 +26,8 @@ LEAST_RUNS = 10
 """The smallest number of runs, each from another seed."""
 
 _BATCH = 4096
-_MOST_BYTES = 2**29 - 2**12  # of the grids; `unpack` reads 2**29 bytes on any machine
+# The largest size of the grids: `unpack` reads 2**29 bytes on any machine.
+_MOST_BYTES = 2**29 - 2**12
 
 
 class Submission(NamedTuple):

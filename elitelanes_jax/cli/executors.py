@@ -86,11 +86,13 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
 @contextmanager
 def _open_dask(address: str) -> Iterator[Engine]:
     distributed = import_optional("distributed", "--dask needs Dask", "dask distributed")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are one line of ours
+    # Dask would log errors that the command says in one line.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         asyncio.run(_shake_hands(distributed, address))
         client = distributed.Client(address, timeout=_ANSWER)
-    except Exception as error:  # another program at this address can answer anything
+    except Exception as error:
+        # Another program at this address can answer anything.
         expected = "expected the address of a Dask scheduler that answers, such as tcp://host:8786"
         reason = shorten(str(error) or f"no answer in {_ANSWER} s", 100)
         raise InputError(f"--dask: {expected}, got {address!r}: {reason}") from None
@@ -128,7 +130,8 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
     logging.getLogger("submitit").setLevel(logging.CRITICAL)
     values: UserValue = {}
     try:
-        words = shlex.split(text)  # a value with spaces is quoted
+        # A value with spaces is quoted.
+        words = shlex.split(text)
     except ValueError:
         raise InputError(f"--slurm: expected quotes in pairs, got {text!r}") from None
     for word in words:
@@ -162,6 +165,7 @@ def _value_of(option: str, text: str) -> UserValue:
         return text == "True"
     for kind in (int, float):
         with suppress(ValueError):
-            if str(kind(text)) == text:  # 007 is a name
+            if str(kind(text)) == text:
+                # A text such as 007 is a name.
                 return kind(text)
     return text

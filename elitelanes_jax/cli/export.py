@@ -36,7 +36,8 @@ from elitelanes_jax.maps.exporting import (
 )
 from elitelanes_jax.maps.faults import warn_of_faults
 
-_TABLE = "csv"  # the format of a table of metrics, which has one file for all maps
+# The format of a table of metrics, which has one file for all maps.
+_TABLE = "csv"
 
 
 def add_export(commands: Commands) -> None:
@@ -115,7 +116,8 @@ def _export_files(options: argparse.Namespace, target: Format, settings: FormatO
     """Writes the files of a format for each map."""
     with naming_options(FormatOptions(), tile="--tile-size"):
         loaded = settings.loaded()
-        target.files(LOOP, "map", **loaded)  # refuses bad options before any map is read
+        # Writing a small map refuses bad options before any map is read.
+        target.files(LOOP, "map", **loaded)
     maps = {file: read_map(file) for file in options.maps}
     _write_maps(maps, target, loaded, options.out)
     for file, road_map in maps.items():

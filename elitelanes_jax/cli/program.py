@@ -69,7 +69,8 @@ def _has_devices() -> bool:
 
     try:
         return bool(jax.devices())
-    except Exception:  # for some platforms an AssertionError without a message
+    except Exception:
+        # Some platforms raise an AssertionError without a message.
         return False
 
 
@@ -91,9 +92,11 @@ def leave(main: Callable[[], int]) -> NoReturn:
             for stream in (sys.stdout, sys.stderr):
                 _flush(stream)
             if code == INTERRUPTED:
-                os._exit(code)  # the interpreter's own exit crashes while a thread compiles
+                # The interpreter's own exit crashes while a thread compiles.
+                os._exit(code)
         raise SystemExit(code)
-    except KeyboardInterrupt:  # while the block ended
+    except KeyboardInterrupt:
+        # The signal came while the block ended.
         os._exit(INTERRUPTED)
 
 
@@ -131,7 +134,8 @@ def say(text: str, *, asked: bool = False) -> None:
         _print(sys.stdout, text)
     except BrokenPipeError:
         pass
-    except (OSError, ValueError) as error:  # ValueError from a closed stream
+    except (OSError, ValueError) as error:
+        # A closed stream raises a ValueError.
         if asked:
             raise OSError(
                 getattr(error, "errno", None),
@@ -174,6 +178,7 @@ def _complete_streams() -> None:
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest free descriptor
+            # The file gets the lowest free descriptor.
+            os.open(os.devnull, os.O_RDWR)
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)

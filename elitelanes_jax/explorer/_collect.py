@@ -158,7 +158,8 @@ def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
         return None
     name = recorded.get("name") if isinstance(recorded, dict) else None
     for parent in (Path(), *folder.absolute().parents):
-        with suppress(InputError):  # another folder of this name
+        with suppress(InputError):
+            # Another folder of this name may be no tile set.
             if (parent / tiles).is_dir() and load_tiles(parent / tiles).name == name:
                 return parent / tiles
     return None

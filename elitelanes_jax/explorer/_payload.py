@@ -36,12 +36,16 @@ _LEAST_LOTS = 4096
 
 
 class Payload(NamedTuple):
-    """The contents of the explorer."""
+    """The contents of the explorer.
 
-    # For JSON. A table {"array": [dtype, start, count]} represents an array: its little-endian
-    # numbers start at that byte of the blob.
+    Attributes:
+      values: values for JSON. A table ``{"array": [dtype, start, count]}`` represents an array: its
+        little-endian numbers start at that byte of the blob.
+      blob: the arrays, one after another, compressed by zlib.
+    """
+
     values: dict[str, Plain]
-    blob: bytes  # the arrays, one after another, compressed by zlib
+    blob: bytes
 
 
 class _Blob:
@@ -55,7 +59,8 @@ class _Blob:
         """Adds an array; returns the table that represents it."""
         content = np.ascontiguousarray(array, np.dtype(dtype).newbyteorder("<")).tobytes()
         start = self._size
-        padding = -len(content) % 8  # so that every array is aligned
+        # Every array starts at a multiple of 8 bytes, as the browser's typed arrays need.
+        padding = -len(content) % 8
         self._parts += [content, bytes(padding)]
         self._size += len(content) + padding
         return {"array": [dtype, start, len(content) // np.dtype(dtype).itemsize]}

@@ -29,30 +29,43 @@ _RECORDED = ("settings", "config", "archives", "tile_set", "elites", "versions",
 
 
 class ShownRun(NamedTuple):
-    """Grids of one size, and their metadata."""
+    """E grids of one size, and their metadata.
 
-    name: str  # of the run
+    Attributes:
+      name: the name of the run.
+      grids: the codes of the grids.
+      fitness: the fitness of each grid, of 32 bits; None if the page computes it from the weights.
+      seed: the index of the run's seed that found each grid, from 0.
+      seeds: the number of seeds.
+      axes: the axes of the niches.
+      weights: the weights of metrics and features in the fitness.
+      alphabet: the codes that off_alphabet does not count; None for all.
+      features: what is measured beside the metrics, by name.
+      niche: the niche of each grid, see `niche_index`; None if the page computes it from metrics.
+      labels: a name for each grid, or None.
+      maps: the chosen maps: the index of each among the grids, its name, and the map itself.
+      history: the history of the run.
+      usual_fitness: whether the fitness is the weighted sum of features plus the penalty of ranges.
+      floors: the proven minimum of the usual fitness by cyclomatic number; None if none is known.
+      record: the entries of the run's record that are shown.
+    """
+
+    name: str
     grids: Int8[np.ndarray, "E H W"]
-    # Of 32 bits, None if the page computes it from the weights.
     fitness: Shaped[np.ndarray, " E"] | None
-    seed: Int[np.ndarray, " E"]  # the index of the run's seed that found each, from 0
-    seeds: int  # the number of seeds
-    axes: tuple[Axis, ...]  # of the niches
-    weights: Mapping[str, int]  # of metrics and features in the fitness
-    alphabet: tuple[int, ...] | None  # the codes that off_alphabet does not count; None for all
-    # By name, what is measured beside the metrics.
+    seed: Int[np.ndarray, " E"]
+    seeds: int
+    axes: tuple[Axis, ...]
+    weights: Mapping[str, int]
+    alphabet: tuple[int, ...] | None
     features: Mapping[str, Int32[np.ndarray, " E"]] = {}
-    # See niche_index; None if the page computes it from metrics.
     niche: Int32[np.ndarray, " E"] | None = None
-    labels: tuple[str, ...] | None = None  # a name for each grid, or None
-    # The chosen maps: the index of each among the grids, its name, and the map itself.
+    labels: tuple[str, ...] | None = None
     maps: tuple[tuple[int, str, RoadMap], ...] = ()
-    history: "History | None" = None  # of the run
-    # Whether the fitness is the weighted sum of features plus the penalty of ranges.
+    history: "History | None" = None
     usual_fitness: bool = True
-    # The proven minimum of the usual fitness by cyclomatic number, None if none is known.
     floors: Mapping[int, int] | None = None
-    record: Mapping[str, Plain] = {}  # of the run, to be shown
+    record: Mapping[str, Plain] = {}
 
 
 def from_result(result: "Result", name: str) -> ShownRun:

@@ -89,7 +89,8 @@ def _json(values: object) -> str:
 
 def _check_out(out: Path, force: bool) -> None:
     if not out.exists():
-        check_new(out)  # a link may lead nowhere
+        # A link may lead nowhere.
+        check_new(out)
         return
     if out.is_dir():
         raise InputError(f"{out}: expected a file for the page, got a folder")

@@ -17,7 +17,8 @@ from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.explorer.page import static_text
 from elitelanes_jax.tiles.editing import HandWork
 
-_MOST_BYTES = 256 * MIB  # of a request: the masks of 30 tiles of 4096 x 4096 pixels
+# The largest request: the masks of 30 tiles of 4096 x 4096 pixels.
+_MOST_BYTES = 256 * MIB
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
@@ -61,7 +62,8 @@ class HandServer(ThreadingHTTPServer):
         self.hosts = [f"{name}:{self.server_address[1]}" for name in ("127.0.0.1", "localhost")]
         self.url = f"http://{self.hosts[0]}/{self.token}/"
         self.work = work
-        self.lock = Lock()  # one request at a time computes or saves
+        # One request at a time computes or saves.
+        self.lock = Lock()
         self.actions: dict[str, Callable[[Untyped], Plain | bytes]] = {
             "fit": work.fit,
             "cut": work.cut,
@@ -122,7 +124,8 @@ class _Handler(BaseHTTPRequestHandler):
             else:
                 self._send_json(200, answer)
             if path == "finish":
-                self.server.shutdown()  # after the answer, because the process then ends
+                # It follows the answer, because the process ends after it.
+                self.server.shutdown()
         except InputError as error:
             self._send_json(422, {"error": str(error)})
         except OSError as error:
