@@ -196,25 +196,29 @@ def compare_settings(
             f"{folder}: expected settings of an earlier run in {file}, got none; {hint}"
         )
     earlier = {name: earlier.get(name) for name in settings}
-    if (difference := first_difference(json.loads(json.dumps(settings)), earlier)) is not None:
-        name, mine, found = difference
-        expected, got = shorten(repr(mine)), shorten(repr(found))
-        raise InputError(
-            f"{folder}: expected results with {name} {expected}, got results with {got}; {hint}"
-        )
+    # As JSON has them: a tuple becomes a list.
+    difference = first_difference(json.loads(json.dumps(settings)), earlier)
+    if difference is None:
+        return
+    name, *values = difference
+    expected, got = (shorten(repr(value)) for value in values)
+    raise InputError(
+        f"{folder}: expected results with {name} {expected}, got results with {got}; {hint}"
+    )
 
 
 def first_difference(
-    one: Mapping[str, Plain], other: Mapping[str, Plain]
+    table: Mapping[str, Plain], other: Mapping[str, Plain]
 ) -> tuple[str, Plain, Plain] | None:
     """Returns the name and both values of the first difference between tables, or between tables in them."""
-    for name in {**one, **other}:
-        mine, found = one.get(name), other.get(name)
-        if isinstance(mine, Mapping) and isinstance(found, Mapping):
-            if (within := first_difference(mine, found)) is not None:
+    for name in {**table, **other}:
+        value, other_value = table.get(name), other.get(name)
+        if isinstance(value, Mapping) and isinstance(other_value, Mapping):
+            within = first_difference(value, other_value)
+            if within is not None:
                 return within
-        elif mine != found:
-            return name, mine, found
+        elif value != other_value:
+            return name, value, other_value
     return None
 
 
@@ -231,10 +235,10 @@ def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
             )
 
 
-def foreign_file(folder: Path, own: Callable[[str], Plain]) -> str | None:
-    """Returns the first file below a folder, by name, for whose relative path `own` is false; None if there is none.
+def foreign_file(folder: Path, is_ours: Callable[[str], Plain]) -> str | None:
+    """Returns the first file below a folder, by name, that is not ours, or None.
 
-    A symbolic link is never an own file. `own` takes paths with slashes.
+    `is_ours` takes its relative path, with slashes. A symbolic link is never ours.
     """
     for parent, names, files in os.walk(folder):
         names.sort()
@@ -242,7 +246,7 @@ def foreign_file(folder: Path, own: Callable[[str], Plain]) -> str | None:
         for name in sorted([*files, *links]):
             path = Path(parent, name)
             relative = path.relative_to(folder).as_posix()
-            if path.is_symlink() or not own(relative):
+            if path.is_symlink() or not is_ours(relative):
                 return relative
     return None
 
@@ -275,13 +279,13 @@ def _check_replaceable(
         raise InputError(f"{asked}: expected a folder that is new or empty, got a file")
     if not out.exists() or not any(out.iterdir()):
         return
-    found = foreign and foreign(out)
-    if force and found:
+    foreign_name = foreign and foreign(out)
+    if force and foreign_name:
         raise InputError(
-            f"{asked}: expected a folder with files of an earlier run alone, got one with {found}"
+            f"{asked}: expected a folder with files of an earlier run alone, got one with {foreign_name}"
         )
     if not force or foreign is None:
-        hint = "; force=True replaces it" if foreign and not found else ""
+        hint = "; force=True replaces it" if foreign and not foreign_name else ""
         raise InputError(
             f"{asked}: expected a folder that is new or empty, got one with files in it{hint}"
         )
@@ -289,8 +293,9 @@ def _check_replaceable(
 
 
 def _has_work(hidden: Path) -> bool:
-    kept = (path for path in (hidden / _KEPT).rglob("*") if path.is_file() and path.name != _LOCK)
-    return (hidden / _FILES).is_dir() and any(True for _ in kept)
+    if not (hidden / _FILES).is_dir():
+        return False
+    return any(path.is_file() and path.name != _LOCK for path in (hidden / _KEPT).rglob("*"))
 
 
 def _resume(

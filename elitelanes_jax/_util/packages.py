@@ -31,12 +31,12 @@ EXTRAS = {
 
 def installed_versions(*others: str) -> dict[str, str]:
     """Returns the versions that results depend on, by name, and of other packages, "none" if one is missing."""
-    found = {"elitelanes_jax": __version__, "python": platform.python_version()}
-    found |= {name: version(name) for name in ("jax", "jaxlib", "numpy")}
-    found["opencv"] = next(filter(None, map(_version, _OPENCV)), "unknown")
+    versions = {"elitelanes_jax": __version__, "python": platform.python_version()}
+    versions |= {name: version(name) for name in ("jax", "jaxlib", "numpy")}
+    versions["opencv"] = next(filter(None, map(_version, _OPENCV)), "unknown")
     for name in others:
-        found.setdefault(name, _version(name) or "none")
-    return found
+        versions.setdefault(name, _version(name) or "none")
+    return versions
 
 
 def _version(name: str) -> str | None:

@@ -69,11 +69,10 @@ class Record:
         The message of an `InputError` starts with the field's name.
         """
         self._keep_inputs(vars(self))
-        for name, one in self.options().items():
-            earlier = () if one.after is None else (getattr(self, one.after),)
-            object.__setattr__(
-                self, name, check_named(name, one.check, getattr(self, name), *earlier)
-            )
+        for name, option in self.options().items():
+            earlier = () if option.after is None else (getattr(self, option.after),)
+            checked = check_named(name, option.check, getattr(self, name), *earlier)
+            object.__setattr__(self, name, checked)
         self.check_together()
 
     def check_together(self) -> None:
@@ -82,11 +81,11 @@ class Record:
     @classmethod
     def options(cls) -> dict[str, Option]:
         """Returns the `Option` of each field, by name."""
-        return {one.name: one.metadata["option"] for one in fields(cls) if one.metadata}  # type: ignore[arg-type]
+        return {item.name: item.metadata["option"] for item in fields(cls) if item.metadata}  # type: ignore[arg-type]
 
     def values(self) -> dict[str, UserValue]:
         """Returns the values of the fields, by name."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
+        return {item.name: getattr(self, item.name) for item in fields(self)}  # type: ignore[arg-type]
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -94,10 +93,10 @@ class Record:
         named: tuple[str, ...] = vars(self).get("_inputs", ())
         return named
 
-    def _keep_inputs(self, given: Mapping[str, UserValue], *more: str) -> Self:
-        named = (*more, *inputs_among(given, self.options()))
-        if named:
-            vars(self)["_inputs"] = named
+    def _keep_inputs(self, values: Mapping[str, UserValue], *more: str) -> Self:
+        inputs = (*more, *inputs_among(values, self.options()))
+        if inputs:
+            vars(self)["_inputs"] = inputs
         return self
 
     def replace(self, **values: UserValue) -> Self:
@@ -146,8 +145,8 @@ def descriptions(kind: type) -> dict[str, str]:
 
     Python's option -OO leaves out docstrings; then all are empty.
     """
-    found: dict[str, str] = {}
-    for one in reversed(kind.__mro__):
-        listed = inspect.cleandoc(one.__doc__ or "").partition("Attributes:\n")[2]
-        found |= dict(re.findall(r"^  (\w+): (.*(?:\n    .*)*)", listed, re.MULTILINE))
-    return defaultdict(str, {name: " ".join(text.split()) for name, text in found.items()})
+    texts: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        attributes = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2]
+        texts |= dict(re.findall(r"^  (\w+): (.*(?:\n    .*)*)", attributes, re.MULTILINE))
+    return defaultdict(str, {name: " ".join(text.split()) for name, text in texts.items()})

@@ -65,19 +65,19 @@ def read_submission(file: str | Path) -> Submission:
     """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
     names = ("version", "task", "grids")
     _, stored = unpack(file)
-    if len(there := [name for name in names if name in stored]) < len(names):
-        raise InputError(
-            f"{file}: expected arrays {', '.join(names)}, got {', '.join(there) or 'none'}"
-        )
-    version, task, grids = (stored[name] for name in names)
+    present = [name for name in names if name in stored]
+    if len(present) < len(names):
+        got = ", ".join(present) or "none"
+        raise InputError(f"{file}: expected arrays {', '.join(names)}, got {got}")
+    version, task_name, grids = (stored[name] for name in names)
     if version.tolist() != VERSION:
         raise InputError(f"{file}: expected version {VERSION}, got {version.tolist()!r}")
     try:
-        found = find_task(task.tolist())
+        task = find_task(task_name.tolist())
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
-    _check(str(file), found, grids)
-    return Submission(found, grids)
+    _check(str(file), task, grids)
+    return Submission(task, grids)
 
 
 def _check_fields(submission: UserValue) -> None:

@@ -29,8 +29,8 @@ JAX_COMPILATION_CACHE_DIR names another folder."""
 class _Once(argparse.Action):
     """Stores the value of an option without a default, and refuses a second value."""
 
-    def __call__(self, *given: Untyped) -> None:
-        namespace, value = given[1:3]
+    def __call__(self, *arguments: Untyped) -> None:
+        namespace, value = arguments[1:3]
         if hasattr(namespace, self.dest):
             raise argparse.ArgumentError(
                 self, f"expected one, got {getattr(namespace, self.dest)} and {value}"
@@ -44,14 +44,14 @@ class Parser(argparse.ArgumentParser):
     For an unknown option it suggests a known one.
     """
 
-    def parse_known_args(self, *given: Untyped, **named: Untyped) -> Untyped:
-        found, left = super().parse_known_args(*given, **named)
-        if left:
-            meant = (
-                suggest(left[0], self._option_string_actions) if left[0].startswith("--") else ""
-            )
-            self.error(f"unrecognized arguments: {' '.join(left)}{meant}")
-        return found, left
+    def parse_known_args(self, *arguments: Untyped, **named: Untyped) -> Untyped:
+        namespace, unknown = super().parse_known_args(*arguments, **named)
+        if unknown:
+            hint = ""
+            if unknown[0].startswith("--"):
+                hint = suggest(unknown[0], self._option_string_actions)
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+        return namespace, unknown
 
     def error(self, message: str) -> NoReturn:
         raise SystemExit(fail(self.prog, message, 2))
@@ -93,10 +93,9 @@ def add_command(
 
     `notes` are shown after its help, line by line; `words` are for argparse.
     """
-    as_it_is = (
-        {"epilog": notes, "formatter_class": argparse.RawDescriptionHelpFormatter} if notes else {}
-    )
-    command = commands.add_parser(name, **{**words, **as_it_is})
+    if notes:
+        words |= {"epilog": notes, "formatter_class": argparse.RawDescriptionHelpFormatter}
+    command = commands.add_parser(name, **words)
     command.set_defaults(action=action)
     return command
 
@@ -147,8 +146,8 @@ def _fields_of(defaults: Record | SearchSpec) -> _Fields:
 
 
 class _Cores(argparse.Action):
-    def __call__(self, *given: Untyped) -> None:
-        use_cores(given[2])
+    def __call__(self, *arguments: Untyped) -> None:
+        use_cores(arguments[2])
 
 
 # The arguments that several commands have, by name.
@@ -207,16 +206,16 @@ def naming(prefix: object) -> Iterator[None]:
         raise InputError(f"{prefix}: {error}") from None
 
 
-def read_options(given: argparse.Namespace, defaults: Record | SearchSpec) -> UserValue:
+def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> UserValue:
     """Returns the record with the values from the command line; errors name the option."""
     fields = _fields_of(defaults)
     values: dict[str, Untyped] = {}
     for name, option in fields.options.items():
         default = getattr(fields.defaults, name)
         if option.metavar is None and isinstance(default, Record | SearchSpec):
-            values[name] = read_options(given, default)
-        elif hasattr(given, name):
-            values[name] = getattr(given, name)
+            values[name] = read_options(options, default)
+        elif hasattr(options, name):
+            values[name] = getattr(options, name)
     with naming_options(defaults):
         return defaults.replace(**values)
 
@@ -241,11 +240,16 @@ def naming_options(defaults: Record | SearchSpec, *only: str, **more: str) -> It
 
 def _name_flag(message: str, flags: Mapping[str, str]) -> str:
     """Replaces a field's name at the start of a message by its option, and settings such as field='value' in it."""
-    message = re.sub(
-        r"\b(\w+)='(\w+)'", lambda found: f"{flags.get(found[1], found[1])} {found[2]}", message
-    )
-    name = re.match(r"\w+(?=[: ])", message)
-    return flags[name[0]] + message[name.end() :] if name and name[0] in flags else message
+
+    def name_setting(match: re.Match[str]) -> str:
+        name, value = match[1], match[2]
+        return f"{flags.get(name, name)} {value}"
+
+    message = re.sub(r"\b(\w+)='(\w+)'", name_setting, message)
+    start = re.match(r"\w+(?=[: ])", message)
+    if start is None or start[0] not in flags:
+        return message
+    return flags[start[0]] + message[start.end() :]
 
 
 def _flag(name: str, option: Option) -> str:
@@ -260,11 +264,9 @@ def _kind(option: Option, default: UserValue) -> dict[str, Untyped]:
         return kind | {"nargs": len(option.metavar)}
     if option.many == "once":
         return kind | {"action": _Once}
-    return (
-        kind | {"nargs": "*" if option.many == "*" else "+", "action": "extend"}
-        if option.many
-        else kind
-    )
+    if option.many:
+        return kind | {"nargs": "*" if option.many == "*" else "+", "action": "extend"}
+    return kind
 
 
 def _help(description: str, default: UserValue) -> str:

@@ -61,11 +61,12 @@ def _dataset(options: argparse.Namespace) -> int:
 def describe_dataset(about: dict[str, Plain], out: Path) -> str:
     """Returns a table of a dataset's classes in each split, from its record."""
     table = {"": about["pictures"], "pictures": about["pictures"].values()}
-    for one in about["classes"]:
-        shares = (
-            pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values()
-        )
-        table[one["name"]] = [f"{share:.2%}" for share in shares]
+    for class_ in about["classes"]:
+        cells = []
+        for pixels in about["class_pixels"].values():
+            share = pixels[class_["label"]] / max(sum(pixels), 1)
+            cells.append(f"{share:.2%}")
+        table[class_["name"]] = cells
     lines = [
         f"{head:14}  " + "  ".join(f"{cell:>10}" for cell in cells) for head, cells in table.items()
     ]

@@ -37,7 +37,7 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, quiet: bo
                 raise
     except (InputError, NotEnoughMapsError) as error:
         as_option = re.compile(r"\b(force|force_archive|at_most)=True")
-        words = as_option.sub(lambda found: "--" + found[1].replace("_", "-"), str(error))
+        words = as_option.sub(lambda match: "--" + match[1].replace("_", "-"), str(error))
         return fail(program, words, 2 if isinstance(error, InputError) else 1)
     except OSError as error:
         return fail(

@@ -102,9 +102,9 @@ def _masks(options: argparse.Namespace) -> int:
 
 def _keep(file: Path) -> Path:
     """Copies a file next to itself under a new name, so that no mask made by hand is lost."""
-    kept = free_name(file, f".{file.name}.before")
-    shutil.copy2(file, kept)
-    return kept
+    copy = free_name(file, f".{file.name}.before")
+    shutil.copy2(file, copy)
+    return copy
 
 
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
