@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._traffic import STEPS, Traffic, make_traffic
 from elitelanes_jax.formats.streets import Streets
@@ -52,9 +53,10 @@ def to_pufferdrive(
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad
-        seed.
+      InputError: for a bad map, one without a lane from a tile to another, a name that is no text,
+        bad measures, or a bad seed.
     """
+    name = check_named("name", instance(str), name)
     traffic = make_traffic(source, streets, seed)
     return PufferDrive(_to_binary(traffic), _to_json(name, traffic, streets))
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, path, paths
+from elitelanes_jax._util.checks import check_named, instance, path, paths
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Road, Traffic, make_traffic
@@ -57,9 +57,10 @@ def to_scenarionet(
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad
-        seed.
+      InputError: for a bad map, one without a lane from a tile to another, a name that is no text,
+        bad measures, or a bad seed.
     """
+    name = check_named("name", instance(str), name)
     traffic = make_traffic(source, streets, seed)
     steps = _steps_before_return(traffic.logs[0], streets)
     tracks: dict[str, Plain] = {}
@@ -98,9 +99,7 @@ def index_scenarios(folder: str | Path, files: Iterable[str | Path]) -> dict[str
     for file in check_named("files", paths, files):
         if file.name in summary:
             raise InputError(f"files: expected files of different names, got two for {file.name}")
-        metadata = _read_metadata(file)
-        metadata["ts"] = metadata["ts"].tolist()
-        summary[file.name] = metadata
+        summary[file.name] = _read_metadata(file)
         place = os.path.relpath(file.parent, folder)
         mapping[file.name] = "" if place == "." else Path(place).as_posix()
     return {"dataset_summary.pkl": _to_pickle(summary), "dataset_mapping.pkl": _to_pickle(mapping)}
@@ -224,9 +223,13 @@ def _to_pickle(content: dict[str, Plain]) -> bytes:
 
 
 def _read_metadata(file: Path) -> dict[str, Plain]:
+    """Returns the metadata of a scenario as a summary has it, with the times as a list.
+
+    Raises `InputError` for a file that `to_scenarionet` did not write.
+    """
     content = file.read_bytes()
     try:
         metadata: dict[str, Plain] = _Unpickler(BytesIO(content)).load()["metadata"]
+        return metadata | {"ts": metadata["ts"].tolist()}
     except Exception:  # What is no pickle raises errors of many kinds.
         raise InputError(f"{file}: expected a scenario of to_scenarionet") from None
-    return metadata
