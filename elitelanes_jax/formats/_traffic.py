@@ -213,19 +213,22 @@ def _follow(
     rng: np.random.Generator,
 ) -> Log:
     """Follows lanes from the middle of one."""
-    path = roads[start].points
-    first = _lengths(path)[-1] / 2
-    along = first + np.arange(STEPS) * STEP * streets.speed
+    parts = [roads[start].points]
+    length = _lengths(parts[0])[-1]
+    along = length / 2 + np.arange(STEPS) * STEP * streets.speed
     index = start
-    while _lengths(path)[-1] <= along[-1]:
+    while length <= along[-1]:
         index = int(rng.choice(successors[index]))
-        path = np.concatenate([path, roads[index].points[1:]])
+        # A lane starts at the point where the lane before it ends.
+        parts.append(roads[index].points[1:])
+        length = _lengths(np.concatenate([parts[-2][-1:], parts[-1]]), length)[-1]
+    path = np.concatenate(parts)
     lengths = _lengths(path)
     directions = np.diff(path) / np.abs(np.diff(path))
     ahead = directions[np.searchsorted(lengths, along, side="right") - 1]
     return Log(np.interp(along, lengths, path), ahead * streets.speed, np.angle(ahead))
 
 
-def _lengths(path: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Returns the length of the path up to each of its points."""
-    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path)))])
+def _lengths(path: NDArray[np.complex128], before: float = 0.0) -> NDArray[np.float64]:
+    """Returns the length of a path up to each of its points, with the length before its first point."""
+    return np.cumsum(np.concatenate([[before], np.abs(np.diff(path))]))
