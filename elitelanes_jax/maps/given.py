@@ -1,5 +1,6 @@
 """Maps that a dataset uses instead of evolving maps; without JAX and OpenCV."""
 
+import os
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
@@ -116,7 +117,8 @@ def _read_sources(sources: UserValue) -> tuple[list[Path], list[_SourceMap]]:
 
 def _read_path(source: Path) -> list[tuple[str, UserValue]]:
     """Reads a file or folder: each map with its file."""
-    if (source / "dataset.json").is_file():
+    # The methods of `Path` raise errors for a text that is too long for a path.
+    if os.path.isfile(source / "dataset.json"):
         return _of_dataset(source)
     maps = []
     for file in map_files(source):
@@ -127,7 +129,7 @@ def _read_path(source: Path) -> list[tuple[str, UserValue]]:
 
 def map_files(source: Path) -> list[Path]:
     """Returns the files of maps in a folder, as `parse_given` finds them, or the file itself; raises `InputError`."""
-    if not source.is_dir() or is_layers(source):
+    if not os.path.isdir(source) or is_layers(source):
         return [source]
     if (source / "pack.json").is_file():
         return sorted((source / "maps").rglob("*.json"))
