@@ -1,9 +1,9 @@
 """A road map with its metrics, and its JSON file. Duckietown's map files are read too."""
 
 import json
-import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -247,10 +247,10 @@ def _dimensions(value: UserValue) -> int:
 def refresh(road_map: RoadMap, name: str) -> RoadMap:
     """Returns a map whose metrics are those of its codes. After a change by hand, stored metrics no longer are.
 
-    Such a map is measured again, and loses what a search said of its former codes: its fitness,
-    descriptor, niche, seed and drawn tiles. It keeps its objects and its unsure cells. A command says so in a line that begins with `name`. A
-    map without metrics does not change. Town features of blocks and streets are not compared,
-    because measuring them needs JAX.
+    A changed map is measured again, and loses what a search said of its former codes: its fitness,
+    descriptor, niche, seed and drawn tiles. It keeps its objects and its unsure cells. A command
+    says so in a line that begins with `name`. A map without metrics does not change. Town features
+    of blocks and streets are not compared, because measuring them needs JAX.
     """
     if road_map.metrics is None:
         return road_map
@@ -282,8 +282,7 @@ def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]])
     if suffix == ".npz":
         got = "an archive of a search; pick chooses maps from it"
         raise InputError(f"{file}: expected a file of maps, got {got}")
-    # `Path.is_dir` raises an error for a text that is too long for a path.
-    if os.path.isdir(file):
+    if is_folder(Path(file)):
         return check_named(str(file), parse, _values_of_folder(Path(file)))
     is_yaml = suffix in (".yaml", ".yml")
     text = read_input(file, most, "YAML" if is_yaml else "JSON")
@@ -295,6 +294,13 @@ def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]])
         raise InputError(f"{file}: {error}") from None
     except RecursionError:
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
+
+
+def is_folder(source: Path) -> bool:
+    """Returns whether a path is that of a folder; False for a text that is too long for a path."""
+    with suppress(OSError):
+        return source.is_dir()
+    return False
 
 
 def _values_of_folder(folder: Path) -> Plain:
@@ -376,7 +382,7 @@ def _plain(value: UserValue) -> Plain:
 
 
 def _shown(value: Plain) -> str:
-    """Returns a field's value as a message shows it: as JSON, or as Python has it if JSON has no such keys."""
+    """Returns a field's value for a message: as JSON has it, or as Python has it if a key is no text."""
     if isinstance(value, dict) and not all(map(_is_text, value)):
         return repr(value)
     return json.dumps(value, default=repr, skipkeys=True)

@@ -1,6 +1,5 @@
 """Maps that a dataset uses instead of evolving maps; without JAX and OpenCV."""
 
-import os
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
@@ -13,7 +12,14 @@ from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.progress import announce, announce_at_end
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.dt_layers import is_layers
-from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json, read_maps, refresh
+from elitelanes_jax.formats.road_map import (
+    RoadMap,
+    as_maps,
+    is_folder,
+    map_to_json,
+    read_maps,
+    refresh,
+)
 from elitelanes_jax.maps.faults import warn_of_faults
 from elitelanes_jax.network.likeness import road_forms
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -117,8 +123,7 @@ def _read_sources(sources: UserValue) -> tuple[list[Path], list[_SourceMap]]:
 
 def _read_path(source: Path) -> list[tuple[str, UserValue]]:
     """Reads a file or folder: each map with its file."""
-    # The methods of `Path` raise errors for a text that is too long for a path.
-    if os.path.isfile(source / "dataset.json"):
+    if is_folder(source) and (source / "dataset.json").is_file():
         return _of_dataset(source)
     maps = []
     for file in map_files(source):
@@ -129,7 +134,7 @@ def _read_path(source: Path) -> list[tuple[str, UserValue]]:
 
 def map_files(source: Path) -> list[Path]:
     """Returns the files of maps in a folder, as `parse_given` finds them, or the file itself; raises `InputError`."""
-    if not os.path.isdir(source) or is_layers(source):
+    if not is_folder(source) or is_layers(source):
         return [source]
     if (source / "pack.json").is_file():
         return sorted((source / "maps").rglob("*.json"))
