@@ -128,11 +128,10 @@ def list_signals(
                 angle = (1 - heading) * pi / 2
                 signals[end].append(Signal(next(numbers), sign.kind, sign, angle))
             continue
-        end = None
+        end_at_crossing = None
         if crossing is not None and sign.kind.endswith(_OF_CROSSINGS):
-            end = ends_at[crossing].get(heading_of_reader(sign))
-        if end is None:
-            end = _end_of_road(sign, passages, middles)
+            end_at_crossing = ends_at[crossing].get(heading_of_reader(sign))
+        end = end_at_crossing or _end_of_road(sign, passages, middles)
         signals[end].append(Signal(next(numbers), sign.kind, sign, sign.angle + pi))
     for end, signals_there in signals.items():
         kind = _KINDS.get(rules.get(end[0], ""))
