@@ -10,7 +10,7 @@ from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import crossing_of, heading_of_reader
-from elitelanes_jax.lanes.links import linked_codes
+from elitelanes_jax.lanes.links import ends_of_roads
 from elitelanes_jax.maps.furnishing.signs import (
     CONTROLS,
     TOPOLOGIES,
@@ -18,7 +18,6 @@ from elitelanes_jax.maps.furnishing.signs import (
     has_free_corners,
     topology_sign,
 )
-from elitelanes_jax.network.codes import CONNECTIONS
 
 
 def warn_of_faults(name: str, road_map: RoadMap) -> None:
@@ -28,8 +27,8 @@ def warn_of_faults(name: str, road_map: RoadMap) -> None:
 
 
 def _ends_of_roads(codes: Int8[np.ndarray, "H W"]) -> list[str]:
-    """Says at which tiles roads end: they have one connection, or one that no neighbour returns."""
-    ends = np.argwhere((CONNECTIONS[codes] == 1) | (linked_codes(codes) != codes)).tolist()
+    """Says at which tiles roads end."""
+    ends = ends_of_roads(codes)
     if not ends:
         return []
     row, column = ends[0]
