@@ -68,15 +68,26 @@ def to_scenarionet(
         number = str(len(tracks))
         tracks[number] = _track(number, log, traffic.sides, steps)
     features = _features(traffic, streets)
-    metadata: dict[str, Plain] = {"id": name, "scenario_id": name, "dataset": _DATASET}
-    metadata |= {"coordinate": "metadrive", "metadrive_processed": False, "sdc_id": "0"}
-    metadata["ts"] = (np.arange(steps) * STEP).astype("<f4")
-    metadata |= _summaries(tracks, len(features))
-    scenario = {"id": name, "version": _VERSION, "length": steps, "metadata": metadata}
-    states: dict[str, Plain] = {}  # there are no lights
-    return _to_pickle(
-        scenario | {"tracks": tracks, "dynamic_map_states": states, "map_features": features}
-    )
+    metadata: dict[str, Plain] = {
+        "id": name,
+        "scenario_id": name,
+        "dataset": _DATASET,
+        "coordinate": "metadrive",
+        "metadrive_processed": False,
+        "sdc_id": "0",
+        "ts": (np.arange(steps) * STEP).astype("<f4"),
+        **_summaries(tracks, len(features)),
+    }
+    scenario: dict[str, Plain] = {
+        "id": name,
+        "version": _VERSION,
+        "length": steps,
+        "metadata": metadata,
+        "tracks": tracks,
+        "dynamic_map_states": {},  # there are no lights
+        "map_features": features,
+    }
+    return _to_pickle(scenario)
 
 
 @name_wrong_arguments
@@ -119,22 +130,26 @@ def _without_touching(logs: list[Log], sides: CarSides) -> list[Log]:
     """Returns the logs of cars that never touch one before them. Three circles cover a car."""
     third = sides.length / 3
     apart = 2 * np.hypot(third / 2, sides.width / 2)
-    result: list[Log] = []
-    places: list[NDArray[np.complex128]] = []
+    clear_logs: list[Log] = []
+    circles_of_logs: list[NDArray[np.complex128]] = []
     for log in logs:
         ahead = np.exp(1j * log.heading)[:, None]
         circles = log.position[:, None] + third * np.array([-1, 0, 1]) * ahead
-        gaps = [np.abs(circles[:, :, None] - other[:, None]).min() for other in places]
+        gaps = [np.abs(circles[:, :, None] - other[:, None]).min() for other in circles_of_logs]
         if min(gaps, default=np.inf) > apart:
-            result.append(log)
-            places.append(circles)
-    return result
+            clear_logs.append(log)
+            circles_of_logs.append(circles)
+    return clear_logs
 
 
 def _track(number: str, log: Log, sides: CarSides, steps: int) -> dict[str, Plain]:
-    state: dict[str, Plain] = {"position": _floats(log.position[:steps], 3)}
-    state |= {"heading": log.heading[:steps].astype("<f4")}
-    state |= {"velocity": _floats(log.velocity[:steps], 2), "valid": np.ones(steps, bool)}
+    """Returns the track of a car in the first steps of its log."""
+    state: dict[str, Plain] = {
+        "position": _floats(log.position[:steps], 3),
+        "heading": log.heading[:steps].astype("<f4"),
+        "velocity": _floats(log.velocity[:steps], 2),
+        "valid": np.ones(steps, bool),
+    }
     for name, side in sides._asdict().items():
         state[name] = np.full(steps, side, "<f4")
     about = {"type": _VEHICLE, "object_id": number, "track_length": steps, "dataset": _DATASET}
@@ -173,9 +188,8 @@ def _outline(road: Road, streets: Streets, rows: int) -> NDArray[np.float32]:
 
 def _floats(points: NDArray[np.complex128], dimensions: int) -> NDArray[np.float32]:
     """Returns x, y and, in three dimensions, 0 for z."""
-    return np.stack([points.real, points.imag, 0 * points.real], axis=1)[:, :dimensions].astype(
-        "<f4"
-    )
+    coordinates = np.stack([points.real, points.imag, 0 * points.real], axis=1)
+    return coordinates[:, :dimensions].astype("<f4")
 
 
 def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
@@ -185,16 +199,27 @@ def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
         position = track["state"]["position"]
         steps = len(position)
         distance = float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
-        cars[number] = {"type": _VEHICLE, "object_id": number, "moving_distance": distance}
-        cars[number] |= dict.fromkeys(
-            ("track_length", "valid_length", "continuous_valid_length"), steps
-        )
+        cars[number] = {
+            "type": _VEHICLE,
+            "object_id": number,
+            "moving_distance": distance,
+            "track_length": steps,
+            "valid_length": steps,
+            "continuous_valid_length": steps,
+        }
     moving = sum(car["moving_distance"] > 1 for car in cars.values())
-    numbers: dict[str, Plain] = {"object_types": [_VEHICLE], "num_map_features": features}
-    numbers |= {"num_objects": len(cars), "num_objects_each_type": {_VEHICLE: len(cars)}}
-    numbers |= {"num_moving_objects": moving, "num_moving_objects_each_type": {_VEHICLE: moving}}
-    numbers |= {"num_traffic_lights": 0, "num_traffic_light_types": []}
-    numbers |= {"num_traffic_light_each_step": {}, "map_height_diff": 0.0}
+    numbers: dict[str, Plain] = {
+        "object_types": [_VEHICLE],
+        "num_map_features": features,
+        "num_objects": len(cars),
+        "num_objects_each_type": {_VEHICLE: len(cars)},
+        "num_moving_objects": moving,
+        "num_moving_objects_each_type": {_VEHICLE: moving},
+        "num_traffic_lights": 0,
+        "num_traffic_light_types": [],
+        "num_traffic_light_each_step": {},
+        "map_height_diff": 0.0,
+    }
     return {"object_summary": cars, "number_summary": numbers}
 
 
