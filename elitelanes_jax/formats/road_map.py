@@ -260,7 +260,8 @@ def refresh(road_map: RoadMap, name: str) -> RoadMap:
     # Whether a code is outside the alphabet depends on the search.
     del measured["off_alphabet"]
     for metric, value in road_map.metrics.items():
-        if metric in measured and abs(value - measured[metric]) > _ROUNDED:
+        # The measured coverage is a float32, to which NumPy would convert the stored one.
+        if metric in measured and abs(value - float(measured[metric])) > _ROUNDED:
             change = f"{metric} {measured[metric]:g} instead of {value:g}"
             announce_at_end(name, f"measured again, because its codes were changed: {change}")
             return RoadMap(

@@ -237,7 +237,7 @@ def _write(
         write_atomic(folder / "sumo" / town.niche / f"{town.id}{_ROUTES}", routes.encode())
     height, width = town.road_map.codes.shape
     mean_trip = float(np.mean([trip["length"] for trip in trips]))
-    return {
+    columns: dict[str, Plain] = {
         "id": town.id,
         "niche": town.niche,
         "split": town.split,
@@ -245,8 +245,9 @@ def _write(
         "width": width,
         "lanes": len(graph.edges),
         "trip": round(mean_trip, 3),
-        **shorten_coverage(town.road_map.metrics or {}),
     }
+    # A user's feature may have the name of a column, which keeps its own value.
+    return columns | shorten_coverage(town.road_map.metrics or {}) | columns
 
 
 def _write_splits(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> dict[str, Plain]:

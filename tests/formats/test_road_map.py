@@ -194,6 +194,13 @@ def test_a_map_that_was_changed_by_hand_keeps_its_objects_and_unsure_cells(tmp_p
     assert changed.metrics["tiles"] == 0
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_share_that_no_float32_holds_is_measured_again(tmp_path):
+    file = tmp_path / "map.json"
+    RoadMap(CODES, plain_measure(CODES) | {"coverage": 1e300}).save(file)
+    assert read_map(file).metrics["coverage"] == 1
+
+
 @pytest.mark.parametrize("name", ["map.json", "map.yaml"])
 def test_files_are_read_to_a_limit(name, tmp_path):
     """A file of 30 GB without a single block on the disk."""
