@@ -29,7 +29,7 @@ STEPS = 91
 STEP = 0.1
 """Seconds from a position to the next one."""
 
-# Sides of a car, in widths of a lane: 4.5 m and 1.9 m on lanes of 3.2 m.
+# The sides of a car in widths of a lane: on lanes of 3.2 m it is 4.5 m long and 1.9 m wide.
 _LENGTH, _WIDTH, _HEIGHT = 1.4, 0.6, 0.5
 
 # Length of the first and the last segment of a lane, in tiles. They leave an arc by a
@@ -111,7 +111,7 @@ def make_traffic(source: UserValue, streets: Streets, seed: int) -> Traffic:
     stops = [tile for tile, rule in rules.items() if rule == "allway_stop"]
     roads += _stop_signs(stops, graph, streets, rows)
     logs = _drive(graph, roads, streets, np.random.default_rng(seed))
-    sides = CarSides(*(share * streets.lane for share in (_LENGTH, _WIDTH, _HEIGHT)))
+    sides = CarSides(_LENGTH * streets.lane, _WIDTH * streets.lane, _HEIGHT * streets.lane)
     return Traffic(graph, roads, logs, sides, rows)
 
 
@@ -152,8 +152,8 @@ def _line(
 def _line_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarray, "P 2"]:
     """Returns the points of a line across the tile (0, 0), whose outer segments are straight ahead.
 
-    The direction of each is exactly one of the four headings, and so the same number on both sides
-    of a border. PufferDrive joins lanes by it.
+    The direction of an outer segment is exactly one of the four headings, and therefore the same
+    number on both sides of a border. PufferDrive joins lanes by this direction.
     """
     movement = Movement(0, 0, heading, turn)
     parts: list[Float[np.ndarray, "S 2"]] = []
@@ -173,15 +173,15 @@ def _ahead(point: Float[np.ndarray, "2"], heading: int, distance: float) -> Floa
 
 
 def _stop_signs(tiles: list[Cell], graph: LaneGraph, streets: Streets, height: int) -> list[Road]:
-    """Returns the signs to the right of the lanes that enter crossings."""
+    """Returns the signs to the right of the lanes that enter crossings, one for each heading there."""
     width = streets.lane / streets.tile
-    movements: dict[Cell, dict[int, Movement]] = {tile: {} for tile in tiles}
+    by_heading: dict[Cell, dict[int, Movement]] = {tile: {} for tile in tiles}
     for movement in graph.list_movements():
-        if movement.node.tile in movements:
-            movements[movement.node.tile][movement.heading] = movement
+        if movement.node.tile in by_heading:
+            by_heading[movement.node.tile][movement.heading] = movement
     signs: list[Road] = []
-    for of_headings in movements.values():
-        for movement in of_headings.values():
+    for entering in by_heading.values():
+        for movement in entering.values():
             points = _line(movement, width, streets, height)[:1]
             signs.append(Road("stop_sign", points, movement))
     return signs
@@ -212,20 +212,23 @@ def _follow(
     streets: Streets,
     rng: np.random.Generator,
 ) -> Log:
-    """Follows lanes from the middle of one."""
-    path = roads[start].points
-    first = _lengths(path)[-1] / 2
-    along = first + np.arange(STEPS) * STEP * streets.speed
+    """Returns the log of a car that starts in the middle of a lane, and takes random turns."""
+    parts = [roads[start].points]
+    length = _lengths(parts[0])[-1]
+    along = length / 2 + np.arange(STEPS) * STEP * streets.speed
     index = start
-    while _lengths(path)[-1] <= along[-1]:
+    while length <= along[-1]:
         index = int(rng.choice(successors[index]))
-        path = np.concatenate([path, roads[index].points[1:]])
+        # A lane starts at the point where the lane before it ends.
+        parts.append(roads[index].points[1:])
+        length = _lengths(np.concatenate([parts[-2][-1:], parts[-1]]), length)[-1]
+    path = np.concatenate(parts)
     lengths = _lengths(path)
     directions = np.diff(path) / np.abs(np.diff(path))
     ahead = directions[np.searchsorted(lengths, along, side="right") - 1]
     return Log(np.interp(along, lengths, path), ahead * streets.speed, np.angle(ahead))
 
 
-def _lengths(path: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Returns the length of the path up to each of its points."""
-    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path)))])
+def _lengths(path: NDArray[np.complex128], before: float = 0.0) -> NDArray[np.float64]:
+    """Returns the length of a path up to each of its points, with the length before its first point."""
+    return np.cumsum(np.concatenate([[before], np.abs(np.diff(path))]))

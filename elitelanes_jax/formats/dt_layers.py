@@ -9,7 +9,7 @@ to the frame that it names, or else to the one that its name continues: ``map_0/
 
 import re
 from collections.abc import Mapping
-from math import cos, floor, pi, radians, remainder, sin
+from math import cos, floor, isfinite, pi, radians, remainder, sin
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.errors import InputError, brief
+from elitelanes_jax._util.errors import InputError, brief, shorten
 from elitelanes_jax._util.files import MIB, read_input
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats._yaml_tree import yaml_tree
@@ -367,12 +367,16 @@ def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
 def _index(position: float, size: float) -> int:
     """Returns the index of a cell, of a position at its middle or at its south-west corner."""
     tiles = position / size
-    index = floor(tiles + 0.25)
-    if abs(tiles - index) > _NEAR and abs(tiles - index - 0.5) > _NEAR:
-        raise InputError(
-            f"expected the middle or the corner of a cell of {size:g} m, got {position:g} m"
-        )
-    return index
+    # Tiles of a large position may be more than a float can hold.
+    if isfinite(tiles):
+        index = floor(tiles + 0.25)
+        is_corner = abs(tiles - index) <= _NEAR
+        is_middle = abs(tiles - index - 0.5) <= _NEAR
+        if is_corner or is_middle:
+            return index
+    raise InputError(
+        f"expected the middle or the corner of a cell of {size:g} m, got {position:g} m"
+    )
 
 
 class _Readings(NamedTuple):
@@ -394,7 +398,8 @@ def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
     width = east - west + 1
     if min(east, north) < 0 or max(height, width) > 1024:
         expected = "sides of 1 to 1024 tiles, from i = 0 and j = 0 on"
-        raise InputError(f"expected {expected}, got {width} x {height}")
+        got = shorten(f"{width} x {height}")
+        raise InputError(f"expected {expected}, got {got}")
     name_by_cell: dict[Cell, str] = {}
     readings = _Readings(np.zeros((height, width), np.int8), np.zeros((height, width), np.int8))
     for name, tile in tiles.items():
@@ -438,8 +443,8 @@ def _kind_of(layer: str, values: _Table) -> str:
     if layer in _KIND_OF_LAYER:
         return _KIND_OF_LAYER[layer]
     text = values.get("type")
-    if not isinstance(text, str):
-        text = brief(text, 40)
+    if not isinstance(text, str) or text in _NOTHING:
+        raise InputError(f"type: expected a kind of object, got {brief(text, 40)}")
     if layer == "traffic_signs":
         kind = _KIND_OF_SIGN.get(text.lower().replace("-", "_").removeprefix("sign_"), text)
     else:

@@ -22,8 +22,8 @@ from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import BACK, TURNS, Movement, lane_graph
 from elitelanes_jax.network.codes import CONNECTIONS
 
-# Of the ellipsoid WGS 84. UTM's series end at the third power of _N. The error is under a
-# micrometre up to 7 km from the origin, and under 14 micrometres up to 100 km.
+# UTM's constants of the ellipsoid WGS 84. The series end at the third power of _N. The error is under
+# a micrometre up to 7 km from the origin, and under 14 micrometres up to 100 km.
 _N = 1 / (2 * 298.257223563 - 1)
 _RADIUS = 0.9996 * 6378137 / (1 + _N) * (1 + _N**2 / 4 + _N**4 / 64)
 _BETA = (_N / 2 - 2 * _N**2 / 3 + 37 * _N**3 / 96, _N**2 / 48 + _N**3 / 15, 17 * _N**3 / 480)
@@ -31,9 +31,9 @@ _DELTA = (2 * _N - 2 * _N**2 / 3 - 2 * _N**3, 7 * _N**2 / 3 - 8 * _N**3 / 5, 56 
 
 
 class _Member(NamedTuple):
-    """A part of a relation."""
+    """A part of a relation; its kind is "way" or "relation"."""
 
-    kind: str  # way or relation
+    kind: str
     number: int
     role: str
 
@@ -146,23 +146,19 @@ def _add_stop_for_all(city: "_Map", lanelets: list[_Lanelet]) -> None:
 
 def _add_lights(city: "_Map", lanelets: list[_Lanelet]) -> None:
     """Adds a light and a stop line for each road that enters the crossing; the light is on the right of its lane."""
-    lights = []
+    members_of_lights: dict[int, list[_Member]] = {}
     for heading, entry in _entries_of(lanelets).items():
         left, right = entry
         stop_line = city.add_line(entry, "stop_line")
-        light = city.add_line(
-            right + (right - left) * np.array([0.1, 0.4]), "traffic_light", "red_yellow_green"
-        )
-        lights.append(
-            (heading, [_Member("way", light, "refers"), _Member("way", stop_line, "ref_line")])
-        )
-    for heading, members in lights:
-        _add_rule(
-            city,
-            "traffic_light",
-            members,
-            [lanelet for lanelet in lanelets if lanelet.movement.heading == heading],
-        )
+        beside_lane = right + (right - left) * np.array([0.1, 0.4])
+        light = city.add_line(beside_lane, "traffic_light", "red_yellow_green")
+        members_of_lights[heading] = [
+            _Member("way", light, "refers"),
+            _Member("way", stop_line, "ref_line"),
+        ]
+    for heading, members in members_of_lights.items():
+        ruled = [lanelet for lanelet in lanelets if lanelet.movement.heading == heading]
+        _add_rule(city, "traffic_light", members, ruled)
 
 
 def _add_priority(city: "_Map", lanelets: list[_Lanelet]) -> None:

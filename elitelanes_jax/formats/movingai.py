@@ -1,9 +1,8 @@
 """Maps and tasks in the text formats of MovingAI's benchmarks, for planners of one robot or many.
 
 Sturtevant, "Benchmarks for grid-based pathfinding", IEEE Transactions on Computational Intelligence
-and AI in Games,
-2012. A step goes to one of eight neighbours; a diagonal one needs both cells beside it free, and is
-  sqrt(2) long.
+and AI in Games, 2012. A step goes to one of eight neighbours. A diagonal step is sqrt(2) long, and
+both cells beside it must be free.
 """
 
 from typing import NamedTuple
@@ -20,9 +19,9 @@ from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import no_road_error
 from elitelanes_jax.network.checks import check_grid
 
-_STARTS = 10  # of each, as many goals
-_BUCKET = 4  # lengths that share a bucket
-_MOST_CELLS = 2**25  # a path's length for each takes 4 GB of memory
+_STARTS, _GOALS = 10, 10  # the number of starts, and of goals from each start
+_BUCKET = 4  # tasks in a bucket have path lengths that differ by less than this
+_MOST_CELLS = 2**25  # the lengths of paths to all of them take 4 GB of memory
 
 
 class MovingAI(NamedTuple):
@@ -60,17 +59,15 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
     if not road.any():
         raise no_road_error()
     height, width = road.shape
-    rows = "".join("".join(row) + "\n" for row in np.where(road, ".", "@").tolist())
-    lines = [
-        "\t".join(
-            map(str, (int(length // _BUCKET), name, width, height, *start, *goal, f"{length:.8f}"))
-        )
-        + "\n"
-        for length, start, goal in _tasks(road)
-    ]
-    return MovingAI(
-        f"type octile\nheight {height}\nwidth {width}\nmap\n{rows}", "version 1\n" + "".join(lines)
-    )
+    grid = [f"type octile\nheight {height}\nwidth {width}\nmap\n"]
+    for row in np.where(road, ".", "@").tolist():
+        grid.append("".join(row) + "\n")
+    tasks = ["version 1\n"]
+    for task in _draw_tasks(road):
+        bucket = int(task.length // _BUCKET)
+        columns = [bucket, name, width, height, *task.start, *task.goal, f"{task.length:.8f}"]
+        tasks.append("\t".join(map(str, columns)) + "\n")
+    return MovingAI("".join(grid), "".join(tasks))
 
 
 def _road_cells(codes: ArrayLike, cells: int) -> Bool[NDArray, "H W"]:
@@ -94,31 +91,45 @@ def _road_cells(codes: ArrayLike, cells: int) -> Bool[NDArray, "H W"]:
     return np.asarray(tiles[links].swapaxes(1, 2).reshape(height * cells, width * cells))
 
 
-def _tasks(road: Bool[NDArray, "H W"]) -> list[tuple[float, list[int], list[int]]]:
-    """Draws starts and goals, (column, row), and computes the lengths of their shortest paths."""
-    rng, cells = np.random.default_rng(0), np.argwhere(road)[:, ::-1].tolist()
+class _Task(NamedTuple):
+    """A task: the length of its shortest path in cells, and column and row of its start and its goal."""
+
+    length: float
+    start: list[int]
+    goal: list[int]
+
+
+def _draw_tasks(road: Bool[NDArray, "H W"]) -> list[_Task]:
+    """Draws starts and goals, and computes the lengths of their shortest paths; the short ones come first."""
+    rng = np.random.default_rng(0)
+    cells = np.argwhere(road)[:, ::-1].tolist()
     starts = rng.choice(len(cells), min(_STARTS, len(cells)), replace=False)
     tasks = []
     for start, lengths in zip(starts, _path_lengths(road, starts), strict=True):
-        goals = np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
-        drawn = rng.choice(goals, min(_STARTS, len(goals)), replace=False)
-        tasks += [(float(lengths[goal]), cells[start], cells[goal]) for goal in drawn]
+        reached = np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
+        for goal in rng.choice(reached, min(_GOALS, len(reached)), replace=False):
+            tasks.append(_Task(float(lengths[goal]), cells[start], cells[goal]))
     return sorted(tasks)
 
 
 def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float[NDArray, "S N"]:
-    """Returns the lengths of shortest paths from some cells of the road to all, by their indices in its list."""
+    """Returns the lengths of shortest paths from some cells of the road to all, by their indices, row by row."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     index = np.cumsum(road).reshape(road.shape) - 1
-    free = np.pad(road, 1)  # so that no step leaves the map
-    cells, steps = np.argwhere(road), []
+    # A border that is not free keeps steps on the map.
+    free = np.pad(road, 1)
+    cells = np.argwhere(road)
+    steps = []
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        # The goal of a step, and the cells beside it: for a straight step, its start and its goal.
         entered = cells + np.array([[[down, right]], [[down, 0]], [[0, right]]])
-        able = free[tuple(np.moveaxis(entered + 1, -1, 0))].all(axis=0)
-        ends = index[tuple(cells[able].T)], index[tuple(entered[0, able].T)]
-        steps.append((np.full(able.sum(), np.hypot(down, right)), *ends))
+        is_free = free[tuple(np.moveaxis(entered + 1, -1, 0))].all(axis=0)
+        starts_of_steps = index[tuple(cells[is_free].T)]
+        goals_of_steps = index[tuple(entered[0, is_free].T)]
+        lengths_of_steps = np.full(is_free.sum(), np.hypot(down, right))
+        steps.append((lengths_of_steps, starts_of_steps, goals_of_steps))
     lengths, first, second = map(np.concatenate, zip(*steps, strict=True))
     graph = coo_array((lengths, (first, second)), (len(cells), len(cells)))
     return np.asarray(dijkstra(graph.tocsr(), directed=False, indices=starts))

@@ -22,13 +22,16 @@ from elitelanes_jax.lanes.movements import lane_graph
 from elitelanes_jax.network.checks import check_grid
 
 WHEEL_RADIUS = 0.0318
-"""Of the robot, in metres."""
+"""The radius of the robot's wheels in metres."""
 
 WHEEL_DISTANCE = 0.102
-"""Between the middles of the robot's wheels, in metres."""
+"""The distance between the middles of the robot's wheels in metres."""
 
 _TOP_SPEED = 1.2  # of a wheel, metres a second
-_CAMERA_HEIGHT, _CAMERA_FORWARD, _PITCH, _FIELD_OF_VIEW = 0.108, 0.066, radians(19.15), 75
+
+# The camera above the floor and ahead of the wheels, in metres; its pitch and its upright angle of view.
+_CAMERA_HEIGHT, _CAMERA_FORWARD = 0.108, 0.066
+_PITCH, _FIELD_OF_VIEW = radians(19.15), 75
 
 _MODEL = """<mujoco model="elitelanes">
   <option timestep="0.002" integrator="implicitfast"/>

@@ -50,26 +50,10 @@ class ObjectKind(NamedTuple):
 # on a tile between signs. Street name signs have the widest one of the manual, 7.2 inches.
 _SIGN = ObjectKind(0.18, 0.056, 0.072)
 _SIGNS = (
-    *(
-        "stop",
-        "4_way_intersect",
-        "right_T_intersect",
-        "left_T_intersect",
-        "T_intersect",
-        "t_light_ahead",
-        "yield",
-    ),
-    *(
-        "do_not_enter",
-        "no_left_turn",
-        "no_right_turn",
-        "oneway_left",
-        "oneway_right",
-        "duck_crossing",
-        "pedestrian",
-    ),
-    *("parking", "blank"),
-)
+    "stop", "4_way_intersect", "right_T_intersect", "left_T_intersect", "T_intersect",
+    "t_light_ahead", "yield", "do_not_enter", "no_left_turn", "no_right_turn", "oneway_left",
+    "oneway_right", "duck_crossing", "pedestrian", "parking", "blank",
+)  # fmt: skip
 
 OBJECT_KINDS: dict[str, ObjectKind] = {
     "duckie": ObjectKind(0.08, 0.088, 0.088, is_round=True),

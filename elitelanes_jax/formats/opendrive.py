@@ -5,8 +5,8 @@ side. A crossing is a junction as large as its tile, with a connecting road for 
 turn back at dead ends, in junctions with one connecting road. A road back to its own crossing has a
 junction halfway, a ring has two.
 
-OpenDRIVE allows no junction next to a junction: between adjacent crossings is a road of twice
-`_INSET`.
+OpenDRIVE allows no junction next to a junction: between adjacent crossings is a road of 1/1024
+tile.
 """
 
 import math

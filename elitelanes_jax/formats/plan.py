@@ -18,8 +18,8 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.lanes.links import linked_codes
-from elitelanes_jax.network.codes import CONNECTIONS, NORTH, SOUTH, WEST, rotate_codes
+from elitelanes_jax.lanes.links import ends_of_roads
+from elitelanes_jax.network.codes import NORTH, SOUTH, WEST, rotate_codes
 
 TAPE_WIDTHS = {"white": 0.048, "yellow": 0.024, "red": 0.048}
 """The width of each colour of tape in metres."""
@@ -48,14 +48,19 @@ _EDGE = TAPE_WIDTHS["yellow"] / 2 + _LANE + TAPE_WIDTHS["white"] / 2
 
 
 class Tape(NamedTuple):
-    """A strip of tape on a tile: straight pieces join the points of its middle line."""
+    """A strip of tape on a tile: straight pieces join the points of its middle line.
 
-    colour: str  # white, yellow or red
-    points: tuple[tuple[float, float], ...]  # metres east and south of the tile's north-west corner
+    Attributes:
+      colour: white, yellow or red.
+      points: metres east and south of the tile's north-west corner.
+    """
+
+    colour: str
+    points: tuple[tuple[float, float], ...]
 
     @property
     def length(self) -> float:
-        """Metres, with the gaps that are cut into yellow tape."""
+        """The length in metres, with the gaps that are cut into yellow tape."""
         return sum(hypot(x - u, y - v) for (x, y), (u, v) in pairwise(self.points))
 
 
@@ -122,9 +127,10 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
             f"map: expected roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles, got {got}"
         )
     _check_ends(codes)
-    placed = tuple(
-        _place(row, column, int(codes[row, column])) for row, column in np.argwhere(codes).tolist()
-    )
+    placed = []
+    for row, column in np.argwhere(codes).tolist():
+        kind, quarter_turns = _TILE[int(codes[row, column])]
+        placed.append(PlacedTile(row, column, kind, quarter_turns))
     tiles = {kind: sum(tile.kind == kind for tile in placed) for kind in REFERENCE}
     tape = dict.fromkeys(TAPE_WIDTHS, 0.0)
     for kind, count in tiles.items():
@@ -134,7 +140,7 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
         shape=(height, width),
         tile_size=size,
         floor=(round(width * size, 3), round(height * size, 3)),
-        placed=placed,
+        placed=tuple(placed),
         tiles=tiles | {"empty": height * width - len(placed)},
         tape={colour: round(total, 3) for colour, total in tape.items()},
         objects=tuple(sorted(objects, key=lambda item: (item.y, item.x, item.kind))),
@@ -165,39 +171,27 @@ def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tup
         strips = [(stop, 0), (stop, 1), (stop, 2), (stub, 0), (stub, 1), (stub, 2)]
         strips += [(corner, 0), (corner, 3), (side, 2)]
     else:
-        strips = [
-            (stop, 0),
-            (stop, 1),
-            (stop, 2),
-            (stop, 3),
-            (stub, 0),
-            (stub, 1),
-            (stub, 2),
-            (stub, 3),
-        ]
+        strips = [(stop, 0), (stop, 1), (stop, 2), (stop, 3)]
+        strips += [(stub, 0), (stub, 1), (stub, 2), (stub, 3)]
         strips += [(corner, 0), (corner, 3), (corner, 1), (corner, 2)]
     return tuple(_turned(strip, turns + quarter_turns, tile_size) for strip, turns in strips)
 
 
 def _check_ends(codes: NDArray[np.int8]) -> None:
     """Raises `InputError` for a tile where a road ends."""
-    ends = np.argwhere((CONNECTIONS[codes] == 1) | (linked_codes(codes) != codes)).tolist()
+    ends = ends_of_roads(codes)
     if ends:
         row, column = ends[0]
         expected = "map: expected tiles with two or more connections that their neighbours return, as Duckietown has"
         raise InputError(f"{expected}, got a dead end at row {row}, column {column}")
 
 
-def _place(row: int, column: int, code: int) -> PlacedTile:
-    return PlacedTile(row, column, *_TILE[code])
-
-
 def _arc(colour: str, radius: float, pieces: int, tile_size: float) -> Tape:
     """Returns tape around the south-western corner of a tile, from the western to the southern side."""
-    angles = np.linspace(0, pi / 2, pieces + 1).tolist()
-    return Tape(
-        colour, tuple((radius * sin(angle), tile_size - radius * cos(angle)) for angle in angles)
-    )
+    points = []
+    for angle in np.linspace(0, pi / 2, pieces + 1).tolist():
+        points.append((radius * sin(angle), tile_size - radius * cos(angle)))
+    return Tape(colour, tuple(points))
 
 
 def _turned(tape: Tape, quarter_turns: int, tile_size: float) -> Tape:

@@ -12,13 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._traffic import STEPS, Traffic, make_traffic
 from elitelanes_jax.formats.streets import Streets
 
-# The number of a road's kind in JSON, which is Waymo's, and in the binary.
-_KINDS = {"lane": (2, 4), "road_line": (9, 5), "road_edge": (15, 6), "stop_sign": (17, 7)}
-_VEHICLE = 1
+
+class _KindNumbers(NamedTuple):
+    """The number of a road's kind in JSON, which is Waymo's, and in the binary."""
+
+    in_json: int
+    in_binary: int
+
+
+_KINDS = {
+    "lane": _KindNumbers(2, 4),
+    "road_line": _KindNumbers(9, 5),
+    "road_edge": _KindNumbers(15, 6),
+    "stop_sign": _KindNumbers(17, 7),
+}
+_VEHICLE = 1  # the number of the kind of all cars, in the binary
 
 
 class PufferDrive(NamedTuple):
@@ -52,26 +65,27 @@ def to_pufferdrive(
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad
-        seed.
+      InputError: for a bad map, one without a lane from a tile to another, a name that is no text,
+        bad measures, or a bad seed.
     """
+    name = check_named("name", instance(str), name)
     traffic = make_traffic(source, streets, seed)
     return PufferDrive(_to_binary(traffic), _to_json(name, traffic, streets))
 
 
 def _to_binary(traffic: Traffic) -> bytes:
     """Returns PufferDrive's binary: whole numbers and floats of 32 bits, the least byte first."""
-    logs, roads, (length, width, height) = traffic.logs, traffic.roads, traffic.sides
-    # No car of its own, none to predict.
-    parts = [struct.pack("<4i", -1, 0, len(logs), len(roads))]
-    for number, log in enumerate(logs):
+    length, width, height = traffic.sides
+    # PufferDrive has no car of its own there, and none to predict.
+    parts = [struct.pack("<4i", -1, 0, len(traffic.logs), len(traffic.roads))]
+    for number, log in enumerate(traffic.logs):
         goal = log.position[-1]
         parts.append(struct.pack("<4i", 0, _VEHICLE, number, STEPS))
         parts += [_floats(log.position), _floats(log.velocity), _one_float_each(log.heading)]
         parts.append(np.ones(STEPS, "<i4").tobytes())
         parts.append(struct.pack("<6fi", width, length, height, goal.real, goal.imag, 0, 0))
-    for number, road in enumerate(roads):
-        parts.append(struct.pack("<4i", 0, _KINDS[road.kind][1], number, len(road.points)))
+    for number, road in enumerate(traffic.roads):
+        parts.append(struct.pack("<4i", 0, _KINDS[road.kind].in_binary, number, len(road.points)))
         parts += [_floats(road.points), struct.pack("<6fi", 0, 0, 0, 0, 0, 0, 0)]
     return b"".join(parts)
 
@@ -91,38 +105,46 @@ def _to_json(name: str, traffic: Traffic, streets: Streets) -> str:
     length, width, height = (round(side, 6) for side in traffic.sides)
     objects: list[Plain] = []
     for number, log in enumerate(traffic.logs):
-        entry: dict[str, Plain] = {"id": number, "type": "vehicle", "mark_as_expert": False}
-        entry |= {"length": length, "width": width, "height": height, "valid": [True] * STEPS}
-        entry |= {"position": _places(log.position), "velocity": _places(log.velocity)}
-        entry |= {
+        car: dict[str, Plain] = {
+            "id": number,
+            "type": "vehicle",
+            "mark_as_expert": False,
+            "length": length,
+            "width": width,
+            "height": height,
+            "valid": [True] * STEPS,
+            "position": _places(log.position),
+            "velocity": _places(log.velocity),
             "heading": log.heading.round(6).tolist(),
             "goalPosition": _places(log.position[-1:])[0],
         }
-        objects.append(entry)
-    written: list[Plain] = []
+        objects.append(car)
+    roads: list[Plain] = []
     for number, road in enumerate(traffic.roads):
-        entry = {"id": number, "type": road.kind, "map_element_id": _KINDS[road.kind][0]}
-        entry["geometry"] = _places(road.points)
+        line: dict[str, Plain] = {
+            "id": number,
+            "type": road.kind,
+            "map_element_id": _KINDS[road.kind].in_json,
+            "geometry": _places(road.points),
+        }
         if road.kind == "lane":
-            entry |= {
-                "entry_lanes": list(predecessors[number]),
-                "exit_lanes": list(successors[number]),
-            }
-            entry["speed_limit"] = streets.speed
-        written.append(entry)
-    metadata: dict[str, Plain] = {
-        "sdc_track_index": -1,
-        "tracks_to_predict": [],
-        "objects_of_interest": [],
-    }
-    content = {
+            line["entry_lanes"] = list(predecessors[number])
+            line["exit_lanes"] = list(successors[number])
+            line["speed_limit"] = streets.speed
+        roads.append(line)
+    content: dict[str, Plain] = {
         "name": name,
         "scenario_id": name,
         "objects": objects,
-        "roads": written,
+        "roads": roads,
         "tl_states": {},
+        "metadata": {
+            "sdc_track_index": -1,
+            "tracks_to_predict": [],
+            "objects_of_interest": [],
+        },
     }
-    return json.dumps(content | {"metadata": metadata}, separators=(",", ":")) + "\n"
+    return json.dumps(content, separators=(",", ":")) + "\n"
 
 
 def _places(points: NDArray[np.complex128]) -> list[Plain]:

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -82,8 +83,7 @@ class RoadMap:
         for name, (fits, expected) in _FIELDS.items():
             value = _plain(getattr(self, name))
             if value is not None and not fits(value):
-                got = shorten(json.dumps(value, default=repr))
-                raise InputError(f"{name}: expected {expected}, got {got}")
+                raise InputError(f"{name}: expected {expected}, got {shorten(_shown(value))}")
             fields[name] = value
         if fields["seed"]:
             fields["seed"] = tuple(fields["seed"])
@@ -247,10 +247,10 @@ def _dimensions(value: UserValue) -> int:
 def refresh(road_map: RoadMap, name: str) -> RoadMap:
     """Returns a map whose metrics are those of its codes. After a change by hand, stored metrics no longer are.
 
-    Such a map is measured again, and loses what a search said of its former codes: its fitness,
-    descriptor, niche, seed and drawn tiles. A command says so in a line that begins with `name`. A
-    map without metrics does not change. Town features of blocks and streets are not compared,
-    because measuring them needs JAX.
+    A changed map is measured again, and loses what a search said of its former codes: its fitness,
+    descriptor, niche, seed and drawn tiles. It keeps its objects and its unsure cells. A command
+    says so in a line that begins with `name`. A map without metrics does not change. Town features
+    of blocks and streets are not compared, because measuring them needs JAX.
     """
     if road_map.metrics is None:
         return road_map
@@ -260,10 +260,13 @@ def refresh(road_map: RoadMap, name: str) -> RoadMap:
     # Whether a code is outside the alphabet depends on the search.
     del measured["off_alphabet"]
     for metric, value in road_map.metrics.items():
-        if metric in measured and abs(value - measured[metric]) > _ROUNDED:
+        # The measured coverage is a float32, to which NumPy would convert the stored one.
+        if metric in measured and abs(value - float(measured[metric])) > _ROUNDED:
             change = f"{metric} {measured[metric]:g} instead of {value:g}"
             announce_at_end(name, f"measured again, because its codes were changed: {change}")
-            return RoadMap(road_map.codes, metrics=metrics, objects=road_map.objects)
+            return RoadMap(
+                road_map.codes, metrics=metrics, objects=road_map.objects, unsure=road_map.unsure
+            )
     return road_map
 
 
@@ -280,8 +283,8 @@ def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]])
     if suffix == ".npz":
         got = "an archive of a search; pick chooses maps from it"
         raise InputError(f"{file}: expected a file of maps, got {got}")
-    if Path(file).is_dir():
-        return parse(_values_of_folder(Path(file)))
+    if is_folder(Path(file)):
+        return check_named(str(file), parse, _values_of_folder(Path(file)))
     is_yaml = suffix in (".yaml", ".yml")
     text = read_input(file, most, "YAML" if is_yaml else "JSON")
     try:
@@ -292,6 +295,13 @@ def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]])
         raise InputError(f"{file}: {error}") from None
     except RecursionError:
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
+
+
+def is_folder(source: Path) -> bool:
+    """Returns whether a path is that of a folder; False for a text that is too long for a path."""
+    with suppress(OSError):
+        return source.is_dir()
+    return False
 
 
 def _values_of_folder(folder: Path) -> Plain:
@@ -372,6 +382,13 @@ def _plain(value: UserValue) -> Plain:
     return value.item() if isinstance(value, np.generic) else value
 
 
+def _shown(value: Plain) -> str:
+    """Returns a field's value for a message: as JSON has it, or as Python has it if a key is no text."""
+    if isinstance(value, dict) and not all(map(_is_text, value)):
+        return repr(value)
+    return json.dumps(value, default=repr, skipkeys=True)
+
+
 def _grid(rows: Plain) -> NDArray[np.int8]:
     """Reads the codes of a file.
 
@@ -445,7 +462,9 @@ def _is_number(value: Plain) -> bool:
 
 
 def _are_numbers_by_name(value: Plain) -> bool:
-    return isinstance(value, dict) and all(map(_is_number, value.values()))
+    if not isinstance(value, dict):
+        return False
+    return all(map(_is_text, value)) and all(map(_is_number, value.values()))
 
 
 def _are_whole(value: Plain) -> bool:

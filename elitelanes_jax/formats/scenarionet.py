@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, path, paths
+from elitelanes_jax._util.checks import check_named, instance, path, paths
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Road, Traffic, make_traffic
@@ -57,9 +57,10 @@ def to_scenarionet(
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, bad measures, or a bad
-        seed.
+      InputError: for a bad map, one without a lane from a tile to another, a name that is no text,
+        bad measures, or a bad seed.
     """
+    name = check_named("name", instance(str), name)
     traffic = make_traffic(source, streets, seed)
     steps = _steps_before_return(traffic.logs[0], streets)
     tracks: dict[str, Plain] = {}
@@ -67,15 +68,26 @@ def to_scenarionet(
         number = str(len(tracks))
         tracks[number] = _track(number, log, traffic.sides, steps)
     features = _features(traffic, streets)
-    metadata: dict[str, Plain] = {"id": name, "scenario_id": name, "dataset": _DATASET}
-    metadata |= {"coordinate": "metadrive", "metadrive_processed": False, "sdc_id": "0"}
-    metadata["ts"] = (np.arange(steps) * STEP).astype("<f4")
-    metadata |= _summaries(tracks, len(features))
-    scenario = {"id": name, "version": _VERSION, "length": steps, "metadata": metadata}
-    states: dict[str, Plain] = {}  # there are no lights
-    return _to_pickle(
-        scenario | {"tracks": tracks, "dynamic_map_states": states, "map_features": features}
-    )
+    metadata: dict[str, Plain] = {
+        "id": name,
+        "scenario_id": name,
+        "dataset": _DATASET,
+        "coordinate": "metadrive",
+        "metadrive_processed": False,
+        "sdc_id": "0",
+        "ts": (np.arange(steps) * STEP).astype("<f4"),
+        **_summaries(tracks, len(features)),
+    }
+    scenario: dict[str, Plain] = {
+        "id": name,
+        "version": _VERSION,
+        "length": steps,
+        "metadata": metadata,
+        "tracks": tracks,
+        "dynamic_map_states": {},  # there are no lights
+        "map_features": features,
+    }
+    return _to_pickle(scenario)
 
 
 @name_wrong_arguments
@@ -98,9 +110,7 @@ def index_scenarios(folder: str | Path, files: Iterable[str | Path]) -> dict[str
     for file in check_named("files", paths, files):
         if file.name in summary:
             raise InputError(f"files: expected files of different names, got two for {file.name}")
-        metadata = _read_metadata(file)
-        metadata["ts"] = metadata["ts"].tolist()
-        summary[file.name] = metadata
+        summary[file.name] = _read_metadata(file)
         place = os.path.relpath(file.parent, folder)
         mapping[file.name] = "" if place == "." else Path(place).as_posix()
     return {"dataset_summary.pkl": _to_pickle(summary), "dataset_mapping.pkl": _to_pickle(mapping)}
@@ -120,22 +130,26 @@ def _without_touching(logs: list[Log], sides: CarSides) -> list[Log]:
     """Returns the logs of cars that never touch one before them. Three circles cover a car."""
     third = sides.length / 3
     apart = 2 * np.hypot(third / 2, sides.width / 2)
-    result: list[Log] = []
-    places: list[NDArray[np.complex128]] = []
+    clear_logs: list[Log] = []
+    circles_of_logs: list[NDArray[np.complex128]] = []
     for log in logs:
         ahead = np.exp(1j * log.heading)[:, None]
         circles = log.position[:, None] + third * np.array([-1, 0, 1]) * ahead
-        gaps = [np.abs(circles[:, :, None] - other[:, None]).min() for other in places]
+        gaps = [np.abs(circles[:, :, None] - other[:, None]).min() for other in circles_of_logs]
         if min(gaps, default=np.inf) > apart:
-            result.append(log)
-            places.append(circles)
-    return result
+            clear_logs.append(log)
+            circles_of_logs.append(circles)
+    return clear_logs
 
 
 def _track(number: str, log: Log, sides: CarSides, steps: int) -> dict[str, Plain]:
-    state: dict[str, Plain] = {"position": _floats(log.position[:steps], 3)}
-    state |= {"heading": log.heading[:steps].astype("<f4")}
-    state |= {"velocity": _floats(log.velocity[:steps], 2), "valid": np.ones(steps, bool)}
+    """Returns the track of a car in the first steps of its log."""
+    state: dict[str, Plain] = {
+        "position": _floats(log.position[:steps], 3),
+        "heading": log.heading[:steps].astype("<f4"),
+        "velocity": _floats(log.velocity[:steps], 2),
+        "valid": np.ones(steps, bool),
+    }
     for name, side in sides._asdict().items():
         state[name] = np.full(steps, side, "<f4")
     about = {"type": _VEHICLE, "object_id": number, "track_length": steps, "dataset": _DATASET}
@@ -174,9 +188,8 @@ def _outline(road: Road, streets: Streets, rows: int) -> NDArray[np.float32]:
 
 def _floats(points: NDArray[np.complex128], dimensions: int) -> NDArray[np.float32]:
     """Returns x, y and, in three dimensions, 0 for z."""
-    return np.stack([points.real, points.imag, 0 * points.real], axis=1)[:, :dimensions].astype(
-        "<f4"
-    )
+    coordinates = np.stack([points.real, points.imag, 0 * points.real], axis=1)
+    return coordinates[:, :dimensions].astype("<f4")
 
 
 def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
@@ -186,16 +199,27 @@ def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
         position = track["state"]["position"]
         steps = len(position)
         distance = float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
-        cars[number] = {"type": _VEHICLE, "object_id": number, "moving_distance": distance}
-        cars[number] |= dict.fromkeys(
-            ("track_length", "valid_length", "continuous_valid_length"), steps
-        )
+        cars[number] = {
+            "type": _VEHICLE,
+            "object_id": number,
+            "moving_distance": distance,
+            "track_length": steps,
+            "valid_length": steps,
+            "continuous_valid_length": steps,
+        }
     moving = sum(car["moving_distance"] > 1 for car in cars.values())
-    numbers: dict[str, Plain] = {"object_types": [_VEHICLE], "num_map_features": features}
-    numbers |= {"num_objects": len(cars), "num_objects_each_type": {_VEHICLE: len(cars)}}
-    numbers |= {"num_moving_objects": moving, "num_moving_objects_each_type": {_VEHICLE: moving}}
-    numbers |= {"num_traffic_lights": 0, "num_traffic_light_types": []}
-    numbers |= {"num_traffic_light_each_step": {}, "map_height_diff": 0.0}
+    numbers: dict[str, Plain] = {
+        "object_types": [_VEHICLE],
+        "num_map_features": features,
+        "num_objects": len(cars),
+        "num_objects_each_type": {_VEHICLE: len(cars)},
+        "num_moving_objects": moving,
+        "num_moving_objects_each_type": {_VEHICLE: moving},
+        "num_traffic_lights": 0,
+        "num_traffic_light_types": [],
+        "num_traffic_light_each_step": {},
+        "map_height_diff": 0.0,
+    }
     return {"object_summary": cars, "number_summary": numbers}
 
 
@@ -224,9 +248,13 @@ def _to_pickle(content: dict[str, Plain]) -> bytes:
 
 
 def _read_metadata(file: Path) -> dict[str, Plain]:
+    """Returns the metadata of a scenario as a summary has it, with the times as a list.
+
+    Raises `InputError` for a file that `to_scenarionet` did not write.
+    """
     content = file.read_bytes()
     try:
         metadata: dict[str, Plain] = _Unpickler(BytesIO(content)).load()["metadata"]
+        return metadata | {"ts": metadata["ts"].tolist()}
     except Exception:  # What is no pickle raises errors of many kinds.
         raise InputError(f"{file}: expected a scenario of to_scenarionet") from None
-    return metadata

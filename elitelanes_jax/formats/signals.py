@@ -1,8 +1,8 @@
 """Signs and lights of a map: the crossings that they rule, and the signals of OpenDRIVE that they become."""
 
 from collections.abc import Collection
-from itertools import count
-from math import cos, hypot, pi, sin
+from itertools import count, product
+from math import cos, floor, hypot, pi, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -16,18 +16,21 @@ from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.network.codes import SIDES
 
-_FAR = 1.5  # tiles from a crossing, where signs no longer belong to it
+# Tiles from a crossing, from which on signs no longer belong to it.
+_FAR = 1.5
+
+# The right of way that a sign or a light at a crossing gives.
 _RULES = {"sign_stop": "allway_stop", "trafficlight": "traffic_light"}
 _KINDS = {rule: kind for kind, rule in _RULES.items()}
-_OF_CROSSINGS = (
-    "_stop",
-    "_yield",
-    "_t_light_ahead",
-    "_intersect",
-)  # ends of the names of their signs
+
+# The ends of the names of signs that belong to crossings.
+_OF_CROSSINGS = ("_stop", "_yield", "_t_light_ahead", "_intersect")
+
 # Tiles from a sign towards its road: signs beside straight roads are 0.08 outside their tiles.
 _ASIDE = 0.3
-_TYPES = {  # of the German road traffic regulations (StVO), and subtypes
+
+# The types of signs in the German road traffic regulations (StVO), and their subtypes.
+_TYPES = {
     "sign_stop": ("206", "-1"),
     "sign_yield": ("205", "-1"),
     "sign_t_light_ahead": ("131", "-1"),
@@ -38,25 +41,40 @@ _TYPES = {  # of the German road traffic regulations (StVO), and subtypes
     "sign_parking": ("314", "-1"),
 }
 
-Arrival = tuple[Cell, Cell]  # where a road ends: the tile that it leads to, and the tile before
+Arrival = tuple[Cell, Cell]
+"""Where a road ends: the tile that it leads to, and the tile before."""
 
 
 class _Passage(NamedTuple):
-    """A lane on a tile. Positions are complex: x east, y north."""
+    """A lane on a tile. Positions are complex: x east, y north.
 
-    middle: complex  # of the tile
-    ahead: complex  # the direction of the lane, of size 1
-    starts: bool  # whether its road starts there
-    end: Arrival  # of its road
+    Attributes:
+      middle: the middle of the tile.
+      ahead: the direction of the lane, of size 1.
+      starts: whether its road starts there.
+      end: the end of its road.
+    """
+
+    middle: complex
+    ahead: complex
+    starts: bool
+    end: Arrival
 
 
 class Signal(NamedTuple):
-    """A sign, or the light for one road."""
+    """A sign, or the light for one road.
 
-    number: int  # from 1
-    kind: str  # one of `OBJECT_KINDS`
-    item: MapObject | None = None  # of the map; None if the right of way asks for a signal
-    heading: float = 0.0  # of its reader, in radians counter-clockwise from east
+    Attributes:
+      number: the number of the signal, from 1.
+      kind: one of `OBJECT_KINDS`.
+      item: the object of the map; None if the right of way asks for a signal.
+      heading: the direction of its reader, in radians counter-clockwise from east.
+    """
+
+    number: int
+    kind: str
+    item: MapObject | None = None
+    heading: float = 0.0
 
 
 def rights_of_way(road_map: RoadMap, streets: Streets) -> dict[Cell, str]:
@@ -93,7 +111,10 @@ def list_signals(
     for path in paths:
         ways[path[0], path[1]] = path[::-1]
         ways[path[-1], path[-2]] = path
-    headings = {(tile, before): SIDES.index(side_towards(before, tile)) for tile, before in ways}
+    ends_at: dict[Cell, dict[int, Arrival]] = {}
+    for tile, before in ways:
+        heading = SIDES.index(side_towards(before, tile))
+        ends_at.setdefault(tile, {})[heading] = tile, before
     signals: dict[Arrival, list[Signal]] = {end: [] for end in ways}
     passages = _passages(ways)
     middles = np.array([passage.middle for passage in passages])
@@ -103,31 +124,20 @@ def list_signals(
         if sign.kind in _RULES:
             ruled_by_signs.add(crossing)
         if sign.kind == "trafficlight" and crossing:
-            for end in ways:
-                if end[0] == crossing:
-                    angle = (1 - headings[end]) * pi / 2
-                    signals[end].append(Signal(next(numbers), sign.kind, sign, angle))
+            for heading, end in ends_at[crossing].items():
+                angle = (1 - heading) * pi / 2
+                signals[end].append(Signal(next(numbers), sign.kind, sign, angle))
             continue
-        end = _end_at_crossing(sign, crossing, headings) or _end_of_road(sign, passages, middles)
+        end_at_crossing = None
+        if crossing is not None and sign.kind.endswith(_OF_CROSSINGS):
+            end_at_crossing = ends_at[crossing].get(heading_of_reader(sign))
+        end = end_at_crossing or _end_of_road(sign, passages, middles)
         signals[end].append(Signal(next(numbers), sign.kind, sign, sign.angle + pi))
     for end, signals_there in signals.items():
         kind = _KINDS.get(rules.get(end[0], ""))
         if kind and end[0] not in ruled_by_signs:
             signals_there.append(Signal(next(numbers), kind))
     return signals
-
-
-def _end_at_crossing(
-    sign: MapObject, crossing: Cell | None, headings: dict[Arrival, int]
-) -> Arrival | None:
-    """Returns the end of the road on which drivers read a sign of a crossing; None for a sign of another kind."""
-    if crossing is None or not sign.kind.endswith(_OF_CROSSINGS):
-        return None
-    heading = heading_of_reader(sign)
-    for end, heading_there in headings.items():
-        if end[0] == crossing and heading_there == heading:
-            return end
-    return None
 
 
 def _passages(ways: dict[Arrival, list[Cell]]) -> list[_Passage]:
@@ -187,8 +197,12 @@ def _signs(road_map: RoadMap) -> list[MapObject]:
 
 
 def crossing_of(sign: MapObject, crossings: Collection[Cell]) -> Cell | None:
-    """Returns the crossing that a sign or a light belongs to, if one is near."""
-    nearest = min(crossings, key=lambda tile: _distance(sign, tile), default=None)
+    """Returns the crossing that a sign or a light belongs to, if one is near: of equally near ones, the first."""
+    row, column = floor(sign.y), floor(sign.x)
+    # No crossing farther away is nearer than `_FAR`. A large map has too many to measure them all.
+    cells = product(range(row - 2, row + 3), range(column - 2, column + 3))
+    near = [cell for cell in cells if cell in crossings]
+    nearest = min(near, key=lambda tile: _distance(sign, tile), default=None)
     if nearest and _distance(sign, nearest) < _FAR:
         return nearest
     return None

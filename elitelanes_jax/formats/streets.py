@@ -15,7 +15,9 @@ from elitelanes_jax._util.checks import one_of, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax.lanes.curves import lane_polyline, middle_of_side
-from elitelanes_jax.lanes.movements import BACK, Movement
+from elitelanes_jax.lanes.movements import BACK, TURNS, Movement
+
+_STRAIGHT = TURNS.index("straight")
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,8 @@ class Streets(Record):
     def check_together(self) -> None:
         """Checks that a tile has room for two lanes."""
         if self.tile <= 2 * self.lane:
-            if self.tile == Streets.tile:  # the lane was given, not the tile
+            # With a tile of the default size, the lane is the argument that somebody gave.
+            if self.tile == Streets.tile:
                 raise InputError(
                     f"lane: expected less than half of a tile, {self.tile / 2:g} m, got {self.lane:g} m"
                 )
@@ -66,9 +69,13 @@ def to_metres(
 
 def giving_way(movements: Iterable[Movement]) -> set[int]:
     """Returns the headings from which no movement of a crossing goes straight on: at three arms one, at four none."""
-    movements = list(movements)
-    straight = {movement.heading for movement in movements if movement.turn == 1}
-    return {movement.heading for movement in movements} - straight
+    headings: set[int] = set()
+    with_straight: set[int] = set()
+    for movement in movements:
+        headings.add(movement.heading)
+        if movement.turn == _STRAIGHT:
+            with_straight.add(movement.heading)
+    return headings - with_straight
 
 
 def bounds(

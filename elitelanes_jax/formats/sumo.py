@@ -35,9 +35,8 @@ _SETTINGS = {
     "roundabouts.guess": "false",
 }
 
-# What the names of files mean in SUMO's settings and on its command line: a list, a port of the
-# network, a folder, and a variable of the environment. No way to write them keeps them from their
-# meaning.
+# In names of files, SUMO takes these for a list, a port of the network, a folder, and a variable of
+# the environment. There is no way to quote them.
 _REFUSED = (",", ":", "\\", "${")
 # SUMO expands these characters in names of files. Their codes are read as the characters.
 _QUOTED = {"%": "%25", "~": "%7e"}
@@ -83,7 +82,8 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
       InputError: for a bad map, one without any road, a bad name, or bad measures.
     """
     road_map = as_map(source)
-    rules, grid = rights_of_way(road_map, streets), road_map.codes
+    rules = rights_of_way(road_map, streets)
+    grid = road_map.codes
     roads = _roads(grid)
     if not roads:
         raise no_road_error()
@@ -162,6 +162,7 @@ def _file_name(value: UserValue) -> str:
 
 
 def _settings(name: str) -> str:
+    """Returns the settings for netconvert; `name` is that of the files as SUMO reads it."""
     values = {f"{kind}-files": name + suffix for kind, suffix in _SUFFIXES.items()}
     values |= {key: value.format(name=name) for key, value in _SETTINGS.items()}
     lines = "".join(f"    <{key} value={quoteattr(value)}/>\n" for key, value in values.items())
@@ -193,12 +194,16 @@ def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, 
     beyond = [_beyond(road[0], road[1], exits), *road, _beyond(road[-1], road[-2], exits)]
     centres = np.array([[column + 0.5, row + 0.5] for row, column in beyond])[:, None]
     half_steps = np.diff(centres, axis=0) / 2
-    across = (
-        centres[1:-1] - half_steps[:-1] * (1 - np.sin(_ARC)) + half_steps[1:] * (1 - np.cos(_ARC))
-    )
-    line = across.reshape(-1, 2)[_HALF:-_HALF]  # nodes are in the middle of their tiles
-    line = line[np.append(True, np.hypot(*np.diff(line, axis=0).T) > 1e-9)]
-    (x, y), (next_x, next_y) = np.diff(line, axis=0)[:-1].T, np.diff(line, axis=0)[1:].T
+    from_entry = half_steps[:-1] * (1 - np.sin(_ARC))
+    to_exit = half_steps[1:] * (1 - np.cos(_ARC))
+    across = centres[1:-1] - from_entry + to_exit
+    # Nodes are in the middle of their tiles.
+    line = across.reshape(-1, 2)[_HALF:-_HALF]
+    is_apart = np.hypot(*np.diff(line, axis=0).T) > 1e-9
+    line = line[np.append(True, is_apart)]
+    pieces = np.diff(line, axis=0)
+    x, y = pieces[:-1].T
+    next_x, next_y = pieces[1:].T
     is_bent = abs(x * next_y - y * next_x) > 1e-9
     return np.asarray(line[[True, *is_bent, True]])
 
@@ -234,7 +239,8 @@ def _edge_id(node: Cell, neighbour: Cell) -> str:
 
 
 def _xml(name: str, elements: Iterable[str], root: str | None = None) -> str:
-    """Returns a file of elements; its root is the plural of their name unless `root` says otherwise."""
+    """Returns a file of elements, given their attributes. Its root is the plural of their name by default."""
+    if root is None:
+        root = f"{name}s"
     lines = "".join(f"    <{name} {attributes}/>\n" for attributes in elements)
-    plural = root or f"{name}s"
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{plural}>\n{lines}</{plural}>\n'
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{root}>\n{lines}</{root}>\n'

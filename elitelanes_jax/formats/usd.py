@@ -16,7 +16,8 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.network.checks import check_shape
 
-_MEANING = re.compile(r"[@<>\[\]\\\t\n\r]")  # what USD gives a meaning in the paths of files
+# The characters that have a meaning in USD's paths of files.
+_MEANING = re.compile(r"[@<>\[\]\\\t\n\r]")
 
 _STAGE = """#usda 1.0
 (
@@ -107,12 +108,13 @@ def to_usd(
     """
     check_tile_size(tile_size, most=1000)
     rows, columns = check_shape(shape)
-    solids = check_named("standing", listed(Standing), standing)
+    standing = check_named("standing", listed(Standing), standing)
+    solids = [_solid(item, rows, number, tile_size) for number, item in enumerate(standing)]
     return _STAGE.format(
         east=columns * tile_size,
         north=rows * tile_size,
         picture=check_named("picture", _file_name, picture),
-        things="".join(_solid(one, rows, number, tile_size) for number, one in enumerate(solids)),
+        things="".join(solids),
     )
 
 
@@ -125,12 +127,17 @@ def _file_name(value: UserValue) -> str:
     return name
 
 
-def _solid(one: Standing, rows: int, number: int, size: float) -> str:
-    thing, grown = one.thing, size / TILE_SIZE
-    # A cube of USD has sides of length 2.
-    length, width, height = (side * grown / 2 for side in (*thing.footprint, thing.height))
-    name = f"{re.sub('[^A-Za-z0-9]', '_', thing.kind)}_{number}"
-    pose = {"x": thing.x * size, "y": (rows - thing.y) * size, "degrees": degrees(thing.angle)}
+def _solid(item: Standing, rows: int, number: int, tile_size: float) -> str:
+    """Returns the box of an object. Its scales are halves, because a cube of USD has sides of length 2."""
+    thing, scale = item.thing, tile_size / TILE_SIZE
+    length, width = thing.footprint
     return _SOLID.format(
-        name=name, colour=one.colour, length=length, width=width, height=height, **pose
+        name=f"{re.sub('[^A-Za-z0-9]', '_', thing.kind)}_{number}",
+        colour=item.colour,
+        x=thing.x * tile_size,
+        y=(rows - thing.y) * tile_size,
+        degrees=degrees(thing.angle),
+        length=length * scale / 2,
+        width=width * scale / 2,
+        height=thing.height * scale / 2,
     )

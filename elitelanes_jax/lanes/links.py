@@ -2,11 +2,12 @@
 
 from typing import TypeAlias
 
+import numpy as np
 from jaxtyping import Int
 
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES, Side
+from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, SIDES, Side
 
 Cell = tuple[int, int]
 """A cell of a grid: row and column, from the north-west corner."""
@@ -31,6 +32,13 @@ def linked_codes(codes: Codes) -> Codes:
         neighbour = padded[first_row : first_row + height, first_column : first_column + width]
         links |= xp.where(neighbour & side.opposite > 0, grid & side.bit, 0).astype(grid.dtype)
     return links
+
+
+def ends_of_roads(codes: Codes) -> list[Cell]:
+    """Returns the tiles where roads end, row by row: with one connection, or with one that no neighbour returns."""
+    grid = np.asarray(check_grid(codes))
+    is_end = (CONNECTIONS[grid] == 1) | (linked_codes(grid) != grid)
+    return [(row, column) for row, column in np.argwhere(is_end).tolist()]
 
 
 def side_towards(cell: Cell, neighbour: Cell) -> Side:

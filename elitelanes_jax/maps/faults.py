@@ -1,8 +1,5 @@
 """What does not fit in a map that somebody drew or changed by hand: roads that end, and signs of other crossings."""
 
-from collections.abc import Collection
-from itertools import product
-from math import floor
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +10,7 @@ from elitelanes_jax._util.progress import announce_at_end
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.formats.signals import crossing_of, heading_of_reader
-from elitelanes_jax.lanes.links import Cell, linked_codes
+from elitelanes_jax.lanes.links import ends_of_roads
 from elitelanes_jax.maps.furnishing.signs import (
     CONTROLS,
     TOPOLOGIES,
@@ -21,7 +18,6 @@ from elitelanes_jax.maps.furnishing.signs import (
     has_free_corners,
     topology_sign,
 )
-from elitelanes_jax.network.codes import CONNECTIONS
 
 
 def warn_of_faults(name: str, road_map: RoadMap) -> None:
@@ -31,8 +27,8 @@ def warn_of_faults(name: str, road_map: RoadMap) -> None:
 
 
 def _ends_of_roads(codes: Int8[np.ndarray, "H W"]) -> list[str]:
-    """Says at which tiles roads end: they have one connection, or one that no neighbour returns."""
-    ends = np.argwhere((CONNECTIONS[codes] == 1) | (linked_codes(codes) != codes)).tolist()
+    """Says at which tiles roads end."""
+    ends = ends_of_roads(codes)
     if not ends:
         return []
     row, column = ends[0]
@@ -40,12 +36,19 @@ def _ends_of_roads(codes: Int8[np.ndarray, "H W"]) -> list[str]:
 
 
 class SignFaults(NamedTuple):
-    """How the signs and lights of a map differ from what its crossings need."""
+    """How the signs and lights of a map differ from what its crossings need.
 
-    signs: int  # signs and lights of crossings
-    wrong: int  # signs and lights that fit no crossing
+    Attributes:
+      signs: the number of signs and lights of crossings.
+      wrong: the number of signs and lights that fit no crossing.
+      crossings: the number of crossings.
+      bare: the number of crossings that have room for signs and none, on a map that has signs.
+    """
+
+    signs: int
+    wrong: int
     crossings: int
-    bare: int  # crossings that have room for signs and none, on a map that has signs
+    bare: int
 
 
 def count_sign_faults(road_map: RoadMap) -> SignFaults:
@@ -56,7 +59,7 @@ def count_sign_faults(road_map: RoadMap) -> SignFaults:
     signs = [item for item in road_map.objects or () if item.kind in kinds]
     wrong = 0
     for sign in signs:
-        tile = crossing_of(sign, _near(sign, arms))
+        tile = crossing_of(sign, arms)
         bare.discard(tile)
         if tile is None or not _fits(sign, arms[tile]):
             wrong += 1
@@ -77,13 +80,6 @@ def _wrong_signs(road_map: RoadMap) -> list[str]:
     if not parts:
         return []
     return [f"{' and '.join(parts)}, furnish places signs again"]
-
-
-def _near(sign: MapObject, crossings: Collection[Cell]) -> list[Cell]:
-    """Returns the crossings to which a sign can belong: a large map has too many to measure the way to each."""
-    row, column = floor(sign.y), floor(sign.x)
-    cells = product(range(row - 2, row + 3), range(column - 2, column + 3))
-    return [cell for cell in cells if cell in crossings]
 
 
 def _fits(sign: MapObject, sides: list[int]) -> bool:

@@ -6,13 +6,20 @@ from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
-from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError, list_some, pluralize
-from elitelanes_jax._util.files import MIB, parse_json, read_text
+from elitelanes_jax._util.checks import is_whole, path
+from elitelanes_jax._util.errors import InputError, list_some, pluralize, shorten
+from elitelanes_jax._util.files import MIB, parse_json, read_input
 from elitelanes_jax._util.progress import announce, announce_at_end
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.dt_layers import is_layers
-from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json, read_maps, refresh
+from elitelanes_jax.formats.road_map import (
+    RoadMap,
+    as_maps,
+    is_folder,
+    map_to_json,
+    read_maps,
+    refresh,
+)
 from elitelanes_jax.maps.faults import warn_of_faults
 from elitelanes_jax.network.likeness import road_forms
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -63,14 +70,14 @@ def parse_given(sources: UserValue) -> GivenMaps:
     """
     if isinstance(sources, GivenMaps):
         return sources
-    paths, read = _read_sources(sources)
-    if not read:
+    paths, source_maps = _read_sources(sources)
+    if not source_maps:
         raise InputError("expected at least one map, got none")
     distinct: dict[bytes, _SourceMap] = {}
-    forms = road_forms([item.road_map.codes for item in read])
-    for form, item in zip(forms, read, strict=True):
-        distinct.setdefault(form, item)
-    maps_in_file = Counter(item.file for item in distinct.values())
+    forms = road_forms([source_map.road_map.codes for source_map in source_maps])
+    for form, source_map in zip(forms, source_maps, strict=True):
+        distinct.setdefault(form, source_map)
+    maps_in_file = Counter(source_map.file for source_map in distinct.values())
     names = []
     measured = []
     for index, (file, road_map) in enumerate(distinct.values()):
@@ -80,7 +87,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
         names.append(name)
         measured.append(_measured(road_map, label))
     digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
-    left_out = len(read) - len(distinct)
+    left_out = len(source_maps) - len(distinct)
     return GivenMaps(tuple(measured), digest, tuple(paths), tuple(names), left_out)
 
 
@@ -93,41 +100,46 @@ class _SourceMap(NamedTuple):
 
 def _read_sources(sources: UserValue) -> tuple[list[Path], list[_SourceMap]]:
     """Reads all maps of the sources; returns the paths among the sources, and the maps."""
-    listed = [sources] if isinstance(sources, str | Path) else sources
-    if not isinstance(listed, list | tuple):
-        return [], [_SourceMap("", road_map) for road_map in as_maps(listed)]
+    if isinstance(sources, str | Path):
+        sources = [sources]
+    if not isinstance(sources, list | tuple):
+        return [], [_SourceMap("", road_map) for road_map in as_maps(sources)]
     paths = []
-    values: list[tuple[str, UserValue]] = []
-    for source in listed:
+    files: list[str] = []
+    values: list[UserValue] = []
+    for source in sources:
         if isinstance(source, str | Path):
             paths.append(Path(source))
-            values += _read_path(path(source))
+            for file, road_map in _read_path(path(source)):
+                files.append(file)
+                values.append(road_map)
         else:
-            values.append(("", source))
+            files.append("")
+            values.append(source)
     # All maps are checked together, so that a message has the index among all.
-    road_maps = as_maps([value for _, value in values])
-    if len(road_maps) != len(values):  # the values are the rows of one grid
-        return paths, [_SourceMap("", road_map) for road_map in road_maps]
-    files = [file for file, _ in values]
+    road_maps = as_maps(values)
+    are_rows_of_one_grid = len(road_maps) != len(values)
+    if are_rows_of_one_grid:
+        files = [""] * len(road_maps)
     return paths, [
         _SourceMap(file, road_map) for file, road_map in zip(files, road_maps, strict=True)
     ]
 
 
-def _read_path(source: Path) -> list[tuple[str, UserValue]]:
-    """Reads a file or folder: each map with its file."""
-    if (source / "dataset.json").is_file():
-        return _of_dataset(source)
-    maps = []
+def _read_path(source: Path) -> list[_SourceMap]:
+    """Reads the maps of a file or a folder."""
+    if is_folder(source) and (source / "dataset.json").is_file():
+        return _read_dataset(source)
+    source_maps = []
     for file in map_files(source):
         for road_map in read_maps(file):
-            maps.append((str(file), road_map))
-    return maps
+            source_maps.append(_SourceMap(str(file), road_map))
+    return source_maps
 
 
 def map_files(source: Path) -> list[Path]:
     """Returns the files of maps in a folder, as `parse_given` finds them, or the file itself; raises `InputError`."""
-    if not source.is_dir() or is_layers(source):
+    if not is_folder(source) or is_layers(source):
         return [source]
     if (source / "pack.json").is_file():
         return sorted((source / "maps").rglob("*.json"))
@@ -157,20 +169,22 @@ def _may_have_maps(entry: Path) -> bool:
 
 def _announce_unread(source: Path, files: list[Path]) -> None:
     """Says which entries of a folder may have maps too, and were not read."""
-    read = {*files}.union(*(file.parents for file in files))
+    read_paths = {*files}
+    for file in files:
+        read_paths.update(file.parents)
     unread = []
     for entry in sorted(source.iterdir()):
         # Editors and version control keep JSON in hidden folders.
-        if entry in read or entry.name.startswith("."):
+        if entry in read_paths or entry.name.startswith("."):
             continue
         if _may_have_maps(entry):
             unread.append(entry.name)
     if unread:
-        words = list_some(unread, 5)
-        announce_at_end(str(source), f"not read: {words}; name each, to use its maps too")
+        names = list_some(unread, 5)
+        announce_at_end(str(source), f"not read: {names}; name each, to use its maps too")
 
 
-def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
+def _read_dataset(folder: Path) -> list[_SourceMap]:
     """Reads the maps of a dataset in the metadata of its samples, in the order of their numbers.
 
     Further views of a map repeat its codes, and are left out.
@@ -179,27 +193,31 @@ def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
         raise InputError(
             f"{folder}: expected a whole dataset, got a part; elitelanes merge joins the parts"
         )
-    by_number: dict[int, tuple[str, RoadMap]] = {}
+    by_number: dict[int, _SourceMap] = {}
     for file in sorted(folder.rglob("*.jsonl")):
-        for line in read_text(file, 1024 * MIB).splitlines():
-            try:
-                row = parse_json(line)
-                values = {name: row.get(name) for name in ("codes", "metrics", "fitness", "niche")}
-                by_number[row["number"]] = str(file), RoadMap(**values)
-            except (
-                ValueError,
-                TypeError,
-                KeyError,
-                AttributeError,
-            ) as error:  # an InputError is a ValueError
-                raise InputError(
-                    f"{file}: expected the metadata of a dataset, got: {error}"
-                ) from None
-    maps: dict[tuple[tuple[int, ...], bytes], tuple[str, UserValue]] = {}
+        lines = read_input(file, 1024 * MIB, "JSON").splitlines()
+        try:
+            for line in lines:
+                number, road_map = _read_sample(line)
+                by_number[number] = _SourceMap(str(file), road_map)
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{file}: expected the metadata of a dataset, got: {error}") from None
+    by_codes: dict[tuple[tuple[int, ...], bytes], _SourceMap] = {}
     for number in sorted(by_number):
-        codes = by_number[number][1].codes
-        maps.setdefault((codes.shape, codes.tobytes()), by_number[number])
-    return list(maps.values())
+        codes = by_number[number].road_map.codes
+        by_codes.setdefault((codes.shape, codes.tobytes()), by_number[number])
+    return list(by_codes.values())
+
+
+def _read_sample(line: str) -> tuple[int, RoadMap]:
+    """Reads the number and the map of a sample in a line of metadata; raises `ValueError` for other lines."""
+    sample = parse_json(line)
+    if not isinstance(sample, dict) or not is_whole(sample.get("number")):
+        raise InputError(f"expected a sample with a number, got {shorten(line)}")
+    values: dict[str, Plain] = {
+        name: sample.get(name) for name in ("codes", "metrics", "fitness", "niche")
+    }
+    return sample["number"], RoadMap(**values)
 
 
 def _measured(road_map: RoadMap, name: str) -> RoadMap:

@@ -41,7 +41,14 @@ _SHOWN = ("tiles", "crossings", "turns", "cyclomatic", "bridges", "dead_ends", "
 
 
 class _Town(NamedTuple):
-    """A map with its id, which is the same for all maps with its roads, its niche's name, and its split."""
+    """A map of a pack.
+
+    Attributes:
+      id: the id of the map, which is the same for all maps with its roads.
+      niche: the name of its niche.
+      split: the name of its split.
+      road_map: the map.
+    """
 
     id: str
     niche: str
@@ -92,31 +99,23 @@ def pack(
     with output_folder(
         out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True
     ) as work:
-        write_json(work.kept / "maps.json", [town.id for town in towns])
+        list_of_ids = work.kept / "maps.json"
+        write_json(list_of_ids, [town.id for town in towns])
         rows, written = [], []
         with Progress("packing", len(towns), "maps") as bar:
-            for number, town in enumerate(towns):
+            for town, map_name in zip(towns, maps.names, strict=True):
                 try:
                     written.append(without_ends(town.road_map, spec.formats.dead_ends))
                     rows.append(_write(spec, town, written[-1], work.files, settings))
                 except InputError as error:
-                    (work.kept / "maps.json").unlink()  # nothing is left to resume
-                    raise InputError(f"niche {town.niche}, {maps.names[number]}: {error}") from None
+                    list_of_ids.unlink()  # nothing is left to resume
+                    raise InputError(f"niche {town.niche}, {map_name}: {error}") from None
                 bar.count()
-        about["splits"] = {}
-        for name in SPLITS:
-            in_split = [town for town in towns if town.split == name]
-            if in_split:
-                niches = {town.niche for town in in_split}
-                about["splits"][name] = {"maps": len(in_split), "niches": len(niches)}
-                _write_indices(spec, name, in_split, work.files)
-            ids = "".join(f"{town.id}\n" for town in in_split)
-            write_atomic(work.files / "splits" / f"{name}.txt", ids.encode())
+        about["splits"] = _write_splits(spec, towns, work.files)
         write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
         write_json(work.files / RECORD, about)
-        write_atomic(
-            work.files / "README.md", _card(spec, about, rows, lane_offset_of(tiles)).encode()
-        )
+        card = _card(spec, about, rows, lane_offset_of(tiles))
+        write_atomic(work.files / "README.md", card.encode())
         write_sums(work.files)
     maps.announce_left_out()
     _announce_limits(spec, written)
@@ -161,29 +160,32 @@ def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
     codes = [cut_to_roads(road_map.codes) for road_map in maps]
     groups = group_alike(codes, np.unique(niches, return_inverse=True)[1]).tolist()
     counts = Counter(groups)
+    # The number of maps that each split still lacks.
     lacking = {}
-    for name, share in zip(SPLITS, spec.split, strict=True):
+    for split, share in zip(SPLITS, spec.split, strict=True):
         if share:
-            lacking[name] = share * len(maps)
+            lacking[split] = share * len(maps)
     if len(counts) < len(lacking):
-        got = f"{len(set(niches))} in all"
-        if len(set(niches)) > len(counts):
+        distinct_niches = len(set(niches))
+        got = f"{distinct_niches} in all"
+        if distinct_niches > len(counts):
             got += f", in {pluralize(len(counts), 'group')} with maps that differ in less than {100 * ALIKE:g} %"
         hint = "; a split of 1 0 0 trains on all"
         raise InputError(
             f"split: expected a niche for each of {len(lacking)} splits, got {got}{hint}"
         )
-    groups_of: dict[str, list[int]] = {name: [] for name in lacking}
+    groups_of: dict[str, list[int]] = {split: [] for split in lacking}
     for group in _shuffle_groups(spec.seed, groups, niches):
-        name = max(lacking, key=lambda name: lacking[name])
-        groups_of[name].append(group)
-        lacking[name] -= counts[group]
+        neediest = max(lacking, key=lacking.__getitem__)
+        groups_of[neediest].append(group)
+        lacking[neediest] -= counts[group]
     for in_split in groups_of.values():
         if not in_split:
-            in_split.append(max(groups_of.values(), key=len).pop())
+            fullest = max(groups_of.values(), key=len)
+            in_split.append(fullest.pop())
     split_of: dict[int, str] = {}
-    for name, in_split in groups_of.items():
-        split_of |= dict.fromkeys(in_split, name)
+    for split, in_split in groups_of.items():
+        split_of |= dict.fromkeys(in_split, split)
     towns = []
     for form, niche, group, road_map in zip(road_forms(codes), niches, groups, maps, strict=True):
         town_id = sha256(form).hexdigest()[:12]
@@ -209,7 +211,7 @@ def _shuffle_groups(seed: int, groups: Sequence[int], niches: Sequence[str]) -> 
 def _write(
     spec: PackSpec, town: _Town, written: RoadMap, folder: Path, settings: Mapping[str, UserValue]
 ) -> dict[str, Plain]:
-    """Writes the files of a map that are not there yet; returns its row of the table.
+    """Writes the files of a map, those of formats only if one does not exist; returns its row of the table.
 
     `written` is the map as formats without dead ends have it. `settings` are those of all formats,
     with their tile set.
@@ -234,16 +236,32 @@ def _write(
         routes = to_sumo_trips(town.road_map.codes, ends)
         write_atomic(folder / "sumo" / town.niche / f"{town.id}{_ROUTES}", routes.encode())
     height, width = town.road_map.codes.shape
-    mean = float(np.mean([trip["length"] for trip in trips]))
-    about = {
+    mean_trip = float(np.mean([trip["length"] for trip in trips]))
+    columns: dict[str, Plain] = {
         "id": town.id,
         "niche": town.niche,
         "split": town.split,
         "height": height,
         "width": width,
+        "lanes": len(graph.edges),
+        "trip": round(mean_trip, 3),
     }
-    about |= {"lanes": len(graph.edges), "trip": round(mean, 3)}
-    return about | shorten_coverage(town.road_map.metrics or {})
+    # A user's feature may have the name of a column, which keeps its own value.
+    return columns | shorten_coverage(town.road_map.metrics or {}) | columns
+
+
+def _write_splits(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> dict[str, Plain]:
+    """Writes the list of each split and its indices; returns the numbers of its maps and niches, if it has any."""
+    numbers: dict[str, Plain] = {}
+    for split in SPLITS:
+        in_split = [town for town in towns if town.split == split]
+        if in_split:
+            niches = {town.niche for town in in_split}
+            numbers[split] = {"maps": len(in_split), "niches": len(niches)}
+            _write_indices(spec, split, in_split, folder)
+        ids = "".join(f"{town.id}\n" for town in in_split)
+        write_atomic(folder / "splits" / f"{split}.txt", ids.encode())
+    return numbers
 
 
 def _write_indices(spec: PackSpec, split: str, towns: Sequence[_Town], folder: Path) -> None:

@@ -89,7 +89,10 @@ def pick(
     tiles = load_tiles(spec.tiles)
     sources = [_read_source(file) for file in files]
     search = _resolve_choice(spec, sources)
-    foreign = foreign_to_maps if force_archive else _foreign_or_archive
+    if force_archive:
+        foreign = foreign_to_maps
+    else:
+        foreign = _foreign_or_archive
     with output_folder(
         out,
         {"command": "pick"},

@@ -36,13 +36,12 @@ SPLITS = ("train", "validation", "test")
 
 def parse_split(split: UserValue) -> tuple[float, float, float]:
     """Reads the shares of maps for training, validation and test; they sum to 1."""
+    parts = split.split() if isinstance(split, str) else split
     try:
-        train, validation, test = (
-            real(0, 1)(share) for share in (split.split() if isinstance(split, str) else split)
-        )
-    except (TypeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
+        train, validation, test = map(real(0, 1), parts)
+    except InputError:
+        raise
+    except (TypeError, ValueError):
         raise InputError(f"expected three shares that sum to 1, got {split!r}") from None
     if abs(train + validation + test - 1) > 1e-6:
         raise InputError(
@@ -53,18 +52,14 @@ def parse_split(split: UserValue) -> tuple[float, float, float]:
 
 def check_size(size: UserValue) -> tuple[int, int]:
     """Checks the size of maps, (rows, columns) in tiles: numbers, texts of numbers, or a text such as ``6 8``."""
+    sides = size.lower().replace("x", " ").split() if isinstance(size, str) else size
     try:
-        sides = size.lower().replace("x", " ").split() if isinstance(size, str) else size
-        return check_shape(
-            [whole(0)(side) if isinstance(side, str) else side for side in sides], new=True
-        )
-    except (TypeError, InputError) as error:
-        words = (
-            str(error).removeprefix("shape: ") if isinstance(error, InputError) else f"got {size!r}"
-        )
-        raise InputError(
-            words if words.startswith("expected") else f"expected rows and columns, {words}"
-        ) from None
+        numbers = [whole(0)(side) if isinstance(side, str) else side for side in sides]
+        return check_shape(numbers, new=True)
+    except InputError as error:
+        raise InputError(str(error).removeprefix("shape: ")) from None
+    except TypeError:
+        raise InputError(f"expected rows and columns, got {size!r}") from None
 
 
 def parse_part(part: UserValue) -> tuple[int, int]:

@@ -120,6 +120,9 @@ def write_spoilt(folder, layer, old, new):
         ("citizens", "height: 0.08", "height: 80", "citizens.yaml: map_0/duckie_0: height: expected metres"),
         ("traffic_signs", "id: 1", "id: 999", "traffic_signs.yaml: map_0/sign_stop_1: tag: expected a number of the"),
         ("traffic_signs", "type: stop", "type: go on", "traffic_signs.yaml: .* expected one of .*got 'other:go on'"),
+        ("traffic_signs", "type: stop, ", "", "traffic_signs.yaml: .*: type: expected a kind of object, got None"),
+        ("traffic_signs", "type: stop", "type: null", "traffic_signs.yaml: .*: type: expected a kind .*, got 'null'"),
+        ("tiles", "i: 1", "i: 1e308", r"tiles.yaml: expected sides of 1 to 1024 tiles, .*, got \d{70,}\.\.\.$"),
         ("tile_maps", "x: 1.0", "x: 0", "tile_maps.yaml: map_0: tile_size: expected metres"),
         ("tile_maps", "y: 1.0", "y: 2.0", "tile_maps.yaml: map_0: tile_size: expected squares, got x 1 and y '2.0'"),
         ("tile_maps", "map_0:", "map_1: {}\n  map_0:", "tile_maps.yaml: expected one map, got 2"),
@@ -131,6 +134,14 @@ def test_what_cannot_be_read_is_named(tmp_path, layer, old, new, words):
     with pytest.raises(InputError, match=words) as caught:
         read_map(tmp_path)
     assert str(caught.value).startswith(str(tmp_path))
+
+
+def test_a_position_of_more_tiles_than_a_float_can_hold_is_refused(tmp_path):
+    (tmp_path / "tiles.yaml").write_text("tiles: {map_0/tile: {type: 4way}}")
+    (tmp_path / "frames.yaml").write_text("frames: {map_0/tile: {pose: {x: 1e308, y: 0}}}")
+    (tmp_path / "tile_maps.yaml").write_text("tile_maps: {map_0: {tile_size: 0.1}}")
+    with pytest.raises(InputError, match=r"tiles.yaml: map_0/tile: expected .* a cell of 0.1 m, got 1e\+308 m$"):
+        read_map(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Maps are taken in the same forms wherever several are."""
 
 import json
+import re
 
 import jax
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from elitelanes_jax import DatasetSpec, InputError, PickSpec, RoadMap, SearchSpec
 from elitelanes_jax.drive import make_levels
 from elitelanes_jax.formats import as_maps
+from elitelanes_jax.maps.given import parse_given
 
 CODES = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
 OTHER = [[6, 7, 3], [14, 15, 11], [12, 13, 9]]
@@ -67,3 +69,21 @@ def test_several_maps_are_several(file):
         assert [one.codes.tolist() for one in as_maps(maps)] == [CODES, CODES, OTHER]
     with pytest.raises(InputError, match="grids: expected one or more of one size, got several sizes"):
         make_levels(jax.random.key(0), [CODES, [[6, 3], [12, 9]]])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"\xff", "expected a readable JSON file"),
+        (b"[" * 100_000, "expected the metadata of a dataset, got: maximum recursion"),
+        (b'{"number": "b", "codes": [[6, 3], [12, 9]]}', "metadata of a dataset, got: expected a sample with a number"),
+        (b'{"number": 1, "codes": [[99]]}', "metadata of a dataset, got: grid: expected tile codes 0 to 15"),
+    ],
+)
+def test_bad_metadata_of_a_dataset_is_named(content, words, tmp_path):
+    (tmp_path / "dataset.json").touch()
+    (tmp_path / "a.jsonl").write_text('{"number": 0, "codes": [[6, 3], [12, 9]]}\n')
+    assert parse_given(tmp_path).maps[0].codes.tolist() == [[6, 3], [12, 9]]
+    (tmp_path / "b.jsonl").write_bytes(content)
+    with pytest.raises(InputError, match=rf"^{re.escape(str(tmp_path))}.b.jsonl: .*{words}"):
+        parse_given(tmp_path)

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map, read_maps
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, as_maps, map_to_json, read_map, read_maps
+from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 CODES = np.array([[6, 5, 3], [12, 5, 9]], np.int8)
@@ -39,6 +41,8 @@ def test_a_map_file_gives_the_map_back(road_map, tmp_path):
         ({"codes": [[0.5]]}, "grid: expected integer tile codes, got float64"),
         ({"codes": None}, "grid: expected two dimensions"),
         ({"metrics": {"turns": float("nan")}}, "metrics: expected numbers by name, got .*NaN"),
+        ({"metrics": {1: 2.0}}, r"metrics: expected numbers by name, got \{1: 2.0\}"),
+        ({"descriptor": {("turns",): 2}}, r"descriptor: expected numbers by name, got \{\('turns',\): 2\}"),
         ({"fitness": float("nan")}, "fitness: expected a number, got NaN"),
         ({"niche": 3}, "niche: expected whole numbers, got 3"),
         ({"seed": (1, 2, 3)}, "seed: expected two whole numbers"),
@@ -172,6 +176,29 @@ def test_rows_alone_are_no_list_of_maps(tmp_path):
     file.write_text("[[6, 3], [12, 9]]")
     with pytest.raises(InputError, match=r'map.json: expected a map, {"codes": .*}, got rows alone'):
         read_maps(file)
+
+
+@pytest.mark.parametrize("read", [read_map, read_maps, as_maps, parse_given])
+def test_the_text_of_a_map_is_no_file(read):
+    """It is too long for a path; `Path.is_dir` raises an `OSError`."""
+    with pytest.raises(InputError, match="expected a readable JSON file, got: File name too long"):
+        read(map_to_json(WHOLE).replace("/", ""))
+
+
+def test_a_map_that_was_changed_by_hand_keeps_its_objects_and_unsure_cells(tmp_path):
+    measured = RoadMap(CODES, plain_measure(CODES), fitness=-12, objects=[MapObject("duckie", 0, 0, 0, 0.08)])
+    file = tmp_path / "map.json"
+    replace(measured, codes=np.zeros_like(CODES), unsure=[[0, 1]]).save(file)
+    changed = read_map(file)
+    assert (changed.fitness, changed.unsure, changed.objects) == (None, [[0, 1]], measured.objects)
+    assert changed.metrics["tiles"] == 0
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_share_that_no_float32_holds_is_measured_again(tmp_path):
+    file = tmp_path / "map.json"
+    RoadMap(CODES, plain_measure(CODES) | {"coverage": 1e300}).save(file)
+    assert read_map(file).metrics["coverage"] == 1
 
 
 @pytest.mark.parametrize("name", ["map.json", "map.yaml"])

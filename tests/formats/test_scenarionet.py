@@ -4,13 +4,14 @@ import pickle
 import pickletools
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from elitelanes_jax import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import RoadMap, Streets, index_scenarios, read_map, to_scenarionet
+from elitelanes_jax.formats import RoadMap, Streets, index_scenarios, read_map, to_pufferdrive, to_scenarionet
 from elitelanes_jax.formats._traffic import CarSides, Log
 from elitelanes_jax.formats.scenarionet import _track, _without_touching
 from elitelanes_jax.formats.streets import to_metres
@@ -183,7 +184,14 @@ def test_a_summary_may_be_beside_its_scenarios(tmp_path):
     assert pickle.loads(made["dataset_mapping.pkl"]) == {"sd_ring.pkl": "../towns"}
 
 
-@pytest.mark.parametrize("content", [b"", b"text", pickle.dumps([1]), pickle.dumps({"metadata": np.float64(1)})])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"text"]
+    + [
+        pickle.dumps(value)
+        for value in ([1], {"metadata": np.float64(1)}, {"metadata": {}}, {"metadata": []}, {"metadata": {"ts": [0.0]}})
+    ],
+)
 def test_other_files_are_refused_and_run_no_code(content, tmp_path):
     file = tmp_path / "sd_other.pkl"
     file.write_bytes(content)
@@ -196,6 +204,14 @@ def test_files_of_the_same_name_are_refused(tmp_path):
     file.write_bytes(to_scenarionet(RING, "ring"))
     with pytest.raises(InputError, match=r"files: expected files of different names, got two for sd_ring.pkl"):
         index_scenarios(tmp_path, [file, file])
+
+
+@pytest.mark.parametrize("convert", [to_scenarionet, to_pufferdrive])
+@pytest.mark.parametrize("name", [Path("ring"), 5, None])
+def test_a_name_is_a_text(convert, name):
+    """`index_scenarios` refused the scenario of a `Path`, because it reads texts and numbers alone."""
+    with pytest.raises(InputError, match="^name: expected str, got"):
+        convert(RING, name)
 
 
 def test_other_seeds_have_other_cars():

@@ -11,9 +11,9 @@ from elitelanes_jax import RoadMap, mirror, read_map, rotate
 from elitelanes_jax._util import progress
 from elitelanes_jax.formats import MapObject, read_maps
 from elitelanes_jax.formats.road_map import refresh
-from elitelanes_jax.formats.signals import crossing_of
+from elitelanes_jax.formats.signals import _FAR, _distance, crossing_of
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.maps.faults import _near, warn_of_faults
+from elitelanes_jax.maps.faults import warn_of_faults
 from elitelanes_jax.maps.furnishing.signs import crossings
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure, wfc
@@ -93,12 +93,14 @@ def test_a_light_and_signs_beside_no_crossing_are_counted(capsys):
 
 
 @pytest.mark.parametrize("kind", ["sign_stop", "trafficlight"])
-def test_the_crossing_of_a_sign_is_among_the_crossings_near_it(kind):
+def test_the_crossing_of_a_sign_is_the_nearest_one_of_all(kind):
+    """Though only those near it are measured."""
     arms, checked = crossings(TOWN), 0
     for x, y, turns in itertools.product(np.arange(-1, 8, 0.3), np.arange(-1, 6, 0.3), range(4)):
         sign = MapObject(kind, float(x), float(y), turns * np.pi / 2, 0.2)
-        expected = crossing_of(sign, arms)
-        assert crossing_of(sign, _near(sign, arms)) == expected
+        nearest = min(arms, key=lambda tile, sign=sign: _distance(sign, tile))
+        expected = nearest if _distance(sign, nearest) < _FAR else None
+        assert crossing_of(sign, arms) == expected
         checked += expected is not None
     assert checked > 500
 

@@ -287,3 +287,11 @@ def test_crossings_without_room_are_refused_or_left_out():
     with pytest.raises(InputError, match="no roads at the four corners of each crossing, got one at row 0, column 1"):
         furnish(full, "signs")
     assert furnish(full, "signs=possible").objects == ()
+
+
+@pytest.mark.parametrize("words", ["signs signs=possible", "signs=possible signs", ["signs=possible", "signs"]])
+def test_settings_override_words_in_any_order(words):
+    full = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)  # has no room for all signs
+    assert furnish(full, words).objects == ()
+    with pytest.raises(InputError, match="expected each setting once, got signs twice"):
+        furnish(full, "signs=all signs=possible")

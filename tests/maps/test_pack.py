@@ -311,3 +311,12 @@ def test_a_pack_is_not_replaced_by_one_of_its_own_maps(packed):
 
 def test_the_maps_of_a_pack_are_read(packed):
     assert {one.codes.tobytes() for one in parse_given(packed).maps} == {one.codes.tobytes() for one in MAPS}
+
+
+def test_features_with_the_names_of_columns_do_not_replace_them(tmp_path):
+    loop = RoadMap([[6, 3], [12, 9]], metrics={"split": 7, "trip": -1, "mean_block": 2.5})
+    pack(PackSpec(split=(1, 0, 0), trips=2), [loop], tmp_path / "pack")
+    (row,) = rows(tmp_path / "pack" / "maps.csv")
+    assert row["split"] == "train"
+    assert float(row["trip"]) > 0
+    assert row["mean_block"] == "2.5"

@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats.objects import MapObject, check_objects
+from elitelanes_jax.formats.objects import check_objects
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset
 from elitelanes_jax.maps.furnishing.scenery import place_scenery
@@ -51,21 +50,23 @@ def furnish(
     road_map = as_map(source)
     asked: FurnishSpec = check_named("furnish", parse_furnish, spec)
     lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
-    return replace(
-        road_map,
-        objects=_objects(road_map.codes, asked, check_named("seed", SEED, seed), lane_offset),
-    )
-
-
-def _objects(
-    codes: NDArray[np.int8], spec: FurnishSpec, seed: int, lane_offset: float
-) -> tuple[MapObject, ...]:
-    space, tags = Space(codes), Tags(unique=spec.unique_tags)
-    for thing in check_objects(spec.objects, *codes.shape):
+    seed = check_named("seed", SEED, seed)
+    space = Space(road_map.codes)
+    tags = Tags(unique=asked.unique_tags)
+    for thing in check_objects(asked.objects, *road_map.codes.shape):
         space.add(thing)
         tags.use(thing)
-    arms = crossings(codes)
-    free = [crossing for crossing in arms if has_free_corners(codes, crossing)]
+    _place_controls(space, asked, tags, seed)
+    if asked.street_names != "none":
+        place_street_names(space, asked.street_names, tags)
+    place_scenery(space, asked, seed, lane_offset)
+    return replace(road_map, objects=tuple(space.objects))
+
+
+def _place_controls(space: Space, spec: FurnishSpec, tags: Tags, seed: int) -> None:
+    """Adds the signs and the lights of crossings; raises `InputError` if an object is in the way of one."""
+    arms = crossings(space.codes)
+    free = [crossing for crossing in arms if has_free_corners(space.codes, crossing)]
     random = np.random.default_rng([seed, 2**32 - 1])
     order = random.permutation(len(free))
     corners = random.integers(4, size=len(free))
@@ -83,7 +84,3 @@ def _objects(
                 f"objects: expected none in the way of {thing.kind} at x {thing.x:g}, y {thing.y:g}, got one"
             )
         space.add(thing)
-    if spec.street_names != "none":
-        place_street_names(space, spec.street_names, tags)
-    place_scenery(space, spec, seed, lane_offset)
-    return tuple(space.objects)

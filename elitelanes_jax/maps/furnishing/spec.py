@@ -16,6 +16,9 @@ from elitelanes_jax.network.checks import LONGEST_SIDE
 _MOST = 100_000
 _FILES = (".toml", ".json", ".yaml")
 
+# The words that are short for a setting, and its value.
+_WORDS: dict[str, UserValue] = {"signs": "all", "street_names": "all", "unique_tags": True}
+
 
 def _amount(value: UserValue) -> float:
     number: float = real(0, _MOST, unit="a share from 0 to 1, or a whole number")(value)
@@ -137,27 +140,30 @@ def parse_furnish(value: UserValue) -> FurnishSpec:
 
 
 def _furnish_of(words: Sequence[str]) -> FurnishSpec:
+    """Returns what words and settings ask for. Settings override the words, in any order."""
     settings = [name for name, field in FurnishSpec.options().items() if field.metavar]
     spec = EVERYTHING if "all" in words else FurnishSpec()
-    values: dict[str, UserValue] = {}
+    asked_by_words: dict[str, UserValue] = {}
+    asked_by_settings: dict[str, UserValue] = {}
+    objects: tuple[MapObject, ...] = ()
     for word in words:
         name, _, value = word.partition("=")
         if "=" in word and name not in ("", "all"):
             check_names([name], settings)
-            if name in values:
+            if name in asked_by_settings:
                 raise InputError(f"expected each setting once, got {name} twice")
-            values[name] = value
-        elif word in ("signs", "street_names", "unique_tags"):
-            values[word] = True if word == "unique_tags" else "all"
+            asked_by_settings[name] = value
+        elif word in _WORDS:
+            asked_by_words[word] = _WORDS[word]
         elif word.endswith(_FILES):
-            values["objects"] = values.get("objects", ()) + _read_objects(word)
+            objects += _read_objects(word)
         elif word != "all":
             names = ", ".join(f"{name}=..." for name in settings)
             expected = (
                 f"all, signs, street_names, unique_tags, {names}, or a file .toml, .json or .yaml"
             )
             raise InputError(f"expected {expected}, got {shorten(repr(word), 40)}")
-    return spec.replace(**values)
+    return spec.replace(**(asked_by_words | asked_by_settings), objects=objects)
 
 
 def _words(text: str) -> list[str]:

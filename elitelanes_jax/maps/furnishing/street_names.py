@@ -35,7 +35,7 @@ class Tags:
         self._used: dict[int, list[Point]] = defaultdict(list)
 
     def use(self, thing: MapObject) -> None:
-        """Notes the tag of an object of the user's; raises `InputError` if it is in use and tags must be unique."""
+        """Notes the tag of one of the user's objects; raises `InputError` if it is in use and tags must be unique."""
         if thing.tag is not None:
             if self._unique and self._used[thing.tag]:
                 raise InputError(
@@ -74,7 +74,7 @@ class Tags:
         return [self.give(sign, numbers) for sign in signs]
 
     def _distance(self, sign: MapObject, numbers: Sequence[int]) -> float:
-        """Returns how far from a sign numbers are in use; infinity if none is."""
+        """Returns the distance from a sign to the nearest use of some numbers; infinity if none is in use."""
         nearest = inf
         for number in numbers:
             for place in self._used[number]:
