@@ -340,6 +340,33 @@ def test_photographs_are_upright_and_large_ones_smaller(tmp_path, monkeypatch):
     np.testing.assert_allclose(small.pixels_of(np.array([[100.5, 200.5]])), [[50, 100]])
 
 
+def jpeg_with(stray, size=(300, 400)):
+    """A grey JPEG file with some bytes after its first segment."""
+    content = cv2.imencode(".jpg", np.full(size, 128, np.uint8))[1].tobytes()
+    end = 4 + int.from_bytes(content[4:6])
+    return content[:end] + stray + content[end:]
+
+
+@pytest.mark.parametrize("stray", [b"", b"\0", b"\0\0\xff\0", b"\xff\xff", b"\xff\x01"])
+def test_the_size_of_a_jpeg_is_read_as_its_decoder_reads_it(stray, tmp_path, monkeypatch):
+    """Decoders skip bytes between segments: files with such bytes had no size, and were read without a limit."""
+    (tmp_path / "stray.jpg").write_bytes(jpeg_with(stray))
+    monkeypatch.setattr(reading, "_MOST_READ", 60_000)
+    with pytest.raises(InputError, match="at least 200 pixels a side, got 200 x 150"):  # read at a half
+        read_photograph(tmp_path / "stray.jpg")
+    monkeypatch.setattr(reading, "_MOST_PIXELS", 100_000)
+    message = "expected at most 0.1 megapixels, got 400 x 300; save it smaller$"
+    with pytest.raises(InputError, match=message):
+        read_photograph(tmp_path / "stray.jpg")
+
+
+def test_a_jpeg_without_a_frame_header_is_refused(tmp_path):
+    content = jpeg_with(b"")
+    (tmp_path / "cut.jpg").write_bytes(content[: content.index(b"\xff\xc0")] + b"\xff\xd9")
+    with pytest.raises(InputError, match="cut.jpg: expected a photograph, .* got one that cannot be read"):
+        read_photograph(tmp_path / "cut.jpg")
+
+
 def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):
     """What was erased in a picture editor was once seen again."""
     picture = np.full((300, 300, 4), 255, np.uint8)
@@ -422,6 +449,23 @@ def test_a_calibrated_lens_is_straightened(tmp_path):
         InputError, match=r"other.png: expected a photograph of the camera's ratio 400 x 320, got 500 x"
     ):
         read_photograph(tmp_path / "other.png", lens)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        ("[.nan, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
+        ("[0, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected focal lengths over 0, got 0 and 450"),
+    ],
+)
+def test_a_lens_that_shows_nothing_is_refused(matrix, message, tmp_path):
+    """Photographs were straightened to one colour, and the message said that no tiles were found."""
+    (tmp_path / "camera.yaml").write_text(
+        f"image_width: 400\nimage_height: 320\ncamera_matrix: {{data: {matrix}}}\n"
+        "distortion_coefficients: {data: [0, 0, 0, 0]}\n"
+    )
+    with pytest.raises(InputError, match=f"camera.yaml: {message}"):
+        read_lens(tmp_path / "camera.yaml")
 
 
 def test_floors_are_compared_with_their_plan():
