@@ -312,6 +312,13 @@ def test_bad_corners_are_named(shot, corners, message):
         propose_tiles(shot, corners=np.array(corners))
 
 
+def test_the_size_of_a_photograph_that_was_shrunk_is_explained(shot):
+    """Corners are in pixels of the file for the command, whose message had another size without a word."""
+    message = "expected points within floor, 800 x 640 pixels at 1/2 of the file's size$"
+    with pytest.raises(InputError, match=message):
+        propose_tiles(shot._replace(name="floor", shrunk=2), shape=(3, 3), corners=CORNERS + 9999)
+
+
 def test_a_view_bends_and_scales():
     view = view_of(CORNERS, 3, 3, 800, 640)
     np.testing.assert_allclose(view.pixels_of(np.array([[0, 0], [3, 3]], float)), CORNERS[[0, 2]], atol=1e-3)
@@ -506,6 +513,18 @@ def test_a_sliver_of_the_floor_is_no_road(drawn_tiles):
     image[:, :4] = image[:, -4:] = 220  # all that is left of the tape
     road = propose_masks(image)["road"]
     assert not road[:, 0].any() and not road[:, -1].any()
+
+
+@pytest.mark.parametrize("out", [".", "mine/.."])
+def test_the_current_folder_is_not_replaced(out, tmp_path, capsys, monkeypatch):
+    """It cannot be renamed; the command ended with a traceback, or with a busy device."""
+    (tmp_path / "mine").mkdir()
+    photographed.write(tmp_path / "turn.png", photographed.photograph(np.array([[6]], np.int8)))
+    monkeypatch.chdir(tmp_path)
+    assert main(["tiles", "cut", "turn.png", "--out", out, "--overwrite"]) == 2
+    message = f"{out}: expected a folder that can be renamed, got the current one"
+    assert message in capsys.readouterr().err
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["mine", "turn.png"]
 
 
 def test_an_earlier_set_is_kept(tmp_path, capsys):
