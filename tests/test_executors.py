@@ -194,7 +194,7 @@ def test_a_worker_with_other_pictures_in_its_package_is_named(tmp_path, monkeypa
     class Changed(OneByOne):
         def submit(self, *arguments):
             tiles = packed.load_tiles()
-            monkeypatch.setattr(packed, "_own_tiles", lambda: replace(tiles, name="changed"))
+            monkeypatch.setattr(packed, "own_tiles", lambda: replace(tiles, name="changed"))
             return super().submit(*arguments)
 
     with pytest.raises(InputError, match=r"^worker .*: expected the package's tiles .*, as here, got .*'changed'"):
