@@ -30,7 +30,7 @@ from elitelanes_jax._util import engine
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import merge_dataset
 from elitelanes_jax.search import parts as search_parts
-from elitelanes_jax.tiles import default_objects, default_tiles, packed
+from elitelanes_jax.tiles import default_objects, default_tiles, load_tiles, packed
 
 # When Submitit sets up logging, absl's handler closes the stream that was stderr at its own import: that of pytest.
 os.environ["SUBMITIT_LOG_LEVEL"] = "NOCONFIG"
@@ -193,8 +193,8 @@ def test_tasks_pack_pictures_of_ones_own(tmp_path):
 def test_a_worker_with_other_pictures_in_its_package_is_named(tmp_path, monkeypatch):
     class Changed(OneByOne):
         def submit(self, *arguments):
-            tiles = packed.load_tiles()
-            monkeypatch.setattr(packed, "_own_tiles", lambda: replace(tiles, name="changed"))
+            tiles = load_tiles()
+            monkeypatch.setattr(packed, "own_tiles", lambda: replace(tiles, name="changed"))
             return super().submit(*arguments)
 
     with pytest.raises(InputError, match=r"^worker .*: expected the package's tiles .*, as here, got .*'changed'"):

@@ -2,14 +2,14 @@
 
 import argparse
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from elitelanes_jax._util.checks import FLOOR_SIDE, file_named, folder, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, free_name, never_replacing
 from elitelanes_jax._util.folders import output_folder
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
 from elitelanes_jax.cli.program import say
 from elitelanes_jax.formats.road_map import RoadMap, read_map
@@ -17,11 +17,12 @@ from elitelanes_jax.network.codes import KIND_OF
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from elitelanes_jax.tiles.photographs.cutting import Cut
     from elitelanes_jax.tiles.photographs.proposals import Proposal
     from elitelanes_jax.tiles.photographs.reading import Lens, Photograph
+    from elitelanes_jax.tiles.tileset import TileSet
 
 _PIXEL = real(-1e6, 1e6, unit="pixels")
 
@@ -110,63 +111,136 @@ def _add_floor(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _cut(options: argparse.Namespace) -> int:
-    from elitelanes_jax.tiles.masking import proposal_sheet
-    from elitelanes_jax.tiles.photographs.cutting import cut_tiles, write_cuts
-    from elitelanes_jax.tiles.photographs.proposals import SURE
-    from elitelanes_jax.tiles.photographs.sheet import draw_proposal, draw_sheet
-    from elitelanes_jax.tiles.rendering import write_png
-    from elitelanes_jax.tiles.tileset import inspect_tiles
+class _CutPhotographs(NamedTuple):
+    """What was cut out of the photographs of a command.
 
-    laid = None if options.map is None else read_map(options.map).codes
-    shape = _shape(options, laid)
+    Attributes:
+      cuts: the tiles.
+      proposals: where the tiles are in each photograph.
+      pictures: each photograph with the outlines of its tiles, for the sheet.
+    """
+
+    cuts: "list[Cut]"
+    proposals: "list[Proposal]"
+    pictures: "list[NDArray[np.uint8]]"
+
+    def refused(self) -> list[str]:
+        """Returns a line for each photograph whose tiles were not found."""
+        from elitelanes_jax.tiles.photographs.proposals import SURE
+
+        return [
+            f"{proposal.photo}: {proposal.advice}"
+            for proposal in self.proposals
+            if proposal.score < SURE
+        ]
+
+
+def _cut(options: argparse.Namespace) -> int:
+    plan = _read_plan(options.map)
+    shape = _shape(options, plan)
+    corners = _corners_of_each(options, options.photos)
     out: Path = options.out
-    existing = out.is_dir() and any(out.iterdir())
-    if existing and not options.overwrite:
+    _check_replaceable(out, overwrite=options.overwrite)
+    photographs = _cut_photographs(options, corners, shape, plan)
+    if not photographs.cuts:
+        raise _nothing_cut_error(photographs, options.photos[0])
+    earlier_set = _write_set(out, photographs, overwrite=options.overwrite)
+    say("\n".join(_describe_set(photographs, out, earlier_set)))
+    return 0
+
+
+def _check_replaceable(out: Path, *, overwrite: bool) -> None:
+    """Checks that a folder has no files, or can be renamed to make room for another one."""
+    if not _has_files(out):
+        return
+    if not overwrite:
         raise InputError(
             f"{out}: expected a folder that is new or empty, got one with files; --overwrite replaces it"
         )
-    cuts: list[Cut] = []
-    proposals, pictures = [], []
-    lens = _lens(options)
-    for index, file in enumerate(options.photos):
-        photograph = _photograph(file, lens)
-        proposal = _propose(photograph, options, index, shape, codes=laid)
-        proposals.append(proposal)
-        pictures.append(draw_proposal(photograph, proposal))
+    if out.samefile(Path.cwd()):
+        raise InputError(f"{out}: expected a folder that can be renamed, got the current one")
+
+
+def _has_files(out: Path) -> bool:
+    return out.is_dir() and any(out.iterdir())
+
+
+def _cut_photographs(
+    options: argparse.Namespace,
+    corners: Sequence[list[float] | None],
+    shape: tuple[int, int],
+    plan: "NDArray[np.int8] | None",
+) -> _CutPhotographs:
+    """Cuts tiles out of the photographs in which they are found; holds one photograph in memory at a time."""
+    from elitelanes_jax.tiles.photographs.cutting import cut_tiles
+    from elitelanes_jax.tiles.photographs.proposals import SURE
+    from elitelanes_jax.tiles.photographs.reading import read_photograph
+    from elitelanes_jax.tiles.photographs.sheet import draw_proposal
+
+    lens = _read_lens(options)
+    photographs = _CutPhotographs([], [], [])
+    for file, corners_of_file in zip(options.photos, corners, strict=True):
+        photograph = read_photograph(file, lens)
+        proposal = _propose(photograph, shape, corners_of_file, exact=options.exact, codes=plan)
+        photographs.proposals.append(proposal)
+        photographs.pictures.append(draw_proposal(photograph, proposal))
         if proposal.score >= SURE:
-            cuts += cut_tiles(photograph, proposal, cuts)
-    refused = [
-        f"{proposal.photo}: {proposal.advice}" for proposal in proposals if proposal.score < SURE
-    ]
-    if not cuts:
-        more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
-        raise InputError(
-            refused[0] + more
-            if refused
-            else f"{options.photos[0]}: expected tiles of a sure kind, got none"
-        )
-    # Renamed, so that nothing in it is lost.
-    kept = out.rename(free_name(out, f"{out.name}.before")) if existing else None
+            photographs.cuts.extend(cut_tiles(photograph, proposal, photographs.cuts))
+    return photographs
+
+
+def _nothing_cut_error(photographs: _CutPhotographs, first_file: Path) -> InputError:
+    """Returns the error for photographs of which no tile was cut."""
+    refused = photographs.refused()
+    if not refused:
+        return InputError(f"{first_file}: expected tiles of a sure kind, got none")
+    more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
+    return InputError(refused[0] + more)
+
+
+def _write_set(out: Path, photographs: _CutPhotographs, *, overwrite: bool) -> Path | None:
+    """Writes the tiles with proposed masks, and the sheet.
+
+    Returns where the earlier files of the folder are kept, None if it had none. After an error they
+    are back in their place.
+    """
+    from elitelanes_jax.tiles.masking import proposal_sheet
+    from elitelanes_jax.tiles.photographs.cutting import write_cuts
+    from elitelanes_jax.tiles.photographs.sheet import draw_sheet
+    from elitelanes_jax.tiles.rendering import write_png
+
+    kept = None
+    if overwrite and _has_files(out):
+        # Renamed, so that nothing in it is lost.
+        kept = out.rename(free_name(out, f"{out.name}.before"))
     try:
         with output_folder(out, {"command": "tiles cut"}) as work:
-            tiles = proposal_sheet("Tiles and their masks", write_cuts(work.files, cuts))
-            write_png(
-                work.files / "sheet.png",
-                draw_sheet(f"Tiles cut into {out.name}", pictures, proposals, tiles),
-            )
+            masked = write_cuts(work.files, photographs.cuts)
+            tiles = proposal_sheet("Tiles and their masks", masked)
+            title = f"Tiles cut into {out.name}"
+            sheet = draw_sheet(title, photographs.pictures, photographs.proposals, tiles)
+            write_png(work.files / "sheet.png", sheet)
     except BaseException:
         if kept is not None and not out.exists():
             kept.rename(out)
         raise
-    lines = _summary(cuts, proposals, out) + [f"refused: {line}" for line in refused]
-    lines += [] if kept is None else [f"the earlier set is kept as {kept}"]
-    problems = inspect_tiles(out, lines=True)[1]
-    lines += [f"to correct: {problem}" for problem in problems] or [
-        f"checked: no problems in {out}"
-    ]
-    say("\n".join(lines))
-    return 0
+    return kept
+
+
+def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | None) -> list[str]:
+    """Returns lines about a tile set that was written: its tiles, what was left out, and what to correct."""
+    from elitelanes_jax.tiles.tileset import inspect_tiles
+
+    lines = _summary(photographs.cuts, photographs.proposals, out)
+    lines += [f"refused: {line}" for line in photographs.refused()]
+    if earlier_set is not None:
+        lines.append(f"the earlier set is kept as {earlier_set}")
+    _, problems = inspect_tiles(out, lines=True)
+    if problems:
+        lines += [f"to correct: {problem}" for problem in problems]
+    else:
+        lines.append(f"checked: no problems in {out}")
+    return lines
 
 
 def _summary(cuts: "list[Cut]", proposals: "list[Proposal]", out: Path) -> list[str]:
@@ -174,91 +248,127 @@ def _summary(cuts: "list[Cut]", proposals: "list[Proposal]", out: Path) -> list[
 
     kinds = Counter(KIND_OF[cut.code] for cut in cuts)
     listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-    used = sum(proposal.score >= SURE for proposal in proposals)
+    used = [proposal for proposal in proposals if proposal.score >= SURE]
+    tiles, sources = pluralize(len(cuts), "tile"), pluralize(len(used), "photograph")
     lines = [
-        f"{pluralize(len(cuts), 'tile')} of {pluralize(used, 'photograph')} in {out}: {listed}"
+        f"{tiles} of {sources} in {out}: {listed}",
+        f"look at the outlines and masks on {out / 'sheet.png'}",
     ]
-    lines += [f"look at the outlines and masks on {out / 'sheet.png'}"]
     lines += [f"{cut.name} is nearly a copy of {cut.copy_of}" for cut in cuts if cut.copy_of]
-    for proposal in proposals:
-        if proposal.score >= SURE:
-            lines += [
-                f"{proposal.photo}: left out the tile at {place}, its kind is unsure"
-                for place in _unsure(proposal)
-            ]
+    for proposal in used:
+        for cell in _unsure_cells(proposal.sure):
+            place = _describe_cell(*cell)
+            lines.append(f"{proposal.photo}: left out the tile at {place}, its kind is unsure")
     return lines
 
 
-def _unsure(proposal: "Proposal") -> list[str]:
+def _unsure_cells(sure: "ArrayLike") -> list[list[int]]:
+    """Returns row and column, from 0, of the cells whose kind is unsure."""
+    import numpy as np
+
     from elitelanes_jax.tiles.photographs.proposals import SURE
 
-    return [
-        f"row {row + 1}, column {column + 1}"
-        for row, sures in enumerate(proposal.sure)
-        for column, sure in enumerate(sures)
-        if sure < SURE
-    ]
+    return np.argwhere(np.asarray(sure) < SURE).tolist()
+
+
+def _describe_cell(row: int, column: int) -> str:
+    return f"row {row + 1}, column {column + 1}"
+
+
+class _Floor(NamedTuple):
+    """The map of a floor as it was read.
+
+    Attributes:
+      codes: int8 ``[H, W]``.
+      sure: float ``[H, W]``, how sure each code is, 0 to 1.
+    """
+
+    codes: "NDArray[np.int8]"
+    sure: "NDArray[np.float64]"
 
 
 def _read(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.sketch import draw_text
-    from elitelanes_jax.tiles.photographs.comparison import (
-        find_differences,
-        turn_floor,
-        turn_to_plan,
-    )
-    from elitelanes_jax.tiles.photographs.proposals import SURE
     from elitelanes_jax.tiles.tileset import load_tiles
 
-    plan = None if options.against is None else read_map(options.against).codes
+    plan = _read_plan(options.against)
     shape = _shape(options, plan)
     if shape == (1, 1):
         got = "none" if options.size is None else "1 1"
         raise InputError(
             f"--size: expected the rows and columns of a floor of 2 tiles or more, got {got}"
         )
+    (corners,) = _corners_of_each(options, [options.photo])
     if options.out is not None:
         check_new(options.out)
-    tiles = load_tiles(options.tiles)
-    proposal = _propose(_photograph(options.photo, _lens(options)), options, 0, shape, tiles=tiles)
-    if proposal.score < SURE:
-        raise InputError(f"{options.photo}: {proposal.advice}")
-    codes, sure = _arrays(proposal)
-    lines = []
+    floor = _read_floor(options, shape, corners, load_tiles(options.tiles))
     if plan is not None:
-        with naming(options.against):
-            turns = turn_to_plan(codes, plan)
-        import numpy as np
-
-        codes, sure = turn_floor(codes, turns), np.rot90(sure, turns)
-    unsure = [[row, column] for row, column in zip(*(sure < SURE).nonzero(), strict=True)]
-    unsure = [[int(row), int(column)] for row, column in unsure]
-    lines.append(draw_text(codes))
-    lines += [f"row {row + 1}, column {column + 1}: unsure" for row, column in unsure]
+        floor = _turn_to_plan(floor, plan, options.against)
+    unsure = _unsure_cells(floor.sure)
+    lines = [draw_text(floor.codes)]
+    lines += [f"{_describe_cell(row, column)}: unsure" for row, column in unsure]
     if plan is not None:
-        differences = find_differences(codes, plan)
-        lines += [str(difference) for difference in differences]
-        count = pluralize(len(differences), "tile")
-        verb = "differs" if len(differences) == 1 else "differ"
-        lines.append(f"{count} of {codes.size} {verb} from {options.against}")
+        lines += _compare(floor.codes, plan, options.against)
     if options.out is not None:
         with never_replacing(options.out):
-            RoadMap(codes, unsure=unsure or None).save(options.out)
+            RoadMap(floor.codes, unsure=unsure or None).save(options.out)
     say("\n".join(lines), asked=True)
     return 0
 
 
-def _arrays(proposal: "Proposal") -> "tuple[NDArray[np.int8], NDArray[np.float64]]":
+def _read_floor(
+    options: argparse.Namespace,
+    shape: tuple[int, int],
+    corners: list[float] | None,
+    tiles: "TileSet",
+) -> _Floor:
+    """Reads the map of the floor in a photograph, seen from the photograph's side."""
     import numpy as np
 
-    return np.array(proposal.codes, np.int8), np.array(proposal.sure)
+    from elitelanes_jax.tiles.photographs.proposals import SURE
+    from elitelanes_jax.tiles.photographs.reading import read_photograph
+
+    photograph = read_photograph(options.photo, _read_lens(options))
+    proposal = _propose(photograph, shape, corners, exact=options.exact, tiles=tiles)
+    if proposal.score < SURE:
+        raise InputError(f"{options.photo}: {proposal.advice}")
+    return _Floor(np.array(proposal.codes, np.int8), np.array(proposal.sure))
 
 
-def _shape(options: argparse.Namespace, laid: "NDArray[np.int8] | None") -> tuple[int, int]:
-    """Returns rows and columns of the floor: of the map, or as given; (1, 1) for single tiles."""
-    if laid is None:
+def _turn_to_plan(floor: _Floor, plan: "NDArray[np.int8]", plan_file: Path) -> _Floor:
+    """Turns a floor to the direction in which it agrees most with a plan."""
+    import numpy as np
+
+    from elitelanes_jax.tiles.photographs.comparison import turn_floor, turn_to_plan
+
+    with naming(plan_file):
+        turns = turn_to_plan(floor.codes, plan)
+    return _Floor(turn_floor(floor.codes, turns), np.rot90(floor.sure, turns))
+
+
+def _compare(codes: "NDArray[np.int8]", plan: "NDArray[np.int8]", plan_file: Path) -> list[str]:
+    """Returns a line for each tile that differs from a plan, and a line with their number."""
+    from elitelanes_jax.tiles.photographs.comparison import find_differences
+
+    differences = find_differences(codes, plan)
+    count = pluralize(len(differences), "tile")
+    verb = "differs" if len(differences) == 1 else "differ"
+    return [
+        *map(str, differences),
+        f"{count} of {codes.size} {verb} from {plan_file}",
+    ]
+
+
+def _read_plan(file: Path | None) -> "NDArray[np.int8] | None":
+    """Returns the codes of the map that was planned; None without one."""
+    return None if file is None else read_map(file).codes
+
+
+def _shape(options: argparse.Namespace, plan: "NDArray[np.int8] | None") -> tuple[int, int]:
+    """Returns rows and columns of the floor: those of the plan, or of --size; (1, 1) for single tiles."""
+    if plan is None:
         return (1, 1) if options.size is None else tuple(options.size)
-    shape = laid.shape
+    shape = plan.shape
     if options.size is not None and tuple(options.size) != shape:
         raise InputError(
             f"--size: expected {shape[0]} {shape[1]} like the map, got {options.size[0]} {options.size[1]}"
@@ -266,44 +376,48 @@ def _shape(options: argparse.Namespace, laid: "NDArray[np.int8] | None") -> tupl
     return shape
 
 
-def _lens(options: argparse.Namespace) -> "Lens | None":
+def _corners_of_each(
+    options: argparse.Namespace, files: Sequence[Path]
+) -> Sequence[list[float] | None]:
+    """Returns the corners in each photograph, x and y by turns; None if they are to be found."""
+    if options.corners is None:
+        if options.exact:
+            raise InputError("--exact: expected --corners, got none")
+        return [None] * len(files)
+    if len(options.corners) != len(files):
+        raise InputError(
+            f"--corners: expected the option once for each of {pluralize(len(files), 'photograph')}, "
+            f"got it for {len(options.corners)}"
+        )
+    return options.corners
+
+
+def _read_lens(options: argparse.Namespace) -> "Lens | None":
     from elitelanes_jax.tiles.photographs.reading import read_lens
 
     return None if options.camera is None else read_lens(options.camera)
 
 
-def _photograph(file: Path, lens: "Lens | None") -> "Photograph":
-    from elitelanes_jax.tiles.photographs.reading import read_photograph
-
-    return read_photograph(file, lens)
-
-
 def _propose(
     photograph: "Photograph",
-    options: argparse.Namespace,
-    index: int,
     shape: tuple[int, int],
-    **given: UserValue,
+    corners: list[float] | None,
+    *,
+    exact: bool,
+    codes: "NDArray[np.int8] | None" = None,
+    tiles: "TileSet | None" = None,
 ) -> "Proposal":
+    """Proposes where tiles are, by corners in pixels of the file's picture; without corners they are found."""
     import numpy as np
 
     from elitelanes_jax.tiles.photographs.proposals import propose_tiles
 
-    photos = options.photos if hasattr(options, "photos") else [options.photo]
-    corners = options.corners
-    if corners is not None and len(corners) != len(photos):
-        raise InputError(
-            f"--corners: expected the option once for each of {pluralize(len(photos), 'photograph')}, "
-            f"got it for {len(corners)}"
-        )
-    if corners is None and options.exact:
-        raise InputError("--exact: expected --corners, got none")
     if corners is None:
-        return propose_tiles(photograph, shape=shape, **given)
-    points = photograph.pixels_of(np.array(corners[index], float).reshape(4, 2))
+        return propose_tiles(photograph, shape=shape, codes=codes, tiles=tiles)
+    points = photograph.pixels_of(np.array(corners, float).reshape(4, 2))
     try:
         return propose_tiles(
-            photograph, shape=shape, corners=points, fit=not options.exact, **given
+            photograph, shape=shape, corners=points, codes=codes, tiles=tiles, fit=not exact
         )
     except InputError as error:
         raise InputError(str(error).replace("corners: ", "--corners: ", 1)) from None

@@ -103,24 +103,17 @@ class Samples(NamedTuple):
 
     def blocks_of(self, split: int) -> Iterator[Block]:
         """Yields the samples of a split, in order."""
-        maps, views = (
-            self.maps.start
-            + np.flatnonzero(self.splits[self.maps.start : self.maps.stop] == split),
-            self.views,
-        )
+        first, views = self.maps.start, self.views
+        maps = first + np.flatnonzero(self.splits[first : self.maps.stop] == split)
         count = len(maps) * views
+        total = -(-count // _BLOCK)
         for number, start in enumerate(range(0, count, _BLOCK)):
             positions = range(start, min(start + _BLOCK, count))
             indices = [
                 int(maps[position // views]) * views + position % views for position in positions
             ]
-            yield Block(
-                split,
-                number,
-                -(-count // _BLOCK),
-                indices,
-                self.records / f"{SPLITS[split]}-{number}.jsonl",
-            )
+            records = self.records / f"{SPLITS[split]}-{number}.jsonl"
+            yield Block(split, number, total, indices, records)
 
     def split_of(self, index: int) -> int:
         """Returns the split of a sample."""

@@ -13,6 +13,7 @@ from elitelanes_jax._util.files import read_json, write_atomic
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.sums import SUMS
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._coco import SHORT_NAMES, Record, Records, annotate, coco_rows
 from elitelanes_jax.dataset._samples import Sample, layer_names
 from elitelanes_jax.dataset._shards import OpenShard, open_parquet, open_tar
@@ -123,34 +124,26 @@ class Layout(NamedTuple):
     def loading_arrays(self, split: int, poses: bool) -> str:
         """Returns a program that loads a split as NumPy arrays, with poses or tile codes."""
         if self.metadata is None:
-            names = (
-                ("poses", "[row['nearest']['d'], row['nearest']['phi']]")
-                if poses
-                else ("codes", "row['codes']")
+            program = _in_split(self.arrays, split)
+        else:
+            metadata = _in_split(self.metadata, split)
+            image, labels = (
+                self.file(split, 0, layer).replace("000000", "{row['number']:06d}")
+                for layer in ("image", "labels")
             )
-            return (
-                _in_split(self.arrays, split)
-                .replace("TARGETS", names[0])
-                .replace("VALUE", names[1])
+            program = (
+                "import json\nfrom pathlib import Path\n\nimport cv2\nimport numpy as np\n\n"
+                f'rows = [json.loads(line) for line in Path("DIR/{metadata}").read_text().splitlines()]\n'
+                f'images = [cv2.imread(f"DIR/{image}")[..., ::-1] for row in rows]  # RGB\n'
+                f'labels = [cv2.imread(f"DIR/{labels}", cv2.IMREAD_GRAYSCALE) for row in rows]\n'
+                "TARGETS = [np.array(VALUE) for row in rows]\n"
+                "print(len(rows), images[0].shape, labels[0].shape, TARGETS[0].shape)"
             )
-        metadata = _in_split(self.metadata, split)
-        image, labels = (
-            self.file(split, 0, layer).replace("000000", "{row['number']:06d}")
-            for layer in ("image", "labels")
-        )
-        targets = (
-            ("poses", "[row['nearest']['d'], row['nearest']['phi']]")
-            if poses
-            else ("codes", "row['codes']")
-        )
-        return (
-            "import json\nfrom pathlib import Path\n\nimport cv2\nimport numpy as np\n\n"
-            f'rows = [json.loads(line) for line in Path("DIR/{metadata}").read_text().splitlines()]\n'
-            f'images = [cv2.imread(f"DIR/{image}")[..., ::-1] for row in rows]  # RGB\n'
-            f'labels = [cv2.imread(f"DIR/{labels}", cv2.IMREAD_GRAYSCALE) for row in rows]\n'
-            f"{targets[0]} = [np.array({targets[1]}) for row in rows]\n"
-            f"print(len(rows), images[0].shape, labels[0].shape, {targets[0]}[0].shape)"
-        )
+        if poses:
+            targets, value = "poses", "[row['nearest']['d'], row['nearest']['phi']]"
+        else:
+            targets, value = "codes", "row['codes']"
+        return program.replace("TARGETS", targets).replace("VALUE", value)
 
 
 def find_layout(name: str) -> Layout:
@@ -219,22 +212,30 @@ def _in_split(text: str, split: int) -> str:
 
 def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
     for record in read():
-        names = {
+        has_objects = "objects" in record
+        file_names = {
             f"{layer}_file_name": f"{layer}/{record['number']:06d}.png"
-            for layer in layer_names(has_objects="objects" in record)
+            for layer in layer_names(has_objects=has_objects)
         }
-        # In columns, by the names that Hugging Face's guides have for boxes.
-        if "objects" in record:
-            columns = {"id": "instance", "category": "kind", "bbox": "box"} | dict.fromkeys(
-                ("whole", "visible")
-            )
-            columns |= {"distance": None} if record.get("camera") else {}
-            listed = {
-                name: [one[key or name] for one in record["objects"]]
-                for name, key in columns.items()
-            }
-            record = record | {"objects": listed}
-        yield names | {key: value for key, value in record.items() if value != {}}
+        if has_objects:
+            record = record | {"objects": _object_columns(record)}
+        yield file_names | {name: value for name, value in record.items() if value != {}}
+
+
+def _object_columns(record: Record) -> dict[str, list[Plain]]:
+    """Returns the objects of a sample in columns, by the names that Hugging Face's guides have for boxes."""
+    entries = {
+        "id": "instance",
+        "category": "kind",
+        "bbox": "box",
+        "whole": "whole",
+        "visible": "visible",
+    }
+    if record.get("camera"):
+        entries["distance"] = "distance"
+    return {
+        column: [thing[entry] for thing in record["objects"]] for column, entry in entries.items()
+    }
 
 
 _COCO = """

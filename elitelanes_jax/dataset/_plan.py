@@ -62,9 +62,9 @@ def evolve_maps(
                 later.compile_aside() for later in sizes[len(compiled) : index + 1 + _AHEAD]
             ]
             compiled[index]()
-            for found in size.rounds([road_map.codes for road_map in maps]):
-                maps += found
-                bar.count(len(found))
+            for maps_of_round in size.rounds([road_map.codes for road_map in maps]):
+                maps += maps_of_round
+                bar.count(len(maps_of_round))
     return maps
 
 
@@ -87,7 +87,11 @@ def _evolve_ahead(sizes: "Sequence[_Size]", pool: Pool) -> None:
 class _Size(NamedTuple):
     """The search for the maps of one size.
 
-    `search` is for maps that the tiles can draw, `work` the rounds' folder.
+    Attributes:
+      seed: the seed of the dataset.
+      search: the search, for maps that the tiles can draw.
+      wanted: the number of maps.
+      work: the folder of the rounds' files.
     """
 
     seed: int
@@ -104,12 +108,12 @@ class _Size(NamedTuple):
 
         The maps differ from `others`, of any sizes.
         """
-        found: list[NDArray[np.int8]] = []
+        earlier: list[NDArray[np.int8]] = []  # of this size
         number = level = 0
-        while len(found) < self.wanted:
+        while len(earlier) < self.wanted:
             file = self.file(number)
             if not file.exists():
-                chosen = self._evolve(number, found, others, level)
+                chosen = self._evolve(number, earlier, others, level)
                 lines = (vars(road_map) | {"codes": road_map.codes.tolist()} for road_map in chosen)
                 write_atomic(file, (f"{json.dumps(line)}\n".encode() for line in lines))
             new = [
@@ -117,12 +121,12 @@ class _Size(NamedTuple):
                 for line in file.read_text(encoding="utf-8").splitlines()
             ]
             # If few maps differ enough, the next ones may differ less.
-            if len(new) < min(_FEW, self.wanted - len(found)):
+            if len(new) < min(_FEW, self.wanted - len(earlier)):
                 level += 1
-            found += [road_map.codes for road_map in new]
+            earlier += [road_map.codes for road_map in new]
             if level == len(MIN_DIFFERENCE):
                 raise NotEnoughMapsError(
-                    f"found {len(found)} different ones of {self.wanted} maps of {self.shape[0]} x {self.shape[1]} "
+                    f"found {len(earlier)} different ones of {self.wanted} maps of {self.shape[0]} x {self.shape[1]} "
                     "tiles; larger sizes, more evaluations or fewer maps"
                 )
             number += 1
@@ -149,7 +153,7 @@ class _Size(NamedTuple):
     def _evolve(
         self,
         number: int,
-        found: Sequence[NDArray[np.int8]],
+        earlier: Sequence[NDArray[np.int8]],
         others: Sequence[NDArray[np.int8]],
         level: int,
     ) -> list[RoadMap]:
@@ -158,14 +162,14 @@ class _Size(NamedTuple):
             result = Result.load(self.result_file(number))
         else:
             result = evolve_search(self.search, self.keys(number))
-        count = min(self.wanted - len(found), _FROM_ROUND)
-        exclude = [*others, *found]
+        count = min(self.wanted - len(earlier), _FROM_ROUND)
+        exclude = [*others, *earlier]
         choice = result.choose(
             count, self.seed, exclude=exclude, min_difference=(MIN_DIFFERENCE[level],)
         )
         # The others may be like maps of another size.
         usable = choice.found - sum(choice.rejected.values())
-        if not usable and not found:
+        if not usable and not earlier:
             hint = choice.hint(self.search.settings.method, self.shape)
             raise NotEnoughMapsError(choice.describe_shortage(self.wanted, hint, writable=False))
         first = number * _SEEDS

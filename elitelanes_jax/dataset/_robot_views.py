@@ -174,7 +174,8 @@ def _nearest(
 
     For a tile without lanes the table is empty.
     """
-    found, best = {}, np.inf
+    nearest: dict[str, Plain] = {}
+    least_rank = np.inf
     on_tile = (movements.row == int(np.floor(y))) & (movements.column == int(np.floor(x)))
     for row, column, heading, turn in zip(*(field[on_tile] for field in movements), strict=True):
         ahead_x, ahead_y = SIDES[heading].right, SIDES[heading].down
@@ -189,13 +190,12 @@ def _nearest(
             - (bend * np.arctan2(forward, inward) if bend else 0)
         )
         phi = np.pi - (np.pi - phi) % (2 * np.pi)
+        # Lanes that lead the other way count as far away.
         rank = abs(d) + 100 * (np.cos(phi) <= 0)
-        if rank < best:
-            best, found = (
-                rank,
-                {"d": float(d), "phi": float(phi), "curvature": float(bend / radius)},
-            )
-    return found
+        if rank < least_rank:
+            least_rank = rank
+            nearest = {"d": float(d), "phi": float(phi), "curvature": float(bend / radius)}
+    return nearest
 
 
 def see(
@@ -313,6 +313,22 @@ def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray
     return np.asarray(np.array([[focal, 0, columns / 2], [0, focal, rows / 2], [0, 0, 1]]) @ seen)
 
 
+class _Standing(NamedTuple):
+    """An object in a view.
+
+    Attributes:
+      depth: metres ahead of the camera, by which objects hide each other; infinite on the floor.
+      object_index: the index of the object on the map.
+      placed: its picture in the view.
+      distance: metres from the camera.
+    """
+
+    depth: float
+    object_index: int
+    placed: Placed
+    distance: float
+
+
 def stand(
     objects: Sequence[MapObject],
     pictures: Sequence[ObjectPictures],
@@ -330,19 +346,18 @@ def stand(
     """
     pose, camera = viewpoint.about["pose"], viewpoint.about["camera"]
     cosine, sine = np.cos(pose["theta"]), np.sin(pose["theta"])
-    found = []
-    for index, (thing, one) in enumerate(zip(objects, pictures, strict=True)):
+    standing = []
+    for index, (thing, views) in enumerate(zip(objects, pictures, strict=True)):
         east, north = (thing.x - pose["x"]) * TILE, (pose["y"] - thing.y) * TILE
         ahead, left = east * cosine + north * sine - camera["forward"], north * cosine - east * sine
         distance = float(np.hypot(ahead, left))
-        if not one.height:
-            flat = lay_flat(thing, one, tile_px)
-            found.append(
-                (np.inf, -index, flat._replace(matrix=viewpoint.matrix @ flat.matrix), distance)
-            )
+        if not views.height:
+            flat = lay_flat(thing, views, tile_px)
+            placed = flat._replace(matrix=viewpoint.matrix @ flat.matrix)
+            standing.append(_Standing(np.inf, index, placed, distance))
         elif ahead > NEAR:
             towards = np.arctan2(-left, -ahead) + pose["theta"] - thing.angle
-            pixels = one.view(towards)
+            pixels = views.view(towards)
             rows, columns = pixels.shape[:2]
             metre = thing.height / rows
             # From (column, row) of the picture to metres ahead, to the left and upwards.
@@ -354,16 +369,14 @@ def stand(
                     [0, 0, 1],
                 ]
             )
-            found.append(
-                (
-                    ahead,
-                    -index,
-                    Placed(pixels, project(camera, viewpoint.size) @ position),
-                    distance,
-                )
-            )
-    found.sort(key=lambda one: one[:2], reverse=True)
-    return [one[2] for one in found], [-one[1] for one in found], [one[3] for one in found]
+            placed = Placed(pixels, project(camera, viewpoint.size) @ position)
+            standing.append(_Standing(ahead, index, placed, distance))
+    standing.sort(key=lambda item: (-item.depth, item.object_index))
+    return (
+        [item.placed for item in standing],
+        [item.object_index for item in standing],
+        [item.distance for item in standing],
+    )
 
 
 class Rays(NamedTuple):

@@ -91,7 +91,7 @@ def draw_sample(
       InputError: for a camera on a map without a lane, an object without a picture, or an argument
         of another type.
     """
-    check_named("index", whole(0), index)
+    index = check_named("index", whole(0), index)
     check_named("tiles", instance(TileSet), tiles)
     tile_px = check_tile_px(tile_px)
     choice = _plan_choice(road_map.codes.tobytes(), road_map.codes.shape, tiles)

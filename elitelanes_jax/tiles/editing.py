@@ -76,6 +76,7 @@ class HandWork:
         self.folder, self.photographs = folder, list(photographs)
         self._pictures: dict[str, _Picture] = {}
         self.saved = False
+        self._earlier_set: Path | None = None  # a copy of the set that the first save replaces
         self._saving = Lock()
         if folder.exists() and folder.resolve() == Path.cwd():
             raise InputError(
@@ -167,14 +168,17 @@ class HandWork:
           InputError: without tiles, or if another program changed the folder.
         """
         names = _names(values)
-        if _stamp_of(self.folder) != self._stamp:
-            raise InputError(
-                f"{self.folder}: another program changed it; nothing was saved. Start the command again"
-            )
-        kept = None
         with self._saving:
-            if self.folder.exists() and any(self.folder.iterdir()) and not self.saved:
-                kept = _copy_aside(self.folder)
+            # Another save of this page may have been at work until now.
+            if _stamp_of(self.folder) != self._stamp:
+                raise InputError(
+                    f"{self.folder}: another program changed it; nothing was saved. Start the command again"
+                )
+            is_first = not self.saved
+            has_earlier_set = self.folder.exists() and any(self.folder.iterdir())
+            # A save that failed may have copied it.
+            if is_first and has_earlier_set and self._earlier_set is None:
+                self._earlier_set = _copy_aside(self.folder)
             with output_folder(
                 self.folder, {"command": "tiles edit"}, foreign=lambda _: None, force=True
             ) as work:
@@ -186,8 +190,11 @@ class HandWork:
                 self._add(name, self._pictures[tile["id"]], self._masks_of(tile))
                 for name, tile in zip(names, values, strict=True)
             ]
+        kept = None
+        if is_first and self._earlier_set is not None:
+            kept = str(self._earlier_set)
         problems = inspect_tiles(self.folder, lines=True)[1]
-        return {"names": names, "kept": kept and str(kept), "problems": problems}
+        return {"names": names, "kept": kept, "problems": problems}
 
     def zip(self, values: Untyped) -> bytes:
         """Returns the set as a zip file with one folder. The folder of the set does not change.
@@ -253,19 +260,9 @@ class HandWork:
         return {mask: _unpack(tile["masks"][mask], side) for mask in MASKS}
 
     def _write(self, target: Path, tiles: Mapping[str, Untyped]) -> None:
-        """Writes the tiles by name, and copies all other files of the set."""
-        sources = tile_folders(self.folder, []) if self.folder.exists() else []
-        skipped = {source.name for source in sources} | set(_SHEETS)
+        """Writes the tiles by name, and copies the files of the set that are not in a tile's folder."""
         if self.folder.exists():
-            shutil.copytree(
-                self.folder,
-                target,
-                symlinks=True,
-                dirs_exist_ok=True,
-                ignore=lambda folder, names: (
-                    skipped & set(names) if Path(folder) == self.folder else set()
-                ),
-            )
+            _copy_other_files(self.folder, target)
         written = []
         for name, tile in tiles.items():
             picture = self._pictures[tile["id"]]
@@ -275,6 +272,16 @@ class HandWork:
                 write_png(target / name / f"{mask}.png", pixels.astype(np.uint8) * 255)
             written.append(Masked(target / name, picture.layer.pixels, masks, ()))
         write_png(target / "masks.png", proposal_sheet("Masks corrected by hand", written))
+
+
+def _copy_other_files(folder: Path, target: Path) -> None:
+    """Copies a tile set without its tiles and its sheets."""
+    left_out = {tile_folder.name for tile_folder in tile_folders(folder, [])} | set(_SHEETS)
+
+    def ignored(parent: str, names: list[str]) -> set[str]:
+        return left_out & set(names) if Path(parent) == folder else set()
+
+    shutil.copytree(folder, target, symlinks=True, dirs_exist_ok=True, ignore=ignored)
 
 
 def _read(folder: Path) -> _Picture:

@@ -69,27 +69,31 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     """Reads a PNG picture of 8 bits per channel; `problems` gets a line if the file exists but is not such a picture.
 
     Returns uint8 ``[H, W, 4]``, RGB and opacity, if the file has transparency, ``[H, W]`` if it is
-    grey, otherwise ``[H, W, 3]``, RGB. Returns None if there is no file.
+    grey, otherwise ``[H, W, 3]``, RGB. Returns None if there is no file, or if `problems` gets a
+    line.
     """
     if not file.is_file():
         return None
-    picture, got = None, "one that cannot be read"
+    picture: NDArray | None = None
+    fault = "one that cannot be read"
     try:
         picture = decode_png(_plain_png(read_bytes(file, _MOST_BYTES)))
-    except InputError as error:
+    except InputError as error:  # a large file
         problems.append(str(error))
         return None
     except ValueError as error:
-        got += f": {error}"
+        fault += f": {error}"
     except OSError:
-        pass
-    if picture is None or picture.dtype != np.uint8:
-        got = got if picture is None else str(picture.dtype)
-        problems.append(f"{file}: expected a PNG picture of 8 bits a channel, got {got}")
+        pass  # the fault says it
+    if picture is not None and picture.dtype != np.uint8:
+        fault = str(picture.dtype)
+        picture = None
+    if picture is None:
+        problems.append(f"{file}: expected a PNG picture of 8 bits a channel, got {fault}")
         return None
     if picture.ndim == 3:
-        kept = cv2.COLOR_BGRA2RGBA if picture.shape[2] == 4 else cv2.COLOR_BGR2RGB
-        picture = cv2.cvtColor(picture, kept)
+        red_first = cv2.COLOR_BGRA2RGBA if picture.shape[2] == 4 else cv2.COLOR_BGR2RGB
+        picture = cv2.cvtColor(picture, red_first)
     return np.asarray(picture, np.uint8)
 
 
@@ -127,8 +131,9 @@ def read_image(file: Path, problems: list[str]) -> Layer | None:
 def read_mask(file: Path, image: Layer | None, problems: list[str]) -> Layer | None:
     """Reads a mask of 0 and one other value, as large as the image if there is one.
 
-    A transparent pixel is 0, whatever its hidden colour is. Returns None if the file is missing or
-    has another size. `problems` gets a line for each error.
+    A transparent pixel is 0, whatever its hidden colour is. `problems` gets a line for each error.
+    Returns None if the file is missing, is no grey picture, has half-transparent pixels, or has
+    another size. A mask of other values is returned.
     """
     picture = read_picture(file, problems)
     if picture is None:

@@ -71,12 +71,11 @@ def parse_colour(text: str) -> Colour:
     match = re.fullmatch(r"\s*,\s*".join([r"(\d{1,3})\.\.(\d{1,3})"] * 3), text.strip(), re.ASCII)
     limits = [int(number) for number in match.groups()] if match else []
     pairs = list(zip(limits[::2], limits[1::2], strict=True))
-    upside_down = any(low > high for low, high in pairs[1:])
-    if (
-        not match
-        or upside_down
-        or any(max(pair) > top for pair, top in zip(pairs, _TOP, strict=True))
-    ):
+    # A range of hues may wrap around.
+    is_upside_down = any(low > high for low, high in pairs[1:])
+    # Without a match there are no pairs.
+    is_too_large = any(max(pair) > top for pair, top in zip(pairs, _TOP, strict=False))
+    if not match or is_upside_down or is_too_large:
         raise InputError(
             f"expected H..H,S..S,V..V with hues 0 to 179, saturations and values 0 to 255, such as "
             f"{COLOURS['red']}, got {text[:40]!r}"
@@ -96,6 +95,9 @@ def propose_masks(
 
     Returns:
       bool ``[S, S]`` for each of these names. Lines are on the road, and do not overlap.
+
+    Raises:
+      InputError: for a picture that is not square or not RGB, or without a range for each name.
     """
     image = check_named("image", check_picture, image)
     if image.shape[0] != image.shape[1]:
@@ -160,7 +162,9 @@ def mask_folder(
     Raises:
       InputError: if there are no tiles, or for a bad file; the message names it.
     """
-    folder, problems, proposals = Path(check_named("folder", path, folder)), list[str](), []
+    folder = Path(check_named("folder", path, folder))
+    problems: list[str] = []
+    proposals = []
     folders = tile_folders(folder, problems)
     if not folders and not problems:
         problems.append(f"{folder}: expected folders such as turn_1 with an image.png, got none")
@@ -179,9 +183,8 @@ def mask_folder(
             continue
         proposals.append(_propose(tile_folder, image, colours, overwrite, problems))
     if problems:
-        raise InputError(
-            problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")
-        )
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(problems[0] + more)
     return proposals
 
 

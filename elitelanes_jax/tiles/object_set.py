@@ -43,10 +43,12 @@ from elitelanes_jax.formats.objects import (
     nearest_view,
 )
 from elitelanes_jax.formats.tags import LARGEST_TAG
+from elitelanes_jax.tiles._lots import draw_lots
 from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.pasting import Placed, paste
 
-_KEYS, _TAG = ("kind", "height", "footprint"), "tag"
+_KEYS, _TAG = ("kind", "height", "footprint"), "tag"  # of object.toml; a tag is optional
+_MOST = 10  # metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +124,9 @@ class ObjectSet:
         """Chooses pictures for each object at random among those of its kind, with the object's own AprilTag.
 
         Raises:
-          InputError: for a kind without pictures in the set.
+          InputError: for a kind without pictures in the set, or a seed that is not whole numbers.
         """
-        lots = np.random.default_rng(seed).random(len(objects))
+        lots = draw_lots(seed, (len(objects),))
         chosen = []
         for thing, lot in zip(objects, lots, strict=True):
             choices = self._of_kind(thing.kind)
@@ -282,7 +284,7 @@ def _load_pictures(folder: Path) -> ObjectPictures:
         raise InputError(f"{folder}: expected image.png, the view from the front, got none")
     views = {angle: _read(files[angle]) for angle in sorted(files)}
     footprint, above = about.footprint, folder / "top.png"
-    if above.exists():
+    if above.is_file():
         top = _read(above)
     elif about.height:  # lying on the floor
         front = views[0]
@@ -295,7 +297,7 @@ def _load_pictures(folder: Path) -> ObjectPictures:
 
 def _view_files(folder: Path) -> dict[int, Path]:
     """Returns the files of views, by degrees. A number in another form would name a view twice, or none."""
-    views = {0: folder / "image.png"} if (folder / "image.png").exists() else {}
+    views = {0: folder / "image.png"} if (folder / "image.png").is_file() else {}
     for file in sorted(folder.glob("image_*.png")):
         number = file.stem.removeprefix("image_")
         if not re.match(r"[-+.]?[0-9]", number):
@@ -320,9 +322,8 @@ def _read_about(file: Path) -> _About:
     about = read_toml(file, str(file))
     for key in sorted(set(about) | set(_KEYS)):
         if key in about and key not in (*_KEYS, _TAG):
-            raise InputError(
-                f"{file}: expected the keys {', '.join(_KEYS)}, got {shorten(repr(key))}"
-            )
+            known = ", ".join((*_KEYS, _TAG))
+            raise InputError(f"{file}: expected the keys {known}, got {shorten(repr(key))}")
         if key not in about:
             raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got no {key}")
     kind = check_named(str(file), check_kind, about["kind"])
@@ -331,18 +332,18 @@ def _read_about(file: Path) -> _About:
         raise InputError(
             f"{file}: height: expected 0 for tags on the floor, got {shorten(repr(height), 40)}"
         )
-    if not is_flat and not (is_real(height) and 0 < height <= 10):
+    if not is_flat and not (is_real(height) and 0 < height <= _MOST):
         raise InputError(
-            f"{file}: height: expected metres over 0, to 10, got {shorten(repr(height), 40)}"
+            f"{file}: height: expected metres over 0, to {_MOST}, got {shorten(repr(height), 40)}"
         )
     footprint = _read_pair(about["footprint"])
-    if footprint is None or not all(0 < side <= 10 for side in footprint):
+    if footprint is None or not all(0 < side <= _MOST for side in footprint):
         got = shorten(repr(about["footprint"]), 40)
         raise InputError(f"{file}: footprint: expected [length, width] in metres, got {got}")
     tag = None
     if _TAG in about:
         tag = _read_pair(about[_TAG])
-        if tag is None:
+        if tag is None or not (0 <= tag[0] <= _MOST and 0 < tag[1] <= _MOST):
             raise InputError(
                 f"{file}: tag: expected [middle, side] in metres, got {shorten(repr(about[_TAG]), 40)}"
             )

@@ -2,7 +2,6 @@
 
 import pickle
 from dataclasses import fields
-from functools import cache
 from io import BytesIO
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
 from elitelanes_jax.tiles.rendering import png_of
-from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+from elitelanes_jax.tiles.tileset import TileSet, own_tiles
 
 
 class Pictures(NamedTuple):
@@ -46,7 +45,7 @@ class _Packer(pickle.Pickler):
     """Pickles sets of pictures in fewer bytes than pickle does."""
 
     def reducer_override(self, value: Untyped) -> Untyped:
-        if isinstance(value, TileSet) and value.to_plain() == _own_tiles().to_plain():
+        if isinstance(value, TileSet) and value.to_plain() == own_tiles().to_plain():
             return _own_tiles_like, (value.to_plain(),)
         if isinstance(value, ObjectSet) and value.digest == load_objects().digest:
             return _own_objects_like, (value.digest,)
@@ -60,14 +59,9 @@ class _Packer(pickle.Pickler):
         return NotImplemented
 
 
-@cache
-def _own_tiles() -> TileSet:
-    return load_tiles()
-
-
 def _own_tiles_like(about: dict[str, Plain]) -> TileSet:
     """Returns the package's own tile set, if it is the one of the sender."""
-    tiles = _own_tiles()
+    tiles = own_tiles()
     if tiles.to_plain() != about:
         raise InputError(f"expected the package's tiles {about}, as here, got {tiles.to_plain()}")
     return tiles

@@ -1,7 +1,7 @@
 """Rendering: from a grid to one picture, its masks and its label map (paper, "Real-World Data Integration")."""
 
 from collections.abc import Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -27,10 +27,11 @@ from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.tiles._blend import feather, lay_toned, solve_tones
+from elitelanes_jax.tiles._lots import draw_lots
 from elitelanes_jax.tiles.files import GROUND
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat, load_objects
 from elitelanes_jax.tiles.pasting import paste_objects
-from elitelanes_jax.tiles.tileset import MASKS, RotatedTile, TileSet, load_tiles
+from elitelanes_jax.tiles.tileset import MASKS, RotatedTile, TileSet, load_tiles, own_tiles
 
 LABELS = ("background", "road", "stop line", "lane separator")
 """The classes of a label map: a label is an index in this list. Lines cover the road."""
@@ -100,10 +101,7 @@ class TileChoice(NamedTuple):
 
     def choose(self, seed: int | list[int]) -> NDArray[np.int_]:
         """Chooses a picture for each cell; see `choose_tiles` for the result and the error."""
-        try:
-            lots = np.random.default_rng(seed).random(self.first.shape)
-        except (TypeError, ValueError):
-            raise InputError(f"seed: expected whole numbers, 0 or more, got {seed!r}") from None
+        lots = draw_lots(seed, self.first.shape)
         return self.pictures[self.first + (lots * self.choices).astype(int)]
 
 
@@ -115,16 +113,17 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
             f"tiles: expected a TileSet, as load_tiles gives it, got {shorten(repr(tiles))}"
         )
     for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
-        code, drawn = (
-            int(grid[row, column]),
-            ", ".join(str(code) for code in tiles.rotations if code),
-        )
-        remedy = "; a tile end_1 in the set would draw it, --dead-ends grass or without_dead_ends removes these roads"
+        code = int(grid[row, column])
+        drawn = ", ".join(str(code) for code in tiles.rotations if code)
+        remedy = ""
+        if KIND_OF[code] == "end":
+            remedy = (
+                "; a tile end_1 in the set would draw it, "
+                "--dead-ends grass or without_dead_ends removes these roads"
+            )
         raise InputError(
             f"grid: expected tiles that the set {tiles.name!r} can draw (codes {drawn}), "
-            f"got {code} ({KIND_OF[code]}) at row {row}, column {column}"
-            + remedy
-            * (KIND_OF[code] == "end")
+            f"got {code} ({KIND_OF[code]}) at row {row}, column {column}{remedy}"
         )
     pictures: list[RotatedTile] = []
     first, count = np.zeros((2, 16), int)
@@ -163,7 +162,7 @@ def render(
     """
     tile_px = check_tile_px(tile_px)
     if not isinstance(tiles, TileSet):
-        tiles = _own_tiles() if tiles is None else load_tiles(check_named("tiles", path, tiles))
+        tiles = own_tiles() if tiles is None else load_tiles(check_named("tiles", path, tiles))
     road_map = as_map(source)
     if chosen is not None:
         chosen = _check_choice(road_map.codes, tiles, chosen)
@@ -172,13 +171,12 @@ def render(
     if chosen is None:
         chosen = choose_tiles(road_map.codes, tiles, 0 if seed is None else seed)
     layers = draw_layers(road_map.codes, tiles, chosen, tile_px, ("image", "labels", *MASKS))
-    instances = None
     if objects is not None:
-        objects = load_objects(objects)
-    if things := road_map.objects:
-        placed, order = lay_all_flat(
-            things, load_objects(objects).choose(things, seed or 0), tile_px
-        )
+        objects = load_objects(objects)  # a wrong folder is refused for maps without objects too
+    instances = None
+    if road_map.objects:
+        pictures = load_objects(objects).choose(road_map.objects, seed or 0)
+        placed, order = lay_all_flat(road_map.objects, pictures, tile_px)
         instances, _ = paste_objects(layers, placed, order)
     return Picture(**layers, instances=instances)
 
@@ -216,11 +214,6 @@ def draw_layers(
     return layers | {"image": image}
 
 
-@cache
-def _own_tiles() -> TileSet:
-    return load_tiles()
-
-
 def check_tile_px(tile_px: UserValue) -> int:
     """Checks the side of a tile in pixels, 16 to 512."""
     if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
@@ -239,16 +232,24 @@ def recall_choice(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
     drawn = road_map.drawn
     if drawn is None or drawn.tile_set != tiles.name:
         return None
-    grid, listed, turns = road_map.codes, np.array(drawn.tiles), np.array(drawn.quarter_turns)
-    indices = {tile.name: index for index, tile in enumerate(tiles.pictures)}
-    if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(indices):
+    grid, names, turns = road_map.codes, np.array(drawn.tiles), np.array(drawn.quarter_turns)
+    if not names.shape == turns.shape == grid.shape:
         return None
-    chosen = np.stack([np.vectorize(indices.__getitem__)(listed), turns], axis=-1)
+    indices = {tile.name: index for index, tile in enumerate(tiles.pictures)}
+    if not set(names.flat) <= set(indices):
+        return None
+    chosen = np.stack([np.vectorize(indices.__getitem__)(names), turns], axis=-1)
     return chosen if _misfits(grid, tiles, chosen).size == 0 else None
 
 
 def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray[np.int_]:
-    grid, chosen = np.asarray(check_grid(grid)), np.asarray(chosen)
+    grid = np.asarray(check_grid(grid))
+    try:
+        chosen = np.asarray(chosen)
+    except ValueError:  # rows of several lengths
+        raise InputError(
+            f"chosen: expected integers of shape {(*grid.shape, 2)}, got {shorten(repr(chosen))}"
+        ) from None
     if chosen.shape != (*grid.shape, 2) or not np.issubdtype(chosen.dtype, np.integer):
         raise InputError(
             f"chosen: expected integers of shape {(*grid.shape, 2)}, got {chosen.dtype} of shape {chosen.shape}"
@@ -302,7 +303,8 @@ def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
 
     Raises `InputError` for another suffix, or pixels that `png_of` refuses.
     """
-    target, content = check_named("file", file_named(".png"), file), png_of(pixels)
+    target = check_named("file", file_named(".png"), file)
+    content = png_of(pixels)
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(content)
 
@@ -343,7 +345,8 @@ def stand(
     Raises:
       InputError: for anything else, or a kind without pictures in the set.
     """
-    objects, standing = check_named("objects", listed(MapObject), objects or ()), []
+    objects = check_named("objects", listed(MapObject), objects or ())
+    standing = []
     for thing, chosen in zip(objects, load_objects(pictures).choose(objects), strict=True):
         if thing.height:
             front = chosen.views[0]

@@ -52,17 +52,20 @@ def describe_lanes(tiles: Sequence[Tile], lane_offset: float) -> str:
     rows = [
         "in tiles from the left end of each side, seen from inside: road, separator, white lines; lanes' offset"
     ]
-    offsets: dict[bool, list[float]] = {True: [], False: []}
+    offsets_with_separator, offsets_without = list[float](), list[float]()
     for tile in tiles:
         for side in measure_sides(tile):
             left, right = (_text(place) for place in side.white)
-            offsets[side.separator is not None].append(side.lane)
+            if side.separator is None:
+                offsets_without.append(side.lane)
+            else:
+                offsets_with_separator.append(side.lane)
             rows.append(
                 f"  {tile.name:12} {side.side}  {side.road[0]:.3f} to {side.road[1]:.3f}, {_text(side.separator)}, "
                 f"{left} and {right}; {side.lane:.3f}"
             )
     # Half the width of a separator is part of the offset.
-    offset = np.mean(offsets[True] or offsets[False])
+    offset = np.mean(offsets_with_separator or offsets_without)
     return "\n".join(
         [
             *rows,

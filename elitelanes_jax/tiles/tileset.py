@@ -20,7 +20,7 @@ import re
 import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
@@ -52,7 +52,8 @@ _FILES = ("image", *MASKS)
 
 def _is_line(value: Plain) -> bool:
     """Returns whether a value is one line of text, as cards and messages have it."""
-    return isinstance(value, str) and len(value.splitlines()) < 2
+    # A text such as "My city\n" has one line, but it ends.
+    return isinstance(value, str) and "".join(value.splitlines()) == value
 
 
 def _is_name(value: Plain) -> bool:
@@ -178,6 +179,12 @@ def load_tiles(folder: str | Path | None = None) -> TileSet:
     return tiles
 
 
+@cache
+def own_tiles() -> TileSet:
+    """Returns the package's own tile set. It is read once."""
+    return load_tiles()
+
+
 @name_wrong_arguments
 def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet | None, list[str]]:
     """Returns a tile set and no problems, or None and all problems of the folder, a line each.
@@ -292,16 +299,18 @@ def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
     except InputError as error:
         problems.append(str(error))
         return {}
-    for key, value in list(about.items()):
-        if key in _KEYS:
-            is_right, expected = _KEYS[key]
-            if is_right(value):
-                continue
+    right = {}
+    for key, value in about.items():
+        if key not in _KEYS:
+            keys = ", ".join(_KEYS)
+            problems.append(f"{file}: expected the keys {keys}, got {shorten(reprlib.repr(key))}")
+            continue
+        is_right, expected = _KEYS[key]
+        if is_right(value):
+            right[key] = value
         else:
-            expected, value = f"the keys {', '.join(_KEYS)}", key
-        problems.append(f"{file}: expected {expected}, got {shorten(reprlib.repr(value))}")
-        del about[key]
-    return about
+            problems.append(f"{file}: expected {expected}, got {shorten(reprlib.repr(value))}")
+    return right
 
 
 def _names_to_save(folder: Path, missing: list[str]) -> str:

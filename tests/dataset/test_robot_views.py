@@ -237,3 +237,9 @@ def test_a_map_full_of_objects_has_views():
     full = [MapObject("building", column + 0.5, row + 0.5, 0.0, 1.0) for row in range(4) for column in range(4)]
     drawn = draw_viewpoint(np.random.default_rng(0), SMALL, TOWN, PX, full)
     assert drawn.about["pose"] != viewpoints(1)[0].about["pose"]
+
+
+def test_the_index_of_a_sample_is_a_number(drawn_tiles):
+    """A text was written to the metadata as it was."""
+    one, other = (draw_sample(RoadMap(TOWN), drawn_tiles, index, tile_px=16).record for index in ("3", 3))
+    assert one == other and one["number"] == 3

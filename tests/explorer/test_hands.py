@@ -23,7 +23,7 @@ from folders import files
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.explorer.serving import HandServer
-from elitelanes_jax.tiles import Photograph, Proposal, cut_tiles, inspect_tiles, load_tiles, propose_masks
+from elitelanes_jax.tiles import Photograph, Proposal, cut_tiles, editing, inspect_tiles, load_tiles, propose_masks
 from elitelanes_jax.tiles.editing import HandWork
 from elitelanes_jax.tiles.masking import COLOURS
 from elitelanes_jax.tiles.photographs.cutting import mask_cut
@@ -162,6 +162,43 @@ def test_a_set_that_another_program_changed_and_bad_masks_are_not_written(tiles)
     with pytest.raises(InputError, match="another program changed it; nothing was saved"):
         work.save(values)
     assert files(tiles) == before
+
+
+def test_the_earlier_set_is_copied_once(tiles):
+    """Each save that failed left another copy."""
+    work = HandWork(tiles, [], (1, 1))
+    values = work.state()["tiles"]
+    bad = [values[0] | {"masks": values[0]["masks"] | {"red": packed(np.zeros(9, bool))}}]
+    for _ in range(2):
+        with pytest.raises(InputError, match="expected a mask of 96 x 96 pixels"):
+            work.save(bad)
+    assert work.save(values)["kept"] == str(tiles.parent / "tiles.before")
+    assert {folder.name for folder in tiles.parent.iterdir()} == {"tiles", "tiles.before"}
+
+
+def test_two_saves_at_once_do_not_take_each_other_for_another_program(tiles, monkeypatch):
+    work = HandWork(tiles, [], (1, 1))
+    values = work.state()["tiles"]
+    stamp_of, errors, threads = editing._stamp_of, [], []
+
+    def save():
+        try:
+            work.save(values)
+        except InputError as error:
+            errors.append(str(error))
+
+    def begin_another_save_after_writing(folder):
+        stamp = stamp_of(folder)
+        if stamp != work._stamp and not threads:
+            threads.append(Thread(target=save))
+            threads[0].start()
+            threads[0].join(timeout=1)  # it has refused the folder, or waits
+        return stamp
+
+    monkeypatch.setattr(editing, "_stamp_of", begin_another_save_after_writing)
+    work.save(values)
+    threads[0].join()
+    assert errors == []
 
 
 def test_masks_that_the_sliders_would_replace_are_named(tiles):

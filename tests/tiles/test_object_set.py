@@ -152,7 +152,19 @@ TOMLS = {
     'kind = "duckie"\nheight = 1\nfootprint = [1]': "footprint: expected",
     'kind = "floor_tag"\nheight = 0\nfootprint = [1, 1]': "expected top.png",
     'kind = "duckie"\nheight = 1\nfootprint = [1, 1]\ntag = 3': r"tag: expected \[middle, side\] in metres, got 3",
+    'kind = "duckie"\nheight = 1\nfootprint = [1, 1]\ntags = 3': "expected the keys .*, tag, got 'tags'",
 }
+TOMLS |= {
+    f'kind = "duckie"\nheight = 1\nfootprint = [1, 1]\ntag = [{tag}]': rf"\[middle, side\] in metres, got \[{tag}\]"
+    for tag in ("nan, 0.1", "inf, 0.1", "-0.1, 0.1", "0.1, 0", "0.1, 11")
+}
+
+
+def replace_by_a_folder(file):
+    file.unlink(missing_ok=True)
+    file.mkdir()
+
+
 FAULTS = {words: lambda place, text=text: write(place, text) for text, words in TOMLS.items()} | {
     "expected image.png, the view from the front, got none": lambda place: (place / "image.png").unlink(),
     "object.toml: no such file or directory": lambda place: (place / "object.toml").unlink(),
@@ -165,6 +177,7 @@ FAULTS = {words: lambda place, text=text: write(place, text) for text, words in 
     "got image_-45.png": lambda place: shutil.copy(place / "image.png", place / "image_-45.png"),
     "got image_22.5.png": lambda place: shutil.copy(place / "image.png", place / "image_22.5.png"),
     "expected folders with object.toml and image.png": lambda place: shutil.rmtree(place),
+    "image.png, the view from the front, got": lambda place: replace_by_a_folder(place / "image.png"),
 }
 
 
@@ -173,6 +186,16 @@ def test_faults_are_named(words, own):
     FAULTS[words](own)
     with pytest.raises(InputError, match=words):
         load_objects(own.parent)
+
+
+def test_a_folder_called_top_is_no_picture_from_above(own):
+    replace_by_a_folder(own / "top.png")
+    assert load_objects(own.parent).pictures[0].top.shape
+
+
+def test_the_seed_of_a_choice_is_checked():
+    with pytest.raises(InputError, match="seed: expected whole numbers, 0 or more, got -1"):
+        load_objects().choose([], -1)
 
 
 def test_a_tag_is_the_one_of_the_family():

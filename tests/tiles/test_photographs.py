@@ -312,6 +312,13 @@ def test_bad_corners_are_named(shot, corners, message):
         propose_tiles(shot, corners=np.array(corners))
 
 
+def test_the_size_of_a_photograph_that_was_shrunk_is_explained(shot):
+    """Corners are in pixels of the file for the command, whose message had another size without a word."""
+    message = "expected points within floor, 800 x 640 pixels at 1/2 of the file's size$"
+    with pytest.raises(InputError, match=message):
+        propose_tiles(shot._replace(name="floor", shrunk=2), shape=(3, 3), corners=CORNERS + 9999)
+
+
 def test_a_view_bends_and_scales():
     view = view_of(CORNERS, 3, 3, 800, 640)
     np.testing.assert_allclose(view.pixels_of(np.array([[0, 0], [3, 3]], float)), CORNERS[[0, 2]], atol=1e-3)
@@ -338,6 +345,33 @@ def test_photographs_are_upright_and_large_ones_smaller(tmp_path, monkeypatch):
     small = read_photograph(tmp_path / "plain.jpg")
     assert small.image.shape == (320, 400, 3) and small.shrunk == 2
     np.testing.assert_allclose(small.pixels_of(np.array([[100.5, 200.5]])), [[50, 100]])
+
+
+def jpeg_with(stray, size=(300, 400)):
+    """A grey JPEG file with some bytes after its first segment."""
+    content = cv2.imencode(".jpg", np.full(size, 128, np.uint8))[1].tobytes()
+    end = 4 + int.from_bytes(content[4:6])
+    return content[:end] + stray + content[end:]
+
+
+@pytest.mark.parametrize("stray", [b"", b"\0", b"\0\0\xff\0", b"\xff\xff", b"\xff\x01"])
+def test_the_size_of_a_jpeg_is_read_as_its_decoder_reads_it(stray, tmp_path, monkeypatch):
+    """Decoders skip bytes between segments: files with such bytes had no size, and were read without a limit."""
+    (tmp_path / "stray.jpg").write_bytes(jpeg_with(stray))
+    monkeypatch.setattr(reading, "_MOST_READ", 60_000)
+    with pytest.raises(InputError, match="at least 200 pixels a side, got 200 x 150"):  # read at a half
+        read_photograph(tmp_path / "stray.jpg")
+    monkeypatch.setattr(reading, "_MOST_PIXELS", 100_000)
+    message = "expected at most 0.1 megapixels, got 400 x 300; save it smaller$"
+    with pytest.raises(InputError, match=message):
+        read_photograph(tmp_path / "stray.jpg")
+
+
+def test_a_jpeg_without_a_frame_header_is_refused(tmp_path):
+    content = jpeg_with(b"")
+    (tmp_path / "cut.jpg").write_bytes(content[: content.index(b"\xff\xc0")] + b"\xff\xd9")
+    with pytest.raises(InputError, match="cut.jpg: expected a photograph, .* got one that cannot be read"):
+        read_photograph(tmp_path / "cut.jpg")
 
 
 def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):
@@ -424,6 +458,23 @@ def test_a_calibrated_lens_is_straightened(tmp_path):
         read_photograph(tmp_path / "other.png", lens)
 
 
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        ("[.nan, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected data, a list of 9 numbers"),
+        ("[0, 0, 200, 0, 450, 160, 0, 0, 1]", "camera_matrix: expected focal lengths over 0, got 0 and 450"),
+    ],
+)
+def test_a_lens_that_shows_nothing_is_refused(matrix, message, tmp_path):
+    """Photographs were straightened to one colour, and the message said that no tiles were found."""
+    (tmp_path / "camera.yaml").write_text(
+        f"image_width: 400\nimage_height: 320\ncamera_matrix: {{data: {matrix}}}\n"
+        "distortion_coefficients: {data: [0, 0, 0, 0]}\n"
+    )
+    with pytest.raises(InputError, match=f"camera.yaml: {message}"):
+        read_lens(tmp_path / "camera.yaml")
+
+
 def test_floors_are_compared_with_their_plan():
     floor = turn_floor(np.array([[6, 3], [10, 10], [12, 9]], np.int8), 3)
     plan = np.array([[6, 3], [10, 5], [12, 9]], np.int8)
@@ -462,6 +513,18 @@ def test_a_sliver_of_the_floor_is_no_road(drawn_tiles):
     image[:, :4] = image[:, -4:] = 220  # all that is left of the tape
     road = propose_masks(image)["road"]
     assert not road[:, 0].any() and not road[:, -1].any()
+
+
+@pytest.mark.parametrize("out", [".", "mine/.."])
+def test_the_current_folder_is_not_replaced(out, tmp_path, capsys, monkeypatch):
+    """It cannot be renamed; the command ended with a traceback, or with a busy device."""
+    (tmp_path / "mine").mkdir()
+    photographed.write(tmp_path / "turn.png", photographed.photograph(np.array([[6]], np.int8)))
+    monkeypatch.chdir(tmp_path)
+    assert main(["tiles", "cut", "turn.png", "--out", out, "--overwrite"]) == 2
+    message = f"{out}: expected a folder that can be renamed, got the current one"
+    assert message in capsys.readouterr().err
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["mine", "turn.png"]
 
 
 def test_an_earlier_set_is_kept(tmp_path, capsys):

@@ -171,6 +171,7 @@ def test_wrong_arguments_are_refused(drawn_tiles):
         ({"seed": 2.5}, "seed: expected whole numbers, 0 or more, got"),
         ({"chosen": chosen[:2]}, r"chosen: expected integers of shape \(4, 6, 2\), got int64 of shape \(2, 6, 2\)"),
         ({"chosen": chosen * 1.0}, r"chosen: expected integers of shape \(4, 6, 2\), got float64"),
+        ({"chosen": [[1], [2, 3]]}, r"chosen: expected integers of shape \(4, 6, 2\), got \[\[1\], \[2, 3\]\]"),
         ({"chosen": outside}, "chosen: expected a tile of the set .* at row 0, column 0, got tile 99"),
         ({"chosen": -1 - chosen}, "chosen: expected a tile of the set .* at row 0, column 0"),
         ({"chosen": wrong}, "chosen: expected a tile of the set .* at row 1, column 2, got tile"),

@@ -133,6 +133,8 @@ def png(width, height, rows):
 
 
 TOMLS = {
+    'name = "My city\\n"': r"expected name to be a line of text, got 'My city\\n'",
+    'name = "a"\nlicence = """\nMIT\n"""': r"expected licence to be a line of text, got 'MIT\\n'",
     "name =": "expected TOML, got ",
     "name = " + "[" * 10_000: "expected TOML, got ",
     "name = " + "9" * 10_000: "expected TOML, got Exceeds the limit",

@@ -24,6 +24,7 @@ from elitelanes_jax.tiles.tileset import MASKS
 # The least and the largest side of a picture; between them, what the photograph has.
 _SIZES = (128, 512)
 _COMPARED_PX = 96  # the side of a tile at which pictures are compared
+_LEAST_COMPARED = 100  # pixels of bare ground; fewer do not tell pictures apart
 _COPY = 0.2  # the correlation of the ground from which two pictures show the same tile
 _RIM = 0.03  # tiles from a side within which the tape of a neighbour lies
 _RED_HUES = (165, 10)  # of red tape, as OpenCV counts them
@@ -80,14 +81,19 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
             cv2.resize(large, (tile_px, tile_px), interpolation=cv2.INTER_AREA), np.uint8
         )
         code = int(codes[row, column])
-        others = [cut for cut in (*earlier, *cuts) if KIND_OF[cut.code] == KIND_OF[code]]
-        copied = next(
-            (cut.name for cut in others if not cut.copy_of and likeness(cut, code, image) > _COPY),
-            "",
-        )
-        name = f"{KIND_OF[code]}_{len(others) + 1}"
-        cuts.append(Cut(name, code, image, photograph.name, row, column, copied))
+        of_kind = [cut for cut in (*earlier, *cuts) if KIND_OF[cut.code] == KIND_OF[code]]
+        name = f"{KIND_OF[code]}_{len(of_kind) + 1}"
+        original = _find_original(of_kind, code, image)
+        cuts.append(Cut(name, code, image, photograph.name, row, column, copy_of=original))
     return cuts
+
+
+def _find_original(of_kind: Sequence[Cut], code: int, image: NDArray[np.uint8]) -> str:
+    """Returns the name of the first tile of a kind, itself no copy, that looks like an image; empty if none does."""
+    for cut in of_kind:
+        if not cut.copy_of and likeness(cut, code, image) > _COPY:
+            return cut.name
+    return ""
 
 
 def likeness(cut: Cut, code: int, image: NDArray[np.uint8]) -> float:
@@ -97,12 +103,9 @@ def likeness(cut: Cut, code: int, image: NDArray[np.uint8]) -> float:
     best = 0.0
     for turns in _turns_to_first(KINDS[KIND_OF[code]][0]):
         both = bare & np.rot90(other_bare, turns)
-        pair = (
-            np.corrcoef(ground[both], np.rot90(other, turns)[both])
-            if both.sum() > 100
-            else np.zeros((2, 2))
-        )
-        best = max(best, float(pair[0, 1]))
+        if both.sum() > _LEAST_COMPARED:
+            correlation = np.corrcoef(ground[both], np.rot90(other, turns)[both])[0, 1]
+            best = max(best, float(correlation))
     return best
 
 

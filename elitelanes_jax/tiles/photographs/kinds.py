@@ -51,7 +51,6 @@ class Kinds(NamedTuple):
 
     Attributes:
       codes: int8 ``[H, W]``, 0 for cells without a tile.
-      alike: float ``[H, W]``, the correlation with the most similar picture of the code.
       margins: float ``[H, W]``, by how much the code is better than any other; 0 if a cell may have
         no tile.
       scores: float ``[H, W, 16]``, the correlation with each code's most similar picture; -1 if the
@@ -61,7 +60,6 @@ class Kinds(NamedTuple):
     """
 
     codes: NDArray[np.int8]
-    alike: NDArray[np.float64]
     margins: NDArray[np.float64]
     scores: NDArray[np.float64]
     handed: float
@@ -78,8 +76,11 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
       tiles: whose pictures the cells are compared with.
     """
     scores = _correlate(flat, rows, columns, tiles)
-    compared = scores if rows * columns == 1 else _compare_cells(flat, scores)
-    beliefs = scores if rows * columns == 1 else _agree(compared)
+    if rows * columns == 1:  # nothing to compare it with
+        compared = beliefs = scores
+    else:
+        compared = _compare_cells(flat, scores)
+        beliefs = _agree(compared)
     codes, margins = _best(beliefs)
     # Roads that lead to a missing tile make a tile of it. Only what the cell shows can tell.
     is_gone = _shows_no_tile(flat, compared) & (codes > 0)
@@ -94,8 +95,7 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
     margins = np.where(is_plain, np.maximum(lead, margins), margins)
     bare = is_gone | _lacks_colour(flat, codes, tiles)
     codes, margins = np.where(bare, 0, codes), np.where(bare, 0.0, margins)
-    alike = np.take_along_axis(scores, codes[..., None], -1)[..., 0]
-    return Kinds(codes.astype(np.int8), alike, margins, scores, _handed(flat, scores, tiles))
+    return Kinds(codes.astype(np.int8), margins, scores, _handed(flat, scores, tiles))
 
 
 def _best(scores: NDArray[np.float64]) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
@@ -202,10 +202,8 @@ def _lacks_colour(
         for drawn in tiles.rotations[int(codes[row, column])][:_MOST_PICTURES]:
             template = _without_light(pictures[4 * drawn.tile + drawn.quarter_turns])[..., 1:]
             for channel in range(2):
-                part, lines = (
-                    np.ascontiguousarray(cell[..., channel]),
-                    np.ascontiguousarray(template[..., channel]),
-                )
+                part = np.ascontiguousarray(cell[..., channel])
+                lines = np.ascontiguousarray(template[..., channel])
                 correlations.append(_most_alike(part, lines))
         alike[row, column] = max(correlations)
     if codes.size == 1 or np.median(alike[has_picture] if has_picture.any() else 0) < 2 * _COLOURED:
@@ -251,11 +249,12 @@ def _agree(scores: NDArray[np.float64]) -> NDArray[np.float64]:
         sent = np.empty_like(messages)
         for index, side in enumerate(SIDES):
             back = (index + 2) % 4
-            # What a cell tells its neighbour on a side: its best score for an open and for a closed
-            # side.
-            told = total - messages[index]
+            # A cell sends its neighbour its best score for an open and for a closed side, without
+            # what it has from this neighbour.
+            belief = total - messages[index]
             is_open = (codes & side.bit) > 0
-            opened, closed = told[..., is_open].max(axis=-1), told[..., ~is_open].max(axis=-1)
+            opened = belief[..., is_open].max(axis=-1)
+            closed = belief[..., ~is_open].max(axis=-1)
             if_open = np.maximum(opened, closed - _DISAGREE)
             if_closed = np.maximum(closed, opened - _DISAGREE)
             best = np.maximum(if_open, if_closed)

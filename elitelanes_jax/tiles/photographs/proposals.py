@@ -292,9 +292,10 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
     height, width = photograph.image.shape[:2]
     outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)
     if outside.any():
-        raise InputError(
-            f"corners: expected points within {photograph.name}, {width} x {height} pixels"
-        )
+        size = f"{width} x {height} pixels"
+        if photograph.shrunk > 1:
+            size += f" at 1/{photograph.shrunk} of the file's size"
+        raise InputError(f"corners: expected points within {photograph.name}, {size}")
     x, y = points.T
     area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
     if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:

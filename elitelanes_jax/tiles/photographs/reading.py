@@ -1,5 +1,7 @@
 """Reads photographs of phones and cameras, at a size that fits the memory, and calibrations of lenses."""
 
+import re
+from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +21,18 @@ _MOST_PIXELS = 200e6  # of a JPEG, which can be read at an eighth of its size
 _MOST_READ = 26e6  # pixels: larger JPEGs are read at a half, a quarter or an eighth of their size
 _LEAST_SIDE = 200  # pixels: in smaller pictures a tile's lines are not seen
 _WORDS = "expected a photograph, a JPEG or PNG file"
+# By how many times smaller than its picture a file is read.
+_READ_FLAGS = {
+    1: cv2.IMREAD_COLOR,
+    2: cv2.IMREAD_REDUCED_COLOR_2,
+    4: cv2.IMREAD_REDUCED_COLOR_4,
+    8: cv2.IMREAD_REDUCED_COLOR_8,
+}
+# The next marker of a JPEG file. Readers skip other bytes before it, and fill bytes 0xFF.
+_MARKER = re.compile(rb"\xff+([^\x00\xff])", re.DOTALL)
+_FRAME_MARKERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # of headers with the picture's size
+_LONE_MARKERS = {0x01, *range(0xD0, 0xD9)}  # which no length follows
+_LAST_MARKERS = {0xD9, 0xDA}  # the end, or pixels, which come after the frame header
 
 
 class Photograph(NamedTuple):
@@ -100,41 +114,15 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
         what to do.
     """
     file = Path(check_named("file", path, file))
-    if file.is_dir():
-        raise InputError(f"{file}: {_WORDS}, got a folder; name the files in it")
-    try:
-        content = read_bytes(file, _MOST_BYTES)
-    except OSError as error:
-        raise InputError(f"{file}: {_WORDS}, got: {reason(error)}") from None
-    if content[4:8] == b"ftyp":
-        raise InputError(
-            f"{file}: {_WORDS}, got HEIC, AVIF or a film; convert it to JPEG, or let the phone take JPEGs"
-        )
-    is_jpeg = content[:3] == b"\xff\xd8\xff"
-    if not is_jpeg and content[:8] != b"\x89PNG\r\n\x1a\n":
-        raise InputError(f"{file}: {_WORDS}, got another file")
-    width, height = _jpeg_size(content) if is_jpeg else _png_size(content)
-    if width * height > (_MOST_PIXELS if is_jpeg else _MOST_READ):
-        most = (_MOST_PIXELS if is_jpeg else _MOST_READ) / 1e6
-        raise InputError(
-            f"{file}: expected at most {most:g} megapixels, got {width} x {height}; save it smaller, or as JPEG"
-        )
-    shrunk = next(shrunk for shrunk in (1, 2, 4, 8) if width * height <= _MOST_READ * shrunk**2)
-    flags = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
-    try:
-        picture = cv2.imdecode(
-            np.frombuffer(content, np.uint8), flags.get(shrunk, cv2.IMREAD_REDUCED_COLOR_8)
-        )
-    except cv2.error:
-        picture = None
-    if picture is None:
-        raise InputError(f"{file}: {_WORDS}, got one that cannot be read")
+    content = _read_content(file)
+    shrunk = _choose_reduction(file, content)
+    picture = _decode(file, content, shrunk)
     if min(picture.shape[:2]) < _LEAST_SIDE:
         got = f"{picture.shape[1]} x {picture.shape[0]}"
         raise InputError(
             f"{file}: expected a photograph of at least {_LEAST_SIDE} pixels a side, got {got}"
         )
-    if not is_jpeg and _is_transparent(content):
+    if not _is_jpeg(content) and _is_transparent(content):
         raise InputError(
             f"{file}: expected a photograph without transparent pixels, which hide colours; save it as JPEG"
         )
@@ -145,6 +133,58 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
         except InputError as error:
             raise InputError(f"{file}: {error}") from None
     return Photograph(file.name, image, shrunk, lens)
+
+
+def _read_content(file: Path) -> bytes:
+    """Reads a file that begins as a JPEG or PNG file does."""
+    if file.is_dir():
+        raise InputError(f"{file}: {_WORDS}, got a folder; name the files in it")
+    try:
+        content = read_bytes(file, _MOST_BYTES)
+    except OSError as error:
+        raise InputError(f"{file}: {_WORDS}, got: {reason(error)}") from None
+    if content[4:8] == b"ftyp":
+        raise InputError(
+            f"{file}: {_WORDS}, got HEIC, AVIF or a film; convert it to JPEG, or let the phone take JPEGs"
+        )
+    if not _is_jpeg(content) and content[:8] != b"\x89PNG\r\n\x1a\n":
+        raise InputError(f"{file}: {_WORDS}, got another file")
+    return content
+
+
+def _is_jpeg(content: bytes) -> bool:
+    return content[:3] == b"\xff\xd8\xff"
+
+
+def _choose_reduction(file: Path, content: bytes) -> int:
+    """Returns how many times smaller than its picture a file is read: 1, 2, 4 or 8, and 1 for PNG."""
+    if _is_jpeg(content):
+        size, most, remedy = _jpeg_size(content), _MOST_PIXELS, "save it smaller"
+    else:
+        size, most, remedy = _png_size(content), _MOST_READ, "save it smaller, or as JPEG"
+    if size is None:
+        raise _unreadable_error(file)
+    width, height = size
+    if width * height > most:
+        raise InputError(
+            f"{file}: expected at most {most / 1e6:g} megapixels, got {width} x {height}; {remedy}"
+        )
+    return next(shrunk for shrunk in _READ_FLAGS if width * height <= _MOST_READ * shrunk**2)
+
+
+def _decode(file: Path, content: bytes, shrunk: int) -> NDArray[np.uint8]:
+    """Returns the picture of a file, BGR, upright."""
+    try:
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), _READ_FLAGS[shrunk])
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise _unreadable_error(file)
+    return np.asarray(picture, np.uint8)
+
+
+def _unreadable_error(file: Path) -> InputError:
+    return InputError(f"{file}: {_WORDS}, got one that cannot be read")
 
 
 def read_lens(file: str | Path) -> Lens:
@@ -170,6 +210,10 @@ def read_lens(file: str | Path) -> Lens:
         )
     fisheye = model in ("equidistant", "fisheye")
     matrix = _numbers(file, values, "camera_matrix", (9,)).reshape(3, 3)
+    if not (matrix.diagonal()[:2] > 0).all():
+        raise InputError(
+            f"{file}: camera_matrix: expected focal lengths over 0, got {matrix[0, 0]:g} and {matrix[1, 1]:g}"
+        )
     distortion = _numbers(
         file, values, "distortion_coefficients", (4,) if fisheye else (4, 5, 8, 12, 14)
     )
@@ -184,11 +228,12 @@ def read_lens(file: str | Path) -> Lens:
 def _numbers(file: Path, values: dict, name: str, lengths: tuple[int, ...]) -> NDArray[np.float64]:
     entry = values.get(name)
     data = entry.get("data") if isinstance(entry, dict) else None
-    if not isinstance(data, list) or len(data) not in lengths or not all(map(is_real, data)):
+    numbers = data if isinstance(data, list) else []
+    if len(numbers) not in lengths or not all(is_real(part) and isfinite(part) for part in numbers):
         raise InputError(
             f"{file}: {name}: expected data, a list of {' or '.join(map(str, lengths))} numbers"
         )
-    return np.array(data, np.float64)
+    return np.array(numbers, np.float64)
 
 
 def _is_transparent(content: bytes) -> bool:
@@ -206,21 +251,20 @@ def _png_size(content: bytes) -> tuple[int, int]:
     return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
 
 
-def _jpeg_size(content: bytes) -> tuple[int, int]:
-    """Returns width and height from the frame header of a JPEG file, (0, 0) if it has none."""
-    start = 2
-    while start + 9 < len(content) and content[start] == 0xFF:
-        marker = content[start + 1]
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            return int.from_bytes(content[start + 7 : start + 9]), int.from_bytes(
-                content[start + 5 : start + 7]
+def _jpeg_size(content: bytes) -> tuple[int, int] | None:
+    """Returns width and height from the frame header of a JPEG file; None if it has none before its pixels."""
+    position = 2
+    while (marker := _MARKER.search(content, position)) is not None:
+        kind, position = marker[1][0], marker.end()
+        if kind in _FRAME_MARKERS:
+            # After the length of the header, in two bytes, and the number of bits of a colour.
+            height, width = (
+                content[position + 3 : position + 5],
+                content[position + 5 : position + 7],
             )
-        filler = marker == 0xFF or 0xD0 <= marker <= 0xD8
-        start += (
-            1
-            if marker == 0xFF
-            else 2
-            if filler
-            else 2 + int.from_bytes(content[start + 2 : start + 4])
-        )
-    return 0, 0
+            return int.from_bytes(width), int.from_bytes(height)
+        if kind in _LAST_MARKERS:
+            return None
+        if kind not in _LONE_MARKERS:
+            position += int.from_bytes(content[position : position + 2])
+    return None

@@ -79,36 +79,33 @@ class Fit(NamedTuple):
     border: NDArray[np.float64]
 
 
-def fit_view(
-    image: NDArray[np.uint8], view: View, codes: NDArray[np.int8], *, bends: bool = True
-) -> Fit:
+def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8]) -> Fit:
     """Fits the view of a floor of several tiles to a photograph.
 
     Args:
       image: uint8 ``[H, W, 3]``, RGB.
       view: a first guess, off by up to a tenth of a tile.
       codes: the codes of the tiles ``[rows, columns]``; 0 is a cell without a tile.
-      bends: whether the lens may have radial distortion.
     """
     groups = _groups(codes)
     fit = Fit(view, np.eye(9), 0.0, np.zeros(4))
     for tile_px, reach, rounds in _STEPS:
-        fit = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.ones(4, bool), bends)
-    alone = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.zeros(4, bool), bends)
+        fit = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.ones(4, bool))
+    alone = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.zeros(4, bool))
     cells_tell = largest_spread(alone, *codes.shape) <= _VAGUE
     if cells_tell:
         # Tape along the border of a floor that is as dark as asphalt looks like a border, but cells
         # say where it is.
         offsets = _border_offsets(image, alone.view, codes, reach).offsets
-        trusted = _agree(_by_direction(codes, offsets))
-        fit = _refine(image, alone, codes, groups, tile_px, reach, rounds, trusted, bends)
+        trusted = _are_where_cells_have_them(_by_direction(codes, offsets))
+        fit = _refine(image, alone, codes, groups, tile_px, reach, rounds, trusted)
     if largest_spread(fit, *codes.shape) <= _EXACT:
         return fit
-    coloured = _fit_colours(image, fit, codes, groups, bends)
+    coloured = _fit_colours(image, fit, codes, groups)
     return min(fit, coloured, key=lambda candidate: largest_spread(candidate, *codes.shape))
 
 
-def _agree(side_offsets: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
+def _are_where_cells_have_them(side_offsets: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
     """Returns for each side's offsets in tiles whether the border is where cells have it, or is not seen."""
     medians = [
         np.nanmedian(offsets) if np.isfinite(offsets).any() else 0.0 for offsets in side_offsets
@@ -121,29 +118,28 @@ def _fit_colours(
     fit: Fit,
     codes: NDArray[np.int8],
     groups: list[list["_Seen"]],
-    bends: bool,
 ) -> Fit:
     """Fits the border by colours, where no edge is seen at single points: on floors nearly as dark as asphalt.
 
-    Returns `fit` itself if the colours do not say where the border is.
+    Returns `fit` itself, which is by edges, if the colours do not say where the border is.
     """
-    before = fit
+    fit_by_edges = fit
     rows, columns = codes.shape
     tile_px = _STEPS[-1][0]
     for reach, has_shadow in _COLOUR_STEPS:
         sides = _clear_sides(image, fit.view, codes)
         shadow = shadow_width(image, fit.view, sides, reach) if sides and has_shadow else 0.0
         if not sides or np.isnan(shadow):
-            return before
+            return fit_by_edges
         for _ in range(_COLOUR_ROUNDS):
-            matrix, vector = begin_equations(fit.view, bends=bends)
+            matrix, vector = begin_equations(fit.view)
             alike = _add_cells(matrix, vector, image, fit.view, codes.shape, groups, tile_px)
             border = colour_border(image, fit.view, sides, reach)
             border = border._replace(offsets=border.offsets - shadow)
             add_offsets(matrix, vector, fit.view, border, rows, columns, noise=_COLOUR_NOISE)
             step = solve_equations(fit.view, matrix, vector, rows, columns)
             if step is None:
-                return before
+                return fit_by_edges
             fit = fit._replace(view=step.view, spread=step.spread, alike=alike)
             if step.size < _STILL:
                 break
@@ -166,12 +162,11 @@ def _refine(
     reach: float,
     rounds: int,
     trusted: NDArray[np.bool_],
-    bends: bool,
 ) -> Fit:
     """Takes Gauss-Newton steps at one size, with the borders to the north, east, south and west that are trusted."""
     rows, columns = codes.shape
     for _ in range(rounds):
-        matrix, vector = begin_equations(fit.view, bends=bends)
+        matrix, vector = begin_equations(fit.view)
         alike = _add_cells(matrix, vector, image, fit.view, codes.shape, groups, tile_px)
         border = _add_border(matrix, vector, image, fit.view, codes, reach, trusted)
         step = solve_equations(fit.view, matrix, vector, rows, columns)
@@ -183,9 +178,9 @@ def _refine(
     return fit
 
 
-def begin_equations(view: View, *, bends: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def begin_equations(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns the normal equations of what is known before: a guess of the view, and the usual bend of a lens."""
-    matrix, vector = np.diag([_WEAK] * 8 + [_BEND**-2 if bends else 1e9]), np.zeros(9)
+    matrix, vector = np.diag([_WEAK] * 8 + [_BEND**-2]), np.zeros(9)
     vector[8] = -view.radial * matrix[8, 8]
     return matrix, vector
 

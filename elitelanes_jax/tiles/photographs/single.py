@@ -33,7 +33,7 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
     fit = Fit(view, np.eye(9), 0.0, np.zeros(4))
     for reach in (*_REACHES, None):
         for _ in range(_ROUNDS):
-            matrix, vector = begin_equations(fit.view, bends=True)
+            matrix, vector = begin_equations(fit.view)
             if reach is None:
                 border = sharpest_border(image, fit.view, SIDES_OF_TILE)
                 add_offsets(matrix, vector, fit.view, border, 1, 1)
