@@ -44,7 +44,8 @@ def add_drive(commands: Commands) -> None:
         type=checked_by(real(0, 600, unit="seconds, a number", exclusive=True)),
         default=60,
         metavar="S",
-        help="length of a ride; from 2.2 seconds on, all goals are within reach; by default 60",
+        help="longest time of a ride, which ends at its goal; from 2.2 seconds on, all goals are within reach; by "
+        "default 60",
     )
     add_shared(command, "--tiles")
     add_shared(command, "--tile-px", default=128)

@@ -78,8 +78,8 @@ def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
         and not _lacks_crossings(search)
     ):
         raise InputError(
-            "furnish: expected rules=duckietown or where signable=1 with signs at every crossing, got neither; "
-            "signs=possible leaves out crossings that have a road at a corner"
+            "furnish: expected rules=duckietown, or an inventory and where signable=1, with signs at every crossing, "
+            "got neither; signs=possible leaves out crossings that have a road at a corner"
         )
     # Fixed cells may be empty, or leave free cells empty between them.
     if furnish.on_blocks and search.fills_all_cells:

@@ -184,14 +184,19 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
     bounds = _with_inequalities(bounds, _least_tiles(where, bounds.shape))
     # What messages call the maps in the ranges that the bounds contain.
     ranged_maps = maps
+    # Whether an earlier range wants crossings with empty cells at their corners.
+    asks_for_gaps = False
     for item in where:
         if item.name not in FEATURES and item.name not in TOWN_FEATURES:
             # A feature of the user has no bounds.
             continue
-        _check_range(item, bounds, ranged_maps)
+        _check_range(item, bounds, ranged_maps, asks_for_gaps=asks_for_gaps)
         inequalities = []
         if item.name in FEATURES or item.name in COUNTED.values():
             inequalities = _inequalities_of_range(item)
+        elif item.name == "signable":
+            inequalities = _crossings_of_signable(item, bounds)
+            asks_for_gaps = bool(item.low)
         try:
             bounds = _narrowed(_with_inequalities(bounds, inequalities))
         except _ContradictionError as error:
@@ -201,6 +206,18 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
             ) from None
         conjunction = "with" if ranged_maps == maps else "and"
         ranged_maps += f" {conjunction} {item}"
+
+
+def _crossings_of_signable(item: Range, bounds: FeatureBounds) -> list[_Inequality]:
+    """Returns what a range of `signable` says of the crossings.
+
+    Without crossings `signable` is 1. Without empty cells, each crossing has a road at a corner.
+    """
+    if item.high is not None and item.high < 1:
+        return [_Inequality({"crossings": 1}, 1)]
+    if item.low is not None and item.low > 0 and bounds.has_no_gaps:
+        return [_at_most({"crossings": 1}, 0)]
+    return []
 
 
 def _least_tiles(where: Iterable[Range], shape: tuple[int, int]) -> list[_Inequality]:
@@ -215,7 +232,7 @@ def _least_tiles(where: Iterable[Range], shape: tuple[int, int]) -> list[_Inequa
     return [_Inequality({"tiles": 1}, least_tiles)]
 
 
-def _check_range(item: Range, bounds: FeatureBounds, maps: str) -> None:
+def _check_range(item: Range, bounds: FeatureBounds, maps: str, *, asks_for_gaps: bool) -> None:
     """Checks that a range and the bounds of its feature have a value in common."""
     low, high = bounds.of(item.name)
     is_above = item.low is not None and item.low > high
@@ -224,8 +241,9 @@ def _check_range(item: Range, bounds: FeatureBounds, maps: str) -> None:
         return
     expected = _format(low) if low == high else f"some of {_format(low)}..{_format(high)}"
     unless = ""
-    if bounds.has_no_gaps and item.name in features_without_gaps(bounds.shape):
-        unless = " unless rules or fixed cells leave cells empty"
+    depends_on_gaps = asks_for_gaps or item.name in features_without_gaps(bounds.shape)
+    if bounds.has_no_gaps and depends_on_gaps:
+        unless = " unless rules, an inventory or fixed cells leave cells empty"
     raise InputError(
         f"where {str(item)!r}: expected a range with {expected}, which {maps} have{unless}"
     )

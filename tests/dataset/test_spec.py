@@ -126,7 +126,9 @@ def test_maps_without_crossings_need_no_signs():
 
 
 def test_signs_at_every_crossing_need_maps_that_can_have_them():
-    with pytest.raises(InputError, match="^furnish: expected rules=duckietown or where signable=1 with signs"):
+    with pytest.raises(
+        InputError, match="^furnish: expected rules=duckietown, or an inventory and where signable=1, with signs"
+    ):
         plan_dataset(DatasetSpec(furnish="signs"))
     plan_dataset(DatasetSpec(furnish="signs", search=SearchSpec(style="town")))
     plan_dataset(DatasetSpec(furnish="signs", search=SearchSpec(where=["signable=1"])))

@@ -226,3 +226,34 @@ def test_crossings_that_keep_the_rules_have_room_for_signs():
             kept += 1
             assert all(has_free_corners(grid, crossing) for crossing in crossings(grid))
     assert kept >= 20
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_crossings_of_maps_without_empty_cells_have_no_room_for_signs(shape):
+    grids = np.array([grid for grid, metrics in repaired_grids(shape) if not metrics["empty_cells"]])
+    towns = jax.vmap(measure_town)(grids)
+    has_crossing = np.array([plain_measure(grid)["crossings"] > 0 for grid in grids])
+    np.testing.assert_array_equal(np.asarray(towns.signable), np.where(has_crossing, 0, 1000))
+
+
+@pytest.mark.parametrize(
+    ("where", "filled", "message"),
+    [
+        (
+            ["signable=0.1..", "crossings=1.."],
+            True,
+            "crossings=1..': expected a range with 0, which maps of 6 x 6 tiles with signable=0.1.. have unless rules, an inv",
+        ),
+        (["crossings=1..", "signable=1"], True, "signable=1': expected a range that maps .* crossings would be 1 or"),
+        (["crossings=0", "signable=..0.9"], False, "crossings would be 1 or more and 0 or less"),
+        (["signable=1"], True, None),
+        (["signable=..0", "crossings=1.."], True, None),
+        (["signable=1", "crossings=4.."], False, None),
+    ],
+)
+def test_a_range_of_room_for_signs_says_whether_there_are_crossings(where, filled, message):
+    if message is None:
+        check_feasible((6, 6), parse_ranges(where), filled=filled)
+        return
+    with pytest.raises(InputError, match=message):
+        check_feasible((6, 6), parse_ranges(where), filled=filled)
