@@ -37,8 +37,9 @@ def checks_first(**checks: Check) -> Callable[[Callable[P, R]], Callable[P, R]]:
         @wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
             by_position = [check(name, value) for name, value in zip(names, args, strict=False)]
+            by_position += args[len(names) :]
             by_name = {name: check(name, value) for name, value in kwargs.items()}
-            return function(*by_position, *args[len(names) :], **by_name)
+            return function(*by_position, **by_name)
 
         return call
 

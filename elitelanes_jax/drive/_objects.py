@@ -81,25 +81,18 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     shape = len(maps), max(map(len, objects_of_maps), default=0)
     if not shape[1]:
         return None
-    arrays = Objects(
-        kind=np.zeros(shape, np.int32),
-        x=np.full(shape, _AWAY, np.float32),
-        y=np.full(shape, _AWAY, np.float32),
-        angle=np.zeros(shape, np.float32),
-        height=np.zeros(shape, np.float32),
-        radius=np.zeros(shape, np.float32),
-    )
+    kind = np.zeros(shape, np.int32)
+    x, y = np.full((2, *shape), _AWAY, np.float32)
+    angle, height, radius = np.zeros((3, *shape), np.float32)
     kinds = list(OBJECT_KINDS)
     for number, map_objects in enumerate(objects_of_maps):
         for index, map_object in enumerate(map_objects):
             slot = number, index
-            arrays.kind[slot] = kinds.index(base_kind(map_object.kind))
-            arrays.x[slot] = map_object.x
-            arrays.y[slot] = map_object.y
-            arrays.angle[slot] = map_object.angle
-            arrays.height[slot] = map_object.height
-            arrays.radius[slot] = map_object.radius if map_object.height else 0
-    return jax.tree.map(jnp.asarray, arrays)
+            kind[slot] = kinds.index(base_kind(map_object.kind))
+            x[slot], y[slot] = map_object.x, map_object.y
+            angle[slot], height[slot] = map_object.angle, map_object.height
+            radius[slot] = map_object.radius if map_object.height else 0
+    return Objects(*map(jnp.asarray, (kind, x, y, angle, height, radius)))
 
 
 @name_wrong_arguments

@@ -302,6 +302,7 @@ def _map_of(rides: Rides, source: UserValue) -> RoadMap:
 
 
 @name_wrong_arguments
+@runs_jax
 def film(
     source: UserValue,
     tiles: TileSet,
