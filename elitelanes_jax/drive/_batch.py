@@ -66,16 +66,22 @@ def _has_numbers(leaf: Pytree) -> bool:
     return jnp.issubdtype(leaf.dtype, jnp.bool_) or jnp.issubdtype(leaf.dtype, jnp.number)
 
 
-@lru_cache(maxsize=32)  # so that batches of one environment share compiled functions
 def flattened(environment: Environment, *, channels_first: bool = False) -> Environment:
     """Returns the environment with observations as `flatten` makes them, and the info as a dictionary.
 
     Pictures are uint8 ``[rows, columns, 3]``, or ``[3, rows, columns]`` with `channels_first`.
+    Raises `InputError` for anything but an environment with actions.
     """
     check_named("environment", instance(Environment), environment)
     if environment.actions is None and environment.action_size < 1:
         got = environment.action_size
         raise InputError(f"environment: expected actions, or action_size of 1 or more, got {got}")
+    return _flattened(environment, channels_first=channels_first)
+
+
+@lru_cache(maxsize=32)  # so that batches of one environment share compiled functions
+def _flattened(environment: Environment, *, channels_first: bool) -> Environment:
+    """Does what `flattened` does, for an environment that is checked."""
 
     def to_array(observation: Pytree) -> Array:
         array = flatten(observation)
@@ -195,7 +201,8 @@ class Batch:
         """Makes N = `envs` environments; see `flattened` for `channels_first`.
 
         Raises:
-          InputError: for another number than 1 or more, or anything but an environment.
+          InputError: for another number than 1 or more, anything but an environment, or arrays in
+            the options.
         """
         self.envs = check_named("envs", whole(1), envs)
         self.environment = flattened(environment, channels_first=channels_first)
@@ -203,7 +210,7 @@ class Batch:
         self.params = jax.device_put(params)
         self._action = _action_shape(self.environment)
         self._mode = mode
-        self._begun = False
+        self._begun = np.zeros(self.envs, bool)  # the environments that have been reset
         # XLA simplifies a batch of one row to other arithmetic, with other last bits. Therefore
         # there are at least two.
         self._rows = max(self.envs, 2)
@@ -245,12 +252,13 @@ class Batch:
         self._carry, observation = _reset(
             self._carry, chosen_rows, self.params, environment=self.environment
         )
-        self._begun = True
+        self._begun = self._begun | chosen
         return _writable(observation)[: self.envs]
 
     def _seed(self, seeds: Sequence[UserValue], chosen: NDArray[np.bool_]) -> None:
         """Starts the streams of keys of the chosen environments that have a seed."""
-        if not hasattr(seeds, "__len__") or len(seeds) != self.envs:
+        is_list = hasattr(seeds, "__len__") and getattr(seeds, "ndim", 1) == 1
+        if not is_list or len(seeds) != self.envs:
             expected = f"a whole number, or {self.envs} of them"
             raise InputError(f"seed: expected {expected}, got {shorten(repr(seeds))}")
         indices = []
@@ -319,8 +327,13 @@ class Batch:
         return actions, observations
 
     def _check_begun(self, name: str) -> None:
-        if not self._begun:
+        if not self._begun.any():
             raise InputError(f"{name}: expected a reset before the first {name}, got none")
+        if not self._begun.all():
+            missing = np.flatnonzero(~self._begun).tolist()
+            raise InputError(
+                f"{name}: expected a reset of environments {missing} before the first {name}, got none"
+            )
 
     def _check_actions(self, actions: UserValue) -> np.ndarray:
         """Returns actions as an array of one dtype, so that JAX compiles one program."""
@@ -336,7 +349,9 @@ class Batch:
         if choices is not None:
             # Clipped here, because a number of more than 32 bits would wrap around.
             array = np.minimum(np.maximum(array, 0).astype(np.uint64), choices - 1)
-        return array.astype(action.dtype, copy=False)
+        # Larger numbers become infinite, and environments clip these.
+        with np.errstate(over="ignore"):
+            return array.astype(action.dtype, copy=False)
 
 
 def _action_shape(environment: Environment) -> jax.ShapeDtypeStruct:

@@ -48,7 +48,9 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
       InputError: for arrays of other shapes or types.
     """
     images, labels = np.asarray(images), np.asarray(labels)
-    if images.ndim != 4 or images.shape[3] != 3 or labels.shape != images.shape[:3]:
+    are_pictures = images.ndim == 4 and images.shape[3] == 3 and images.size > 0
+    are_squares = are_pictures and images.shape[1] == images.shape[2]
+    if not are_squares or labels.shape != images.shape[:3]:
         raise InputError(
             f"images, labels: expected [T, P, P, 3] and [T, P, P], got {images.shape} and {labels.shape}"
         )
@@ -174,19 +176,30 @@ def make_sight(
     atlas = make_atlas(images, labels)
     if not rotations.get(0):
         raise InputError(f"rotations: expected a picture of code 0, got codes {sorted(rotations)}")
-    most = max(len(drawn) for drawn in rotations.values())
-    listed = [rotations.get(code) or rotations[0] for code in range(16)]
-    tiles = np.array(
-        [np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32
-    )
-    if not 0 <= tiles.min() <= tiles.max() < len(atlas):
-        raise InputError(
-            f"rotations: expected tiles of the {len(atlas)} pictures, got {tiles.max()}"
-        )
+    tiles = _list_tiles(rotations, len(atlas))
     camera = Camera() if camera is None else check_named("camera", instance(Camera), camera)
-    return Sight(
-        camera, atlas, jnp.asarray(tiles), None if objects is None else make_billboards(objects)
-    )
+    billboards = None if objects is None else make_billboards(objects)
+    return Sight(camera, atlas, jnp.asarray(tiles), billboards)
+
+
+def _list_tiles(
+    rotations: Mapping[int, Sequence[tuple[int, int]]], count: int
+) -> Int32[np.ndarray, "16 V"]:
+    """Lists the tiles of each code in an atlas of `count` tiles. Shorter lists are repeated."""
+    rows = []
+    for code in range(16):
+        tiles_of_code = []
+        for index, turns in rotations.get(code) or rotations[0]:
+            tile = 4 * index + turns
+            if not (0 <= turns < 4 and 0 <= tile < count):
+                raise InputError(
+                    f"rotations: expected tiles of the {count} pictures, each an index and 0 to 3 quarter turns, "
+                    f"got {index} and {turns} for code {code}"
+                )
+            tiles_of_code.append(tile)
+        rows.append(tiles_of_code)
+    longest = max(map(len, rows))
+    return np.array([np.resize(row, longest) for row in rows], np.int32)
 
 
 @runs_jax

@@ -1,19 +1,49 @@
 """Environments: pure functions on one state, and steps that begin a new episode by themselves."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import wraps
+from inspect import signature
+from typing import NamedTuple, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance
+from elitelanes_jax._util.checks import Check, check_named, instance
 from elitelanes_jax._util.running import runs_jax
-from elitelanes_jax._util.types import Pytree
+from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._levels import Level
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.sharding import divide_batches
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def checks_first(**checks: Check) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorates a compiled function: arguments are checked, and replaced by what the checks return, before the call.
+
+    In the compiled function they are tracers: a message would not show what came, and a number of
+    more than 32 bits would have lost its upper bits.
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        names = list(signature(function).parameters)
+
+        def check(name: str, value: UserValue) -> UserValue:
+            return check_named(name, checks[name], value) if name in checks else value
+
+        @wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            by_position = [check(name, value) for name, value in zip(names, args, strict=False)]
+            by_position += args[len(names) :]
+            by_name = {name: check(name, value) for name, value in kwargs.items()}
+            return function(*by_position, **by_name)
+
+        return call
+
+    return decorate
 
 
 class Transition(NamedTuple):

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int8, Int32, Key, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance, is_real, one_of, real, whole
+from elitelanes_jax._util.checks import instance, is_real, one_of, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, nested, option
@@ -20,7 +20,7 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.drive._camera import Sight, look_around
 from elitelanes_jax.drive._distances import NO_WAY
-from elitelanes_jax.drive._environment import Environment, Transition
+from elitelanes_jax.drive._environment import Environment, Transition, checks_first
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive._objects import Objects, touches
 from elitelanes_jax.drive.lanes import (
@@ -189,6 +189,7 @@ _Parts = dict[str, Pytree]  # parts of a state, by name
 
 @name_wrong_arguments
 @runs_jax
+@checks_first(params=instance(LaneDriveParams))
 @jax.jit
 @divide_batches
 def _reset(
@@ -211,13 +212,13 @@ def _reset(
 
 @name_wrong_arguments
 @runs_jax
+@checks_first(level=check_single, params=instance(LaneDriveParams))
 @jax.jit
 @divide_batches
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
     """Puts the robot on the start of a level, at rest, near the middle of its lane; the key is consumed."""
-    check_named("level", check_single, level)
     read = partial(_at, (level.grid, level.ways))
     return _begin(
         level, once(lambda: _start(_reset_bits(key, params), level.start, read, params)), params
@@ -226,7 +227,6 @@ def _reset_to_level(
 
 def _reset_bits(key: Array, params: LaneDriveParams) -> Array:
     """Draws all bits of a reset at once: a word for the level, two for the start, and one for each random turn."""
-    check_named("params", instance(LaneDriveParams), params)
     return random_bits(key, (5,) if params.task == "lane" else (3,))
 
 
@@ -257,9 +257,18 @@ def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) 
 def _begin(
     level: Level, start: _Parts, params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
-    given = {name: part for name, part in level._asdict().items() if name != "start"}
     zero = jnp.int32(0)
-    state = LaneDriveState(**given, **start, wheels=still(params.robot), tiles=zero, steps=zero)
+    state = LaneDriveState(
+        grid=level.grid,
+        ways=level.ways,
+        goal=level.goal,
+        shortest=level.shortest,
+        objects=level.objects,
+        wheels=still(params.robot),
+        tiles=zero,
+        steps=zero,
+        **start,
+    )
     return _observe(state, params), state
 
 
@@ -271,8 +280,23 @@ class _Events(NamedTuple):
     collision: Array | None
 
 
+def _clip_numbers(action: UserValue) -> UserValue:
+    """Returns numbers of Python or NumPy clipped to -1 to 1; anything else unchanged.
+
+    JAX would drop the upper bits of a number such as 2**32.
+    """
+    is_list = isinstance(action, list | tuple) and all(map(is_real, action))
+    is_array = isinstance(action, np.ndarray) and action.dtype.kind in "iuf"
+    if not is_list and not is_array:
+        return action
+    return np.clip(np.asarray(action, np.float64), -1, 1).astype(np.float32)
+
+
 @name_wrong_arguments
 @runs_jax
+@checks_first(
+    state=instance(LaneDriveState), action=_clip_numbers, params=instance(LaneDriveParams)
+)
 @jax.jit
 @divide_batches
 def _step(
@@ -294,10 +318,9 @@ def _step(
       action: two numbers, clipped to -1 to 1, 0 instead of NaN; see `LaneDriveParams.action`.
       params: the options of the environment.
     """
-    check_named("params", instance(LaneDriveParams), params)
-    check_named("state", instance(LaneDriveState), state)
-    if (shape := jnp.shape(action := jnp.asarray(action))) != (2,):
-        raise InputError(f"action: expected two numbers, shape (2,), got shape {shape}")
+    action = jnp.asarray(action)
+    if action.shape != (2,):
+        raise InputError(f"action: expected two numbers, shape (2,), got shape {action.shape}")
     moved, events = once(lambda: _move(key, state, action, params))
     success, off_road, d, phi = events.success, events.off_road, moved["d"], moved["phi"]
     own, oncoming = (
@@ -385,7 +408,9 @@ def _move(
     return moved, _Events(entered, success, off_road, along, collision)
 
 
+@name_wrong_arguments
 @runs_jax
+@checks_first(state=instance(LaneDriveState), params=instance(LaneDriveParams))
 @divide_batches
 def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObservation:
     if params.observe == "camera" and params.sight is not None:
@@ -412,8 +437,12 @@ def _to_command(action: ArrayLike, params: LaneDriveParams) -> Array:
 def _go_on(
     key: Array, state: LaneDriveState, pose: Pose, params: LaneDriveParams
 ) -> tuple[Movement, Array, Array, Array]:
-    """Returns the movement and the next turn at a new pose, whether it entered a tile, and whether not by a road."""
-    before, grid, read = state.movement, state.grid, partial(_at, (state.grid, state.ways))
+    """Returns the movement and the next turn at a new pose, and two bools: entered and astray.
+
+    Entered: the robot came to another tile by a road. Astray: it came to another tile without one.
+    """
+    before, grid = state.movement, state.grid
+    read = partial(_at, (grid, state.ways))
     down = jnp.floor(pose.y).astype(jnp.int32) - before.row
     right = jnp.floor(pose.x).astype(jnp.int32) - before.column
     code = grid[before.row, before.column].astype(jnp.int32)
@@ -437,7 +466,11 @@ def _go_on(
 
 
 def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDriveParams) -> Array:
-    """Returns the turn at a node: the route's, or a random open one; straight on if none is open."""
+    """Returns the turn at a node; straight on if none is open.
+
+    In a route it is the turn of a shortest way, or the first open one if no way leads to the goal.
+    Otherwise it is a random open one.
+    """
     code, way = read(node.row, node.column)
     turns = _turns_of(code, node.heading)
     if params.task == "lane":
@@ -448,16 +481,18 @@ def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDrivePa
 
 
 def _pack_turns(is_open: NDArray[np.bool_]) -> int:
-    listed = np.flatnonzero(is_open)
-    return (
-        len(listed) + sum(int(turn) << (2 * index + 2) for index, turn in enumerate(listed))
-        if len(listed)
-        else 4
-    )
+    """Packs the open turns of a tile for a heading: their number in two bits, and two bits for each turn.
+
+    If no turn is open, the number is 0, and straight on follows.
+    """
+    open_turns = np.flatnonzero(is_open).tolist()
+    packed = len(open_turns)
+    for index, turn in enumerate(open_turns or [1]):
+        packed |= turn << (2 * index + 2)
+    return packed
 
 
-# By tile and heading, 4 * code + heading: the number of open turns, in two bits, and in two bits
-# each the open turns; straight on if none is open.
+# The packed turns of a tile and a heading are at 4 * code + heading.
 _TURNS = np.array([_pack_turns(is_open) for is_open in MOVEMENTS.reshape(-1, 3)], np.int32)
 
 

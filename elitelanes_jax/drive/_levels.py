@@ -14,7 +14,7 @@ from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive._objects import Objects, make_objects
-from elitelanes_jax.formats.road_map import as_maps
+from elitelanes_jax.formats.road_map import RoadMap, as_maps
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import LaneNode, movements_of
 from elitelanes_jax.network.bits import check_key, randint, random_bits, split
@@ -76,9 +76,9 @@ def _random_level(
     width = links.shape[1]
     bits = random_bits(key, (2,))
     onward = jnp.asarray(CONNECTIONS)[links] >= 2
-    led_to = lane_nodes(links) & jnp.stack(
-        [jnp.roll(onward, side[3:5], (0, 1)) for side in SIDES], axis=-1
-    )
+    # Some movement leads to a node if the tile behind it connects to another tile, too.
+    has_movement_behind = [jnp.roll(onward, (side.down, side.right), (0, 1)) for side in SIDES]
+    led_to = lane_nodes(links) & jnp.stack(has_movement_behind, axis=-1)
     goal = _draw(bits[0], led_to, width)
     away = distances(links, goal)
     reachable = (away > 0) & (away < UNREACHABLE)
@@ -86,13 +86,12 @@ def _random_level(
     enough = reachable & (away >= jnp.minimum(least, furthest))
     nearest = jnp.where(enough, away, UNREACHABLE).min()
     start = _draw(bits[1], enough & (away <= jnp.maximum(most, nearest)), width)
-    return Level(
-        links, start, goal, away[start.row, start.column, start.heading], shortest_ways(links, goal)
-    )
+    shortest = away[start.row, start.column, start.heading]
+    return Level(links, start, goal, shortest, shortest_ways(links, goal))
 
 
 def _draw(bits: Array, among: Array, width: int) -> LaneNode:
-    """Draws a node uniformly; the first node if none is True."""
+    """Draws a node uniformly; the last node if none is True."""
     flat = among.reshape(-1)
     count = jnp.cumsum(flat)
     index = jnp.searchsorted(count, randint(bits, jnp.maximum(count[-1], 1)) + 1).astype(jnp.int32)
@@ -129,22 +128,45 @@ def make_levels(
         lane, or a number out of its range.
     """
     check_key(key)
-    given = check_named("grids", as_maps, grids)
-    maps = [road_map.codes for road_map in given]
-    if len({grid.shape for grid in maps}) != 1:
-        raise InputError(
-            f"grids: expected one or more of one size, got {'several sizes' if maps else 'none'}"
-        )
-    for index, codes in enumerate(maps):
-        if not movements_of(codes).row.size:
-            raise InputError(
-                f"grids[{index}]: expected a map with a lane, got one without any movement"
-            )
-    total = len(maps) if count is None else check_named("count", whole(1), count)
+    return draw_levels(key, check_maps("grids", grids), count, least=least, most=most)
+
+
+@runs_jax
+def draw_levels(
+    key: Key[Array, ""],
+    road_maps: list[RoadMap],
+    count: int | None = None,
+    *,
+    least: int = 1,
+    most: int = UNREACHABLE,
+) -> Level:
+    """Does what `make_levels` does, on maps that `check_maps` has checked."""
+    total = len(road_maps) if count is None else check_named("count", whole(1), count)
     least, most = check_named("least", whole(1), least), check_named("most", whole(1), most)
-    map_of = np.arange(total) % len(maps)
-    levels = _random_levels(split(key, total), np.stack(maps, dtype=np.int8)[map_of], least, most)
-    return levels._replace(objects=jax.tree.map(lambda part: part[map_of], make_objects(given)))
+    codes = np.stack([road_map.codes for road_map in road_maps], dtype=np.int8)
+    map_of_level = np.arange(total) % len(road_maps)
+    levels = _random_levels(split(key, total), codes[map_of_level], least, most)
+    objects = jax.tree.map(lambda part: part[map_of_level], make_objects(road_maps))
+    return levels._replace(objects=objects)
+
+
+def check_maps(name: str, sources: UserValue) -> list[RoadMap]:
+    """Returns maps of one size with lanes, in any form that `as_maps` takes; messages start with `name`.
+
+    Raises:
+      InputError: as `make_levels` does for its grids.
+    """
+    road_maps = check_named(name, as_maps, sources)
+    if not road_maps:
+        raise InputError(f"{name}: expected one or more of one size, got none")
+    if len({road_map.codes.shape for road_map in road_maps}) > 1:
+        raise InputError(f"{name}: expected one or more of one size, got several sizes")
+    for index, road_map in enumerate(road_maps):
+        if not movements_of(road_map.codes).row.size:
+            raise InputError(
+                f"{name}[{index}]: expected a map with a lane, got one without any movement"
+            )
+    return road_maps
 
 
 @jax.jit
@@ -163,9 +185,12 @@ def check_single(level: UserValue) -> Level:
 
 
 def _check_axes(level: UserValue, axes: int, expected: str) -> Level:
-    if not isinstance(level, Level) or np.ndim(level.grid) != axes:
-        # Not the type of a tracer.
-        got = "an array" if hasattr(level, "shape") else type(level).__name__
-        got = f"one of shape {np.shape(level.grid)}" if isinstance(level, Level) else got
-        raise InputError(f"expected {expected}, got {got}")
-    return level
+    if isinstance(level, Level):
+        if np.ndim(level.grid) == axes:
+            return level
+        got = f"one of shape {np.shape(level.grid)}"
+    elif hasattr(level, "shape"):
+        got = "an array"  # not the name of a tracer's type
+    else:
+        got = type(level).__name__
+    raise InputError(f"expected {expected}, got {got}")

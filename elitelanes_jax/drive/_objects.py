@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int32, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
@@ -77,19 +77,22 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     Raises `InputError` for other things than maps.
     """
     check_named("maps", listed(RoadMap), maps)
-    things_of = [road_map.objects or () for road_map in maps]
-    most = max(map(len, things_of), default=0)
-    if not most:
+    objects_of_maps = [road_map.objects or () for road_map in maps]
+    shape = len(maps), max(map(len, objects_of_maps), default=0)
+    if not shape[1]:
         return None
-    values = np.zeros((len(things_of), most, 6), np.float32)
-    values[..., 1:3] = _AWAY
+    kind = np.zeros(shape, np.int32)
+    x, y = np.full((2, *shape), _AWAY, np.float32)
+    angle, height, radius = np.zeros((3, *shape), np.float32)
     kinds = list(OBJECT_KINDS)
-    for index, things in enumerate(things_of):
-        for slot, thing in enumerate(things):
-            radius = thing.radius if thing.height else 0
-            values[index, slot] = kinds.index(base_kind(thing.kind)), *thing[1:5], radius
-    kind, *rest = (jnp.asarray(values[..., part]) for part in range(6))
-    return Objects(kind.astype(jnp.int32), *rest)
+    for number, map_objects in enumerate(objects_of_maps):
+        for index, map_object in enumerate(map_objects):
+            slot = number, index
+            kind[slot] = kinds.index(base_kind(map_object.kind))
+            x[slot], y[slot] = map_object.x, map_object.y
+            angle[slot], height[slot] = map_object.angle, map_object.height
+            radius[slot] = map_object.radius if map_object.height else 0
+    return Objects(*map(jnp.asarray, (kind, x, y, angle, height, radius)))
 
 
 @name_wrong_arguments
@@ -106,9 +109,13 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     Raises:
       InputError: for unknown kinds, or arrays of other shapes.
     """
-    for name in views:
+    for name, pictures in views.items():
         if name not in OBJECT_KINDS:
             raise InputError(f"objects: expected kinds of {', '.join(OBJECT_KINDS)}, got {name!r}")
+        if not isinstance(pictures, Mapping):
+            raise InputError(
+                f"objects: expected views of {name} by degrees, got {shorten(repr(pictures))}"
+            )
     return pack_billboards([views.get(kind, {}) for kind in OBJECT_KINDS])
 
 
@@ -128,7 +135,8 @@ def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
     for index, pictures in enumerate(objects):
         for view in range(_VIEWS if pictures else 0):
             picture = np.asarray(pictures[nearest_view(pictures, 360 / _VIEWS * view)])
-            if picture.ndim != 3 or picture.shape[2] != 4 or picture.dtype != np.uint8:
+            has_pixels = picture.ndim == 3 and picture.shape[2] == 4 and picture.size > 0
+            if not has_pixels or picture.dtype != np.uint8:
                 raise InputError(
                     f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}"
                 )

@@ -1,9 +1,7 @@
 """RoadNav: from tile to tile across a map, choosing right, straight or left at crossings."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
-from typing import NamedTuple, ParamSpec, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +10,6 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Int32, Key
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import (
-    check_named,
     clip_to_int32,
     flag,
     instance,
@@ -25,15 +22,12 @@ from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, UserValue
-from elitelanes_jax.drive._environment import Environment, Transition, draw_level
+from elitelanes_jax.drive._environment import Environment, Transition, checks_first, draw_level
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
 from elitelanes_jax.drive.lanes import TURN_TAKEN
 from elitelanes_jax.lanes.movements import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.sharding import divide_batches
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 def _check_window(value: UserValue) -> int:
@@ -135,43 +129,30 @@ class RoadNavInfo(NamedTuple):
 
 @name_wrong_arguments
 @runs_jax
+@checks_first(level=check_single, params=instance(RoadNavParams))
 @jax.jit
 @divide_batches
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: RoadNavParams
 ) -> tuple[RoadNavObservation, RoadNavState]:
     """Puts the agent on the start of a level. The key is not used."""
-    check_named("params", instance(RoadNavParams), params)
-    check_named("level", check_single, level)
     state = RoadNavState(level.grid, level.goal, level.shortest, level.start, jnp.int32(0))
     return _observe(state, params), state
 
 
 @name_wrong_arguments
 @runs_jax
+@checks_first(params=instance(RoadNavParams))
 @jax.jit
 @divide_batches
 def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservation, RoadNavState]:
     """Puts the agent on the start of a level drawn uniformly from ``params.levels``; the key is consumed."""
-    check_named("params", instance(RoadNavParams), params)
     return _reset_to_level(key, draw_level(key, params.levels), params)
-
-
-def _clip_action(step: Callable[P, R]) -> Callable[P, R]:
-    """Clips the action of a compiled step before JAX converts it to 32 bits."""
-
-    @wraps(step)
-    def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        clipped = [clip_to_int32(argument) for argument in args]
-        named = {name: clip_to_int32(argument) for name, argument in kwargs.items()}
-        return step(*clipped, **named)
-
-    return call
 
 
 @name_wrong_arguments
 @runs_jax
-@_clip_action
+@checks_first(state=instance(RoadNavState), action=clip_to_int32, params=instance(RoadNavParams))
 @jax.jit
 @divide_batches
 def _step(
@@ -189,12 +170,11 @@ def _step(
         road without choice. On a dead end the agent stays.
       params: the options of the environment.
     """
-    check_named("params", instance(RoadNavParams), params)
-    check_named("state", instance(RoadNavState), state)
-    if (shape := jnp.shape(action)) != ():
-        raise InputError(f"action: expected one whole number, got shape {shape}")
-    if not jnp.issubdtype(kind := jnp.result_type(action), jnp.integer):
-        raise InputError(f"action: expected one whole number, got {kind}")
+    action = jnp.asarray(action)
+    if action.shape != ():
+        raise InputError(f"action: expected one whole number, got shape {action.shape}")
+    if not jnp.issubdtype(action.dtype, jnp.integer):
+        raise InputError(f"action: expected one whole number, got {action.dtype}")
     grid, goal = state.grid, state.goal
     code = grid[state.node.row, state.node.column].astype(jnp.int32)
     choice = code * 12 + state.node.heading * 3 + jnp.clip(action, 0, 2)
@@ -219,7 +199,9 @@ def _step(
     )
 
 
+@name_wrong_arguments
 @runs_jax
+@checks_first(state=instance(RoadNavState), params=instance(RoadNavParams))
 @divide_batches
 def _observe(state: RoadNavState, params: RoadNavParams) -> RoadNavObservation:
     grid, goal, node = state.grid, state.goal, state.node

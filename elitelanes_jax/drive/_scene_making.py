@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.drive._objects import Billboards, Floor, make_objects, pack_billboards
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
@@ -20,6 +21,7 @@ from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 
 @name_wrong_arguments
+@runs_jax
 def make_scenes(
     maps: UserValue,
     tiles: TileSet | None = None,

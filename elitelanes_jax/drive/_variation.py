@@ -90,23 +90,19 @@ class Variation(Record):
 
 
 VARIED = Variation(
-    **{
-        "horizon": 1,
-        "background": 0.8,
-        "shadow": 0.6,
-        "vignette": 0.5,
-        "gamma": 0.6,
-        "saturation": 0.5,
-    },
-    **{
-        "warmth": 0.2,
-        "light": 0.3,
-        "contrast": 0.4,
-        "colour": 0.1,
-        "motion": 2,
-        "blur": 0.8,
-        "noise": 8,
-    },
+    horizon=1,
+    background=0.8,
+    shadow=0.6,
+    vignette=0.5,
+    gamma=0.6,
+    saturation=0.5,
+    warmth=0.2,
+    light=0.3,
+    contrast=0.4,
+    colour=0.1,
+    motion=2,
+    blur=0.8,
+    noise=8,
 )
 """The ranges of ``dataset --transform varied`` without its compression."""
 
@@ -182,8 +178,6 @@ _NUMBERS = {
     "weights": 3,
     "rectangles": 20,
     "paints": 15,
-}
-_NUMBERS |= {
     "amount": 1,
     "shadow": 3,
     "vignette": 1,
@@ -191,8 +185,12 @@ _NUMBERS |= {
     "saturation": 1,
     "warmth": 1,
     "light": 1,
+    "contrast": 1,
+    "colour": 3,
+    "motion": 2,
+    "blur": 1,
+    "noise": 1,
 }
-_NUMBERS |= {"contrast": 1, "colour": 3, "motion": 2, "blur": 1, "noise": 1}
 
 LOOK_NUMBERS = sum(_NUMBERS.values())
 """The number of uniform numbers that a look needs."""

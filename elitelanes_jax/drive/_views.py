@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int32, Key, UInt8, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import SEED, check_named, instance, whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax.drive._camera import Camera, rays_of, reach_ground
 from elitelanes_jax.drive._hashing import fork, hash_bits, uniform
@@ -229,6 +229,12 @@ def _check_arguments(
         raise InputError(
             f"camera: expected no distortion, which views do not draw, got {camera.distortion!r}"
         )
+    for name, colour in (("ground", camera.ground), ("sky", camera.sky)):
+        # An array of three numbers would be taken for a value for each of three pictures.
+        if not isinstance(colour, tuple | list):
+            raise InputError(
+                f"{name}: expected a tuple of red, green and blue, got {shorten(repr(colour))}"
+            )
     for record in (camera, variation):
         for path, number in jax.tree_util.tree_leaves_with_path(record):
             if np.shape(number) not in ((), (batch,)):

@@ -28,7 +28,7 @@ from elitelanes_jax.drive._batch import (
 )
 from elitelanes_jax.drive._environment import Environment, auto_reset
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
-from elitelanes_jax.drive._levels import make_levels
+from elitelanes_jax.drive._levels import check_maps, draw_levels
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.network.bits import seed_key
 
@@ -57,7 +57,8 @@ def make(
     environment, params = _ENVIRONMENTS[check_named("name", one_of(*_ENVIRONMENTS), name)]
     check_names(settings, [option for option in params.options() if option != "levels"])
     key = seed_key(check_named("seed", SEED, seed))
-    return environment, params(make_levels(key, maps, count), **settings)
+    levels = draw_levels(key, check_maps("maps", maps), count)
+    return environment, params(levels, **settings)
 
 
 def _makers(params: Pytree, spaces: Untyped) -> Untyped:

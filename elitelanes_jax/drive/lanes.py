@@ -313,21 +313,13 @@ def lane_pose(
 def _lane_pose(
     grid: Array, pose: Pose, movement: Movement | None, *, lane_offset: float
 ) -> LanePose:
-    height, width = grid.shape
     links = linked_codes(grid)
     row, column, code, road = tile_at(links, pose.x, pose.y)
     if movement is None:
         movement = nearest_movement(code, pose, row, column, lane_offset)
     else:
         movement = Movement(*(jnp.asarray(part, jnp.int32) for part in movement))
-    within = (
-        (movement.row >= 0)
-        & (movement.row < height)
-        & (movement.column >= 0)
-        & (movement.column < width)
-    )
-    code = links[movement.row, movement.column].astype(jnp.int32)
-    found = within & jnp.asarray(MOVEMENTS)[code, movement.heading, movement.turn]
+    found = _has_movement(links, movement)
     d, phi, s = (jnp.where(found, error, 0) for error in lane_errors(pose, movement, lane_offset))
     return LanePose(
         d,
@@ -339,6 +331,16 @@ def _lane_pose(
         movement=movement,
         found=found,
     )
+
+
+def _has_movement(links: Array, movement: Movement) -> Bool[Array, ""]:
+    """Returns whether a grid of links has a movement. Its fields may be any whole numbers."""
+    exists = jnp.bool_(True)
+    for index, count in zip(movement, (*links.shape, *MOVEMENTS.shape[1:]), strict=True):
+        # JAX reads the nearest index instead of one that is too large.
+        exists &= (index >= 0) & (index < count)
+    code = links[movement.row, movement.column].astype(jnp.int32)
+    return exists & jnp.asarray(MOVEMENTS)[code, movement.heading, movement.turn]
 
 
 def nearest_movement(

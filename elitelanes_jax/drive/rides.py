@@ -25,6 +25,7 @@ from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
+from elitelanes_jax.drive._distances import UNREACHABLE
 from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import (
     LaneDrive,
@@ -39,7 +40,7 @@ from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.links import linked_codes
-from elitelanes_jax.lanes.movements import Movement
+from elitelanes_jax.lanes.movements import Movement, movements_of, no_lane_error
 from elitelanes_jax.network.bits import seed_key, split, uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
@@ -126,10 +127,13 @@ def make_rides(
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     check_named("seed", SEED, seed)
     level_key, ride_key = split(seed_key(seed))
-    furthest = max(int(_PACE * seconds), 1)
+    # A number of seconds has no largest value, and a distance has.
+    furthest = int(min(max(_PACE * seconds, 1), UNREACHABLE))
     nearest = min(4, furthest)
-    grids = check_grid(grid)[None]
-    levels = make_levels(level_key, grids, count, least=nearest, most=furthest)
+    codes = check_grid(grid)
+    if not movements_of(codes).row.size:
+        raise no_lane_error()
+    levels = make_levels(level_key, codes[None], count, least=nearest, most=furthest)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
     params = LaneDriveParams(levels, lane_offset=lane_offset)
     camera = getattr(policy, "camera", None)
@@ -298,6 +302,7 @@ def _map_of(rides: Rides, source: UserValue) -> RoadMap:
 
 
 @name_wrong_arguments
+@runs_jax
 def film(
     source: UserValue,
     tiles: TileSet,
@@ -316,12 +321,11 @@ def film(
       RGB uint8 ``[480, width, 3]``, all of one width.
 
     Raises:
-      InputError: for a map that the tiles cannot draw (see `render`), a ride that does not exist,
-        or rides on another map.
+      InputError: at the call, for a map that the tiles cannot draw (see `render`), a ride that does
+        not exist, or rides on another map.
     """
     check_named("rides", instance(Rides), rides)
-    count = len(rides.steps)
-    check_named("index", whole(0, count - 1), index)
+    index = check_named("index", whole(0, len(rides.steps) - 1), index)
     road_map = _map_of(rides, source)
     size = check_tile_px(tile_px)
     if chosen is None:
@@ -332,6 +336,18 @@ def film(
         picture = render(road_map, tiles, tile_px=size, chosen=chosen)
     background, side = _shrink(picture.image, road_map.codes.shape)
     goal = _goals(rides.levels, tiles.lane_offset)[index]
+    return _draw_frames(rides, index, scene, background, side, goal)
+
+
+def _draw_frames(
+    rides: Rides,
+    index: int,
+    scene: "_Scene",
+    background: NDArray[np.uint8],
+    side: float,
+    goal: NDArray[np.float32],
+) -> Iterator[NDArray[np.uint8]]:
+    """Yields the frames of a ride on the picture of its map, whose tiles have a side in pixels."""
     x, y, theta = rides.x[index], rides.y[index], rides.theta[index]
     last = int(rides.steps[index])
     for start in range(0, last + 1, _BATCH):

@@ -151,11 +151,37 @@ def test_what_is_wrong_is_named():
         (lambda: batch.step([0]), r"actions: expected whole numbers \[2\], got int64 \[1\]"),
         (lambda: batch.step([0.0, 1.0]), r"actions: expected whole numbers \[2\], got float64 \[2\]"),
         (lambda: real.step([0, 1]), r"actions: expected numbers \[2, 2\], got int64 \[2\]"),
+        (lambda: batch.reset(np.array(5)), r"seed: expected a whole number, or 2 of them, got array\(5\)"),
+        (lambda: Batch([], PARAMS, 2, NEXT_STEP), r"environment: expected Environment, got \[\]"),
         (lambda: batch.reset([1]), r"seed: expected a whole number, or 2 of them, got \[1\]"),
         (lambda: batch.reset([1, -1]), "seed: expected a whole number, 0 to 18446744073709551615, got -1"),
     ):
         with pytest.raises(InputError, match=f"^{message}"):
             call()
+
+
+def test_each_environment_needs_a_reset():
+    """A first reset of some environments once let the others step from states of zeros."""
+    batch = Batch(RoadNav, PARAMS, 3, NEXT_STEP)
+    batch.reset([1, 2, 3], np.array([True, False, False]))
+    message = r"expected a reset of environments \[1, 2\] before the first"
+    with pytest.raises(InputError, match=f"^step: {message} step, got none$"):
+        batch.step([0, 0, 0])
+    with pytest.raises(InputError, match=f"^render: {message} render, got none$"):
+        batch.states("render")
+    whole = Batch(RoadNav, PARAMS, 3, NEXT_STEP)
+    expected = whole.reset([1, 2, 3])
+    np.testing.assert_array_equal(batch.reset([1, 2, 3], np.array([False, True, True])), expected)
+    np.testing.assert_array_equal(batch.step([0, 1, 2]).observation, whole.step([0, 1, 2]).observation)
+
+
+def test_a_large_number_is_clipped_without_a_warning():
+    batch = Batch(LaneDrive, LaneDriveParams(LEVELS), 2, DISABLED)
+    outcomes = []
+    for actions in ([[1e300, 0.0]] * 2, [[1.0, 0.0]] * 2):
+        batch.reset([7, 0])
+        outcomes.append(batch.step(np.array(actions)).observation)
+    np.testing.assert_array_equal(*outcomes)
 
 
 def test_actions_beyond_32_bits_are_clipped():

@@ -287,6 +287,10 @@ def test_a_stream_yields_the_batches_of_its_seed(scenes):
         ({"scenes": 3}, "scenes: expected Scenes, got 3"),
         ({"key": 3}, "key: expected a jax.random.key, got 3"),
         ({"camera": Camera(distortion=(0.1, 0))}, r"camera: expected no distortion, .*, got \(0.1, 0.0\)"),
+        (
+            {"camera": Camera(sky=np.zeros(2))},
+            r"sky: expected a tuple of red, green and blue, got array\(\[0., 0.\]\)",
+        ),
         ({"variation": None}, "variation: expected Variation, got None"),
         ({"variation": Variation(noise=np.zeros(3))}, r"noise: expected a number or an array \[2\], got shape \(3,\)"),
     ],
@@ -297,6 +301,12 @@ def test_bad_arguments_are_named(scenes, arguments, message):
     if "key" not in arguments:
         with pytest.raises(InputError, match=f"^{message}$"):
             stream_views(**{"seed": 0, "scenes": scenes, "batch": 2} | arguments)
+
+
+def test_scenes_are_made_where_transfers_are_forbidden():
+    with jax.transfer_guard("disallow"):
+        scenes = make_scenes([[[6, 3], [12, 9]]], tile_px=16)
+    assert scenes.maps.codes.shape == (1, 4, 4)
 
 
 @pytest.mark.parametrize(

@@ -194,3 +194,10 @@ def test_faults_are_named():
     message = r"images, labels: expected \[T, P, P, 3\] and \[T, P, P\], got \(4, 8, 8\) and \(4, 8, 8\)"
     with pytest.raises(InputError, match=message):
         make_atlas(np.zeros((4, 8, 8)), np.zeros((4, 8, 8)))
+    with pytest.raises(InputError, match=r"^images, labels: expected \[T, P, P, 3\] .* got \(4, 8, 9, 3\)"):
+        make_atlas(np.zeros((4, 8, 9, 3), np.uint8), np.zeros((4, 8, 9), np.uint8))
+    shades = np.zeros((8, 4, 4, 3), np.uint8)
+    for tile in ((2, 0), (-1, 0), (0, 5)):
+        words = f"0 to 3 quarter turns, got {tile[0]} and {tile[1]} for code 6$"
+        with pytest.raises(InputError, match=f"^rotations: expected tiles of the 8 pictures, .* {words}"):
+            make_sight(shades, shades[..., 0], {0: [(0, 0)], 6: [tile]})

@@ -9,7 +9,16 @@ import pytest
 from driving_oracle import drawn_maps, pick, polyline_errors
 
 from elitelanes_jax import InputError
-from elitelanes_jax.drive import LaneDrive, LaneDriveParams, Pose, lane_pose, make_levels, make_objects, pure_pursuit
+from elitelanes_jax.drive import (
+    LaneDrive,
+    LaneDriveParams,
+    Pose,
+    RoadNav,
+    lane_pose,
+    make_levels,
+    make_objects,
+    pure_pursuit,
+)
 from elitelanes_jax.drive.lanes import lane_point
 from elitelanes_jax.drive.robot import TILE, Robot, drive, still, to_wheels
 from elitelanes_jax.formats import MapObject, RoadMap, without_dead_ends
@@ -154,6 +163,35 @@ def test_lanes_are_where_the_tile_set_has_them():
         LaneDriveParams(levels, start_d=0.15, lane_offset=0.1)
     with pytest.raises(InputError, match=r"lane_offset: expected tiles, a number over 0 and under 0\.5, got 0\.5"):
         LaneDriveParams(levels, lane_offset=0.5)
+
+
+@pytest.mark.parametrize(
+    "action", [[2**40, -(2**70)], np.array([2**40, -(2**40)]), [1e300, -np.inf], np.array([1e300, -2.0])]
+)
+@pytest.mark.usefixtures("any_types")
+def test_an_action_of_more_than_32_bits_is_clipped(params, action):
+    """2**40 was once an error in a list, and 0 in an array."""
+    _, state = LaneDrive.reset(jax.random.key(0), params)
+    expected = LaneDrive.step(jax.random.key(0), state, jnp.array([1.0, -1.0]), params)
+    for transition in (
+        LaneDrive.step(jax.random.key(0), state, action, params),
+        LaneDrive.step(jax.random.key(0), state, action=action, params=params),
+    ):
+        jax.tree.map(np.testing.assert_array_equal, transition, expected)
+
+
+def test_messages_show_what_came_and_no_tracer(params):
+    _, state = LaneDrive.reset(jax.random.key(0), params)
+    for call, message in (
+        (lambda: LaneDrive.step(jax.random.key(0), 5, [0, 0], params), "state: expected LaneDriveState, got 5"),
+        (lambda: LaneDrive.step(jax.random.key(0), state, [0, 0], 5), "params: expected LaneDriveParams, got 5"),
+        (lambda: LaneDrive.reset(jax.random.key(0), 5), "params: expected LaneDriveParams, got 5"),
+        (lambda: LaneDrive.observe(5, params), "state: expected LaneDriveState, got 5"),
+        (lambda: RoadNav.step(jax.random.key(0), 5, 0, params), "state: expected RoadNavState, got 5"),
+        (lambda: RoadNav.observe(state, 5), "state: expected RoadNavState, got LaneDriveState"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            call()
 
 
 @pytest.fixture(scope="module")

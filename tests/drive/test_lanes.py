@@ -110,6 +110,24 @@ def test_a_lane_beside_the_road_is_refused(grid, wrong):
         lane_pose(grid, Pose(0.5, 0.5, 0.0), lane_offset=wrong)
 
 
+@pytest.mark.parametrize(
+    ("movement", "exists"),
+    [
+        ((0, 1, 3, 1), True),
+        ((0, 1, 3, 3), False),  # a turn back
+        ((0, 1, 3, -1), False),
+        ((0, 1, 7, 1), False),
+        ((0, 1, -1, 1), False),
+        ((2, 1, 3, 1), False),
+    ],
+)
+def test_a_movement_with_a_field_out_of_range_does_not_exist(movement, exists):
+    """The nearest movement of the table was once used instead."""
+    town = np.array([[6, 7, 3], [12, 13, 9]])
+    pose = lane_pose(town, Pose(1.5, 0.25, 3.0), Movement(*movement))
+    assert pose.on_road and pose.found == pose.own_lane == exists and (pose.d != 0) == exists
+
+
 @pytest.mark.slow
 def test_a_hundred_thousand_lane_poses_are_those_of_polylines(locate):
     compared = []

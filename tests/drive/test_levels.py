@@ -74,6 +74,18 @@ def test_a_distance_of_more_than_32_bits_is_the_largest(maps, most):
     assert level.shortest == expected.shortest > 1
 
 
+def test_make_names_its_own_argument(maps):
+    """Messages once named `grids`, an argument of `make_levels`."""
+    for wrong, message in (
+        ([], "maps: expected one or more of one size, got none"),
+        ([maps[0], maps[0].T], "maps: expected one or more of one size, got several sizes"),
+        ([[[2, 8]]], r"maps\[0\]: expected a map with a lane, got one without any movement"),
+        (5, "maps: expected maps, grids or files of maps, got 5"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}$"):
+            make("RoadNav", wrong)
+
+
 def test_make_takes_maps_in_place_of_levels(maps):
     with pytest.raises(InputError, match="^levels: expected one of limit, "):
         make("RoadNav", maps, levels=make_levels(jax.random.key(0), maps))

@@ -129,6 +129,10 @@ def test_faults_are_named():
         make_billboards({"dragon": {}})
     with pytest.raises(InputError, match=r"objects: expected uint8 \[rows, columns, 4\], got float64 \(2, 2\)"):
         make_billboards({"cone": {0: np.zeros((2, 2))}})
+    with pytest.raises(InputError, match=r"objects: expected uint8 \[rows, columns, 4\], got uint8 \(0, 2, 4\)"):
+        make_billboards({"cone": {0: np.zeros((0, 2, 4), np.uint8)}})
+    with pytest.raises(InputError, match=r"objects: expected views of cone by degrees, got \[\]"):
+        make_billboards({"cone": []})
     with pytest.raises(InputError, match="objects: expected at most 512 different objects, .* got 513"):
         pack_billboards([{}] * 513)
     assert set(load_objects().views) == set(OBJECT_KINDS)

@@ -41,6 +41,20 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
         make_rides(GRID, seconds=float("nan"))
     with pytest.raises(InputError, match="seed: expected a whole number, 0 to 4294967295, got 4294967296"):
         make_rides(GRID, seed=2**32)
+    with pytest.raises(InputError, match="^grid: expected a lane, a tile that connects to two others, got none$"):
+        make_rides([[2, 8]])
+
+
+def test_a_film_is_checked_at_the_call(drawn_tiles):
+    """Faults once came with the first frame."""
+    rides = make_rides(GRID, 1, seconds=2 / 30)
+    for call, message in (
+        (lambda: film(GRID.T, drawn_tiles, rides), "rides: expected rides on the map, got rides on another one"),
+        (lambda: film(GRID, drawn_tiles, "rides"), "rides: expected Rides, got 'rides'"),
+        (lambda: film(GRID, drawn_tiles, rides, 1), "index: expected a whole number, 0 to 0, got 1"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}$"):
+            call()
 
 
 @pytest.mark.slow
