@@ -1,7 +1,7 @@
 /** Objects of a map. Positions are in tiles, x to the east and y to the south; angles are counter-clockwise from east. */
 import type { Grid } from "./codes";
 import { check, FileError } from "./errors";
-import { sixDecimals } from "./numbers";
+import { degreesIn, sixDecimals } from "./numbers";
 
 /** The side of a tile in metres. */
 export const TILE_SIZE = 0.585;
@@ -46,7 +46,7 @@ export const isWithin = (x: number, y: number, { height, width }: Size): boolean
 export const hundredths = (value: number): number => Math.round(100 * value) / 100;
 
 /** Returns an angle in degrees, rounded to hundredths. */
-export const degreesOf = (radians: number): number => hundredths((180 / Math.PI) * radians);
+export const degreesOf = (radians: number): number => hundredths(degreesIn(radians));
 
 /** Returns an angle in radians, at most half a turn, from one in degrees. */
 export const radiansOf = (degrees: number): number => (Math.PI / 180) * (degrees - 360 * Math.round(degrees / 360));
