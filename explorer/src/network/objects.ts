@@ -38,9 +38,11 @@ type Size = Pick<Grid, "height" | "width">;
 /** In tiles. */
 export type Position = readonly [x: number, y: number];
 
-/** Returns whether an object may be at a position. */
-export const isWithin = (x: number, y: number, { height, width }: Size): boolean =>
-  x >= -BEYOND && x <= width + BEYOND && y >= -BEYOND && y <= height + BEYOND;
+/** Returns whether an object of a file may be at a position. */
+export function isWithin(x: number, y: number, { height, width }: Size): boolean {
+  const reach = BEYOND + ROUNDED;
+  return x >= -reach && x <= width + reach && y >= -reach && y <= height + reach;
+}
 
 /** Returns a number rounded to hundredths. */
 export const hundredths = (value: number): number => Math.round(100 * value) / 100;
