@@ -7,7 +7,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import TILE_PX, check_named, paths
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.explorer._payload import Payload, pack
@@ -81,10 +81,15 @@ def _collect_named(sources: Mapping[str, UserValue]) -> list[ShownRun]:
     """Collects results and maps that have names."""
     runs: list[ShownRun] = []
     for name, source in sources.items():
+        if not isinstance(name, str):
+            raise InputError(f"what: expected texts as names, got {shorten(repr(name))}")
         if _is_result(source):
             runs.append(from_result(source, name))
-        else:
-            runs += of_maps(check_named(f"what: {name}", as_maps, source), name)
+            continue
+        maps = check_named(f"what: {name}", as_maps, source)
+        if not maps:
+            raise InputError(f"what: {name}: expected a Result or maps, got nothing")
+        runs += of_maps(maps, name)
     return runs
 
 

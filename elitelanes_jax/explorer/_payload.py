@@ -206,7 +206,10 @@ def plan_values() -> dict[str, Plain]:
     """Returns the tapes of each kind of tile, so that the page can write a plan."""
     kinds = {}
     for kind, code in REFERENCE.items():
-        tapes = [[tape.colour, np.round(tape.points, 6).tolist()] for tape in tapes_of(kind, 0)]
+        tapes = []
+        for tape in tapes_of(kind, 0):
+            # The length is not rounded, so that the page's bill is that of `make_plan`.
+            tapes.append([tape.colour, np.round(tape.points, 6).tolist(), tape.length])
         kinds[kind] = {"code": code, "tapes": tapes}
     return {
         "tile_size": TILE_SIZE,

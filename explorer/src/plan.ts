@@ -1,7 +1,8 @@
 /** A plan to build a map from, as an SVG file. Its unit is a millimetre. */
 import { objectShapes, pathOf } from "./drawing";
 import type { Grid } from "./network/codes";
-import { baseKind, byKind, degreesOf, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
+import { degreesIn, rint, roundTo } from "./network/numbers";
+import { baseKind, byKind, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
 import { planOf, type PlanValues } from "./network/plan";
 import { objectName } from "./words";
 
@@ -12,6 +13,8 @@ const [A4_WIDTH, A4_HEIGHT] = [210, 297];
 const COLUMN = 62; // its width
 const ROWS = 56; // lines of a column of the check-list
 const WAYS: Readonly<Record<number, string>> = { 0: "east", 90: "north", 180: "west", 270: "south" };
+/** The most characters of a line of the bill. */
+const LINE_LENGTH = 36;
 const INKS: Readonly<Record<string, string>> = { red: "#d9202c", yellow: "#f5c71a", white: "#fff" };
 
 const at = (value: number): string => `${+value.toFixed(3)}`;
@@ -29,7 +32,9 @@ export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: Object
   const plan = planOf(grid, values);
   const { tile_size: size } = values;
   const { height: rows, width: columns } = grid;
-  const things = [...objects].sort((one, other) => one.y - other.y || one.x - other.x);
+  const things = [...objects].sort(
+    (one, other) => one.y - other.y || one.x - other.x || +(one.kind > other.kind) - +(one.kind < other.kind),
+  );
   const edge = edgeOf(things, grid);
   const tile = Math.min(Math.max((A4_WIDTH - 2 * MARGIN - 24) / (columns + 2 * edge), 14), 40);
   const width = Math.max(A4_WIDTH, (columns + 2 * edge) * tile + 2 * MARGIN + 24);
@@ -126,11 +131,13 @@ function checkListOf(
   size: number,
 ): string[] {
   const objects = things.flatMap(({ kind, x, y, angle, tag }, index) => {
-    const place = `${Math.abs(x * size).toFixed(2)} ${x < 0 ? "west" : "east"}, ${Math.abs(y * size).toFixed(2)} ${y < 0 ? "north" : "south"}`;
-    const degrees = (Math.round(degreesOf(angle)) + 720) % 360;
+    const [east, south] = [roundTo(x * size, 2), roundTo(y * size, 2)];
+    const across = `${Math.abs(east).toFixed(2)} ${east < 0 ? "west" : "east"}`;
+    const down = `${Math.abs(south).toFixed(2)} ${south < 0 ? "north" : "south"}`;
+    const degrees = (rint(degreesIn(angle)) + 720) % 360;
     const faces = kinds[baseKind(kind)][3] ? "" : `, faces ${WAYS[degrees] ?? `${degrees}°`}`;
     const name = `${objectName(kind)}${tag === undefined ? "" : `, tag ${tag}`}`;
-    return [`\u2610 ${index + 1} ${name}`, `\u2003${place}${faces}`];
+    return [`\u2610 ${index + 1} ${name}`, `\u2003${across}, ${down}${faces}`];
   });
   return [
     ...(objects.length ? ["Signs and objects", "(metres from the north-west corner)", ...objects] : []),
@@ -149,7 +156,7 @@ function billOf(
   const listed = byKind(things).flatMap(([kind, some]) => {
     const tags = some.flatMap(({ tag }) => tag ?? []).sort((one, other) => one - other);
     const text = `${some.length} × ${objectName(kind)}${tags.length ? `, tag ${tags.join(", ")}` : ""}`;
-    return text.match(/.{1,36}(?: |$)/g)!.map((part, index) => (index ? `\u2003${part}` : part));
+    return wrapped(text, LINE_LENGTH).map((line, index) => (index ? `\u2003${line}` : line));
   });
   return [
     [
@@ -161,11 +168,17 @@ function billOf(
     [
       "Tape",
       ...Object.entries(tape).map(
-        ([name, metres]) => `${metres.toFixed(2)} m ${name}, ${+(100 * widths[name]).toFixed(1)} cm wide`,
+        ([name, metres]) => `${roundTo(metres, 2).toFixed(2)} m ${name}, ${+(100 * widths[name]).toFixed(1)} cm wide`,
       ),
       "(yellow: laid whole, then cut to",
       "5 cm of tape and 2.5 cm of gap)",
     ],
     listed.length ? ["Signs and objects", ...listed] : [],
   ];
+}
+
+/** Returns the lines of a text. A word that is longer than a line is broken, so that no letter is lost. */
+function wrapped(text: string, length: number): string[] {
+  const line = new RegExp(`.{1,${length}}(?: |$)|.{${length}}`, "gu");
+  return text.match(line) ?? [];
 }

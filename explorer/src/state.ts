@@ -140,16 +140,17 @@ export function whereText(ranges: Ranges, unit: (name: string) => number = () =>
 
 const SHELF = new RegExp(`^\\d{1,6}(?:,\\d{1,6}){${TILE_KINDS.length - 1}}$`);
 const NUMBER = /(-?\d+(?:\.\d+)?(?:e[-+]?\d+)?)?/.source;
-const RANGE = new RegExp(`^(\\w+)=${NUMBER}(?:(\\.\\.)${NUMBER})?$`);
+/** Features have the names of Python, with letters of any script. */
+const RANGE = new RegExp(`^(\\p{XID_Continue}+)=${NUMBER}(?:(\\.\\.)${NUMBER})?$`, "u");
 
 function parseWhere(text: string): Ranges {
-  const ranges: Record<string, readonly [number, number]> = {};
+  const ranges: (readonly [name: string, limits: readonly [low: number, high: number]])[] = [];
   for (const word of text.split(" ")) {
-    const found = RANGE.exec(word);
-    if (!found) continue;
-    const [, name, first, dots, last] = found;
+    const parts = RANGE.exec(word);
+    if (!parts) continue;
+    const [, name, first, dots, last] = parts;
     const low = Number(first ?? -Infinity);
-    ranges[name] = [low, dots ? Number(last ?? Infinity) : low];
+    ranges.push([name, [low, dots ? Number(last ?? Infinity) : low]]);
   }
-  return ranges;
+  return Object.fromEntries(ranges);
 }

@@ -1,6 +1,6 @@
 /** The tiles that a drawing uses, and how many earlier drawings are kept. */
 import { expect, test } from "vitest";
-import { done, editorOf, undo, type Editor } from "../src/editor";
+import { done, editorOf, resized, undo, type Editor } from "../src/editor";
 import { emptyGrid, type Grid } from "../src/network/codes";
 import { inventoryText, shelfFrom, usedTiles } from "../src/network/shelf";
 import { gridOfText } from "./grids";
@@ -33,4 +33,11 @@ test.each([
   const editor = drawn(emptyGrid(height, width), strokes);
   expect(editor.past).toHaveLength(kept);
   expect(undo(editor).grid.codes[strokes - 1]).toBe(0);
+});
+
+test("another size keeps the objects that a file may have there", () => {
+  const object = (x: number) => ({ kind: "duckie", x, y: 0.5, angle: 0, height: 0.08 });
+  const objects = [-1.00009, -1.1, 3.00009, 4].map(object);
+  const { objects: left } = resized(editorOf(emptyGrid(2, 3), objects), 2, 2);
+  expect(left.map(({ x }) => x)).toEqual([-1.00009, 3.00009]);
 });

@@ -56,6 +56,11 @@ test.each([
   expect(fromHash(toHash({ ...START, where: { fitness: [low, high] } })).where).toEqual({ fitness: [low, high] });
 });
 
+test.each(["größe", "日", "नाम", "__proto__"])("the address keeps the range of a feature named %s", (name) => {
+  const where = Object.fromEntries([[name, [1, 5] as const]]);
+  expect(Object.entries(fromHash(toHash({ ...START, where })).where)).toEqual([[name, [1, 5]]]);
+});
+
 test("a scale of fractions has fractions, a scale of whole numbers has none", () => {
   expect(scaleOf(Float64Array.of(0, 0.5), "fitness", "linear").at(0.5)).toBe(0.25);
   expect(scaleOf(Float64Array.of(0, 5), "fitness", "linear").at(0.5)).toBe(3);

@@ -4,16 +4,17 @@
 """
 
 import json
-from math import pi
+from math import pi, radians
 from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax import InputError, Weights, fitness, repair
+from elitelanes_jax import InputError, RoadMap, Weights, fitness, repair
 from elitelanes_jax.explorer._payload import plan_values
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, make_plan, to_duckietown
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import base_kind, object_values
+from elitelanes_jax.formats.plan_pages import _bill, _object_to_place
 from elitelanes_jax.network import METRIC_NAMES, Metrics, measure_town, plain_measure
 from elitelanes_jax.problem import SHARE_UNIT, SHARES, niche_bins, paper_axes
 
@@ -75,6 +76,25 @@ ODD = tuple(
     )
 )
 
+# A town whose metres of white tape are rounded twice, and objects that are nearly on its border, halfway between two
+# angles, and at one position.
+PLANNED_TOWN = [
+    [6, 7, 7, 5, 7, 3],
+    [14, 9, 10, 6, 15, 11],
+    [14, 5, 11, 14, 11, 10],
+    [14, 7, 13, 15, 15, 11],
+    [12, 13, 5, 13, 13, 9],
+]
+PLANNED_OBJECTS = (
+    MapObject("house", -1e-5, -0.008, pi / 4, 0.2),
+    MapObject("duckiebot", -0.009, -0.009, radians(0.499), 0.12),
+    MapObject("bus", 2.0, 1.0, radians(0.4996), 0.12),
+    MapObject("truck", 2.5, 1.0, radians(-89.5), 0.2),
+    MapObject("tree", 3.0, 2.0, 0.0, 0.25),
+    MapObject("cone", 3.0, 2.0, 0.0, 0.08),
+    MapObject("other:" + "abcdefgh" * 8, 4.0, 3.0, -7.0, 0.1),
+)
+
 
 def kernel_cases():
     """The text of the file: a case a line."""
@@ -87,6 +107,7 @@ def kernel_cases():
         "objects": [object_values(thing) for thing in ODD],
         "duckietown": to_duckietown([[6, 3], [12, 9]], objects=ODD),
     }
+    shared["planned"] = _planned(RoadMap(PLANNED_TOWN, objects=PLANNED_OBJECTS))
     heads = [f'"{name}": {json.dumps(values)}' for name, values in shared.items()]
     return "{\n" + ",\n".join([*heads, f'"cases": [\n{lines}\n]']) + "\n}\n"
 
@@ -143,6 +164,19 @@ def _objects(random, height, width):
 def _plan(grid):
     plan = make_plan(grid)
     return {"quarterTurns": [tile.quarter_turns for tile in plan.placed], "tiles": plan.tiles, "tape": plan.tape}
+
+
+def _planned(road_map):
+    """Returns a map with the lines of its plan: the metres of tape, and for each object its position and direction."""
+    plan = make_plan(road_map)
+    things = enumerate(plan.objects, 1)
+    return {
+        "rows": road_map.codes.tolist(),
+        "objects": [object_values(thing) for thing in road_map.objects],
+        "tape": _bill(plan)[1][1:4],
+        "kinds": [thing.kind for thing in plan.objects],
+        "positions": [_object_to_place(thing, number, plan.tile_size)[1].strip() for number, thing in things],
+    }
 
 
 def _or_none(make):

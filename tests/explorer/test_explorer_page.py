@@ -291,6 +291,10 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
     for nothing in ([], {}):
         with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got nothing"):
             collect(nothing)
+    with pytest.raises(InputError, match="what: none: expected a Result or maps, got nothing"):
+        collect({"some": maps, "none": []})
+    with pytest.raises(InputError, match=r"what: expected texts as names, got \(1, 2\)"):
+        collect({(1, 2): maps})
 
 
 @pytest.mark.slow

@@ -85,6 +85,11 @@ JSON_FILES = [
     field('"niche": [1, 0, 99999999999999999999], "seed": [0, 3], "fitness": null, "metrics": null'),
     (field('"niche": [1.0]'), "niche: expected whole numbers"),
     (field('"seed": [1, 2, 3]'), "seed: expected two whole numbers"),
+    *[field(f'"unsure": {text}') for text in ("[]", "null", "[[0, 1], [1, 0]]", "[[99999999999999999999, 0]]")],
+    *[
+        (field(f'"unsure": {text}'), "unsure: expected a list of cells")
+        for text in ("5", "{}", "[0, 1]", "[[0]]", "[[0, 1, 2]]", "[[0, 1.0]]", "[[0, -1]]", "[[0, true]]")
+    ],
     field('"drawn": {"tile_set": "a", "tiles": [["a", "b"], ["c", "d"]], "quarter_turns": [[0, 1], [2, 3]]}'),
     (
         field('"drawn": {"tile_set": "a", "tiles": [["a", "b"]], "quarter_turns": [[0, 1], [2, 3]]}'),

@@ -2,7 +2,7 @@
 import { CONNECTIONS, gridOf, rotateCode, rowsOf, type Grid } from "./codes";
 import { check, FileError } from "./errors";
 import { checkSides } from "./mapFile";
-import { floatOf, isAscii, remainder, sixDecimals, strip } from "./numbers";
+import { degreesIn, floatOf, isAscii, remainder, sixDecimals, strip } from "./numbers";
 import { baseKind, checkObjects, NO_OBJECTS, TILE_SIZE, type MapObject, type ObjectKinds } from "./objects";
 import { isList, isTable, yamlTree, type Table, type Tree } from "./yaml";
 
@@ -69,7 +69,6 @@ export function toDuckietown(grid: Grid, objects: readonly MapObject[] = []): st
   return `${[...lines, ...objectLines(objects, grid.height)].join("\n")}\n`;
 }
 
-const degreesIn = (radians: number): number => radians * (180 / Math.PI);
 const radiansIn = (degrees: number): number => degrees * (Math.PI / 180);
 const withinHalfTurn = (angle: number): number => remainder(angle, 2 * Math.PI);
 

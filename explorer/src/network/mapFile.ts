@@ -113,6 +113,8 @@ const listOf =
     isList(value) && value.every(fits);
 const isText = (value: Json): boolean => typeof value === "string";
 const isNumbersByName = (value: Json): boolean => isTable(value) && [...value.values()].every(isReal);
+const isCell = (value: Json): boolean =>
+  isList(value) && value.length === 2 && value.every((index) => isWhole(index) && index >= 0);
 const isTurns = (value: Json): boolean => typeof value === "number" && value >= 0 && value < 4;
 
 function isDrawn(value: Json): boolean {
@@ -128,6 +130,7 @@ const FIELDS: Readonly<Record<string, readonly [fits: (value: Json) => boolean, 
   descriptor: [isNumbersByName, "numbers by name"],
   niche: [listOf(isWhole), "whole numbers"],
   seed: [(value) => listOf(isWhole)(value) && (value as readonly Json[]).length === 2, "two whole numbers"],
+  unsure: [listOf(isCell), "a list of cells, each a row and a column"],
   drawn: [isDrawn, "a record of tile_set, tiles, quarter_turns, turns 0 to 3"],
 };
 

@@ -55,15 +55,19 @@ export function rint(value: number): number {
   return Math.abs(value % 1) === 0.5 && near % 2 ? near - 1 : near;
 }
 
-const DECIMALS = 6;
-
-/** Returns a number rounded to six decimals. Halves go to even digits. */
-export function sixDecimals(value: number): number {
-  const scaled = 10 ** DECIMALS * value;
-  // A number is exactly halfway only if it is an odd multiple of 1 / (2 · 10⁶), and then one of 1 / 128.
-  const isHalfway = Number.isInteger(128 * value) && Math.abs(scaled % 1) === 0.5;
-  return isHalfway ? rint(scaled) / 10 ** DECIMALS : Number(value.toFixed(DECIMALS));
+/** Returns a number rounded to some decimals, as Python's `round` does. Halves go to even digits. */
+export function roundTo(value: number, decimals: number): number {
+  const scaled = 10 ** decimals * value;
+  // A number is exactly halfway only if it is an odd multiple of 1 / (2 · 10ᵈ), and then one of 1 / 2ᵈ⁺¹.
+  const isHalfway = Number.isInteger(2 ** (decimals + 1) * value) && Math.abs(scaled % 1) === 0.5;
+  return isHalfway ? rint(scaled) / 10 ** decimals : Number(value.toFixed(decimals));
 }
+
+/** Returns a number rounded to six decimals, as positions in files are. */
+export const sixDecimals = (value: number): number => roundTo(value, 6);
+
+/** Returns an angle in degrees, from one in radians, as Python's `degrees` does. */
+export const degreesIn = (radians: number): number => radians * (180 / Math.PI);
 
 const SPLIT = 2 ** 27 + 1;
 

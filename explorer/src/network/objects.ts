@@ -1,7 +1,7 @@
 /** Objects of a map. Positions are in tiles, x to the east and y to the south; angles are counter-clockwise from east. */
 import type { Grid } from "./codes";
 import { check, FileError } from "./errors";
-import { sixDecimals } from "./numbers";
+import { degreesIn, sixDecimals } from "./numbers";
 
 /** The side of a tile in metres. */
 export const TILE_SIZE = 0.585;
@@ -38,15 +38,17 @@ type Size = Pick<Grid, "height" | "width">;
 /** In tiles. */
 export type Position = readonly [x: number, y: number];
 
-/** Returns whether an object may be at a position. */
-export const isWithin = (x: number, y: number, { height, width }: Size): boolean =>
-  x >= -BEYOND && x <= width + BEYOND && y >= -BEYOND && y <= height + BEYOND;
+/** Returns whether an object of a file may be at a position. */
+export function isWithin(x: number, y: number, { height, width }: Size): boolean {
+  const reach = BEYOND + ROUNDED;
+  return x >= -reach && x <= width + reach && y >= -reach && y <= height + reach;
+}
 
 /** Returns a number rounded to hundredths. */
 export const hundredths = (value: number): number => Math.round(100 * value) / 100;
 
 /** Returns an angle in degrees, rounded to hundredths. */
-export const degreesOf = (radians: number): number => hundredths((180 / Math.PI) * radians);
+export const degreesOf = (radians: number): number => hundredths(degreesIn(radians));
 
 /** Returns an angle in radians, at most half a turn, from one in degrees. */
 export const radiansOf = (degrees: number): number => (Math.PI / 180) * (degrees - 360 * Math.round(degrees / 360));

@@ -2,6 +2,14 @@
 import { rotateCode, type Grid } from "./codes";
 import { check } from "./errors";
 import { roadEnds } from "./links";
+import { roundTo } from "./numbers";
+
+/** A strip of tape on a tile: its colour, its middle line and its length. */
+export type TapeValues = readonly [
+  colour: string,
+  points: readonly (readonly [x: number, y: number])[],
+  metres: number,
+];
 
 /** What Python says of Duckietown's tiles. Lengths are in metres. */
 export interface PlanValues {
@@ -16,7 +24,7 @@ export interface PlanValues {
       string,
       {
         readonly code: number;
-        readonly tapes: readonly (readonly [colour: string, points: readonly (readonly [x: number, y: number])[]])[];
+        readonly tapes: readonly TapeValues[];
       }
     >
   >;
@@ -34,7 +42,7 @@ export interface Plan {
   readonly placed: readonly PlacedTile[];
   /** The number of tiles by kind. */
   readonly tiles: Readonly<Record<string, number>>;
-  /** Metres by colour. */
+  /** Metres by colour, rounded to millimetres as those of `make_plan`. */
   readonly tape: Readonly<Record<string, number>>;
 }
 
@@ -51,13 +59,11 @@ export function planOf({ height, width, codes }: Grid, { kinds, widths, longest 
   });
   const tiles: Record<string, number> = Object.fromEntries(Object.keys(kinds).map((kind) => [kind, 0]));
   const tape: Record<string, number> = Object.fromEntries(Object.keys(widths).map((colour) => [colour, 0]));
-  for (const { kind } of placed) {
-    tiles[kind]++;
-    for (const [colour, points] of kinds[kind].tapes)
-      points
-        .slice(1)
-        .forEach(([x, y], index) => (tape[colour] += Math.hypot(x - points[index][0], y - points[index][1])));
+  for (const { kind } of placed) tiles[kind]++;
+  for (const [kind, { tapes }] of Object.entries(kinds)) {
+    for (const [colour, , metres] of tapes) tape[colour] += tiles[kind] * metres;
   }
+  for (const colour of Object.keys(tape)) tape[colour] = roundTo(tape[colour], 3);
   return { placed, tiles, tape };
 }
 
