@@ -60,7 +60,7 @@ def ask_for_method(
 
     Raises:
       InputError: for a configuration or an optimiser of the wrong type, both, or the configuration
-        of another method than the one in `options`, or of another type than the preset there.
+        of another method than the one in `options`.
     """
     config, optimizer = extensions.config, extensions.optimizer
     if optimizer is not None:
@@ -86,10 +86,6 @@ def ask_for_method(
         raise InputError(
             f"config: expected one of {options['method']}, got {type(config).__name__}"
         )
-    asked_preset = options.get("preset", CUSTOM)
-    if asked_preset != CUSTOM and type(PRESETS.get((method, asked_preset))) is not type(config):
-        expected = f"one of {type(config).__name__}, such as {preset}"
-        raise InputError(f"preset: expected {expected}, got {asked_preset!r}")
     return spec.replace(method=method, preset=preset)
 
 

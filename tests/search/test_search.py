@@ -337,11 +337,6 @@ def test_a_search_inside_a_transformation_is_refused_with_what_to_do(transform):
             {"method": "map-elites", "config": EvolutionConfig()},
             "config: expected one of map-elites, got Evolution",
         ),
-        (
-            {"preset": "tuned", "config": MapElitesConfig()},
-            "preset: expected one of MapElitesConfig, such as paper, got",
-        ),
-        ({"preset": "luck", "config": MapElitesConfig()}, "preset: expected one of MapElitesConfig, .*, got 'luck'"),
         ({"config": 3}, "config: expected one of AnnealedMapElitesConfig, .*, got int"),
         ({"generations": 2.5}, "generations: expected a whole number, 0 or more, got 2.5"),
         ({"weights": Weights(bridges=0.1)}, "weights bridges: expected a whole number, .* got 0.1"),
