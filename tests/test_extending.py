@@ -53,6 +53,16 @@ def slow_roughness(grid):
     return np.nan if grid[1, 1] == 14 else metrics["turns"] / 3 - metrics["straights"] + 300.5 * metrics["dead_ends"]
 
 
+def mark(code):
+    """A move that writes a code into a corner that its bits name."""
+
+    def apply(bits, grid, mate=None):
+        dirty = jnp.zeros(grid.shape, bool).at[bits[0] % 2 * 3, bits[1] % 2 * 3].set(True)
+        return jnp.where(dirty, jnp.int8(code), grid), dirty
+
+    return Move(2, apply)
+
+
 def elites(result):
     return [np.asarray(array)[np.asarray(result.elites.valid)] for array in result.elites[:2]]
 
@@ -218,6 +228,18 @@ def test_a_function_is_known_by_what_it_computes(name, tmp_path):
             run(**of_factor(name, 3), **options)
 
 
+@pytest.mark.parametrize("other", ["fitness", "moves"])
+def test_a_feature_is_known_by_what_it_computes_beside_another_function_of_its_name(other):
+    name, options = "fitness", {"fitness": lambda usual: usual, "preset": "paper"}
+    if other == "moves":
+        name, options = "mine", {"moves": {"mine": (1, mark(3))}}
+    run = partial(evolve, jax.random.key(0), SHAPE, generations=1, method="ea", **options)
+    before = run(features={name: lambda grid: (grid == 5).sum()})
+    assert [name for name, _ in before.functions] == [name, "user fitness" if other == "fitness" else "move mine"]
+    with pytest.raises(InputError, match="other options or functions"):
+        run(features={name: lambda grid: (grid == 10).sum()}, state=before.state)
+
+
 @pytest.mark.slow
 def test_a_function_whose_values_change_is_another_one(tmp_path):
     """What a function reads may change between two calls, as in a sweep in a notebook."""
@@ -289,6 +311,12 @@ def test_chosen_maps_have_a_float_fitness():
         ({"moves": {"miror": 0}}, "got 'miror'; is it mirror?"),
         ({"moves": {"mirror": -1}}, "moves: mirror: expected a whole number, 0 or more, got -1"),
         ({"moves": {"mine": (1, lambda bits: bits)}}, "moves: mine: expected a weight and a Move"),
+        ({"moves": {"mirror": np.array(3)}}, "moves: expected plain numbers, got an array in Annealed"),
+        ({"moves": {"mine": (jnp.int32(3), mark(3))}}, "moves: expected plain numbers, got an array in Annealed"),
+        (
+            {"moves": {None: (1, mark(3))}},
+            "moves: expected names of letters, digits and _ that no other move has, got None",
+        ),
         ({"moves": {"mine": (-1, Move(1, print))}}, "moves: mine: expected a whole number, 0 or more, got -1"),
         ({"moves": {"mine": (1, Move(1, lambda bits, grid, mate: (grid, grid)))}}, "mine to return int8 and bool"),
         ({"moves": {"mirror": 0}, "preset": "paper"}, "moves: expected a method with moves, such as preset tuned"),
@@ -298,16 +326,6 @@ def test_wrong_functions_are_named(options, message, any_types):
     with pytest.raises(InputError) as caught:
         evolve(jax.random.key(0), SHAPE, generations=1, **options)
     assert message in str(caught.value)
-
-
-def mark(code):
-    """A move that writes a code into a corner that its bits name."""
-
-    def apply(bits, grid, mate=None):
-        dirty = jnp.zeros(grid.shape, bool).at[bits[0] % 2 * 3, bits[1] % 2 * 3].set(True)
-        return jnp.where(dirty, jnp.int8(code), grid), dirty
-
-    return Move(2, apply)
 
 
 def test_moves_of_the_user_are_made_in_proportion_to_their_weights():

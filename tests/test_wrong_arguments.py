@@ -182,6 +182,7 @@ WRONG = {
     ),
     "file: expected a name that ends in .png, got map.json": lambda: write_png("map.json", np.zeros((4, 4), np.uint8)),
     "moves: expected names of letters, digits and _ that no other": lambda: evolve(0, moves={3: (1, 2)}),
+    "user_moves: expected moves by name, got (1,)": lambda: MoveWeights(user_moves=(1,)),
     "user_moves: mine: expected a weight and a Move, got 3": lambda: MoveWeights(user_moves={"mine": 3}),
     "cells: expected at most 33,554,432 in all, got": lambda: to_movingai(np.full((99, 99), 15), "map", cells=64),
     "map: expected one map, got 2": lambda: to_dt_maps([GRID, GRID]),

@@ -26,11 +26,13 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
       InputError: unless it is two whole numbers from 1, or from 2 for new maps, to `LONGEST_SIDE`.
     """
     try:
-        height, width = (int(side) for side in shape if int(side) == side)
+        height, width = shape
+        are_whole = int(height) == height and int(width) == width
     except (TypeError, ValueError, OverflowError):
-        raise InputError(
-            f"shape: expected (height, width), two whole numbers, got {shape!r}"
-        ) from None
+        are_whole = False
+    if not are_whole:
+        raise InputError(f"shape: expected (height, width), two whole numbers, got {shape!r}")
+    height, width = int(height), int(width)
     least, purpose = (2, " for new maps") if new else (1, "")
     if min(height, width) < least or max(height, width) > LONGEST_SIDE:
         raise InputError(

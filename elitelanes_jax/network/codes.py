@@ -101,7 +101,7 @@ def check_alphabet(codes: Iterable[UserValue]) -> tuple[int, ...]:
     expected = "alphabet: expected tile codes, whole numbers 0 to 15"
     try:
         listed = np.asarray(codes if hasattr(codes, "shape") else list(codes)).ravel().tolist()
-    except TypeError:
+    except (TypeError, ValueError):  # nothing to iterate over, or rows of several lengths
         raise InputError(f"{expected}, got {codes!r}") from None
     wrong = [code for code in listed if type(code) is not int or not 0 <= code <= 15]
     if wrong or not listed:

@@ -43,11 +43,15 @@ from elitelanes_jax.optimizers._windows import valid_windows
 
 def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
     """Checks moves of the user; returns them sorted by name, so that results do not depend on their order."""
-    if not isinstance(moves, Mapping | tuple):
+    # The default of a field is immutable: an empty tuple.
+    if isinstance(moves, tuple) and not moves:
+        moves = {}
+    if not isinstance(moves, Mapping):
         raise InputError(f"expected moves by name, got {shorten(repr(moves))}")
     checked = {}
-    for name, value in sorted(dict(moves).items(), key=lambda item: str(item[0])):
-        if not str(name).isidentifier() or name in KNOWN_MOVES:
+    for name, value in sorted(moves.items(), key=lambda item: str(item[0])):
+        is_name = isinstance(name, str) and name.isidentifier()
+        if not is_name or name in KNOWN_MOVES:
             expected = "names of letters, digits and _ that no other move has"
             raise InputError(f"expected {expected}, got {shorten(repr(name))}")
         checked[name] = _check_user_move(name, value)

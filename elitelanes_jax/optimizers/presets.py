@@ -118,20 +118,21 @@ def with_moves(config: Config, moves: UserValue) -> Config:
             f"moves: expected a method with moves, such as preset tuned, got {type(config).__name__}"
         )
     annealing = annealing.replace(moves=annealing.moves.with_moves(moves))
-    return annealing if isinstance(config, AnnealingConfig) else config.replace(annealing=annealing)
+    if isinstance(config, AnnealingConfig):
+        return annealing
+    return config.replace(annealing=annealing)
 
 
 def user_moves(config: Config) -> dict[str, Move]:
     """Returns the moves of the user in a configuration, by name."""
     annealing = _annealing(config)
-    return (
-        {}
-        if annealing is None
-        else {name: move for name, (_, move) in annealing.moves.user_moves.items()}
-    )
+    if annealing is None:
+        return {}
+    return {name: move for name, (_, move) in annealing.moves.user_moves.items()}
 
 
 def _annealing(config: Config) -> AnnealingConfig | None:
+    """Returns the options of annealing, which have the moves; None for a method without annealing."""
     annealing = getattr(config, "annealing", config)
     return annealing if isinstance(annealing, AnnealingConfig) else None
 
@@ -143,11 +144,11 @@ def find_preset(config: Config) -> tuple[str, str, bool]:
     anything else.
     """
     _check_config(config)
-    alike = [
-        (found, known == config) for found, known in PRESETS.items() if type(known) is type(config)
-    ]
-    (method, preset), exact = max(alike, key=lambda one: one[1])
-    return method, preset, exact
+    names_of_type = [names for names, preset in PRESETS.items() if type(preset) is type(config)]
+    for names in names_of_type:
+        if PRESETS[names] == config:
+            return *names, True
+    return *names_of_type[0], False
 
 
 def config_to_plain(config: Config) -> dict[str, Plain]:
@@ -175,20 +176,26 @@ def config_from_plain(plain: Plain) -> Config | None:
             f"config: expected a kind, one of {', '.join(kinds)}, got {shorten(repr(plain))}"
         )
     fields = {name: value for name, value in plain.items() if name != "kind"}
-    annealing = fields.get("annealing", fields)
-    if isinstance(annealing, Mapping) and (annealing.get("moves") or {}).get("user_moves"):
+    if _has_user_moves(fields):
         return None
     return _from_plain(kinds[plain["kind"]](), fields)
 
 
+def _has_user_moves(fields: Mapping[str, Plain]) -> bool:
+    """Returns whether the plain fields of a configuration have moves of the user."""
+    annealing = fields.get("annealing", fields)
+    moves = annealing.get("moves") if isinstance(annealing, Mapping) else None
+    return isinstance(moves, Mapping) and bool(moves.get("user_moves"))
+
+
 def _from_plain(default: R, plain: Plain) -> R:
+    """Returns a record of the kind of `default` from its plain fields, which may be records in turn."""
     names = default.options()
     if not isinstance(plain, Mapping) or set(plain) != set(names):
         raise InputError(f"config: expected {', '.join(names)}, got {shorten(repr(plain))}")
-    parts = {name: getattr(default, name) for name in names}
-    nested = {
-        name: _from_plain(part, plain[name])
-        for name, part in parts.items()
-        if isinstance(part, Record)
-    }
-    return default.replace(**{**plain, **nested})
+    values = dict(plain)
+    for name in names:
+        part = getattr(default, name)
+        if isinstance(part, Record):
+            values[name] = _from_plain(part, plain[name])
+    return default.replace(**values)

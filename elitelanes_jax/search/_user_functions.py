@@ -80,14 +80,19 @@ def ask_for_method(
         return spec
     if config is None:
         return spec
-    if any(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(config)):
-        raise InputError(f"config: expected plain numbers, got an array in {config}")
+    _check_plain_numbers("config", config)
     method, preset, _ = find_preset(config)
     if options.get("method", method) != method:
         raise InputError(
             f"config: expected one of {options['method']}, got {type(config).__name__}"
         )
     return spec.replace(method=method, preset=preset)
+
+
+def _check_plain_numbers(argument: str, config: Config) -> None:
+    """Checks that a configuration has no arrays, which results could not be compared by or saved with."""
+    if any(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(config)):
+        raise InputError(f"{argument}: expected plain numbers, got an array in {config}")
 
 
 def check_extensions(search: Search, extensions: Extensions) -> None:
@@ -101,12 +106,12 @@ def check_extensions(search: Search, extensions: Extensions) -> None:
         if name not in extensions.kernels:
             expected = f"the kernel of {name}, as evolve(features={{name: kernel}})"
             raise InputError(f"features: expected {expected}, got none")
-    functions = {
-        "optimizer": extensions.optimizer,
-        "fitness": extensions.fitness,
-        **extensions.kernels,
-    }
-    for name, function in functions.items():
+    functions = [
+        ("optimizer", extensions.optimizer),
+        ("fitness", extensions.fitness),
+        *extensions.kernels.items(),
+    ]
+    for name, function in functions:
         if not _is_hashable(function):
             raise InputError(
                 f"{name}: expected a function with a hash, got {shorten(repr(function))}"
@@ -119,7 +124,7 @@ def find_config(search: Search, extensions: Extensions) -> Config | None:
     """Returns the configuration of a search: the user's, or the preset's, with the user's moves; None for an optimiser.
 
     Raises:
-      InputError: for moves of a method that has none.
+      InputError: for moves of a method that has none, or weights of moves that are arrays.
     """
     if extensions.optimizer is not None:
         return None
@@ -128,6 +133,7 @@ def find_config(search: Search, extensions: Extensions) -> Config | None:
         config = PRESETS[search.settings.method, search.settings.preset]
     if extensions.moves is not None:
         config = with_moves(config, extensions.moves)
+        _check_plain_numbers("moves", config)
     return config
 
 
@@ -160,7 +166,8 @@ def digest_functions(setup: Setup) -> dict[str, Digest]:
     """Returns the digests of the user's functions, by name, because an edited function keeps its name.
 
     They are traced at every call, because a global or an attribute that a function reads may have
-    changed.
+    changed. A fitness or a move whose name a feature has too is named by its kind as well, such as
+    "move zigzag".
     """
     if setup.factory is not None:
         leaves, structure = jax.tree.flatten(setup)
@@ -174,10 +181,13 @@ def digest_functions(setup: Setup) -> dict[str, Digest]:
         features = jax.ShapeDtypeStruct((1, len(problem.feature_names)), jnp.int32)
         usual = jax.ShapeDtypeStruct((1,), jnp.int32)
         fitness = partial(apply_fitness, problem.fitness, problem.feature_names)
-        digests["fitness"] = Digest(*digest(fitness, grids, features, usual))
+        name = "user fitness" if "fitness" in digests else "fitness"
+        digests[name] = Digest(*digest(fitness, grids, features, usual))
     assert setup.config is not None
     for name, move in user_moves(setup.config).items():
         bits = jax.ShapeDtypeStruct((move.bits,), jnp.uint32)
+        if name in digests:
+            name = f"move {name}"
         digests[name] = Digest(*digest(move.apply, bits, grid, grid))
     return digests
 

@@ -12,7 +12,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, listed
 from elitelanes_jax._util.errors import InputError, shorten, warn_user
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.search.result import History, Result, RunState
+from elitelanes_jax.search.result import NO_STATE, History, Result
 
 
 @name_wrong_arguments
@@ -58,7 +58,7 @@ def join_parts_of_run(results: Sequence[Result]) -> Result:
 
 def without_state(result: Result) -> Result:
     """Returns a result that has no state to continue from."""
-    return replace(result, state=RunState(np.zeros((), np.int32), (), np.zeros((), np.uint32)))
+    return replace(result, state=NO_STATE)
 
 
 def _search_of(result: Result) -> dict[str, UserValue]:

@@ -144,6 +144,10 @@ class RunState(NamedTuple):
         return in_short(self)
 
 
+NO_STATE = RunState(np.zeros((), np.int32), (), np.zeros((), np.uint32))
+"""The state of a result that was joined or saved without its state. No search continues from it."""
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Result:
@@ -491,15 +495,16 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
     for name in list(arrays):
         if name.startswith(_STATE):
             state_arrays[name.removeprefix(_STATE)] = arrays.pop(name)
-    leaf_count = len(state_arrays) - 2
-    leaves = []
-    for index in range(leaf_count):
-        if f"inner.{index}" in state_arrays:
-            leaves.append(state_arrays[f"inner.{index}"])
-    generation = state_arrays.get("generation", np.zeros((), np.int32))
-    fingerprint = state_arrays.get("fingerprint", np.zeros((), np.uint32))
-    if len(leaves) < leaf_count or generation.shape or fingerprint.shape:
+    if not state_arrays:
+        return NO_STATE
+    leaf_names = [f"inner.{index}" for index in range(len(state_arrays) - 2)]
+    if set(state_arrays) != {"generation", "fingerprint", *leaf_names}:
         raise InputError("a file with an incomplete state")
+    generation, fingerprint = state_arrays["generation"], state_arrays["fingerprint"]
+    for number in (generation, fingerprint):
+        if number.shape or number.dtype.kind not in "iu":
+            raise InputError("a file with an incomplete state")
+    leaves = [state_arrays[name] for name in leaf_names]
     return RunState(generation, tuple(leaves), fingerprint)
 
 

@@ -1,6 +1,6 @@
 """What a user asks of a search: options by name, without JAX."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypedDict, Unpack
@@ -17,6 +17,7 @@ from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.ranges import Range
 from elitelanes_jax.problem.targets import ExampleValues
 from elitelanes_jax.search.settings import OPTIONS, check_option
+from elitelanes_jax.search.style import STYLES, Style
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -78,7 +79,8 @@ class SearchSpec:
 
     Attributes:
       options: the checked values of the given options, by name.
-      inputs: the files and folders that the options named.
+      inputs: the files and folders that the options named, also those for large maps and those of
+        a style's file.
     """
 
     options: Mapping[str, UserValue]
@@ -95,8 +97,10 @@ class SearchSpec:
         """
         _check_budget(options)
         user_features = check_named("features", check_features, options.get("features", ()))
-        object.__setattr__(self, "options", check_options(options, user_features))
-        object.__setattr__(self, "inputs", tuple(inputs_among(options, OPTIONS)))
+        checked = check_options(options, user_features)
+        inputs = [*_inputs_of(options), *_inputs_of_style(checked.get("style"))]
+        object.__setattr__(self, "options", checked)
+        object.__setattr__(self, "inputs", tuple(dict.fromkeys(inputs)))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SearchSpec) and self.options == other.options
@@ -120,6 +124,23 @@ class SearchSpec:
         spec = type(self)(**both)
         object.__setattr__(spec, "inputs", tuple(dict.fromkeys((*spec.inputs, *self.inputs))))
         return spec
+
+
+def _inputs_of(options: Mapping[str, UserValue]) -> Iterator[str]:
+    """Yields the files and folders that options name, before they are checked."""
+    yield from inputs_among(options, OPTIONS)
+    large = options.get("large")
+    if isinstance(large, SearchSpec):
+        yield from large.inputs
+    elif isinstance(large, Mapping):
+        yield from inputs_among(large, OPTIONS)
+
+
+def _inputs_of_style(style: Style | None) -> Iterator[str]:
+    """Yields the files and folders that the options in a style's file name."""
+    # The words of the package's own styles, such as duckietown, name no files.
+    if style is not None and style.name not in STYLES:
+        yield from _inputs_of(style.options)
 
 
 def check_options(

@@ -129,6 +129,18 @@ def test_a_folder_with_a_file_that_a_specification_named_is_not_replaced(write, 
     assert files(folder) == before
 
 
+def test_files_for_large_maps_and_those_of_a_style_are_inputs(tmp_path):
+    tiles, style, large_style = (tmp_path / name for name in ("tiles.toml", "mine.toml", "large.toml"))
+    tiles.write_text("straight = 20\nturn = 10\n")
+    style.write_text(f'inventory = "{tiles}"\n')
+    large_style.write_text(f'[large]\ninventory = "{tiles}"\n')
+    large = {"inventory": str(tiles)}
+    for spec in (SearchSpec(large=large), SearchSpec(large=SearchSpec(**large)), SearchSpec().replace(large=large)):
+        assert spec.replace(method="ea").inputs == (str(tiles),)
+    for file in (style, large_style):
+        assert SearchSpec(style=str(file)).inputs == (str(file), str(tiles))
+
+
 def test_a_word_that_is_also_the_name_of_the_folder_is_no_input(tmp_path, monkeypatch):
     """`--method ea --out ea` names no file, and so the folder can be replaced."""
     monkeypatch.chdir(tmp_path)

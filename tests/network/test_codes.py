@@ -33,7 +33,14 @@ def test_a_quarter_turn_is_counter_clockwise():
 
 def test_alphabets():
     assert check_alphabet([15, 3, 3, np.int8(5)]) == (3, 5, 15)
-    for wrong, got in (([], "none"), ([16], "16"), ([-1], "-1"), ([1.5], "1.5"), (["road"], "'road'")):
+    for wrong, got in (
+        ([], "none"),
+        ([16], "16"),
+        ([-1], "-1"),
+        ([1.5], "1.5"),
+        (["road"], "'road'"),
+        ([[3], [5, 6]], r"\[\[3\]"),
+    ):
         with pytest.raises(ValueError, match=f"alphabet: expected tile codes, whole numbers 0 to 15, got {got}"):
             check_alphabet(wrong)
 
@@ -60,7 +67,9 @@ def test_a_random_grid_does_not_depend_on_how_many_there_are():
         random_grids(key, -1)
 
 
-@pytest.mark.parametrize("shape", [(5, 0), (2,), (2, 2, 2), (2.5, 3), "ab", None, 7, (2, 2000)])
+@pytest.mark.parametrize(
+    "shape", [(5, 0), (2,), (2, 2, 2), (2.5, 3), (2, 2.5, 2), (2.5, 2, 2), "ab", None, 7, (2, 2000)]
+)
 def test_bad_shapes_are_refused(shape):
     with pytest.raises(ValueError, match="shape: expected"):
         check_shape(shape)

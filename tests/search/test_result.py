@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from elitelanes_jax import InputError, Optimizer, Result, SearchSpec, ea
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax.optimizers import PRESETS, AnnealedGwoConfig, EvolutionConfig, MapElitesConfig
+from elitelanes_jax.optimizers import PRESETS, AnnealedGwoConfig, AnnealingConfig, EvolutionConfig, MapElitesConfig
 from elitelanes_jax.optimizers.presets import config_from_plain, config_to_plain, find_preset
 from elitelanes_jax.search.resolve import plain_spec, search_from_plain
 
@@ -220,6 +220,9 @@ def changed(file, **changes):
         ({"fitness": np.zeros(3, np.int32)}, r"fitness of int32 \(3,\), which does not fit"),
         ({"history__best_fitness": np.zeros((3, 6), np.int32)}, r"history.best_fitness of int32 \(3, 6\)"),
         ({"state__inner.0": None}, "a file with an incomplete state"),
+        ({"state__generation": None}, "a file with an incomplete state"),
+        ({"state__generation": np.array("a")}, "a file with an incomplete state"),
+        ({"config": config_to_plain(AnnealingConfig()) | {"moves": [1]}}, ".* config: expected link, corner"),
         ({"luck": np.zeros(2)}, "a file with luck, which no result has"),
     ],
 )
