@@ -27,7 +27,8 @@ LEVELS = len(_OPTIONS)
 # less.
 _MOST_CELLS = (2_500_000, 160_000_000)
 
-_unknown_options: set[str] = set()  # those that this version of XLA does not know
+# The options that this version of XLA does not know.
+_unknown_options: set[str] = set()
 
 
 def least_level(platform: str, cells: int) -> int:
@@ -53,7 +54,8 @@ def compile_at(lowered: jax.stages.Lowered, level: int) -> jax.stages.Compiled:
     }
     try:
         return lowered.compile(options or None)
-    except Exception as error:  # of XLA, of any type; it checks the options first
+    except Exception as error:
+        # XLA raises errors of any type. It checks the options before it compiles.
         unknown = [name for name in options if name in str(error)]
         if not unknown:
             raise

@@ -110,7 +110,8 @@ def _merge_by_feature(
     """
     names = {item[0] for item in later}
     if all(item[0] in names for item in earlier):
-        return later  # in the order of a file that was read
+        # So a record that was saved and read again keeps its order.
+        return later
     by_feature = {item[0]: item for item in (*earlier, *later)}
     return tuple(by_feature.values())
 

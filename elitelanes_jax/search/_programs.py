@@ -146,7 +146,8 @@ class Programs:
         self._floats = floats
         self._part_rows, part_count = part_rows(len(keys), devices)
         self._devices = list(dict.fromkeys(devices[:part_count]))
-        self._evaluated_cells = 0  # in this process
+        # The cells that this process has evaluated.
+        self._evaluated_cells = 0
         self._compiled: dict[ProgramKey, Callable[..., Pytree]] = {}
         self._exports: dict[str, jax.export.Exported] = {}
         self._facts: SearchFacts | None = None
@@ -337,7 +338,8 @@ class Programs:
                 self._exports[program] = export.deserialize(
                     bytearray(self._stored.exports[program])
                 )
-            except Exception as error:  # of JAX, of any type
+            except Exception as error:
+                # JAX raises errors of any type.
                 assert self._file is not None
                 announce_refused(self._file, error)
                 self._stored = None
@@ -422,7 +424,8 @@ def _find(
     devices: tuple[jax.Device, ...],
     floats: bool,
     folder: Path | None,
-    settings: Pytree,  # JAX's, of this thread: other settings make other programs
+    # JAX's settings of this thread: other settings make other programs.
+    settings: Pytree,
 ) -> Programs:
     numbers = [jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in shapes]
     setup = jax.tree.unflatten(structure, numbers)

@@ -53,7 +53,8 @@ def find_folder() -> Path | None:
         return None
     if jax.local_devices()[0].platform != "cpu" or jax.process_count() > 1:
         return None
-    if not jax.sharding.get_abstract_mesh().empty:  # exported programs would need this mesh
+    if not jax.sharding.get_abstract_mesh().empty:
+        # Exported programs would need this mesh.
         return None
     return Path(folder) / "exported"
 
@@ -117,7 +118,8 @@ def load(file: Path) -> StoredPrograms | None:
     for name, size in facts.pop("sizes").items():
         exports[name] = body[start : start + size]
         start += size
-    with suppress(OSError):  # another user's file
+    with suppress(OSError):
+        # The file may belong to another user.
         os.utime(file)
     return StoredPrograms(facts, exports)
 

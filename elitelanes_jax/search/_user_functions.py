@@ -75,7 +75,8 @@ def ask_for_method(
             raise InputError(
                 "moves: expected a method with moves, such as preset tuned, got an optimizer"
             )
-        if spec.options.get("method") == CUSTOM:  # of an earlier result
+        if spec.options.get("method") == CUSTOM:
+            # The method is that of an earlier result.
             return spec.replace(method="map-elites", preset="tuned")
         return spec
     if config is None:

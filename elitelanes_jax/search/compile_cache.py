@@ -24,11 +24,13 @@ def use_compile_cache() -> Path | None:
     if named := jax.config.values.get("jax_compilation_cache_dir"):
         if "://" in str(named) or _can_write(Path(named)):
             return Path(named)
-        jax.config.update("jax_compilation_cache_dir", None)  # otherwise JAX warns for each program
+        # With the former folder, JAX would warn for each program.
+        jax.config.update("jax_compilation_cache_dir", None)
         return None
     try:
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "elitelanes_jax"
-    except RuntimeError:  # without a home
+    except RuntimeError:
+        # The user has no home folder.
         return None
     if not _can_write(cache):
         return None

@@ -10,7 +10,8 @@ from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.plain_metrics import count_tiles
 from elitelanes_jax.network.records import Metrics
 
-_CHECKED_AT_ONCE = 2**16  # grids: 10 MB of 12 x 12 tiles
+# The grids that are measured at once: 10 MB of 12 x 12 tiles.
+_CHECKED_AT_ONCE = 2**16
 
 
 class MeasuredElites(NamedTuple):

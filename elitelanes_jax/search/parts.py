@@ -28,10 +28,16 @@ _SEEDS_A_PART = 32
 
 
 class EvolvedPart(NamedTuple):
-    """The result of some seeds of a search, without a state to continue from, and the figures for its record."""
+    """The result of some seeds of a search, and the figures for its record.
+
+    Attributes:
+      result: the result, without a state to continue from.
+      seconds: the seconds that the generations took.
+      device: the kind of the device.
+    """
 
     result: Result
-    seconds: float  # of the generations
+    seconds: float
     device: str
 
 
@@ -66,7 +72,8 @@ def evolve_parts(
         raise InputError(
             "key: expected several keys or a whole number, to be divided among workers, got one key"
         )
-    if keys.kind != THREEFRY:  # the bits of other keys depend on the whole batch
+    if keys.kind != THREEFRY:
+        # The bits of other keys depend on the whole batch.
         raise InputError(
             f"key: expected keys of {THREEFRY}, to be divided among workers, got {keys.kind}"
         )
@@ -125,7 +132,8 @@ def _evolve_task(
     if caches:
         use_compile_cache()
     result = evolve_search(*task, extensions, progress=False)
-    arrays = jax.tree.map(np.asarray, without_state(result))  # NumPy's travel without a device
+    # Arrays of NumPy can travel to a process with other devices.
+    arrays = jax.tree.map(np.asarray, without_state(result))
     return EvolvedPart(arrays, result.history.seconds, jax.devices()[0].device_kind)
 
 

@@ -37,12 +37,19 @@ choose. The differences change after each map."""
 
 
 class Choice(NamedTuple):
-    """The chosen maps, and why the other elites were not chosen."""
+    """The chosen maps, and why the other elites were not chosen.
 
-    maps: list[RoadMap]  # the chosen maps, sorted by niche, and within a niche by fitness
-    found: int  # the number of elites
-    rejected: dict[str, int]  # the number of elites that violate a constraint, by reason
-    alike: int  # the number of elites with the same roads as another elite or an excluded map
+    Attributes:
+      maps: the chosen maps, sorted by niche, and within a niche by fitness.
+      found: the number of elites.
+      rejected: the number of elites that violate a constraint, by reason.
+      alike: the number of elites with the same roads as another elite or an excluded map.
+    """
+
+    maps: list[RoadMap]
+    found: int
+    rejected: dict[str, int]
+    alike: int
 
     def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
         """Returns how many of the `wanted` maps were found, the reasons against the other elites, and what finds more.
@@ -63,7 +70,8 @@ class Choice(NamedTuple):
         """Returns what finds more maps ``(height, width)`` with a method."""
         if _OUTSIDE in self.rejected:
             return "wider ranges, more seeds or evaluations"
-        if method == "ea":  # its population becomes more alike with time
+        if method == "ea":
+            # The population becomes more alike with time.
             return "more seeds"
         most_frequent = max(self.rejected, key=lambda reason: self.rejected[reason], default="")
         if most_frequent.endswith("the tile set lacks"):
@@ -105,7 +113,8 @@ def choose_maps(
       min_difference: the least `difference` of each map from all others. If there are too few such
         maps, the next share applies.
     """
-    if elites.valid.ndim == 1:  # of one seed
+    if elites.valid.ndim == 1:
+        # Elites of one seed have no axis of seeds.
         elites = jax.tree.map(lambda array: array[None], elites)
     valid = np.asarray(elites.valid)
     metrics = {name: values.ravel() for name, values in elites.by_name().items()}
@@ -151,16 +160,27 @@ def choose_maps(
 
 
 class _Candidates(NamedTuple):
-    """M elites among which maps are chosen, the fittest first."""
+    """M elites among which maps are chosen, the fittest first.
 
-    grids: _Grids  # [M, H, W]
-    fitness: NDArray[np.int32]  # [M]
-    metrics: dict[str, NDArray[np.generic]]  # of [M] each, by name
-    descriptor: NDArray[np.int32]  # [M, D]
-    bins: NDArray[np.int_]  # [M, D], the niche
-    points: NDArray[np.float64]  # [M, D], the niche in units of each axis, 0 to 1
-    on_target: NDArray[np.bool_]  # [M], whether the niche is in all target bins
-    seeds: NDArray[np.int_]  # [M], by their number in the run
+    Attributes:
+      grids: the codes ``[M, H, W]``.
+      fitness: the fitness ``[M]``.
+      metrics: the metrics by name, each ``[M]``.
+      descriptor: the values on the D axes, ``[M, D]``.
+      bins: the bins of the niche, ``[M, D]``.
+      points: the niche in units of each axis, ``[M, D]``, 0 to 1.
+      on_target: whether the niche is in all target bins, ``[M]``.
+      seeds: the number in the run of the seed that found each elite, ``[M]``.
+    """
+
+    grids: _Grids
+    fitness: NDArray[np.int32]
+    metrics: dict[str, NDArray[np.generic]]
+    descriptor: NDArray[np.int32]
+    bins: NDArray[np.int_]
+    points: NDArray[np.float64]
+    on_target: NDArray[np.bool_]
+    seeds: NDArray[np.int_]
 
     @staticmethod
     def take(
@@ -287,7 +307,8 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
     A point yields a map of the seed that has given the fewest so far, because maps of one seed are
     related.
     """
-    maps_of: Counter[int] = Counter()  # the maps that each seed has given
+    # The number of maps that each seed has given.
+    maps_of: Counter[int] = Counter()
 
     def order(difference: NDArray[np.float64], share: float) -> Iterator[int]:
         waiting: dict[bytes, list[int]] = {}

@@ -20,10 +20,15 @@ STYLES = ("paper", "town")
 
 
 class Style(NamedTuple):
-    """A style that was read."""
+    """A style that was read.
 
-    name: str  # of the style, or the path of its file
-    options: Mapping[str, UserValue]  # values by name, not yet checked
+    Attributes:
+      name: the name of the style, or the path of its file.
+      options: values by name, not yet checked.
+    """
+
+    name: str
+    options: Mapping[str, UserValue]
 
 
 def read_style(style: UserValue) -> Style:
