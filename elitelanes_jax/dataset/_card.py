@@ -248,7 +248,8 @@ def _read(file: Path) -> UInt8[np.ndarray, "..."]:
     if picture is None:
         raise OSError(0, "cannot be read as a picture", str(file))
     if picture.ndim == 3:
-        picture = picture[..., ::-1]  # OpenCV has blue first
+        # OpenCV has blue first.
+        picture = picture[..., ::-1]
     return np.asarray(picture, np.uint8)
 
 

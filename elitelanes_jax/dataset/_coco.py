@@ -48,7 +48,8 @@ def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
     name = SHORT_NAMES[split]
     classes = [{"id": label, "name": title} for label, title in enumerate(LABELS) if label]
     _write_coco(folder / "annotations" / f"{name}.json", read, _class_annotations, classes)
-    if "outlines" in next(iter(read()), {}):  # all records have them, or none has
+    if "outlines" in next(iter(read()), {}):
+        # All records have outlines, or none has.
         kinds = [{"id": index, "name": kind} for index, kind in enumerate(OBJECT_KINDS, 1)]
         _write_coco(
             folder / "annotations" / f"objects_{name}.json", read, _object_annotations, kinds

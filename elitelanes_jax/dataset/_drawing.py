@@ -28,8 +28,10 @@ from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.packed import Pictures
 from elitelanes_jax.tiles.tileset import TileSet
 
-_PICTURES_A_PART = 250  # for an executor: a second or more of work, and some megabytes that return
-_BLOCK = 1000  # samples that are listed at once, and that share a file of records or a shard
+# The pictures of a part for an executor: work of a second or more, and some megabytes that return.
+_PICTURES_A_PART = 250
+# The samples that are listed at once, and that share a file of records or a shard.
+_BLOCK = 1000
 
 
 class Block(NamedTuple):

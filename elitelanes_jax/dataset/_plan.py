@@ -108,7 +108,8 @@ class _Size(NamedTuple):
 
         The maps differ from `others`, of any sizes.
         """
-        earlier: list[NDArray[np.int8]] = []  # of this size
+        # The earlier maps of this size.
+        earlier: list[NDArray[np.int8]] = []
         number = level = 0
         while len(earlier) < self.wanted:
             file = self.file(number)

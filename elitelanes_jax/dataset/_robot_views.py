@@ -30,14 +30,22 @@ _F = TypeVar("_F", np.float32, np.float64)
 
 # Gym-duckietown's horizons: a blue sky, a wall, darkness, a white hall; RGB.
 _HORIZONS = ((115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235))
-_CENTRE = np.float32(0.5)  # of the first pixel; OpenCV's coordinates refer to the centres of pixels
-_FINER = 2  # samples per pixel in each direction
-_WHITE_LINE = 0.09  # tiles from the tile's edge
-_ROBOT = Robot().width / 2  # metres, the radius of a robot
-_TRIES = 64  # to draw a pose where the robot touches no object
-LEVELS = 6  # the number of sizes of the map: whole, a half, a quarter and so on
-_LEAST_INVERSE_DEPTH = 1e-6  # in 1 / metres; rays with less do not meet the ground
-_FARTHEST = 1e6  # pixels. OpenCV's range ends at larger distances.
+# The centre of the first pixel. OpenCV's coordinates refer to the centres of pixels.
+_CENTRE = np.float32(0.5)
+# The samples per pixel in each direction.
+_FINER = 2
+# The distance of the white line from the tile's edge, in tiles.
+_WHITE_LINE = 0.09
+# The radius of a robot in metres.
+_ROBOT = Robot().width / 2
+# The tries to draw a pose where the robot touches no object.
+_TRIES = 64
+# The number of sizes of the map: whole, a half, a quarter and so on.
+LEVELS = 6
+# In 1 / metres. Rays with less do not meet the ground.
+_LEAST_INVERSE_DEPTH = 1e-6
+# In pixels. OpenCV's range ends at larger distances.
+_FARTHEST = 1e6
 
 
 class Viewpoint(NamedTuple):
@@ -139,7 +147,8 @@ def _draw_place(
     row, column, heading, turn = movement
     along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
     d, phi = beside * viewpoints.offset, np.radians(turned * viewpoints.heading)
-    bend = turn - 1  # to the left
+    # It is positive to the left.
+    bend = turn - 1
     radius = 0.5 + lane_offset * bend
     angle = along * np.pi / 2 * bend
     # Forward and left of the middle of the side by which the tile is entered.

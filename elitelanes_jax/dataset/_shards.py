@@ -18,7 +18,8 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.rendering import png_of
 
-_ROWS = 100  # of a row group: what a reader of Parquet has in memory at once
+# The rows of a row group, which a reader of Parquet has in memory at once.
+_ROWS = 100
 
 
 class ShardSample(NamedTuple):

@@ -18,8 +18,10 @@ from elitelanes_jax.dataset._robot_views import LEVELS, MapPart, Rays, Viewpoint
 from elitelanes_jax.tiles.rendering import scale_opaque, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet
 
-_CHANNELS = 4  # of pictures, see `see_parts`
-_LABEL_BITS, _PAVED = 0x7F, 0x80  # of the bytes of surfaces
+# The channels of pictures, see `see_parts`.
+_CHANNELS = 4
+# The bits of the bytes of surfaces: the label, and whether the surface is paved.
+_LABEL_BITS, _PAVED = 0x7F, 0x80
 # Pixels, the side of tiles that are laid out whole, because cutting each one takes longer.
 _SMALL = 32
 

@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.dataset._transforms import VARIATION, Transforms
 
-_GRAINS = (4, 16, 64)  # of a pattern, from coarse to fine, along each side
+# The grains of a pattern along each side, from coarse to fine.
+_GRAINS = (4, 16, 64)
 _RECTANGLES = 5
-_DOUBT = 0.002  # grey levels
-_LONGEST = 25  # samples along a streak of motion blur
+# In grey levels.
+_DOUBT = 0.002
+# The samples along a streak of motion blur.
+_LONGEST = 25
 
 
 def varies(transforms: Transforms) -> bool:
@@ -172,7 +175,8 @@ def vary_motion(
     along = np.linspace(-length / 2, length / 2, _LONGEST)
     x, y = (np.rint(reach + along * part).astype(int) for part in (np.cos(angle), np.sin(angle)))
     np.add.at(kernel, (y, x), 1 / _LONGEST)
-    if np.count_nonzero(kernel) == 1:  # a streak within a pixel
+    if np.count_nonzero(kernel) == 1:
+        # The streak is within a pixel.
         return image
     return np.asarray(cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE), np.uint8)
 

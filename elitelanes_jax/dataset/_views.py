@@ -120,7 +120,8 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
     )
     if transforms.crop:
         sides = np.array([frame[1], frame[0]])
-        shown = sides * min(1.0, scale)  # the middle part of the frame that the map covers
+        # The middle part of the frame, which the map covers.
+        shown = sides * min(1.0, scale)
         first = np.ceil((sides - shown) / 2)
         last = np.maximum(first, np.floor((sides + shown) / 2 - transforms.crop))
         x, y = np.floor(first + numbers.position * (last - first + 1))
@@ -166,7 +167,8 @@ def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
         levels = np.arange(256)[:, None] - 128.0
         table = np.clip(np.rint(levels * view.gains + 128 + view.offset), 0, 255).astype(np.uint8)
         image = np.asarray(cv2.LUT(image, table[None]), np.uint8)
-    if view.blur > 0.1:  # a smaller blur changes no pixel
+    if view.blur > 0.1:
+        # A smaller blur changes no pixel.
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), view.blur), np.uint8)
     if view.noise:
         # Random bytes mapped to 256 quantiles of a normal distribution are four times as fast as

@@ -102,7 +102,8 @@ def make_planned(
     spec, tiles, _, objects = plan
     out = Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
-    find_layout(spec.format)  # checks that its package is installed
+    # This call checks that the format's package is installed.
+    find_layout(spec.format)
     identity = _identity(spec, tiles, objects)
     asked = identity | {"part": spec.part}
     settle(out)
@@ -168,7 +169,8 @@ def _make_maps(
         else:
             maps = spec.maps_from.maps
         return maps, split_maps(spec, maps)
-    except (InputError, NotEnoughMapsError):  # the next run has other settings
+    except (InputError, NotEnoughMapsError):
+        # The next run has other settings.
         remove(work.kept)
         raise
 
@@ -183,7 +185,8 @@ def _draw_samples(
                 draw_here(drawing, samples, workers, bar.count)
             else:
                 draw_on(pool, drawing, samples, bar.count)
-        except InputError as error:  # the objects do not fit
+        except InputError as error:
+            # The objects do not fit.
             _delete_pictures(work)
             if drawing.spec.maps_from is not None:
                 raise
@@ -222,7 +225,8 @@ def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], fo
     """Checks that the pictures so far have the objects of this run; with `force` deletes others."""
     file = work.kept / "pictures.json"
     if not file.exists():
-        _delete_pictures(work)  # which objects they show is not known
+        # Which objects these pictures show is not known.
+        _delete_pictures(work)
     else:
         try:
             hint = "use force=True to draw all pictures anew"

@@ -89,7 +89,8 @@ def _load_objects(spec: DatasetSpec) -> ObjectSet | None:
         return load_objects(spec.objects)
     if not objects_of_maps:
         if spec.objects is not None:
-            load_objects(spec.objects)  # a wrong folder is refused
+            # A wrong folder is refused before the search.
+            load_objects(spec.objects)
         return None
     pictures = load_objects(spec.objects)
     pictures.choose(objects_of_maps)

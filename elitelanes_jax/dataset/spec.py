@@ -43,7 +43,8 @@ _USUAL_SEARCH = SearchSpec(evaluations=100_000)
 LAYOUTS = ("imagefolder", "coco", "webdataset", "parquet")
 """The layouts of a dataset's folder."""
 
-_SHARDS = ("webdataset", "parquet")  # layouts without a file for each picture
+# The layouts without a file for each picture.
+_SHARDS = ("webdataset", "parquet")
 
 # The longest side that OpenCV warps, and the most pixels that Pillow reads.
 _LONGEST_SIDE, _MOST_PIXELS = 32_766, 178_956_970

@@ -29,7 +29,8 @@ from elitelanes_jax.network.bits import THREEFRY, fold_in
 NEXT_STEP, SAME_STEP, DISABLED = "NextStep", "SameStep", "Disabled"
 """Gymnasium's names for a reset instead of the step after an end, a reset in the same step, and no reset."""
 
-_SEEDS = 2**64  # the number of keys
+# The number of keys that a seed can name.
+_SEEDS = 2**64
 
 
 @name_wrong_arguments
@@ -79,7 +80,8 @@ def flattened(environment: Environment, *, channels_first: bool = False) -> Envi
     return _flattened(environment, channels_first=channels_first)
 
 
-@lru_cache(maxsize=32)  # so that batches of one environment share compiled functions
+# Batches of one environment share compiled functions.
+@lru_cache(maxsize=32)
 def _flattened(environment: Environment, *, channels_first: bool) -> Environment:
     """Does what `flattened` does, for an environment that is checked."""
 
@@ -174,12 +176,17 @@ _Packed = tuple[dict[str, AnyArray], list[AnyArray]]
 
 
 class _Carry(NamedTuple):
-    """The state of a batch between two steps."""
+    """The state of a batch between two steps.
 
-    # The two words of a key, and how many keys of the stream are used.
+    Attributes:
+      streams: the two words of a key, and the number of keys of its stream that are used.
+      state: the states, packed.
+      over: whether the episode has ended.
+    """
+
     streams: UInt32[Array, "N 3"]
     state: _Packed
-    over: Bool[Array, " N"]  # whether the episode has ended
+    over: Bool[Array, " N"]
 
 
 class Batch:
@@ -210,7 +217,8 @@ class Batch:
         self.params = jax.device_put(params)
         self._action = _action_shape(self.environment)
         self._mode = mode
-        self._begun = np.zeros(self.envs, bool)  # the environments that have been reset
+        # The environments that have been reset.
+        self._begun = np.zeros(self.envs, bool)
         # XLA simplifies a batch of one row to other arithmetic, with other last bits. Therefore
         # there are at least two.
         self._rows = max(self.envs, 2)

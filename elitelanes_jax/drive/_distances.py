@@ -21,7 +21,8 @@ UNREACHABLE = 2**30
 NO_WAY = 3
 """The value instead of a turn if no way leads to the goal."""
 
-_SWEEPS = 4  # between two checks for changes
+# The sweeps between two checks for changes.
+_SWEEPS = 4
 
 
 @name_wrong_arguments

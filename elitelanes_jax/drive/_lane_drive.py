@@ -117,20 +117,37 @@ class LaneDriveParams(Record):
 
 
 class LaneDriveState(NamedTuple):
-    """The state of an episode. `grid`, `ways`, `goal`, `shortest` and `objects` are the level's."""
+    """The state of an episode. `grid`, `ways`, `goal`, `shortest` and `objects` are the level's.
+
+    Attributes:
+      grid: the links of the level's map.
+      ways: the level's ways to its goal.
+      goal: the level's goal.
+      shortest: the tiles of the level's shortest way.
+      pose: the pose of the middle between the wheels.
+      wheels: the state of the wheels.
+      movement: the movement of the lane that the robot follows.
+      next_turn: the turn of the movement on the next tile.
+      d: the distance from the lane's centre, as in `LanePose`.
+      phi: the angle to the lane, as in `LanePose`.
+      s: the position along the lane, as in `LanePose`.
+      tiles: the number of tiles entered so far.
+      steps: the number of steps so far.
+      objects: the level's objects; None without objects.
+    """
 
     grid: Int8[Array, "H W"]
     ways: UInt8[Array, "H W"]
     goal: LaneNode
     shortest: Int32[Array, ""]
-    pose: Pose  # of the middle between the wheels
+    pose: Pose
     wheels: Wheels
     movement: Movement
-    next_turn: Int32[Array, ""]  # on the next tile
-    d: Float[Array, ""]  # as `LanePose` has them
+    next_turn: Int32[Array, ""]
+    d: Float[Array, ""]
     phi: Float[Array, ""]
     s: Float[Array, ""]
-    tiles: Int32[Array, ""]  # entered so far
+    tiles: Int32[Array, ""]
     steps: Int32[Array, ""]
     objects: Objects | None = None
 
@@ -180,11 +197,13 @@ class LaneDriveInfo(NamedTuple):
     collision: Bool[Array, ""] | None = None
 
 
-_AHEAD = (0.0, 0.25, 0.5)  # tiles
+# The distances ahead at which the curvature is observed, in tiles.
+_AHEAD = (0.0, 0.25, 0.5)
 
 # From row and column to the tile's code and ways.
 _Reader = Callable[[Array, Array], tuple[Array, Array]]
-_Parts = dict[str, Pytree]  # parts of a state, by name
+# The parts of a state, by name.
+_Parts = dict[str, Pytree]
 
 
 @name_wrong_arguments
@@ -276,7 +295,8 @@ class _Events(NamedTuple):
     entered: Array
     success: Array
     off_road: Array
-    along: Array  # tiles driven along the lane
+    # The tiles driven along the lane.
+    along: Array
     collision: Array | None
 
 
@@ -506,7 +526,8 @@ LaneDrive = Environment(_reset, _reset_to_level, _step, _observe, actions=None, 
 An action is two numbers, see `LaneDriveParams.action`.
 """
 
-_SPEED = 0.3  # metres a second
+# The speed of `pure_pursuit` in metres a second.
+_SPEED = 0.3
 # Tiles along the lane, from the point beside the robot to the point that it drives to.
 _LOOKAHEAD = 0.12
 

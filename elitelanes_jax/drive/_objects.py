@@ -24,12 +24,17 @@ from elitelanes_jax.formats.objects import NEAR, OBJECT_KINDS, OPAQUE, base_kind
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.xla import once
 
-_SIDE = 64  # rows and columns of the pictures
-_VIEWS = 8  # evenly around an object
-_INDEX = 24  # bits of an index of a pixel of a picture
+# The rows and columns of the pictures.
+_SIDE = 64
+# The number of views, evenly around an object.
+_VIEWS = 8
+# The bits of an index of a pixel of a picture.
+_INDEX = 24
 _MOST_PICTURES = 2**_INDEX // (_VIEWS * _SIDE**2)
-_BEHIND = 1e4  # tiles, added to distances of objects behind a robot, so that others are nearer
-_AWAY = -1e6  # tiles, the position of objects that fill up a batch
+# The tiles that are added to distances of objects behind a robot, so that others are nearer.
+_BEHIND = 1e4
+# The position, in tiles, of objects that fill up a batch.
+_AWAY = -1e6
 
 
 class Objects(NamedTuple):
@@ -147,7 +152,8 @@ def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
     words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(
         axis=-1, dtype=np.uint32
     )
-    pixels[..., 3] = 0  # the label of what is no road
+    # The label of what is no road is 0.
+    pixels[..., 3] = 0
     colours = np.ascontiguousarray(pixels).view("<u4").reshape(-1).astype(np.uint32)
     return Billboards(jnp.asarray(colours), jnp.asarray(words), jnp.asarray(aspect.reshape(-1)))
 
@@ -322,7 +328,8 @@ def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[A
     The radius is in metres. Objects that lie on the floor are not touched.
     """
     turn = wrap_angle(end.theta - start.theta)
-    way = jnp.stack([end.x - start.x, start.y - end.y]) * TILE  # east and north, as what follows
+    # To the east and to the north in metres, as the numbers below.
+    way = jnp.stack([end.x - start.x, start.y - end.y]) * TILE
     length = jnp.hypot(*way)
     offset = jnp.stack([(objects.x - start.x) * TILE, (start.y - objects.y) * TILE])
     # Nearly straight arcs are lines: from them an arc is at most 1/4000 of its length away.

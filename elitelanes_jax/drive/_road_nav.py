@@ -77,13 +77,21 @@ class RoadNavParams(Record):
 
 
 class RoadNavState(NamedTuple):
-    """The state of an episode. `grid`, `goal` and `shortest` are the level's."""
+    """The state of an episode. `grid`, `goal` and `shortest` are the level's.
+
+    Attributes:
+      grid: the links of the level's map.
+      goal: the level's goal.
+      shortest: the tiles of the level's shortest way.
+      node: the node of the agent.
+      tiles: the number of tiles driven so far.
+    """
 
     grid: Int8[Array, "H W"]
     goal: LaneNode
     shortest: Int32[Array, ""]
-    node: LaneNode  # of the agent
-    tiles: Int32[Array, ""]  # driven so far
+    node: LaneNode
+    tiles: Int32[Array, ""]
 
 
 class RoadNavObservation(NamedTuple):

@@ -28,12 +28,17 @@ from elitelanes_jax.network.xla import once
 # Grains of a pattern along each side; its finest grains are about 1/64 of the picture's rows.
 _COARSE = (4, 16)
 _FINEST = 64
-_SHADOWS = 5  # grains along each side
+# The grains of a shadow along each side.
+_SHADOWS = 5
 _RECTANGLES = 5
-_STREAK = 25  # samples along a streak of motion blur
-_LENS = 2  # pixels that a blur reaches in each direction
-_MANTISSA = 23  # bits of a float32 for its fraction
-_ROOT_HALF_BITS = 0x3F3504F3  # of the root of a half as a float32
+# The samples along a streak of motion blur.
+_STREAK = 25
+# The pixels that a blur reaches in each direction.
+_LENS = 2
+# The bits of a float32 for its fraction.
+_MANTISSA = 23
+# The bits of the root of a half as a float32.
+_ROOT_HALF_BITS = 0x3F3504F3
 # Of log2((1 + x) / (1 - x)) / x in powers of x²; error 2e-7 for fractions.
 _LOG2 = (2.885391, 0.9614714, 0.5989572)
 # Of 2**x from -0.5 to 0.5; error 4e-6.

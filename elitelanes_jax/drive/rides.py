@@ -67,13 +67,20 @@ _COLOURS = (
     (40, 220, 150),
     (255, 120, 200),
 )
-_ROOM = 2**20  # bytes to write on a full disk, so that the error says why
-_BATCH = 32  # frames that are rendered at once
-_HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
-_MOST_SEEN = 32  # objects in a view
-_BITS = 4  # of the fraction of a pixel
-_SIGHT_PX = 128  # of a tile in the pictures that a policy observes
-_PACE = 0.46  # tiles a second: the expert is faster, also in left turns
+# So many bytes are written on a full disk, so that the error says why.
+_ROOM = 2**20
+# The frames that are rendered at once.
+_BATCH = 32
+# The height of a film and the largest width of the map in it, in pixels.
+_HEIGHT, _WIDEST = 480, 1280
+# The most objects in a view.
+_MOST_SEEN = 32
+# The bits of the fraction of a pixel.
+_BITS = 4
+# The side of a tile in the pictures that a policy observes, in pixels.
+_SIGHT_PX = 128
+# In tiles a second. The expert is faster, also in left turns.
+_PACE = 0.46
 
 
 class Rides(NamedTuple):

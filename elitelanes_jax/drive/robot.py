@@ -17,7 +17,8 @@ from elitelanes_jax.network.xla import rounded
 TILE = 0.585
 """The side of a tile in metres."""
 
-_DELAYS = 5  # the number of kept commands
+# The number of kept commands.
+_DELAYS = 5
 
 
 @pytree
@@ -52,11 +53,17 @@ class Robot(Record):
 
 
 class Wheels(NamedTuple):
-    """The wheels' state."""
+    """The wheels' state.
 
-    speed: Float[Array, ""]  # metres a second, forward
-    turn: Float[Array, ""]  # radians a second, to the left
-    commands: Float[Array, "5 2"] | None  # the last ones, the newest first; None without latency
+    Attributes:
+      speed: the speed forward in metres a second.
+      turn: the turn to the left in radians a second.
+      commands: the last commands, the newest first; None without latency.
+    """
+
+    speed: Float[Array, ""]
+    turn: Float[Array, ""]
+    commands: Float[Array, "5 2"] | None
 
 
 def still(robot: Robot) -> Wheels:

@@ -161,7 +161,8 @@ def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
       bool. The arguments are arrays of NumPy or JAX, or numbers, that broadcast against each other.
     """
     edge = 0.5 - HALF_ROAD
-    depths = (south, 1 - east, 1 - south, east)  # from each side, clockwise from north
+    # The depth from each side, clockwise from north.
+    depths = (south, 1 - east, 1 - south, east)
     road = (code > 0) & (code < 16)
     for depth, side in zip(depths, SIDES, strict=True):
         is_open = (code & side.bit) > 0

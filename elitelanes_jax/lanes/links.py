@@ -72,7 +72,8 @@ def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cel
     Rings without a node come last; each starts and ends at its first tile.
     """
     roads: list[list[Cell]] = []
-    last_steps: set[tuple[Cell, Cell]] = set()  # reversed: they are first steps from the other end
+    # Reversed, they are first steps from the other end.
+    last_steps: set[tuple[Cell, Cell]] = set()
     passed = set(nodes)
 
     def walk_from(node: Cell, ends: set[Cell]) -> None:

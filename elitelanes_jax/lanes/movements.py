@@ -37,7 +37,8 @@ def turn_between(heading: Numeric, next_heading: Numeric) -> Numeric:
 
 def step_towards(heading: Numeric) -> tuple[Numeric, Numeric]:
     """Returns the rows down and the columns right from a tile to its neighbour in a heading, 0 to 3."""
-    is_across = heading & 1  # 1 for east and west
+    # It is 1 for east and west.
+    is_across = heading & 1
     return (heading - 1) * (1 - is_across), (2 - heading) * is_across
 
 

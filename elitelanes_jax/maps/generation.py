@@ -32,12 +32,20 @@ _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
 
 
 class Evolved(NamedTuple):
-    """A run with its result, and the figures of the search for its record."""
+    """A run with its result, and the figures of the search for its record.
+
+    Attributes:
+      run: the planned run.
+      result: the result of its search.
+      seconds: the seconds that the search took.
+      speed: the median of the evaluations per second; None without generations.
+      device: the kind of the device.
+    """
 
     run: PlannedRun
     result: Result
     seconds: float
-    speed: int | None  # the median of the evaluations per second; None without generations
+    speed: int | None
     device: str
 
 

@@ -35,7 +35,8 @@ from elitelanes_jax.network.plain_metrics import cut_to_roads
 RECORD = "pack.json"
 """The file with the settings of a pack."""
 
-_ROUTES = ".rou.xml"  # the end of the names of SUMO's trips
+# The end of the names of SUMO's trips.
+_ROUTES = ".rou.xml"
 
 _SHOWN = ("tiles", "crossings", "turns", "cyclomatic", "bridges", "dead_ends", "lanes", "trip")
 
@@ -108,7 +109,8 @@ def pack(
                     written.append(without_ends(town.road_map, spec.formats.dead_ends))
                     rows.append(_write(spec, town, written[-1], work.files, settings))
                 except InputError as error:
-                    list_of_ids.unlink()  # nothing is left to resume
+                    # Nothing is left to resume.
+                    list_of_ids.unlink()
                     raise InputError(f"niche {town.niche}, {map_name}: {error}") from None
                 bar.count()
         about["splits"] = _write_splits(spec, towns, work.files)
@@ -295,7 +297,8 @@ def _trips(
     lengths_of_lanes = lane_lengths(lane_offset)[graph.movements.turn]
     ways = csr_array((lengths_of_lanes, graph.edges.T), shape=(count, count))
 
-    @lru_cache(1 + 2**24 // count)  # 128 MB
+    # The tables take 128 MB at most.
+    @lru_cache(1 + 2**24 // count)
     def lengths_from(start: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         lengths = dijkstra(ways, indices=start)
         return lengths, np.flatnonzero(np.isfinite(lengths) & (lengths > 0))

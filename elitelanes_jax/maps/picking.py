@@ -187,7 +187,8 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
     options: dict[str, UserValue] = {"where": tuple(ranges.values())}
     if spec.rules is not None:
         options["rules"] = spec.rules
-    if spec.axes is not None:  # axes also remove the targets
+    if spec.axes is not None:
+        # Other axes also remove the targets.
         axes = resolve_axes(spec.axes, first.shape, settings.features)
         options |= {"axes": axes, "targets": ()}
     return resolve_again(first, options, tuple(sorted(alphabet)))

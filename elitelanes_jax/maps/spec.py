@@ -68,7 +68,8 @@ def parse_part(part: UserValue) -> tuple[int, int]:
     try:
         index, count = pair
         return whole(1, whole(1)(count))(index), whole(1)(count)
-    except (TypeError, ValueError):  # an InputError is a ValueError
+    except (TypeError, ValueError):
+        # An InputError is a ValueError.
         raise InputError(
             f"expected a part such as 3/10, from 1/10 on, got {shorten(repr(part), 40)}"
         ) from None

@@ -51,10 +51,15 @@ _OUTER = 0
 
 
 class Links(NamedTuple):
-    """The links of a grid, each a road between two neighbouring tiles, as vectors ``[size]`` of its layout."""
+    """The links of a grid, each a road between two neighbouring tiles, as vectors ``[size]`` of its layout.
 
-    east: Bool[Array, " size"]  # whether the tile and its eastern neighbour are linked
-    south: Bool[Array, " size"]  # whether the tile and its southern neighbour are linked
+    Attributes:
+      east: whether the tile and its eastern neighbour are linked.
+      south: whether the tile and its southern neighbour are linked.
+    """
+
+    east: Bool[Array, " size"]
+    south: Bool[Array, " size"]
 
 
 def find_links(layout: PaddedLayout, padded: Int[Array, " padded"]) -> Links:
@@ -67,11 +72,17 @@ def find_links(layout: PaddedLayout, padded: Int[Array, " padded"]) -> Links:
 
 
 class Faces(NamedTuple):
-    """The faces of a grid, as vectors ``[size]`` of its layout."""
+    """The faces of a grid, as vectors ``[size]`` of its layout.
 
-    first: Bool[Array, " size"]  # whether the corner is the first one of an inner face
-    east_bridge: Bool[Array, " size"]  # whether the link to the east is a bridge
-    south_bridge: Bool[Array, " size"]  # whether the link to the south is a bridge
+    Attributes:
+      first: whether the corner is the first one of an inner face.
+      east_bridge: whether the link to the east is a bridge.
+      south_bridge: whether the link to the south is a bridge.
+    """
+
+    first: Bool[Array, " size"]
+    east_bridge: Bool[Array, " size"]
+    south_bridge: Bool[Array, " size"]
 
 
 def find_faces(layout: PaddedLayout, padded: Int8[Array, " padded"], links: Links) -> Faces:
@@ -203,10 +214,14 @@ class _Walls(NamedTuple):
 
     `find_links` finds the same links in each grid. With walls made from those, a search takes 1.1
     times as long.
+
+    Attributes:
+      east: the walls along the links to the east.
+      south: the walls along the links to the south.
     """
 
-    east: Array  # along the links to the east
-    south: Array  # along the links to the south
+    east: Array
+    south: Array
 
 
 def _find_walls(arrangement: _Arrangement, codes: Array) -> _Walls:
@@ -248,17 +263,19 @@ def _sweep(
     """
     stride = arrangement.layout.stride
     first = arrangement.margin + stride
-    length = labels.shape[0] - 2 * first  # `len` would refuse the symbolic sizes of `jax.export`
+    # `len` would refuse the symbolic sizes of `jax.export`.
+    length = labels.shape[0] - 2 * first
 
     def shifted(cells: Array, ahead: int) -> Array:
         return lax.slice_in_dim(cells, first + ahead, first + ahead + length)
 
     least = shifted(labels, 0)
     for ahead, wall in (
-        (-steps * stride, shifted(walls.east, 0)),  # north
-        (steps * stride, shifted(walls.east, steps * stride)),  # south
-        (-steps, shifted(walls.south, 0)),  # west
-        (steps, shifted(walls.south, steps)),  # east
+        # These are the neighbours to the north, south, west and east.
+        (-steps * stride, shifted(walls.east, 0)),
+        (steps * stride, shifted(walls.east, steps * stride)),
+        (-steps, shifted(walls.south, 0)),
+        (steps, shifted(walls.south, steps)),
     ):
         least = jnp.minimum(least, shifted(labels, ahead) | wall)
     swept: Array = arrangement.store(lax.dynamic_update_slice_in_dim(into, least, first, 0))
@@ -289,7 +306,8 @@ def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple
         _, _, changing, sweeps = carry
         return changing & (sweeps < _PATIENCE) if arrangement.labels_name_corners else changing
 
-    true = labels[:1].any() | True  # inside `jax.shard_map` on the same devices as the labels
+    # Inside `jax.shard_map` it is on the same devices as the labels, as a constant would not be.
+    true = labels[:1].any() | True
     labels, _, changing, _ = lax.while_loop(
         unsettled, sweep_on, (labels, labels, true, jnp.int32(0))
     )

@@ -25,14 +25,23 @@ WEST = 1
 
 
 class Side(NamedTuple):
-    """A side of a tile."""
+    """A side of a tile.
 
-    bit: int  # of a code that connects there
-    letter: str  # N, E, S or W
-    name: str  # north, east, south or west
-    down: int  # rows from the tile to its neighbour there
-    right: int  # columns from the tile to its neighbour there
-    opposite: int  # the bit of the neighbour's side that faces it
+    Attributes:
+      bit: the bit of a code that connects there.
+      letter: N, E, S or W.
+      name: north, east, south or west.
+      down: the rows from the tile down to its neighbour there.
+      right: the columns from the tile to the right to its neighbour there.
+      opposite: the bit of the neighbour's side that faces the tile.
+    """
+
+    bit: int
+    letter: str
+    name: str
+    down: int
+    right: int
+    opposite: int
 
 
 SIDES = (
@@ -101,7 +110,8 @@ def check_alphabet(codes: Iterable[UserValue]) -> tuple[int, ...]:
     expected = "alphabet: expected tile codes, whole numbers 0 to 15"
     try:
         listed = np.asarray(codes if hasattr(codes, "shape") else list(codes)).ravel().tolist()
-    except (TypeError, ValueError):  # nothing to iterate over, or rows of several lengths
+    except (TypeError, ValueError):
+        # The value cannot be iterated over, or its rows have several lengths.
         raise InputError(f"{expected}, got {codes!r}") from None
     wrong = [code for code in listed if type(code) is not int or not 0 <= code <= 15]
     if wrong or not listed:

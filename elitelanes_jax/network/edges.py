@@ -60,7 +60,8 @@ def _have_one_kind(before: AnyArray, after: AnyArray) -> bool:
     before, after = jnp.asarray(before), jnp.asarray(after)
     if before.shape != after.shape:
         return False
-    return before.weak_type or before.dtype == after.dtype  # a Python number takes any dtype
+    # A Python number takes any dtype.
+    return before.weak_type or before.dtype == after.dtype
 
 
 def _describe_kinds(before: AnyArray, after: AnyArray) -> str:

@@ -41,11 +41,17 @@ _ALONG, _UPRIGHT = EAST | WEST, NORTH | SOUTH
 
 
 class _Town(NamedTuple):
-    """A town while it grows."""
+    """A town while it grows.
 
-    codes: Int8[Array, "N N"]  # cells outside the grid are crossings, on which nothing is built
-    streets: Int32[Array, ""]  # the number of streets to add
-    bends: Int32[Array, ""]  # the number of bends to add
+    Attributes:
+      codes: the codes. Cells outside the grid are crossings, on which nothing is built.
+      streets: the number of streets to add.
+      bends: the number of bends to add.
+    """
+
+    codes: Int8[Array, "N N"]
+    streets: Int32[Array, ""]
+    bends: Int32[Array, ""]
 
 
 def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]:
@@ -140,7 +146,8 @@ def _bend(
     side = len(codes)
     wide, far = 2 + randint(bits[2], _WIDEST - 1), 1 + randint(bits[3], _FARTHEST)
     rows, columns = _indices(codes)
-    road = _next(jnp.where(codes > 0, rows, side), axis=0)  # the first row from here with a road
+    # The first row from here on with a road.
+    road = _next(jnp.where(codes > 0, rows, side), axis=0)
     below = jnp.pad(road[1:], ((0, 1), (0, 0)), constant_values=side)
     free = (below > rows + far + 1) | (below == side) & (rows + far < side)
     # A stretch of straight tiles, and no crossing beside its ends.

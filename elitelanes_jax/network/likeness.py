@@ -16,9 +16,12 @@ from elitelanes_jax.network.symmetry import canonical_forms, images_of
 ALIKE = 0.15
 """Two maps are alike if their `difference` is less."""
 
-_COMPARED = 64  # grids that are compared with a set at once
-_WORD = 64  # bits
-_TOGETHER = 64  # the positions whose bits are in memory at once
+# The grids that are compared with a set at once.
+_COMPARED = 64
+# The bits of a word.
+_WORD = 64
+# The positions whose bits are in memory at once.
+_TOGETHER = 64
 
 # Of each code; 0 is empty.
 _KIND_INDEX = np.array([[*KINDS].index(KIND_OF[code]) for code in range(16)])

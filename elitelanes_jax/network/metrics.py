@@ -111,7 +111,8 @@ def _measure(grid: Int8[Array, "H W"], *, alphabet: tuple[int, ...] | None) -> M
         return (mine & neighbour(busy)) | (theirs & layout.here(busy))
 
     area, side = layout.height * layout.width, max(layout.height, layout.width)
-    counter = jnp.int8 if side <= 64 else jnp.int32  # for odd numbers up to 2 * side - 1
+    # It counts in odd numbers up to 2 * side - 1.
+    counter = jnp.int8 if side <= 64 else jnp.int32
     counts = _sums(
         {
             "tiles": (here > 0, 1),
@@ -188,7 +189,8 @@ def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Ar
     Counters are packed into the bits of one word, the widest first, and summed together, because
     the sums take most of the time on a small grid.
     """
-    words: list[list[tuple[str, int, int]]] = []  # of (name, lowest bit, bits)
+    # Each item is a name, its lowest bit and its number of bits.
+    words: list[list[tuple[str, int, int]]] = []
     widths = {name: (most * cells).bit_length() for name, (_, most) in terms.items()}
     for name, bits in sorted(widths.items(), key=lambda item: -item[1]):
         for word in words:

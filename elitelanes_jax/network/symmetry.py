@@ -15,7 +15,8 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
 
-_TOGETHER = 4096  # the grids whose images are in memory at once
+# The grids whose images are in memory at once.
+_TOGETHER = 4096
 
 
 @name_wrong_arguments

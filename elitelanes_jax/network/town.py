@@ -125,7 +125,8 @@ def _block_areas(
     """Returns the area of each inner face, 0 for labels without a face, and the number of inner faces."""
     layout = PaddedLayout(east.shape[0], south.shape[1])
     labels = _label_faces(layout, east, south)
-    areas = jnp.zeros(labels.size, jnp.int32).at[labels].add(1)[1:]  # without the outer face
+    # The outer face, the first one, is left out.
+    areas = jnp.zeros(labels.size, jnp.int32).at[labels].add(1)[1:]
     return areas, _count(areas > 0)
 
 

@@ -87,7 +87,8 @@ def generate_batch(
         return Collapsed(grids, success, tries, solvable=False)
 
     tries += 1
-    alive = np.arange(n)  # the unfinished grids, in the order of their cells
+    # The unfinished grids, in the order of their cells.
+    alive = np.arange(n)
     cells = np.tile(start, n)
     inside = _inside(shape)
     while alive.size:
@@ -124,17 +125,24 @@ class _Rules(NamedTuple):
     """Tables by domain.
 
     Bit i of a domain is the alphabet's code i, the highest bit a guard cell.
+
+    Attributes:
+      guard: the domain of a guard cell.
+      allowed: what is left of the domain of the neighbour to the north, east, south and west, int32
+        ``[4, domains]``.
+      options: the number of codes, ``[domains]``.
+      urgency: the number of codes times 2**16, ``[domains]``; the largest value if there is nothing
+        to choose.
+      option: the domain of the first, second, ... code alone, int32 ``[domains, K]``.
+      code: the code of a domain with one code, ``[domains]``.
     """
 
-    guard: int  # the domain of a guard cell
-    # int32 [4, domains], what is left of the domain of the neighbour to the north, east, south,
-    # west.
+    guard: int
     allowed: Domains
-    options: NDArray[np.int8]  # [domains], the number of codes
-    # [domains], the number of codes times 2**16; the largest value if there is nothing to choose.
+    options: NDArray[np.int8]
     urgency: NDArray[np.uint32]
-    option: Domains  # int32 [domains, K], the domain of the first, second, ... code alone
-    code: NDArray[np.int8]  # [domains], the code of a domain with one code
+    option: Domains
+    code: NDArray[np.int8]
 
 
 @lru_cache(maxsize=8)

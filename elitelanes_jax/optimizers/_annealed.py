@@ -79,12 +79,19 @@ class AnnealedGwoConfig(Record):
 
 
 class AnnealedState(NamedTuple):
-    """The state of all chains."""
+    """The state of all chains.
 
-    chains: Population  # the current grids
-    cycle_best: Population  # the best grid of each chain in this cycle
-    best: Population  # the best grid of each chain in all cycles
-    cooling: Cooling  # the step within the cycle
+    Attributes:
+      chains: the current grids.
+      cycle_best: the best grid of each chain in this cycle.
+      best: the best grid of each chain in all cycles.
+      cooling: the step within the cycle.
+    """
+
+    chains: Population
+    cycle_best: Population
+    best: Population
+    cooling: Cooling
 
 
 _Mates = Callable[[StepBits, AnnealedState], Int8[Array, "C H W"]]

@@ -96,13 +96,19 @@ class AnnealedMapElitesConfig(Record):
 
 
 class AnnealedMapElitesState(NamedTuple):
-    """The state of all chains."""
+    """The state of all chains.
 
-    chains: Population  # the current grids
-    cycles: Cycle  # the current cycles
-    # One archive for each group of isolated chains, then the archive of all chains, end to end.
+    Attributes:
+      chains: the current grids.
+      cycles: the current cycles.
+      archives: one archive for each group of isolated chains, then the archive of all chains, end
+        to end.
+      cooling: the step of each chain within its cycle.
+    """
+
+    chains: Population
+    cycles: Cycle
     archives: Population
-    # Arrays [C], the step of each chain within its cycle; -1 while no grid is evaluated.
     cooling: Cooling
 
 

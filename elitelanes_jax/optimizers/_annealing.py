@@ -101,10 +101,15 @@ class AnnealingConfig(Record):
 
 
 class Cooling(NamedTuple):
-    """The step of a run within its cycle."""
+    """The step of a run within its cycle.
 
-    step: Int32[Array, "..."]  # the next step of the cycle, from 0
-    length: Int32[Array, "..."]  # the number of steps of the cycle
+    Attributes:
+      step: the next step of the cycle, from 0.
+      length: the number of steps of the cycle.
+    """
+
+    step: Int32[Array, "..."]
+    length: Int32[Array, "..."]
 
     @staticmethod
     def first(config: AnnealingConfig, shape: tuple[int, int]) -> "Cooling":
@@ -154,7 +159,8 @@ def metropolis_accepts(
     temperature is in sixteenths of a unit.
     """
     if jnp.issubdtype(after.dtype, jnp.floating):
-        rise = jnp.where(after == before, 0, after - before)  # refused grids are infinite
+        # Refused grids are infinite, and their difference would be NaN.
+        rise = jnp.where(after == before, 0, after - before)
         return rise <= temperature.astype(jnp.float32) * exponential(bits).astype(jnp.float32) / (
             _PARTS * UNIT
         )
@@ -163,13 +169,21 @@ def metropolis_accepts(
 
 
 class StepBits(NamedTuple):
-    """The random bits of one step, for each of C chains."""
+    """The random bits of one step, for each of C chains.
 
-    accept: UInt32[Array, " C"]  # for metropolis_accepts
-    mate: UInt32[Array, " C"]  # for the choice of a mate
-    fresh: UInt32[Array, " C"]  # for a random grid
-    extra: UInt32[Array, "C extra"]  # for further choices of one method
-    move: UInt32[Array, "C bits"]  # for the move
+    Attributes:
+      accept: the bits for `metropolis_accepts`.
+      mate: the bits that choose a mate.
+      fresh: the bits of a random grid.
+      extra: the bits for further choices of one method.
+      move: the bits for the move.
+    """
+
+    accept: UInt32[Array, " C"]
+    mate: UInt32[Array, " C"]
+    fresh: UInt32[Array, " C"]
+    extra: UInt32[Array, "C extra"]
+    move: UInt32[Array, "C bits"]
 
     @staticmethod
     def draw(key: Key[Array, ""], chains: int, move: Move, *, extra: int = 0) -> "StepBits":

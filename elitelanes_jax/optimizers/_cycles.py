@@ -42,12 +42,19 @@ CYCLE_BITS = 4 + _TOURNAMENT
 
 
 class Cycle(NamedTuple):
-    """The cycles of C chains."""
+    """The cycles of C chains.
 
-    goal: Int32[Array, "*C D"]  # the bins of the niche that the cycle pursues
-    restarts: Bool[Array, "*C"]  # whether the cycle starts from a random grid
-    start: Int32[Array, "*C"]  # the index of the elite that any other cycle starts from
-    penalty: Int32[Array, "*C"]  # the fitness that each bin of distance from the goal adds
+    Attributes:
+      goal: the bins of the niche that the cycle pursues.
+      restarts: whether the cycle starts from a random grid.
+      start: the index of the elite that any other cycle starts from.
+      penalty: the fitness that each bin of distance from the goal adds.
+    """
+
+    goal: Int32[Array, "*C D"]
+    restarts: Bool[Array, "*C"]
+    start: Int32[Array, "*C"]
+    penalty: Int32[Array, "*C"]
 
     @staticmethod
     def none(chains: int, axes: int) -> "Cycle":
@@ -57,13 +64,21 @@ class Cycle(NamedTuple):
 
 
 class Groups(NamedTuple):
-    """The archives of the groups of isolated chains and the archive of all chains, end to end; static."""
+    """The archives of the groups of isolated chains and the archive of all chains, end to end; static.
 
-    niches: Niches  # the N niches of each archive
-    isolated: Bool[np.ndarray, " C"]  # whether each chain is isolated: the first half of them
-    first: Int32[np.ndarray, " C"]  # the first index of the archive that each chain knows
-    last: int  # the first index of the archive of all chains
-    accept_equal: bool  # whether a grid replaces an elite of equal fitness
+    Attributes:
+      niches: the N niches of each archive.
+      isolated: whether each chain is isolated, as the first half of them are.
+      first: the first index of the archive that each chain knows.
+      last: the first index of the archive of all chains.
+      accept_equal: whether a grid replaces an elite of equal fitness.
+    """
+
+    niches: Niches
+    isolated: Bool[np.ndarray, " C"]
+    first: Int32[np.ndarray, " C"]
+    last: int
+    accept_equal: bool
 
     @staticmethod
     def of(problem: Problem, chains: int, accept_equal: bool) -> "Groups":

@@ -51,11 +51,17 @@ class GwoConfig(Record):
 
 
 class GwoState(NamedTuple):
-    """The state of the pack."""
+    """The state of the pack.
 
-    pack: Population  # the wolves' grids
-    leaders: Population  # alpha and beta, the two best grids found so far, best first
-    steps: Int32[Array, ""]  # the number of steps so far
+    Attributes:
+      pack: the wolves' grids.
+      leaders: alpha and beta, the two best grids so far, best first.
+      steps: the number of steps so far.
+    """
+
+    pack: Population
+    leaders: Population
+    steps: Int32[Array, ""]
 
 
 @name_wrong_arguments

@@ -45,11 +45,16 @@ class MapElitesConfig(Record):
 
 
 class MapElitesState(NamedTuple):
-    """The population and the archive."""
+    """The population and the archive.
 
-    # Sorted, best first; if parents come from the archive, always the first population.
+    Attributes:
+      population: the population, best first; if parents come from the archive, always the first
+        population.
+      archive: the best grid of each niche so far.
+    """
+
     population: Population
-    archive: Population  # the best grid of each niche so far
+    archive: Population
 
 
 @name_wrong_arguments

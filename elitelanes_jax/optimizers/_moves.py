@@ -317,29 +317,39 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
 
 
 class _Change(NamedTuple):
-    """The change that a move makes, as whole numbers, so that a move is drawn before any tile is computed."""
+    """The change that a move makes, as whole numbers, so that a move is drawn before any tile is computed.
 
-    # The northernmost row and the westernmost column of a rectangle of tiles.
+    Attributes:
+      first: the northernmost row and the westernmost column of a rectangle of tiles.
+      last: the southernmost row and the easternmost column, both included.
+      code: the code that is written into the rectangle, or one of the constants below.
+      how: how tiles are copied, a sum of the constants below.
+      offset: the row and the column that a tile is copied from are these numbers plus its own row
+        and column, or minus them in a mirrored copy.
+    """
+
     first: Int32[Array, " 2"]
-    last: Int32[Array, " 2"]  # the southernmost row and the easternmost column, both included
-    # The code that is written into the rectangle. _TOGGLED: the links along its outline are toggled
-    # (along a rectangle one tile wide, the links in it). _COPIED: tiles are copied. _REFITTED: the
-    # tiles of a window.
+    last: Int32[Array, " 2"]
     code: Int32[Array, ""] | int
-    how: Int32[Array, ""] | int = 0  # how tiles are copied: a sum of the constants below
-    # The row and the column that a tile is copied from are these numbers plus its own row and
-    # column, or minus them in a mirrored copy.
+    how: Int32[Array, ""] | int = 0
     offset: Int32[Array | np.ndarray, " 2"] = np.zeros(2, np.int32)
 
 
+# Values of `_Change.code`: tiles are copied; the tiles of a window are written; the links along the
+# outline of the rectangle are toggled, or those in it if it is one tile wide.
 _COPIED, _REFITTED, _TOGGLED = -1, -2, -3
 
 # How tiles are copied; the values of `_Change.how` are sums of these.
-_FLIPPED = 1  # Mirrored north to south.
-_MIRRORED = 2  # Mirrored east to west.
-_TRANSPOSED = 4  # The rows and columns of the source are exchanged first.
-_FROM_MATE = 8  # The source is the mate.
-_CYCLIC = 16  # What leaves the rectangle on one side enters it on the other.
+# Mirrored north to south.
+_FLIPPED = 1
+# Mirrored east to west.
+_MIRRORED = 2
+# The rows and columns of the source are exchanged first.
+_TRANSPOSED = 4
+# The source is the mate.
+_FROM_MATE = 8
+# What leaves the rectangle on one side enters it on the other.
+_CYCLIC = 16
 
 
 class _Draws:

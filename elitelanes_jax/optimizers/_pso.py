@@ -60,12 +60,19 @@ class PsoConfig(Record):
 
 
 class PsoState(NamedTuple):
-    """The state of the particles."""
+    """The state of the particles.
 
-    position: Int32[Array, "P K H W"]  # of each particle for each of K codes, in units of 1 / UNIT
-    velocity: Int32[Array, "P K H W"]  # in the same units
-    best_position: Int32[Array, "P K H W"]  # the position when each particle found its best grid
-    best: Population  # the best grid of each particle
+    Attributes:
+      position: the position of each particle for each of K codes, in units of 1 / UNIT.
+      velocity: the velocity in the same units.
+      best_position: the position when each particle found its best grid.
+      best: the best grid of each particle.
+    """
+
+    position: Int32[Array, "P K H W"]
+    velocity: Int32[Array, "P K H W"]
+    best_position: Int32[Array, "P K H W"]
+    best: Population
 
 
 @name_wrong_arguments

@@ -49,23 +49,29 @@ _EAST, _SOUTH, _WEST, _NORTH = (_shown(side) for side in (EAST, SOUTH, WEST, NOR
 
 
 class StripTables(NamedTuple):
-    """All columns and states that fit. "around" is what the tiles above and below a column show, 5 x above + below."""
+    """All columns and states that fit. "around" is what the tiles above and below a column show, 5 x above + below.
 
-    # [25 * 8 * 256, 2], the states west of a column if the states east of it are these eight bits.
+    Attributes:
+      before: the states west of a column if the states east of it are these eight bits, ``[25 * 8 *
+        256, 2]``.
+      after: the states east of a column, by what the column to its west shows, ``[25 * 125, 2]``.
+      between: the states west of a column with a state east of it, ``[25 * 64, 2]``.
+      columns: the at most two columns with a state east and a state west of them, ``[25 * 64 *
+        64]``. Each has 12 bits, four a tile, the northernmost tile lowest. If one column fits, it
+        is there twice; if none fits, the number is `_NONE`.
+      shown: what any column shows to the east, 5^line a tile.
+      forth: the states that fit what a column shows to the east, and the states with the same
+        links, ``[125, 4]``.
+      back: the states west of any column that fit it.
+    """
+
     before: UInt32[np.ndarray, "B 2"]
-    # [25 * 125, 2], the states east of a column, by what the column to its west shows.
     after: UInt32[np.ndarray, "A 2"]
-    # [25 * 64, 2], the states west of a column with a state east of it.
     between: UInt32[np.ndarray, "C 2"]
-    # [25 * 64 * 64], the at most two columns with a state east and a state west of them. Each has
-    # 12 bits, four a tile, the northernmost tile lowest. If one column fits, it is there twice; if
-    # none fits, the number is `_NONE`.
     columns: Int32[np.ndarray, " C"]
-    shown: Int32[np.ndarray, " 4096"]  # what any column shows to the east, 5^line a tile
-    # [125, 4], the states that fit what a column shows to the east, and the states with the same
-    # links.
+    shown: Int32[np.ndarray, " 4096"]
     forth: UInt32[np.ndarray, "125 4"]
-    back: UInt32[np.ndarray, "4096 2"]  # the states west of any column that fit it
+    back: UInt32[np.ndarray, "4096 2"]
 
 
 @cache
@@ -89,7 +95,8 @@ def strip_tables(*, empty: bool) -> StripTables:
         pairs[slots] = (
             np.where(pairs[slots] == _NONE, packed, pairs[slots] & 2**_BITS - 1) | packed << _BITS
         )
-    leads = (pairs != _NONE).reshape(_SHOWN**2, _STATES, _STATES)  # around, east, west
+    # The axes are what is around the column, the state east of it, and the state west of it.
+    leads = (pairs != _NONE).reshape(_SHOWN**2, _STATES, _STATES)
     shows = np.arange(_SHOWN**LINES)[:, None] // _SHOWN ** np.arange(LINES) % _SHOWN
     forth, back, alike = (
         np.array([_states(labels, show) for show in shows])
@@ -155,7 +162,8 @@ def refit_strip(
         height, width = grid.shape
         if min(height, width) < LINES:
             return Variation(grid, jnp.zeros(grid.shape, bool))
-        upright = bits[0] & 1 > 0  # three columns
+        # An upright strip has three columns.
+        upright = bits[0] & 1 > 0
         first = randint(bits[1], jnp.where(upright, width, height) - LINES + 1)
         length = jnp.where(upright, height, width)
         one, other = randint(bits[2:4], length)

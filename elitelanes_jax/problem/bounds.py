@@ -31,7 +31,8 @@ from elitelanes_jax.problem.rules import RULES, map_constraints
 # Each round can only narrow intervals. Those of the inequalities below settle after a few rounds.
 _MOST_ROUNDS = 200
 
-_Cell = tuple[int, int]  # row and column
+# The row and the column of a cell.
+_Cell = tuple[int, int]
 
 # The town features that are a metric / tiles.
 _PER_TILE = {"loops_per_tile": "cyclomatic", "adjacent_turns_per_tile": "adjacent_turns"}
@@ -109,18 +110,29 @@ class _ContradictionError(Exception):
 
 
 class _Inequality(NamedTuple):
-    """The sum of metrics times their factors is at least a number."""
+    """The sum of metrics times their factors is at least a number.
+
+    Attributes:
+      factors: the factor of each metric, by name.
+      least: the number.
+    """
 
     factors: Mapping[str, int]
     least: int
 
 
 class FeatureBounds(NamedTuple):
-    """Bounds of the metrics, shares and town features of a set of maps."""
+    """Bounds of the metrics, shares and town features of a set of maps.
 
-    shape: tuple[int, int]  # (height, width) of the maps
-    intervals: dict[str, tuple[int, int]]  # a lower and an upper bound of each metric, by name
-    inequalities: tuple[_Inequality, ...]  # that the metrics satisfy
+    Attributes:
+      shape: (height, width) of the maps.
+      intervals: a lower and an upper bound of each metric, by name.
+      inequalities: the inequalities that the metrics satisfy.
+    """
+
+    shape: tuple[int, int]
+    intervals: dict[str, tuple[int, int]]
+    inequalities: tuple[_Inequality, ...]
 
     def of(self, feature: str) -> tuple[Fraction, Fraction]:
         """Returns a lower and an upper bound of a feature that is not the user's, in units of 1."""
@@ -478,7 +490,8 @@ def _narrow_by(inequality: _Inequality, intervals: dict[str, tuple[int, int]]) -
         least_term = largest_terms[name] - spare
         low, high = intervals[name]
         if factor > 0:
-            least_value = -(-least_term // factor)  # rounded up
+            # The quotient is rounded up.
+            least_value = -(-least_term // factor)
             _set(intervals, name, max(low, least_value), high)
         elif factor < 0:
             most_value = least_term // factor

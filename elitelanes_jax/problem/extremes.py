@@ -66,7 +66,8 @@ def feature_range(name: str) -> tuple[float, float]:
 
 def extreme_maps(name: str) -> tuple[Int8[np.ndarray, "H W"], Int8[np.ndarray, "H W"]]:
     """Returns a map int8 ``[12, 12]`` with the smallest value of a feature, and one with the largest."""
-    feature_range(name)  # checks the name
+    # This call checks the name.
+    feature_range(name)
     smallest, _ = min(_measured(), key=lambda measured: measured[1][name])
     largest, _ = max(_measured(), key=lambda measured: measured[1][name])
     return smallest, largest

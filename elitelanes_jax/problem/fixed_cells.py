@@ -16,10 +16,14 @@ from elitelanes_jax.network.codes import SIDES
 
 
 class FixedCells(NamedTuple):
-    """The fixed cells of a grid; hashable."""
+    """The fixed cells of a grid; hashable.
 
-    shape: tuple[int, int]  # (height, width) of the grid
-    # The code of each fixed cell, None for each free cell, row by row.
+    Attributes:
+      shape: (height, width) of the grid.
+      codes: the code of each fixed cell, None for each free cell, row by row.
+    """
+
+    shape: tuple[int, int]
     codes: tuple[int | None, ...]
 
     @property
@@ -59,7 +63,8 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     if isinstance(cells, str | Path):
         name, cells = str(cells), _read_rows(path(cells))
     if isinstance(cells, np.ma.MaskedArray):
-        cells = cells.tolist()  # None for a masked cell
+        # A masked cell becomes None.
+        cells = cells.tolist()
     elif hasattr(cells, "shape"):
         cells = np.asarray(cells).tolist()
     try:
@@ -101,10 +106,8 @@ def _read_rows(file: str | Path) -> Plain:
         content = read_json(file)
     except OSError as error:
         raise InputError(f"{file}: {reason(error)}") from None
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # of the text, of JSON, of a number with too many digits
+    except (ValueError, RecursionError) as error:
+        # The file is no text, no JSON, or has a number with too many digits.
         raise InputError(f"{file}: expected JSON, got: {error}") from None
     if isinstance(content, dict) and "codes" in content:
         content = content["codes"]

@@ -48,7 +48,8 @@ It returns an integer scalar, at most 2**29 in size, or a float scalar, converte
 with any other value, such as NaN, is refused, see `road_problem`.
 """
 
-_ARGUMENTS = ("metrics", "features", "grid", "usual")  # of a fitness
+# The arguments that a fitness may have.
+_ARGUMENTS = ("metrics", "features", "grid", "usual")
 _SCALAR = "an integer or float scalar"
 
 
@@ -304,7 +305,8 @@ def _constants(closed: "core.ClosedJaxpr") -> Iterator[bytes]:
 
     The text of a jaxpr has only their shapes.
     """
-    from jax.extend import core  # most searches have no functions of the user
+    # Imported here, because most searches have no functions of the user.
+    from jax.extend import core
 
     for constant in closed.consts:
         data = constant

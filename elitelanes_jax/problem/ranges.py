@@ -29,11 +29,17 @@ _STEEPNESS = 480
 
 
 class Range(NamedTuple):
-    """The values that a feature may have, both limits included."""
+    """The values that a feature may have, both limits included.
 
-    name: str  # of the feature
-    low: Fraction | None  # the lower limit, of a share as a part of 1; None for no limit
-    high: Fraction | None  # the upper limit, of a share as a part of 1; None for no limit
+    Attributes:
+      name: the name of the feature.
+      low: the lower limit, of a share as a part of 1; None for no limit.
+      high: the upper limit, of a share as a part of 1; None for no limit.
+    """
+
+    name: str
+    low: Fraction | None
+    high: Fraction | None
 
     def __str__(self) -> str:
         """Returns the text that `parse_ranges` reads."""

@@ -6,10 +6,15 @@ from elitelanes_jax.network.records import Weights
 
 
 class Rules(NamedTuple):
-    """A set of rules."""
+    """A set of rules.
 
-    forbidden: tuple[str, ...]  # the metrics that must be 0
-    weights: Weights  # weights of a fitness whose optima keep the rules
+    Attributes:
+      forbidden: the metrics that must be 0.
+      weights: the weights of a fitness whose optima keep the rules.
+    """
+
+    forbidden: tuple[str, ...]
+    weights: Weights
 
 
 RULES = {
@@ -25,11 +30,17 @@ RULES = {
 
 
 class Constraint(NamedTuple):
-    """A metric that has one value on every map."""
+    """A metric that has one value on every map.
 
-    metric: str  # its name
-    value: int  # its value on maps
-    violated: str  # words for a grid on which it has another value
+    Attributes:
+      metric: the name of the metric.
+      value: its value on every map.
+      violated: words for a grid on which it has another value.
+    """
+
+    metric: str
+    value: int
+    violated: str
 
 
 _ALWAYS = (

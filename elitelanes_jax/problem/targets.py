@@ -13,10 +13,15 @@ from elitelanes_jax.problem.features import check_feature, is_share
 
 
 class ExampleValues(NamedTuple):
-    """The values of one feature on all example maps."""
+    """The values of one feature on all example maps.
 
-    name: str  # of the feature
-    values: tuple[float, ...]  # one for each map, of a share as a part of 1
+    Attributes:
+      name: the name of the feature.
+      values: one value for each map, of a share as a part of 1.
+    """
+
+    name: str
+    values: tuple[float, ...]
 
 
 def parse_targets(targets: UserValue, features: Collection[str] = ()) -> tuple[ExampleValues, ...]:

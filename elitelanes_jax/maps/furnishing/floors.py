@@ -11,8 +11,10 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.maps.furnishing.signs import place_light, place_signs
 from elitelanes_jax.maps.furnishing.space import outline_of
 
-_SMALLEST = 2  # rows and columns of a map that a search makes
-_ROUNDING = 1e-9  # tiles: a floor of exactly three tiles has room for three
+# The fewest rows and columns of a map that a search makes.
+_SMALLEST = 2
+# In tiles: a floor of exactly three tiles has room for three.
+_ROUNDING = 1e-9
 
 
 @name_wrong_arguments

@@ -18,9 +18,12 @@ Place = tuple[float, float, float]
 
 _Draw = Callable[[list[int], np.random.Generator, float], Place]
 
-_TRIES = 64  # for each object
-_MANY = 1000  # objects that may take longer than a second: 100,000 duckies take minutes
-_BESIDE = (0.12, 0.3)  # from the road's tile to the middle of what is beside it, in tiles
+# The places that are tried for each object, on average.
+_TRIES = 64
+# So many objects may take longer than a second: 100,000 duckies take minutes.
+_MANY = 1000
+# The nearest and the farthest middle of what is beside a road, in tiles from the road's tile.
+_BESIDE = (0.12, 0.3)
 
 _QUARTERS = (0.0, pi / 2, pi, -pi / 2)
 

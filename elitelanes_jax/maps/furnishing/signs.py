@@ -96,7 +96,8 @@ def _signs_for(crossing: Cell, sides: list[int], heading: int, control: str) -> 
     """Returns the two signs that a driver reads who enters a crossing with a heading."""
     ahead, right = SIDES[heading], SIDES[(heading + 1) % 4]
     topology = topology_sign(sides, heading)
-    angle = atan2(ahead.down, -ahead.right)  # back towards the driver; y points south
+    # The sign faces back towards the driver. Here y points south.
+    angle = atan2(ahead.down, -ahead.right)
     signs = []
     for kind, to_right in ((topology, 0.5 + _NEAR), (control, -0.5 - _SECOND)):
         x = crossing[1] + 0.5 + (0.5 + _NEAR) * ahead.right + to_right * right.right

@@ -13,7 +13,8 @@ from elitelanes_jax.lanes.links import Cell
 
 Point = tuple[float, float]
 
-_CLEARANCE = 0.01  # between footprints, in tiles
+# The least distance between footprints, in tiles.
+_CLEARANCE = 0.01
 
 
 def make_object(kind: str, x: float, y: float, angle: float, *, static: bool = True) -> MapObject:

@@ -177,7 +177,8 @@ def _read_objects(file: str) -> tuple[MapObject, ...]:
     """Reads the objects of a map file, or the list "objects" of a TOML file."""
     if not file.endswith(".toml"):
         objects = read_map(file).objects
-        if not objects:  # another map to furnish, perhaps
+        if not objects:
+            # It may be meant as another map to furnish.
             raise InputError(
                 f"{file}: expected objects to place, got a map without any (a call furnishes one map)"
             )

@@ -68,7 +68,8 @@ class Tags:
             distance = self._distance(signs[0], numbers)
             if len(numbers) >= len(signs):
                 return distance, -len(numbers)
-            return distance, len(numbers) - 1000  # fewer than needed: the most are best
+            # Fewer tags are left than are needed, and the most are best.
+            return distance, len(numbers) - 1000
 
         numbers = max(STREETS, key=preference)
         return [self.give(sign, numbers) for sign in signs]
