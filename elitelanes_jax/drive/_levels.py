@@ -26,13 +26,16 @@ from elitelanes_jax.network.sharding import divide_batches
 class Level(NamedTuple):
     """A task on a map. In a batch every shape starts with N.
 
+    Fields belong together: with another goal or start, `ways` and `shortest` would be others.
+
     Attributes:
-      grid: int8 ``[H, W]``, only links: each connection is returned by the neighbour (see
-        `linked_codes`).
-      start: node; its heading is the one with which its tile was entered.
-      goal: node to be reached, with its heading.
-      shortest: int32, tiles from the start to the goal.
-      ways: uint8 ``[H, W]``, the turns of a shortest way from every node (see `shortest_ways`).
+      grid: int8 ``[H, W]``, the codes of links alone: each connection is returned by the neighbour.
+      start: the node where the episode starts; its heading is the one with which its tile was
+        entered.
+      goal: the node to be reached, with its heading.
+      shortest: int32, the tiles from the start to the goal.
+      ways: uint8 ``[H, W]``, the turns of a shortest way to the goal from every node, two bits for
+        each heading.
       objects: the objects of the map, for the cameras and collisions of `LaneDrive`; None without
         any.
     """

@@ -221,7 +221,7 @@ class FormatOptions(Record):
 
     Attributes:
       tile_size: side of a tile; by default 0.585, as Duckietown has it, or 30 for networks
-      dead_ends: grass: remove roads that lead nowhere, for Duckietown; by default they are refused
+      dead_ends: grass: remove roads that lead nowhere, in the formats of Duckietown, which refuse them by default
       lane: width of a network's lanes; by default 3.2
       speed: limit in a network, in metres a second; by default 8.33
       right_of_way: at a network's crossings: allway_stop (the default), priority,
