@@ -140,7 +140,8 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
 def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[float, float, float]:
     """Returns x, y and the angle of an object."""
     rotate = radians(real_of(value, "rotate", 0.0))
-    if "attach" in value:  # before the pose, whose position it replaces
+    if "attach" in value:
+        # It comes before the pose, whose position it replaces.
         attach = table_of(value, "attach")
         column, row = _pair(attach, "tile")
         slot = whole_of(attach, "slot")

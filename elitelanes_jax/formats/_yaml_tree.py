@@ -15,11 +15,15 @@ from elitelanes_jax._util.types import Plain
 
 _DEEPEST = 64
 _TOO_DEEP = f"expected YAML nested up to {_DEEPEST} levels deep, got more"
-_MOST_VALUES = 5 * 2**18  # a map of 1024 x 1024 tiles, and 260,000 other values: 3 s
+# A map of 1024 x 1024 tiles and 260,000 other values, which take 3 s.
+_MOST_VALUES = 5 * 2**18
 _TOO_MANY = f"expected YAML of at most {_MOST_VALUES:,} values, got more"
-_MERGE = "<<"  # the key of tables whose keys the table has too, unless it has its own
-_MOST_DIRECTIVES = 16  # libyaml compares each with all before it
-_DIRECTIVE = re.compile(r"(?:^|[\r\n\x85\u2028\u2029])%TAG\b")  # after each line break of YAML 1.1
+# The key of tables whose keys the table has too, unless it has its own.
+_MERGE = "<<"
+# The most directives: libyaml compares each with all before it.
+_MOST_DIRECTIVES = 16
+# A directive, after any line break of YAML 1.1.
+_DIRECTIVE = re.compile(r"(?:^|[\r\n\x85\u2028\u2029])%TAG\b")
 
 
 def yaml_tree(text: str) -> Plain:

@@ -26,7 +26,8 @@ date="1970-01-01" author="elitelanes" affiliation="" source="elitelanes">
 
 # The numbers of signs in the German road traffic regulations.
 _SPEED, _YIELD, _PRIORITY = "274", "205", "306"
-_SIGN_FOR_ALL = {"allway_stop": "206", "right_before_left": "102"}  # by right of way
+# The sign at all entries of a crossing, by right of way.
+_SIGN_FOR_ALL = {"allway_stop": "206", "right_before_left": "102"}
 
 # The phases of a traffic light: the colour, and its length in time steps.
 _CYCLE = (("green", 200), ("yellow", 30), ("red", 200), ("redYellow", 30))
@@ -135,7 +136,8 @@ def _make_lanelets(graph: LaneGraph, streets: Streets, height: int) -> list[_Lan
     lanelets = []
     for number, movement in enumerate(graph.list_movements(), 1):
         left, right = bounds(movement, streets, height)
-        if movement.turn == BACK:  # the outline of a lanelet must not touch itself
+        if movement.turn == BACK:
+            # The outline of a lanelet must not touch itself.
             left[[0, -1]] += 1e-5 * (right - left)[[0, -1]]
         lanelets.append(_Lanelet(number, movement, left, right, [], []))
     for lanelet, next_indices in zip(lanelets, graph.list_successors(), strict=True):
@@ -238,7 +240,8 @@ def _farthest_from(start: _Lanelet, lanelets: list[_Lanelet]) -> int:
     """Returns the number of the lanelet that a breadth-first search from another one reaches last."""
     queue = [start.number]
     reached = {start.number}
-    for number in queue:  # the queue grows while it is read
+    for number in queue:
+        # The queue grows while it is read.
         for successor in lanelets[number - 1].successors:
             if successor not in reached:
                 reached.add(successor)

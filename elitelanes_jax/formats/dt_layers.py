@@ -71,7 +71,8 @@ _KIND_OF_LAYER = {"citizens": "duckie", "vehicles": "duckiebot", "ground_tags": 
 _NOTHING = (None, "", "~", "null", "Null", "NULL")
 _METRES = ("m", "metres", "meters")
 _CELL_IN_NAME = re.compile(r"_(-?\d{1,4})_(-?\d{1,4})$")
-_NEAR = 0.05  # tiles, and radians: how far a position or a yaw may be from a cell or a right angle
+# How far a position may be from a cell, in tiles, or a yaw from a right angle, in radians.
+_NEAR = 0.05
 _MOST_BYTES = 32 * MIB
 
 _Table = dict[str, Plain]

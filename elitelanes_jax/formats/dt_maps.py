@@ -143,7 +143,8 @@ def _write_layers(
     for index, thing in enumerate(road_map.objects or ()):
         stem = robot if thing.kind == "duckiebot" else thing.kind.removeprefix(OTHER)
         name = f"{_MAP}/{stem}_{index}"
-        if name in layers["tiles"]:  # an object of the kind other:tile_0
+        if name in layers["tiles"]:
+            # The object's kind is other:tile_0 or the like.
             name = f"{_MAP}/other_{name.removeprefix(f'{_MAP}/')}"
         layer, values = _entry(thing)
         values["height"] = thing.height

@@ -31,7 +31,8 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)
 _SQUARE = np.array([(-0.5, 1, 0), (0.5, 1, 0), (0.5, 0, 0), (-0.5, 0, 0)], np.float32)
 _NORMALS = np.array([(0, 0, 1)] * 4, np.float32)
-_TRIANGLES = np.array([0, 3, 2, 0, 2, 1], np.uint16)  # anticlockwise from the front
+# The corners are anticlockwise from the front.
+_TRIANGLES = np.array([0, 3, 2, 0, 2, 1], np.uint16)
 
 # The accessors, and the views of the buffer, of these four arrays.
 _POSITION, _NORMAL, _PICTURE_POSITION, _INDEX = range(4)
@@ -88,7 +89,8 @@ def to_gltf(
         )
     standing = check_named("standing", listed(Standing), standing)
     rows, columns = check_shape(shape)
-    pictures = {picture: 0}  # by content, so that equal objects share a picture
+    # By content, so that equal objects share a picture.
+    pictures = {picture: 0}
     nodes = [_floor(columns * tile_size, rows * tile_size)]
     for item in standing:
         index = pictures.setdefault(item.picture, len(pictures))

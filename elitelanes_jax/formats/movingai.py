@@ -19,9 +19,12 @@ from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import no_road_error
 from elitelanes_jax.network.checks import check_grid
 
-_STARTS, _GOALS = 10, 10  # the number of starts, and of goals from each start
-_BUCKET = 4  # tasks in a bucket have path lengths that differ by less than this
-_MOST_CELLS = 2**25  # the lengths of paths to all of them take 4 GB of memory
+# The number of starts, and of goals from each start.
+_STARTS, _GOALS = 10, 10
+# Tasks in a bucket have path lengths that differ by less than this.
+_BUCKET = 4
+# The lengths of paths to all of these cells take 4 GB of memory.
+_MOST_CELLS = 2**25
 
 
 class MovingAI(NamedTuple):

@@ -27,7 +27,8 @@ WHEEL_RADIUS = 0.0318
 WHEEL_DISTANCE = 0.102
 """The distance between the middles of the robot's wheels in metres."""
 
-_TOP_SPEED = 1.2  # of a wheel, metres a second
+# The top speed of a wheel in metres a second.
+_TOP_SPEED = 1.2
 
 # The camera above the floor and ahead of the wheels, in metres; its pitch and its upright angle of view.
 _CAMERA_HEIGHT, _CAMERA_FORWARD = 0.108, 0.066

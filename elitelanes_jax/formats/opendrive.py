@@ -232,8 +232,10 @@ def _rights_at_junctions(
     controllers: list[str] = []
     rights: dict[Cell, list[str]] = {}
     for tile, rule in rules.items():
-        along: list[Arrival] = []  # of the road from north to south
-        beside: list[Arrival] = []  # of the road from west to east
+        # The arrivals of the road from north to south.
+        along: list[Arrival] = []
+        # The arrivals of the road from west to east.
+        beside: list[Arrival] = []
         for neighbour in network.links[tile]:
             axis = along if neighbour[1] == tile[1] else beside
             axis.append((tile, neighbour))

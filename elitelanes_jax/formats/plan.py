@@ -42,7 +42,8 @@ _TILE = {
     for turns in (3, 2, 1, 0)
 }
 
-_LANE, _STUB = 0.21, 0.05  # metres
+# In metres: the width of a lane, and the length of the tape at a dead end.
+_LANE, _STUB = 0.21, 0.05
 # From the middle of the road to the middle of its white tape.
 _EDGE = TAPE_WIDTHS["yellow"] / 2 + _LANE + TAPE_WIDTHS["white"] / 2
 
@@ -155,7 +156,8 @@ def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tup
     counter-clockwise from the tile in `REFERENCE`.
     """
     half, right = tile_size / 2, tile_size / 2 - TAPE_WIDTHS["yellow"] / 2
-    side = Tape("white", ((half - _EDGE, 0.0), (half - _EDGE, tile_size)))  # in the west
+    # The tape along the western side.
+    side = Tape("white", ((half - _EDGE, 0.0), (half - _EDGE, tile_size)))
     corner = _arc("white", half - _EDGE, 3, tile_size)
     # Who comes from the north has the west on the right.
     stop = Tape("red", ((right - _LANE, TAPE_WIDTHS["red"] / 2), (right, TAPE_WIDTHS["red"] / 2)))

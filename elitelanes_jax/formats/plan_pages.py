@@ -27,8 +27,10 @@ _SMALLEST, _LARGEST, _SAMPLE = 14.0, 40.0, 22.0
 _ABOVE_MAP, _BELOW_MAP = _MARGIN + 16, 20.0
 _BESIDE_MAP = 2 * _MARGIN + 16
 _BETWEEN_SAMPLES = 8.0
-_ROWS, _COLUMNS = 56, 3  # lines and columns of a page of the check-list
-_SIGNS_BEYOND = 0.3  # in tiles: signs may be beyond the map
+# The lines and the columns of a page of the check-list.
+_ROWS, _COLUMNS = 56, 3
+# In tiles: signs may be this far beyond the map.
+_SIGNS_BEYOND = 0.3
 
 _GROUND, _ROAD, _INK, _FAINT = "#f3f5ee", "#c4c8ce", "#1d2026", "#6d737d"
 _STOP, _SIGN, _OTHER_OBJECT = "#c01722", "#1f5fbf", "#3d7a3a"
@@ -226,7 +228,8 @@ def _draw_tiles(
             points = [(x + east * scale, y + south * scale) for east, south in tape.points]
             lines[tape.colour].append(points)
     ax.add_collection(PolyCollection(squares, facecolors=_ROAD, edgecolors=_FAINT, linewidths=0.3))
-    dash = 0.05 / TAPE_WIDTHS["yellow"]  # in widths of the line
+    # The length of a dash in widths of the line.
+    dash = 0.05 / TAPE_WIDTHS["yellow"]
     # The last tape covers the others. White tape on white paper needs an outline.
     dashes = (0, (dash, dash / 2))
     layers: tuple[tuple[str, str, float, Untyped], ...] = (

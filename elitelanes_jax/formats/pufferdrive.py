@@ -31,7 +31,8 @@ _KINDS = {
     "road_edge": _KindNumbers(15, 6),
     "stop_sign": _KindNumbers(17, 7),
 }
-_VEHICLE = 1  # the number of the kind of all cars, in the binary
+# The number of the kind of all cars in the binary file.
+_VEHICLE = 1
 
 
 class PufferDrive(NamedTuple):

@@ -25,9 +25,12 @@ from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
 
 _FORMAT = "elitelanes map, version 1"
-_MOST_BYTES = 32 * MIB  # a drawn map of 1024 x 1024 tiles has 22 MB
-_ROUNDED = 1e-3  # how far a stored share may be from the measured one
-_MOST_LISTED = 64 * MIB  # a list of 40,000 maps of 12 x 12 tiles with their metrics
+# A drawn map of 1024 x 1024 tiles has 22 MB.
+_MOST_BYTES = 32 * MIB
+# How far a stored share may be from the measured one.
+_ROUNDED = 1e-3
+# A list of 40,000 maps of 12 x 12 tiles with their metrics has this size.
+_MOST_LISTED = 64 * MIB
 
 
 class Drawn(NamedTuple):

@@ -30,8 +30,10 @@ _KINDS = {
 }
 _VEHICLE = "VEHICLE"
 _DATASET = "elitelanes"
-_VERSION = "MetaDrive v0.4.3"  # of the format
-_PROTOCOL = 4  # of pickles, which Python 3.4 and later read
+# The version of the format.
+_VERSION = "MetaDrive v0.4.3"
+# The protocol of pickles that Python 3.4 and later read.
+_PROTOCOL = 4
 
 
 @name_wrong_arguments
@@ -84,7 +86,8 @@ def to_scenarionet(
         "length": steps,
         "metadata": metadata,
         "tracks": tracks,
-        "dynamic_map_states": {},  # there are no lights
+        # There are no lights.
+        "dynamic_map_states": {},
         "map_features": features,
     }
     return _to_pickle(scenario)
@@ -256,5 +259,6 @@ def _read_metadata(file: Path) -> dict[str, Plain]:
     try:
         metadata: dict[str, Plain] = _Unpickler(BytesIO(content)).load()["metadata"]
         return metadata | {"ts": metadata["ts"].tolist()}
-    except Exception:  # What is no pickle raises errors of many kinds.
+    except Exception:
+        # What is no pickle raises errors of many kinds.
         raise InputError(f"{file}: expected a scenario of to_scenarionet") from None

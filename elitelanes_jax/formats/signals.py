@@ -173,7 +173,8 @@ def _end_of_road(
         away = gaps(place + _ASIDE * front)
     else:
         away = gaps(place)
-        if away.min():  # left of the reader first, because traffic keeps right
+        if away.min():
+            # What is left of the reader comes first, because traffic keeps right.
             left = _ASIDE * 1j * front
             away = gaps(place - left, place + left)
 

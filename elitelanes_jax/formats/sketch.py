@@ -41,7 +41,8 @@ def draw_svg(grid: ArrayLike) -> str:
     """
     codes = np.asarray(check_grid(grid))
     height, width = codes.shape
-    scale = min(30, 480 / max(height, width))  # pixels of a tile
+    # The side of a tile in pixels.
+    scale = min(30, 480 / max(height, width))
     roads = "".join(
         f"M{column + 0.5} {row + 0.5}l{side.right / 2:g} {side.down / 2:g}"
         for row, column in np.ndindex(height, width)

@@ -29,9 +29,12 @@ from elitelanes_jax.network.codes import CONNECTIONS
 _SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
 _SETTINGS = {
     "output-file": "{name}.net.xml",
-    "offset.disable-normalization": "true",  # keep the grid's coordinates
-    "precision": "4",  # for streets as small as Duckietown's
-    "geometry.min-radius": "0",  # no warnings of turns as sharp as a tile's
+    # The grid's coordinates are kept.
+    "offset.disable-normalization": "true",
+    # Four digits suit streets as small as Duckietown's.
+    "precision": "4",
+    # Turns are as sharp as a tile's, without a warning.
+    "geometry.min-radius": "0",
     "roundabouts.guess": "false",
 }
 
