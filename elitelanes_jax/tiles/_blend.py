@@ -14,11 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 
-_STRIP = 1 / 2  # of a tile: the depth on both sides of a seam over which roads are compared
+# The depth on both sides of a seam over which roads are compared, in tiles.
+_STRIP = 1 / 2
 # The weights of (255 · (gain - 1))² and offset², relative to squared grey levels.
 _GAIN, _OFFSET = 1.0, 0.01
-_FEATHER = 0.02  # of a tile, on both sides of a seam; at least two pixels
-_PAIRS = 256  # the number of pairs of tiles that are compared at once
+# The width of the blend on both sides of a seam in tiles, and at least two pixels.
+_FEATHER = 0.02
+# The number of pairs of tiles that are compared at once.
+_PAIRS = 256
 # An equation's row, from both levels and 1.
 _ROW = np.array([[1 / 255, 0, 0], [0, 0, 1], [0, -1 / 255, 0], [0, 0, -1]])
 
@@ -111,7 +114,8 @@ def feather(
     size = image.shape[0] // codes.shape[0]
     blended, changes, places = image.copy(), [], []
     for turned, meets in _meetings(codes):
-        axis = 0 if turned else 1  # across the seams
+        # The axis across the seams.
+        axis = 0 if turned else 1
         seen, change = _mix(image, labels, _turn(meets, turned), size, axis)
         depth = seen.shape[axis + 1] // 2
         seams = np.arange(size, image.shape[axis], size)

@@ -11,9 +11,12 @@ _BRIGHTEST = 90.0
 _ASPHALT = np.array([1.0, 0.93, 0.82])
 # The side of a tile at which the ground is measured: the time grows with its fourth power.
 _MOST_PX = 96
-_BARE = 1.2  # of the ground's brightness: darker pixels show no tape
-_MOST_TINT = 3.0  # between the channels of a light; more is a ground in a colour of its own
-_LEAST_GAIN = 0.6  # by which light is dimmed at most: brighter ground is no asphalt
+# A part of the ground's brightness: darker pixels show no tape.
+_BARE = 1.2
+# The largest ratio between the channels of a light. More is a ground in a colour of its own.
+_MOST_TINT = 3.0
+# The factor by which light is dimmed at most: brighter ground is no asphalt.
+_LEAST_GAIN = 0.6
 
 
 def ground_of(image: NDArray[np.uint8], tile_px: float) -> NDArray[np.float32]:

@@ -15,15 +15,20 @@ from numpy.typing import NDArray
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, SIDES, WEST, Side, exchange_sides
 from elitelanes_jax.tiles.files import Tile
 
-_MOST = {"red": 0.25, "yellow": 0.15}  # of a tile's area
-_ON_ROAD = 0.95  # the least part of a line's area on the road
-_OFF = 0.04  # the largest displacement of an edge or a middle
+# The largest part of a tile's area in each colour of lines.
+_MOST = {"red": 0.25, "yellow": 0.15}
+# The least part of a line's area on the road.
+_ON_ROAD = 0.95
+# The largest displacement of an edge or a middle.
+_OFF = 0.04
 # The least part of a line's area that differs more from the road's colour than 95 % of the road.
 _DISTINCT = 0.7
 # The strip along a side that has its stop line, and where a separator's middle is measured.
 _NEAR = 1 / 8
-_SEEN = 1 / 4  # the strip along a side in which a separator begins
-_COVERED = 0.75  # the least part of the incoming lane's width that its stop line covers
+# The strip along a side in which a separator begins.
+_SEEN = 1 / 4
+# The least part of the incoming lane's width that its stop line covers.
+_COVERED = 0.75
 _NAMES = {"red": "stop lines", "yellow": "lane separators"}
 
 

@@ -22,7 +22,8 @@ _TITLE, _CAPTION = 0.8, 0.46
 # and how many times as far from the corner of a crossing as their signs the faces are, and those of
 # lights.
 _FACE, _BORDER, _APART, _APART_LIGHT = 0.21, 0.55, 1.9, 1.4
-_EM = 29  # pixels of a letter's square at scale 1, in outline fonts
+# The side of a letter's square at scale 1, in outline fonts, in pixels.
+_EM = 29
 
 
 def contact_sheet(
@@ -130,7 +131,8 @@ def write_text(
     `position` is x and y of its lower left corner in pixels, `scale` 1 about 22 pixels high, `ink`
     its colour in RGB.
     """
-    check_named("scale", real(0, 100, exclusive=True), scale)  # OpenCV 5 crashes for negative sizes
+    # OpenCV 5 crashes for negative sizes.
+    check_named("scale", real(0, 100, exclusive=True), scale)
     check_named("sheet", check_picture, sheet)
     words = text.encode("ascii", "replace").decode()
     if _font() is None:

@@ -45,8 +45,10 @@ from elitelanes_jax.tiles.photographs.reading import Photograph
 from elitelanes_jax.tiles.rendering import png_of, write_png
 from elitelanes_jax.tiles.tileset import MASKS, inspect_tiles, tile_folders
 
-_SHOWN = 1600  # the longest side in pixels of a photograph on the page
-_SHEETS = ("sheet.png", "masks.png")  # they show the masks of before, and stay in the earlier set
+# The longest side of a photograph on the page, in pixels.
+_SHOWN = 1600
+# These sheets show the masks of before, and stay in the earlier set.
+_SHEETS = ("sheet.png", "masks.png")
 
 
 class _Picture(NamedTuple):
@@ -76,7 +78,8 @@ class HandWork:
         self.folder, self.photographs = folder, list(photographs)
         self._pictures: dict[str, _Picture] = {}
         self.saved = False
-        self._earlier_set: Path | None = None  # a copy of the set that the first save replaces
+        # A copy of the set that the first save replaces.
+        self._earlier_set: Path | None = None
         self._saving = Lock()
         if folder.exists() and folder.resolve() == Path.cwd():
             raise InputError(

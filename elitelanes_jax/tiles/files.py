@@ -21,7 +21,8 @@ GROUND = (86, 118, 72)
 """The colour of empty cells, and of the transparent pixels of tile pictures, RGB: grass."""
 
 _SHORTEST_SIDE, _LONGEST_SIDE = 2, 4096
-_MOST_BYTES = 72 * MIB  # a picture of that size with transparency that does not compress
+# A picture of the largest size, with transparency, that does not compress.
+_MOST_BYTES = 72 * MIB
 _MOST_PARTS = 2**16
 _PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -78,13 +79,15 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     fault = "one that cannot be read"
     try:
         picture = decode_png(_plain_png(read_bytes(file, _MOST_BYTES)))
-    except InputError as error:  # a large file
+    except InputError as error:
+        # The file is too large, and the message names it.
         problems.append(str(error))
         return None
     except ValueError as error:
         fault += f": {error}"
     except OSError:
-        pass  # the fault says it
+        # The fault says what is wrong.
+        pass
     if picture is not None and picture.dtype != np.uint8:
         fault = str(picture.dtype)
         picture = None

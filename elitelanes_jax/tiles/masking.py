@@ -23,16 +23,20 @@ from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.files import Layer, check_picture, read_image, read_mask, size_of
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
-_CLEAN = 1 / 96  # of a tile: thinner pieces are no tape, narrower gaps are wear
-_CUT = 1 / 48  # of a tile: parts joined to the road by a narrower bridge are beyond a worn edge
+# In tiles: thinner pieces are no tape, and narrower gaps are wear.
+_CLEAN = 1 / 96
+# In tiles: parts that a narrower bridge joins to the road are beyond a worn edge.
+_CUT = 1 / 48
 # Of a tile: one of four photographs has a white line of 0.0025 along a side that its road leaves
 # by.
 _RIM = 0.004
-_SLIVER = 0.02  # of a tile: a cut is off by less
+# In tiles: a cut is off by less.
+_SLIVER = 0.02
 # Of a tile's area: smaller pieces are specks; a tenth of a line or dash.
 _LEAST = {"red": 0.003, "yellow": 0.0004}
 _TOP = (179, 255, 255)
-_SHEET_PX = 240  # side of a tile on the sheet
+# The side of a tile on the sheet.
+_SHEET_PX = 240
 _SHEET_COLOURS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}
 
 

@@ -47,8 +47,10 @@ from elitelanes_jax.tiles._lots import draw_lots
 from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.pasting import Placed, paste
 
-_KEYS, _TAG = ("kind", "height", "footprint"), "tag"  # of object.toml; a tag is optional
-_MOST = 10  # metres
+# The keys of object.toml; a tag is optional.
+_KEYS, _TAG = ("kind", "height", "footprint"), "tag"
+# The largest height and footprint in metres.
+_MOST = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +163,11 @@ def _with_tag(pictures: ObjectPictures, number: int) -> ObjectPictures:
     if pictures.tag is None:
         return pictures
     middle, side = pictures.tag
-    if not pictures.height:  # a tag on the floor
+    if not pictures.height:
+        # The object is a tag on the floor.
         top = pictures.top
-        metre = top.shape[1] / pictures.footprint[0]  # in pixels
+        # The pixels of a metre.
+        metre = top.shape[1] / pictures.footprint[0]
         return replace(
             pictures, top=_paint_tag(top, number, top.shape[0] / 2, side * metre, side * metre)
         )
@@ -210,7 +214,8 @@ def _paint_tag(
 def lay_flat(thing: MapObject, pictures: ObjectPictures, tile_px: int) -> Placed:
     """Places an object on a map as seen from above, in pixels of the rendered map; `tile_px` is a tile's side."""
     rows, columns = pictures.top.shape[:2]
-    scale = tile_px / TILE_SIZE  # pixels of a metre
+    # The pixels of a metre.
+    scale = tile_px / TILE_SIZE
     if pictures.height:
         scale *= thing.height / pictures.height
     centre = np.array([[1, 0, -columns / 2], [0, 1, -rows / 2], [0, 0, 1]])
@@ -286,7 +291,8 @@ def _load_pictures(folder: Path) -> ObjectPictures:
     footprint, above = about.footprint, folder / "top.png"
     if above.is_file():
         top = _read(above)
-    elif about.height:  # lying on the floor
+    elif about.height:
+        # The object lies on the floor.
         front = views[0]
         footprint = about.height, about.height * front.shape[1] / front.shape[0]
         top = np.rot90(front, -1)

@@ -78,7 +78,8 @@ def _own_objects_like(digest: str) -> ObjectSet:
 def _read_pixels(content: bytes) -> NDArray[np.uint8]:
     """Returns the pixels of a PNG file: grey, RGB, or RGB and opacity."""
     pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert pixels is not None  # `png_of` wrote it
+    # It can be read, because `png_of` wrote it.
+    assert pixels is not None
     if pixels.ndim == 3:
         swap = cv2.COLOR_BGR2RGB if pixels.shape[2] == 3 else cv2.COLOR_BGRA2RGBA
         pixels = cv2.cvtColor(pixels, swap)

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.objects import OPAQUE
 
-_FINER = 2  # samples a pixel in each direction
-_MOST = 2**16 - 1  # objects of a map
+# The samples of a pixel in each direction.
+_FINER = 2
+# The most objects of a map.
+_MOST = 2**16 - 1
 
 
 class Placed(NamedTuple):
@@ -30,12 +32,17 @@ class Placed(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is seen of a pasted picture. Boxes are x, y, width and height in pixels."""
+    """What is seen of a pasted picture. Boxes are x, y, width and height in pixels.
 
-    box: tuple[int, int, int, int]  # of what is seen; of width 0 if nothing is
-    # Of all of it, as if nothing hid it and the other picture had no edges.
+    Attributes:
+      box: the box of what is seen; of width 0 if nothing is.
+      whole: the box of all of it, as if nothing hid it and the other picture had no edges.
+      visible: the share of its pixels that is seen.
+    """
+
+    box: tuple[int, int, int, int]
     whole: tuple[float, float, float, float]
-    visible: float  # the share of its pixels that is seen
+    visible: float
 
 
 def paste(
@@ -81,7 +88,8 @@ def project(points: Shaped[NDArray, "N 2"], matrix: Float[NDArray, "3 3"]) -> Fl
     )
 
 
-_Window: TypeAlias = tuple[slice, slice]  # rows and columns
+# The rows and the columns of a part of a picture.
+_Window: TypeAlias = tuple[slice, slice]
 
 
 def _window(one: Placed, size: tuple[int, int], near: float) -> _Window:
@@ -89,7 +97,8 @@ def _window(one: Placed, size: tuple[int, int], near: float) -> _Window:
     corners = project(_corners(one), one.matrix)
     if (corners[:, 2] <= near).all():
         return np.s_[0:0, 0:0]
-    if (corners[:, 2] <= near).any():  # it reaches behind the camera
+    if (corners[:, 2] <= near).any():
+        # The object reaches behind the camera.
         return np.s_[0 : size[0], 0 : size[1]]
     low, high = np.floor(corners[:, :2].min(axis=0)), np.ceil(corners[:, :2].max(axis=0))
     left, top = (int(part) for part in np.clip(low, 0, size[::-1]))

@@ -172,7 +172,8 @@ def render(
         chosen = choose_tiles(road_map.codes, tiles, 0 if seed is None else seed)
     layers = draw_layers(road_map.codes, tiles, chosen, tile_px, ("image", "labels", *MASKS))
     if objects is not None:
-        objects = load_objects(objects)  # a wrong folder is refused for maps without objects too
+        # A wrong folder is refused for maps without objects too.
+        objects = load_objects(objects)
     instances = None
     if road_map.objects:
         pictures = load_objects(objects).choose(road_map.objects, seed or 0)
@@ -205,7 +206,8 @@ def draw_layers(
     if not tiles.blend:
         return {name: _lay_out(scaled[name], picture) for name in names}
     layers = {name: _lay_out(scaled[name], picture) for name in names if name != "image"}
-    small = scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
+    # Compared at one size, tiles have one light at all sizes.
+    small = scale_tiles(tiles, COMPARED_PX)
     tones = solve_tones(grid, picture, small["image"], small["labels"])
     image = feather(lay_toned(scaled["image"], picture, tones), layers["labels"], grid)
     if any(tile.opaque is not None for tile in tiles.tiles):
@@ -246,7 +248,8 @@ def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray
     grid = np.asarray(check_grid(grid))
     try:
         chosen = np.asarray(chosen)
-    except ValueError:  # rows of several lengths
+    except ValueError:
+        # The rows have several lengths.
         raise InputError(
             f"chosen: expected integers of shape {(*grid.shape, 2)}, got {shorten(repr(chosen))}"
         ) from None

@@ -10,11 +10,14 @@ from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.files import Tile
 
-_SEEN = 1 / 5  # the strip along a side in which a separator begins
+# The strip along a side in which a separator begins.
+_SEEN = 1 / 5
 # The depth of a separator that is measured: on a turn it leaves the middle further inside.
 _DASH = 1 / 24
-_WHITE = 130  # the least brightness of white tape in even light
-_NEAR = 0.04  # tiles between the road's edge and the white line, at most
+# The least brightness of white tape in even light.
+_WHITE = 130
+# The most tiles between the road's edge and the white line.
+_NEAR = 0.04
 
 
 class SideLines(NamedTuple):

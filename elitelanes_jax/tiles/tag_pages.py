@@ -19,10 +19,13 @@ from elitelanes_jax.tiles.object_set import draw_tag
 # Lengths on pages are in millimetres.
 _A4 = 210.0, 297.0
 _SIDE = 1000 * TAG_SIZE
-_CELL = _SIDE / 8  # of the eight cells along a black square
-_CUT = _SIDE + 2 * _CELL  # readers of tags need a white margin of a cell
+# The side of each of the eight cells along a black square.
+_CELL = _SIDE / 8
+# Readers of tags need a white margin of a cell.
+_CUT = _SIDE + 2 * _CELL
 _COLUMNS, _ROWS, _TOP, _CAPTION = 2, 3, 22.0, 7.0
-_BAR = 100.0  # to measure whether the printer kept the size
+# The length of a bar that tells whether the printer kept the size.
+_BAR = 100.0
 _FAINT = "#6d737d"
 
 

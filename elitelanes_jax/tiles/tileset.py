@@ -71,7 +71,8 @@ _KEYS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "blend": (_is_truth_value, "blend to be true or false"),
     "lane_offset": (is_lane_offset, "lane_offset to be a number over 0 and under 0.5"),
 }
-_TOUCHES = 0.1  # the least part of a side in road if a road reaches it
+# The least part of a side in road if a road reaches it.
+_TOUCHES = 0.1
 
 
 class RotatedTile(NamedTuple):
@@ -239,7 +240,8 @@ def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
         problems.append(f"{folder}: expected a folder of tile pictures, got {got}")
         return []
     kinds = list(_EXPECTED)
-    folders: list[tuple[int, int, Path]] = []  # with the indices of kinds, and the numbers
+    # The folders with the indices of their kinds, and their numbers.
+    folders: list[tuple[int, int, Path]] = []
     for entry in folder.iterdir():
         if not entry.is_dir():
             continue

@@ -26,27 +26,42 @@ MOST_CONTRAST = 6.0
 
 # Tiles between the border by colours, which a shadow under the tile shifts, and the sharpest edge.
 _SHARP_REACH = 0.015
-_PART = 8  # points of a side over which the sharpest edge is averaged
-_RING = 0.18  # tiles beyond the reach from which the colours of the floor and of the tile are taken
-_STEP = 1 / 320  # tiles between two places across a side
-_FINE = 4  # places along a side for each point
+# The points of a side over which the sharpest edge is averaged.
+_PART = 8
+# The distance beyond the reach, in tiles, from which the colours of the floor and of the tile are
+# taken.
+_RING = 0.18
+# The distance between two places across a side, in tiles.
+_STEP = 1 / 320
+# The places along a side for each point.
+_FINE = 4
 # The logarithm of the density of tape, and of all else on a tile that is not asphalt.
 _TAPE_DENSITY = -3.0
 # The largest logarithm of a ratio of likelihoods that one pixel counts for.
 _MOST_LIKELY = MOST_CONTRAST / 2
-_BESIDE = 0.04  # tiles on both sides of a border whose colours are compared
+# The width on both sides of a border, in tiles, whose colours are compared.
+_BESIDE = 0.04
 # Tiles on both sides of a border whose colours are no sample of the floor's or the tile's.
 _BESIDE_REACH = 0.05
-_GRAIN = 0.01  # the least standard deviation of a floor's colours, in logarithms
-_DARK = 8  # added to colours before their logarithm is taken: noise is as large in dark pixels
+# The least standard deviation of a floor's colours, in logarithms.
+_GRAIN = 0.01
+# Added to colours before their logarithm is taken, because noise is as large in dark pixels.
+_DARK = 8
 
 
 class Border(NamedTuple):
-    """Points ``[S, A, 2]`` in tiles on the outer sides, the directions ``[S, 1, 2]`` out, and the border's offsets."""
+    """Points ``[S, A, 2]`` in tiles on the outer sides, the directions ``[S, 1, 2]`` out, and the border's offsets.
+
+    Attributes:
+      points: points on the outer sides, in tiles.
+      outwards: the directions out, of length 1.
+      offsets: the offset of the border at each point, ``[S, A]``, in tiles outwards; NaN where no
+        border is seen.
+    """
 
     points: Points
     outwards: Points
-    offsets: NDArray[np.float64]  # [S, A], in tiles outwards; NaN where no border is seen
+    offsets: NDArray[np.float64]
 
 
 def outer_sides(codes: NDArray[np.int8]) -> Sides:

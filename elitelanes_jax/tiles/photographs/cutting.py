@@ -23,12 +23,18 @@ from elitelanes_jax.tiles.tileset import MASKS
 
 # The least and the largest side of a picture; between them, what the photograph has.
 _SIZES = (128, 512)
-_COMPARED_PX = 96  # the side of a tile at which pictures are compared
-_LEAST_COMPARED = 100  # pixels of bare ground; fewer do not tell pictures apart
-_COPY = 0.2  # the correlation of the ground from which two pictures show the same tile
-_RIM = 0.03  # tiles from a side within which the tape of a neighbour lies
-_RED_HUES = (165, 10)  # of red tape, as OpenCV counts them
-_REDDISH = 70  # the saturation of red tape that is mixed with what is beside it
+# The side of a tile, in pixels, at which pictures are compared.
+_COMPARED_PX = 96
+# Fewer pixels of bare ground do not tell pictures apart.
+_LEAST_COMPARED = 100
+# The correlation of the ground from which on two pictures show the same tile.
+_COPY = 0.2
+# The distance from a side, in tiles, within which the tape of a neighbour lies.
+_RIM = 0.03
+# The hues of red tape, as OpenCV counts them.
+_RED_HUES = (165, 10)
+# The saturation of red tape that is mixed with what is beside it.
+_REDDISH = 70
 
 
 class Cut(NamedTuple):

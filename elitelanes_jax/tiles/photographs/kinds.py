@@ -26,12 +26,15 @@ MARGIN_PX = READ_PX // 8
 
 # The correlation that counts for a cell without a tile: tiles of other sets have more.
 _EMPTY = 0.42
-_DISAGREE = 0.25  # the correlation that a road which ends at a side costs; at the border half of it
-_COLOURED = 0.25  # the least correlation of coloured lines with those of a cell's code
+# The correlation that a road which ends at a side costs; at the border half of it.
+_DISAGREE = 0.25
+# The least correlation of coloured lines with those of a cell's code.
+_COLOURED = 0.25
 # The least contrast inside a tile that is no crossing. Tiles have 0.7 or more, bare floors at most
 # 0.15. A crossing may have none, but bare cells have correlations of at most 0.36 with crossings.
 _CONTRAST = 0.25
-_INSIDE_PX = MARGIN_PX + READ_PX // 8  # within it, the tape of the neighbours is not seen
+# Within this margin the tape of the neighbours is not seen.
+_INSIDE_PX = MARGIN_PX + READ_PX // 8
 _ROUNDS = 12
 # A cell shows its kind to the others if its code has this correlation, better than others by this
 # much. Photographs of turns that were misread as ends had at most 0.44.
@@ -41,7 +44,8 @@ _PLAIN = 0.25
 # What a correlation with another cell counts less. Photographs of a kind have 0.75 to 1 with each
 # other; crossings of three and four ways have up to 0.87, straights and ends 0.69, others 0.53.
 _OWN_LESS = 0.15
-_MOST_PICTURES = 3  # of each code that cells are compared with
+# The most pictures of each code that cells are compared with.
+_MOST_PICTURES = 3
 # The weight of colour beside brightness: white lines are the largest but tell kinds apart least.
 _CHROMA = 2.0
 
@@ -76,7 +80,8 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
       tiles: whose pictures the cells are compared with.
     """
     scores = _correlate(flat, rows, columns, tiles)
-    if rows * columns == 1:  # nothing to compare it with
+    if rows * columns == 1:
+        # There is nothing to compare a single tile with.
         compared = beliefs = scores
     else:
         compared = _compare_cells(flat, scores)
@@ -242,7 +247,8 @@ def _agree(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the score of the best floor with each code in each cell, ``[H, W, 16]``, by max-sum messages."""
     rows, columns = scores.shape[:2]
     codes = np.arange(16)
-    messages = np.zeros((4, rows, columns, 16))  # to each cell, from its neighbour on each side
+    # The messages to each cell, from its neighbour on each side.
+    messages = np.zeros((4, rows, columns, 16))
     outside = [-_DISAGREE / 2 * ((codes & side.bit) > 0) for side in SIDES]
     for _ in range(_ROUNDS):
         total = scores + messages.sum(axis=0)

@@ -13,10 +13,14 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.tiles.photographs.views import Points
 
-_SEARCH_PX = 400  # the longer side of the photograph in which outlines are looked for
-_MOST_EDGES = 12  # of an outline that may be sides of the quadrangle
-_SAME = 6  # pixels by which two guesses differ at least
-_LEAST = 0.03  # the least part of a photograph that tiles cover
+# The longer side of the photograph in which outlines are looked for, in pixels.
+_SEARCH_PX = 400
+# The most edges of an outline that may be sides of the quadrangle.
+_MOST_EDGES = 12
+# The pixels by which two guesses differ at least.
+_SAME = 6
+# The least part of a photograph that tiles cover.
+_LEAST = 0.03
 
 
 def find_corners(image: NDArray[np.uint8]) -> list[Points]:
@@ -48,7 +52,8 @@ def _unlike_border(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     labels = np.where(likely, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     labels[edge] = cv2.GC_BGD
     if likely[~edge].any() and not likely[~edge].all():
-        cv2.setRNGSeed(0)  # its clusters start at random
+        # OpenCV's clusters start at random.
+        cv2.setRNGSeed(0)
         cv2.grabCut(
             small,
             labels,

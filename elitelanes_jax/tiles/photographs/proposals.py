@@ -31,12 +31,18 @@ from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 SURE = 0.5
 """The least score of a proposal that is cut, and of a cell whose kind is sure."""
 
-_FOCAL = np.geomspace(0.45, 4, 200)  # usual focal lengths, in widths of the picture
-_TAPE_INSET = 0.07  # tiles from the border to the outer white lines, at which some guesses end
-_STARTS = 3  # guesses that are fitted at most
-_ENOUGH = 0.9  # the score at which no other guess is tried
-_SURELY = 0.1  # the margin of a kind that is believed against a map
-_FEW = 0.25  # the largest share of a floor's tiles that are laid otherwise than a map says
+# The usual focal lengths, in widths of the picture.
+_FOCAL = np.geomspace(0.45, 4, 200)
+# The tiles from the border to the outer white lines, at which some guesses end.
+_TAPE_INSET = 0.07
+# The most guesses that are fitted.
+_STARTS = 3
+# The score at which no other guess is tried.
+_ENOUGH = 0.9
+# The margin of a kind that is believed against a map.
+_SURELY = 0.1
+# The largest share of a floor's tiles that are laid otherwise than a map says.
+_FEW = 0.25
 
 
 class Proposal(NamedTuple):

@@ -17,9 +17,12 @@ from elitelanes_jax._util.files import MIB, read_bytes, read_text
 from elitelanes_jax.tiles.files import decode_png
 
 _MOST_BYTES = 128 * MIB
-_MOST_PIXELS = 200e6  # of a JPEG, which can be read at an eighth of its size
-_MOST_READ = 26e6  # pixels: larger JPEGs are read at a half, a quarter or an eighth of their size
-_LEAST_SIDE = 200  # pixels: in smaller pictures a tile's lines are not seen
+# The most pixels of a JPEG, which can be read at an eighth of its size.
+_MOST_PIXELS = 200e6
+# JPEGs of more pixels are read at a half, a quarter or an eighth of their size.
+_MOST_READ = 26e6
+# In pixels: in smaller pictures a tile's lines are not seen.
+_LEAST_SIDE = 200
 _WORDS = "expected a photograph, a JPEG or PNG file"
 # By how many times smaller than its picture a file is read.
 _READ_FLAGS = {
@@ -30,9 +33,12 @@ _READ_FLAGS = {
 }
 # The next marker of a JPEG file. Readers skip other bytes before it, and fill bytes 0xFF.
 _MARKER = re.compile(rb"\xff+([^\x00\xff])", re.DOTALL)
-_FRAME_MARKERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # of headers with the picture's size
-_LONE_MARKERS = {0x01, *range(0xD0, 0xD9)}  # which no length follows
-_LAST_MARKERS = {0xD9, 0xDA}  # the end, or pixels, which come after the frame header
+# The markers of headers with the picture's size.
+_FRAME_MARKERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+# The markers that no length follows.
+_LONE_MARKERS = {0x01, *range(0xD0, 0xD9)}
+# The markers of the end, and of pixels, which come after the frame header.
+_LAST_MARKERS = {0xD9, 0xDA}
 
 
 class Photograph(NamedTuple):

@@ -31,12 +31,16 @@ Field = NDArray[np.float32]
 
 # Pixels of a tile, search of the border in tiles, iterations.
 _STEPS = ((24, 0.14, 6), (48, 0.06, 5), (64, 0.03, 5))
-_MARGIN = 0.4  # tiles around the floor that the border's colours are read from
-_CLEAR = 4.0  # times the change of colour in the floor's texture that an edge has at least
+# The tiles around the floor that the border's colours are read from.
+_MARGIN = 0.4
+# An edge has at least this many times the change of colour in the floor's texture.
+_CLEAR = 4.0
 # Tiles outside of the search in which the floor's colour is measured: light differs further away.
 _RING = 0.16
-_AWAY = 4.0  # standard deviations of the floor's colour from which a colour is another one
-_EDGE_NOISE = 0.0015  # tiles by which points of a sharp border deviate from a line
+# The standard deviations of the floor's colour from which on a colour is another one.
+_AWAY = 4.0
+# The tiles by which points of a sharp border deviate from a line.
+_EDGE_NOISE = 0.0015
 # Pixels that count as one measurement, because texture and tape are larger than a pixel.
 _GRAIN = 1000.0
 # Tiles: cells that tell the corners with a larger standard deviation do not judge the border.
@@ -50,14 +54,22 @@ _EXACT = 0.003
 _COLOUR_STEPS = ((0.04, False), (0.02, True), (0.02, True))
 # Tiles by which a border by colours deviates: six points of a side count as independent.
 _COLOUR_NOISE = 0.01
-_COLOUR_ROUNDS = 3  # of Gauss and Newton's method at each reach
-_CLEAR_COLOURS = 2.5  # of 6: the least contrast of a side whose border is looked for by colours
-_WEAK = 25.0  # holds what nothing measures within a fifth of the floor
-_STILL = 3e-4  # a change, in tiles, after which no further one is made at the same size
-_BEND = 0.06  # the usual radial distortion of a lens
-_STEP = 1 / 160  # tiles between two places across the border
-_ON_BORDER = 0.008  # tiles within which a point is on the border
-_LEAST_PX = 16  # pixels of a tile in a photograph, below which nothing is seen
+# The rounds of Gauss and Newton's method at each reach.
+_COLOUR_ROUNDS = 3
+# The least contrast, of 6, of a side whose border is looked for by colours.
+_CLEAR_COLOURS = 2.5
+# It holds what nothing measures within a fifth of the floor.
+_WEAK = 25.0
+# After a smaller change, in tiles, no further one is made at the same size.
+_STILL = 3e-4
+# The usual radial distortion of a lens.
+_BEND = 0.06
+# The distance between two places across the border, in tiles.
+_STEP = 1 / 160
+# The distance within which a point is on the border, in tiles.
+_ON_BORDER = 0.008
+# In smaller tiles of a photograph, in pixels, nothing is seen.
+_LEAST_PX = 16
 _RIGHT, _DOWN = np.eye(2)
 
 
@@ -186,11 +198,17 @@ def begin_equations(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64
 
 
 class Step(NamedTuple):
-    """A step of Gauss and Newton's method."""
+    """A step of Gauss and Newton's method.
 
-    view: View  # after the step
-    spread: NDArray[np.float64]  # [9, 9], the covariance of the parameters
-    size: float  # the largest change of a parameter, in tiles
+    Attributes:
+      view: the view after the step.
+      spread: the covariance of the parameters, ``[9, 9]``.
+      size: the largest change of a parameter, in tiles.
+    """
+
+    view: View
+    spread: NDArray[np.float64]
+    size: float
 
 
 def solve_equations(
@@ -354,7 +372,8 @@ def _border_offsets(
     along = (np.arange(ALONG) + 0.5)[None, :, None] / ALONG - 0.5
     points = np.array([middle for middle, _ in sides])[:, None] + along * outwards[..., ::-1]
     steps = np.arange(_MARGIN, -reach - 0.06, -_STEP)
-    profile = points[:, :, None] + steps[:, None] * outwards[:, :, None]  # from outside to inside
+    # The places go from outside to inside.
+    profile = points[:, :, None] + steps[:, None] * outwards[:, :, None]
     colours = flatten(image, view, profile.reshape(-1, len(steps), 2), 1 / _STEP).reshape(
         -1, len(steps), 3
     )
@@ -443,7 +462,8 @@ def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> ND
     near = sliding_window_view(
         np.pad(ring, ((0, 0), (2, 2), (0, 0), (0, 0)), mode="edge"), 5, axis=1
     )
-    near = near.swapaxes(3, 4).reshape(*ring.shape[:2], -1, 3)  # of five neighbouring points
+    # These are the colours of five neighbouring points.
+    near = near.swapaxes(3, 4).reshape(*ring.shape[:2], -1, 3)
     ground = np.median(near, axis=2, keepdims=True)
     noise = np.maximum(1.48 * np.median(np.abs(near - ground), axis=2, keepdims=True), 2.0)
     away = np.sqrt((((colours - ground) / noise) ** 2).sum(axis=-1))

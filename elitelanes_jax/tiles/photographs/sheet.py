@@ -11,9 +11,11 @@ from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
 from elitelanes_jax.tiles.photographs.proposals import SURE, Proposal
 from elitelanes_jax.tiles.photographs.reading import Photograph
 
-_WIDTH, _HEIGHT = 640, 480  # of a photograph on the sheet
+# The size of a photograph on the sheet in pixels.
+_WIDTH, _HEIGHT = 640, 480
 _SURE_INK, _UNSURE_INK = (235, 40, 160), (255, 140, 0)
-_SIDE_POINTS = 13  # of a tile's outline, which a lens bends
+# The points along a side of a tile's outline, which a lens bends.
+_SIDE_POINTS = 13
 _PAPER = (250, 249, 246)
 
 

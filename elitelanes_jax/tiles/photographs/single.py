@@ -18,9 +18,12 @@ from elitelanes_jax.tiles.photographs.views import View
 SIDES_OF_TILE = outer_sides(np.ones((1, 1), np.int8))
 """The sides of a single tile, to the north, east, south and west."""
 
-_REACHES = (0.1, 0.05, 0.03)  # tiles in which a side is looked for by colours, one after the other
-_ROUNDS = 4  # of Gauss and Newton's method at each reach
-_STILL = 3e-4  # a change, in tiles, after which no further one is made at the same reach
+# The reaches, in tiles, in which a side is looked for by colours, one after the other.
+_REACHES = (0.1, 0.05, 0.03)
+# The rounds of Gauss and Newton's method at each reach.
+_ROUNDS = 4
+# After a smaller change, in tiles, no further one is made at the same reach.
+_STILL = 3e-4
 
 
 def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
