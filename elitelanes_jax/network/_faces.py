@@ -315,7 +315,8 @@ def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple
         _, _, changing, sweeps = carry
         return changing & (sweeps < _PATIENCE) if arrangement.labels_name_corners else changing
 
-    # Made from the labels, because inside `jax.shard_map` a constant would not be on their devices.
+    # This True is made from the labels, because inside `jax.shard_map` a constant would not be on
+    # their devices.
     true = labels[:1].any() | True
     labels, _, changing, _ = lax.while_loop(
         unsettled, sweep_on, (labels, labels, true, jnp.int32(0))

@@ -106,6 +106,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
     def step(key: Array, state: PsoState) -> tuple[PsoState, Info]:
         first, second = split(key)
         position, velocity, best_position, best = state
+        # Each pull of a particle has one random number in [0, 1), in units of 1 / `UNIT`.
         luck = random_bits16(first, (2, config.particles, 1, 1, 1)) // 16
 
         def pull(strength: Array, towards: Array) -> Array:
