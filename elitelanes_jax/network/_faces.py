@@ -205,8 +205,8 @@ def _label(
         return jnp.zeros(padded.shape, initial.dtype)
     grids = padded.reshape(-1, initial.size)
     walls = _find_walls(arrangement, arrangement.arrange(grids))
-    # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the
-    # walls.
+    # The labels are or-ed with 0 from the walls, so that inside `jax.shard_map` they are on the
+    # same devices as the walls.
     labels = arrangement.arrange(jnp.broadcast_to(initial, grids.shape)) | (walls.east & 0)
     labels, changing = _propagate(arrangement, labels, walls)
     if arrangement.labels_name_corners:
@@ -347,8 +347,8 @@ def _hook_and_jump(
     return lax.while_loop(lambda carry: carry[1], once_more, (labels, changing))[0]
 
 
-# A primitive, so that programs for each kind of device have their own form. It takes leading axes,
-# so that a batch is one more axis.
+# This is a primitive, so that programs for each kind of device have their own form. It takes
+# leading axes, and a batch is one more axis.
 _label_faces = Primitive("label_faces")
 _label_faces.def_impl(partial(_label, beside=False))
 _label_faces.def_abstract_eval(

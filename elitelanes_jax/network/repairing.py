@@ -90,7 +90,7 @@ def _repair(
     fill: bool,
 ) -> Int8[Array, "H W"]:
     cells = PackedCells(*grid.shape)
-    # The links inside the grid: those to the east and south of all cells, except at the border.
+    # These are the links inside the grid: to the east and south of all cells, except at the border.
     rows, columns = np.indices(grid.shape)
     room = np.where(columns < cells.width - 1, EAST, 0) | np.where(
         rows < cells.height - 1, SOUTH, 0

@@ -197,7 +197,8 @@ def _most_alike(
     inside = ((rows >= north) & (rows <= south))[:, None] & ((columns >= west) & (columns <= east))[
         None
     ]
-    # The mirror image of the box, on the whole grid: cells outside the box have no meaning.
+    # The whole grid is mirrored around the middle of the box. Cells outside the box have no
+    # meaning.
     back_rows = jnp.clip(north + south - rows, 0, tile.shape[0] - 1)
     back_columns = jnp.clip(west + east - columns, 0, tile.shape[1] - 1)
     flipped, mirrored = tile[back_rows], tile[:, back_columns]

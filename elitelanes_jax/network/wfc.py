@@ -158,8 +158,8 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
     crossing = np.isin(codes, CROSSINGS) & crossing_ban
     held = domains[:, None] >> bits & 1
     for direction, side in enumerate(SIDES):
-        # The codes that a neighbour may have beside each code, and in the last row beside a guard
-        # cell.
+        # These are the codes that a neighbour may have beside each code, and in the last row beside
+        # a guard cell.
         connects, returns = (codes & side.bit > 0)[:, None], codes & side.opposite > 0
         fits = (connects == returns) & ~(connects & crossing[:, None] & crossing)
         beside_guard = ~returns | (border == "open")

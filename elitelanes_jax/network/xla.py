@@ -100,8 +100,8 @@ def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     return lax.while_loop(again, body, (jnp.array(False), array))[1]
 
 
-# A primitive, because a function with its own rule for batches is traced at each use, and once more
-# in each `vmap`.
+# This is a primitive, because a function with its own rule for batches is traced at each use, and
+# once more in each `vmap`.
 _materialize = Primitive("materialize")
 _materialize.def_impl(lambda array: array)
 _materialize.def_abstract_eval(lambda array: array)

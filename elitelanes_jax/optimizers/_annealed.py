@@ -124,7 +124,7 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
         known = state.cycle_best
-        # The index of the best grid of each island.
+        # This is the index of the best grid of each island.
         best = (
             jnp.argmin(known.fitness.reshape(-1, each), axis=1)
             + np.arange(known.fitness.size // each) * each

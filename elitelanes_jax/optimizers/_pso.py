@@ -31,8 +31,8 @@ from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, cou
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
-# The largest difference of positions and the largest position, so that products fit int32. The
-# paper's settings stay far below.
+# Differences of positions, and positions, are limited to these numbers, so that products fit int32.
+# The paper's settings stay far below.
 _FARTHEST_PULL, _FARTHEST = 32 * UNIT, 2**29
 
 

@@ -78,14 +78,14 @@ class StripTables(NamedTuple):
 @cache
 def strip_tables(*, empty: bool) -> StripTables:
     codes = [code for code in range(16) if code.bit_count() > 1 or (empty and not code)]
-    # The columns whose tiles fit each other from north to south.
+    # These are the columns whose tiles fit each other from north to south.
     columns = [
         column
         for column in product(codes, repeat=LINES)
         if all(_FORTH[_SOUTH[one]] & _BACK[_NORTH[other]] for one, other in pairwise(column))
     ]
-    # By what is above and below, and by the states east and west, the columns that fit. An entry
-    # has room for two columns.
+    # An entry has the columns that fit what is above and below, and the states east and west of
+    # them. It has room for two columns.
     pairs = np.full((_SHOWN, _SHOWN, _STATES, _STATES), _NONE, np.int32)
     for column in columns:
         packed = sum(code << 4 * line for line, code in enumerate(column))
@@ -103,7 +103,7 @@ def strip_tables(*, empty: bool) -> StripTables:
         )
     # The axes are what is around the column, the state east of it, and the state west of it.
     leads = (pairs != _NONE).reshape(_SHOWN**2, _STATES, _STATES)
-    # All that a column can show to a side, line by line, and the states that fit it.
+    # This is all that a column can show to a side, line by line, and the states that fit it.
     shows = np.arange(_SHOWN**LINES)[:, None] // _SHOWN ** np.arange(LINES) % _SHOWN
     forth, back, alike = (
         np.array([_states(labels, show) for show in shows])
@@ -115,7 +115,7 @@ def strip_tables(*, empty: bool) -> StripTables:
     before = eight @ leads.reshape(_SHOWN**2, _STATES // 8, 8, _STATES) > 0
     after = forth.astype(np.float32) @ leads.transpose(0, 2, 1) > 0
     east, west, both = (_packed(states.reshape(-1, _STATES)) for states in (before, after, leads))
-    # What each column of 12 bits shows to the east, and to the west.
+    # These numbers say what each column of 12 bits shows to the east and to the west.
     tiles = np.arange(16**LINES)[:, None] >> 4 * np.arange(LINES) & 15
     shown, border = (
         (side[tiles] * _SHOWN ** np.arange(LINES)).sum(axis=1) for side in (_EAST, _WEST)
@@ -180,7 +180,7 @@ def refit_strip(
         all_of_it = bernoulli(bits[0], whole)
         start = jnp.where(all_of_it, 0, jnp.minimum(one, other))
         end = jnp.where(all_of_it, length - 1, jnp.maximum(one, other))
-        # The index of each cell across the strip, from its first line on, and along it.
+        # These are the index of each cell across the strip, from its first line on, and along it.
         rows, columns = np.arange(height)[:, None], np.arange(width)[None]
         line, along = jnp.where(upright, columns, rows) - first, jnp.where(upright, rows, columns)
 
@@ -251,7 +251,7 @@ def _refitted(
     end = take(tables.back, take(jnp.append(old[1:], 0), east))
     _, ahead = jax.lax.scan(back, jnp.zeros(2, jnp.uint32), (around, index == east), reverse=True)
 
-    # The states that would let each column show something else than at present.
+    # These states let each column show something else than at present.
     shown = take(tables.shown, old)
     present = take(tables.forth, shown)[:, :2]
     others = take(tables.after, around * 125 + jnp.append(0, shown[:-1])) & ahead & ~present

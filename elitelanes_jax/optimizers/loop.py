@@ -124,7 +124,7 @@ def advance(
     rows have a meaning; if `last` is less than `first`, no generation is run. `most` is static.
     """
 
-    # Inlined, so that it is traced once for the shapes and for the loop.
+    # The function is inlined, so that it is traced once for the shapes and for the loop.
     @partial(jax.jit, inline=True)
     def step(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
         def step_one(key: Array, state: Pytree) -> tuple[Pytree, Info]:
