@@ -36,17 +36,19 @@ from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.xla import PaddedLayout, materialize
 
-# Sweeps before the costlier method for long corridors. Random grids need fewer.
+# The sweeps before the costlier method for long corridors. Random grids of up to 64 x 64 need about
+# 50.
 _PATIENCE = 60
 
-# The steps that a label goes in every other sweep. At 12 x 12, evaluating takes 1.2 times as long
-# with 4 steps.
+# The steps that a label goes in every other sweep. At 12 x 12, evaluation with 4 steps takes 1.2
+# times as long.
 _FAR = 3
 
-# Pairs of sweeps between two checks whether labels still change, for grids end to end and for grids
-# side by side. A GPU waits for the processor at each check.
+# The pairs of sweeps between two checks whether labels still change, for grids end to end and for
+# grids side by side. A GPU waits for the processor at each check.
 _PAIRS, _PAIRS_BESIDE = 2, 4
 
+# The label of the outer face. It is less than all others, so it spreads over the whole face.
 _OUTER = 0
 
 
@@ -90,6 +92,8 @@ def find_faces(layout: PaddedLayout, padded: Int8[Array, " padded"], links: Link
     labels = label_faces(layout, padded)
     corner = layout.here(labels)
     initial = layout.here(jnp.asarray(_initial_labels(layout)))
+    # The label of a face is the least of its corners' initial labels, so one corner of each face
+    # keeps its own. A link is a bridge if both corners beside it belong to the same face.
     return Faces(
         first=(corner == initial) & (initial != _OUTER),
         east_bridge=links.east & (corner == layout.north(labels)),
@@ -179,6 +183,7 @@ class _Arrangement(NamedTuple):
         """Returns the indices of the corners that labels name."""
         if self.beside:
             return self.margin + labels.astype(jnp.int32), jnp.arange(labels.shape[1])
+        # A label is an index within its own grid, so the index of the grid's first cell is added.
         count = (labels.size - 2 * self.margin) // self.initial.size
         first_of_grid = self.margin + jnp.arange(count) * self.initial.size
         first_of_grid = jnp.pad(jnp.repeat(first_of_grid, self.initial.size), self.margin)
@@ -200,8 +205,8 @@ def _label(
         return jnp.zeros(padded.shape, initial.dtype)
     grids = padded.reshape(-1, initial.size)
     walls = _find_walls(arrangement, arrangement.arrange(grids))
-    # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the
-    # walls.
+    # The labels are or-ed with 0 from the walls, so that inside `jax.shard_map` they are on the
+    # same devices as the walls.
     labels = arrangement.arrange(jnp.broadcast_to(initial, grids.shape)) | (walls.east & 0)
     labels, changing = _propagate(arrangement, labels, walls)
     if arrangement.labels_name_corners:
@@ -229,6 +234,7 @@ def _find_walls(arrangement: _Arrangement, codes: Array) -> _Walls:
     stride = arrangement.layout.stride
 
     def wall(side: int, opposite: int, ahead: int) -> Array:
+        # The last cells are padding, which has no link ahead.
         linked = (codes[:-ahead] & side > 0) & (codes[ahead:] & opposite > 0)
         values = jnp.where(linked, arrangement.closed, arrangement.initial.dtype.type(0))
         return _extend(values, 0, ahead)
@@ -241,6 +247,8 @@ def _far_walls(arrangement: _Arrangement, walls: _Walls) -> _Walls:
     """Returns walls between corners `_FAR` steps apart: there is one if a wall cuts any of these steps."""
 
     def any_wall(walls: Array, step: int) -> Array:
+        # The wall at a cell cuts the last step. The walls at the cells behind it cut the steps
+        # before.
         first = (_FAR - 1) * step
         far = walls[first:]
         for start in range(0, first, step):
@@ -271,7 +279,8 @@ def _sweep(
 
     least = shifted(labels, 0)
     for ahead, wall in (
-        # These are the neighbours to the north, south, west and east.
+        # These are the neighbours to the north, south, west and east. The wall between two corners
+        # is stored at the southern or eastern one.
         (-steps * stride, shifted(walls.east, 0)),
         (steps * stride, shifted(walls.east, steps * stride)),
         (-steps, shifted(walls.south, 0)),
@@ -298,7 +307,7 @@ def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple
         for _ in range(pairs):
             there = _sweep(arrangement, here, far_walls, there, _FAR)
             here = _sweep(arrangement, there, walls, here, 1)
-        # XLA computes the largest difference faster than whether there is any.
+        # XLA computes the largest difference faster than it computes whether there is a difference.
         changing = jnp.max(here ^ there, initial=0) > 0
         return here, there, changing, sweeps + 2 * pairs
 
@@ -306,7 +315,8 @@ def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple
         _, _, changing, sweeps = carry
         return changing & (sweeps < _PATIENCE) if arrangement.labels_name_corners else changing
 
-    # Inside `jax.shard_map` it is on the same devices as the labels, as a constant would not be.
+    # This True is made from the labels, because inside `jax.shard_map` a constant would not be on
+    # their devices.
     true = labels[:1].any() | True
     labels, _, changing, _ = lax.while_loop(
         unsettled, sweep_on, (labels, labels, true, jnp.int32(0))
@@ -327,15 +337,18 @@ def _hook_and_jump(
     def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         before, _ = carry
         after = _sweep(arrangement, before, walls, before, 1)
+        # Hook: the corner that the old label names takes the better label.
         hooked = after.at[arrangement.named_corners(before)].min(after)
+        # Jump: every corner takes the label of the corner that its own label names. So all corners
+        # with the old label get the better one.
         jumped = hooked[arrangement.named_corners(hooked)]
         return jumped, jnp.any(before != after)
 
     return lax.while_loop(lambda carry: carry[1], once_more, (labels, changing))[0]
 
 
-# A primitive, so that programs for each kind of device have their own form. It takes leading axes,
-# so that a batch is one more axis.
+# This is a primitive, so that programs for each kind of device have their own form. It takes
+# leading axes, and a batch is one more axis.
 _label_faces = Primitive("label_faces")
 _label_faces.def_impl(partial(_label, beside=False))
 _label_faces.def_abstract_eval(

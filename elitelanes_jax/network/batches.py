@@ -17,7 +17,7 @@ from elitelanes_jax._util.types import Pytree
 R = TypeVar("R")
 
 # The most numbers in the arguments of a block: 455 grids of 12 x 12, or one of 256 x 256. What our
-# kernels compute from them fits into caches of 1 to 2 MB.
+# kernels compute from these numbers fits caches of 1 to 2 MB.
 _NUMBERS = 2**16
 
 

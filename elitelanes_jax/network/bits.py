@@ -68,8 +68,9 @@ def _random_bits(key: Key[Array, ""], *, shape: tuple[int, ...]) -> UInt32[Array
     size = prod(shape)
     if not _is_threefry(key):
         with default_draws():
-            # One vector compiles four times faster.
+            # One vector compiles four times faster than an array of several axes.
             return jax.random.bits(key, (size,), jnp.uint32).reshape(shape)
+    # Number i is made from the encrypted counter i, as in `jax.random.bits`.
     left, right = threefry(jax.random.key_data(key), jnp.arange(size, dtype=jnp.uint32))
     return materialize(left ^ right).reshape(shape)
 
@@ -117,6 +118,7 @@ def threefry(
     JAX's own function is a loop over the rounds. Without a loop it compiles in half the time, and
     takes 0.6 times as long.
     """
+    # The constant and the rotations are those of the article.
     schedule = (key[0], key[1], key[0] ^ key[1] ^ np.uint32(0x1BD11BDA))
     left, right = schedule[0], counters + schedule[1]
     for step in range(20):
@@ -124,6 +126,7 @@ def threefry(
         left = left + right
         right = (right << np.uint32(turn) | right >> np.uint32(32 - turn)) ^ left
         if step % 4 == 3:
+            # After every fourth round, two words of the key schedule are added.
             group = step // 4 + 1
             left = left + schedule[group % 3]
             right = right + (schedule[(group + 1) % 3] + np.uint32(group))
@@ -139,6 +142,7 @@ def random_bits16(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Array, "
 
 def symmetric_uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Array, "..."]:
     """Draws int32 ``[*shape]`` uniformly from -1 to 1 in units of 1 / `UNIT`; the key is consumed."""
+    # A division of 2**16 by 8 leaves 2 * `UNIT` numbers.
     return random_bits16(key, shape) // 8 - UNIT
 
 
@@ -162,8 +166,9 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
     high, low = bits >> 16, bits & 0xFFFF
     if isinstance(count, int | np.integer | np.ndarray) and np.max(count, initial=0) < 2**16:
         high, low, few = align(high, low, np.asarray(count).astype(np.uint32))
-        # The terms below without those that are 0.
+        # The upper half of a count below 2**16 is 0, and so are most terms of the product below.
         return (high * few + (low * few >> 16) >> 16).astype(jnp.int32)
+    # The product is computed from halves of 16 bits, and carried into its upper 32 bits.
     high, low, counts = align(high, low, jnp.asarray(count, jnp.uint32))
     count_high, count_low = counts >> 16, counts & 0xFFFF
     middle = high * count_low + (low * count_low >> 16)
@@ -236,8 +241,10 @@ def categorical(bits: UInt32[Array, "..."], logits: Int32[Array, "K ..."]) -> In
 
     The logits int32 ``[K, ...]`` are in units of 1 / `UNIT`; K is at most 31.
     """
+    # The largest logit becomes 0, and its weight 2**26. So the sum of 31 weights fits int32.
     weights = _exponential_of(logits - logits.max(axis=0, keepdims=True))
     drawn = randint(bits, weights.sum(axis=0, dtype=jnp.int32))
+    # The index is the number of cumulative weights that the drawn number reaches.
     index, reached = jnp.zeros(bits.shape, jnp.int32), jnp.zeros(bits.shape, jnp.int32)
     for weight in weights:
         reached = reached + weight
@@ -247,19 +254,23 @@ def categorical(bits: UInt32[Array, "..."], logits: Int32[Array, "K ..."]) -> In
 
 def _exponential_of(value: Int32[Array, "..."]) -> Int32[Array, "..."]:
     """Returns the exponential of a number of at most 0, in units of 2**-26."""
-    # As a power of two with exponent -(n + f), f in [0, 1), in units of 2**-26; from n = 20 on the
-    # result is 0.
+    # The result is 2**-(n + f), where n is whole and f is in [0, 1). `halvings` is n + f in units
+    # of 2**-26. Values below -20 count as -20, so `halvings` fits int32. Their result is 0 either
+    # way.
     halvings = jnp.minimum(-value, 20 * UNIT) * round(2**14 / log(2))
     f = (halvings & 2**26 - 1) >> 11
-    # 2**-f by the polynomial that is exact at the Chebyshev points, in units of 2**-15.
+    # A polynomial computes 2**-f in units of 2**-15.
     share = jnp.zeros_like(f)
     for coefficient in _EXPONENTIAL:
         share = (share * f >> 15) + coefficient
     return share << 11 >> (halvings >> 26)
 
 
+# The quantiles of the exponential distribution, in the middles of 2048 equal parts of [0, 1].
 _QUANTILES = np.rint(-UNIT * np.log((np.arange(2048) + 0.5) / 2048)).astype(np.int32)
 
+# The coefficients of 2**-f as a polynomial that is exact at the Chebyshev points of [0, 1], the
+# highest power first, in units of 2**-15.
 _EXPONENTIAL = [
     round(2**15 * c)
     for c in Chebyshev.interpolate(lambda f: 2.0**-f, 4, [0, 1]).convert(kind=Polynomial).coef[::-1]

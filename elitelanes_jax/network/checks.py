@@ -59,6 +59,7 @@ def check_grid(grid: AnyArray) -> AnyArray:
       InputError: if it is not two-dimensional, has a side under 1 or over `LONGEST_SIDE`, holds
         anything but integers, or a code outside 0..15.
     """
+    # If nobody has imported JAX, the grid is no array of JAX. So this function needs no import.
     jax = sys.modules.get("jax")
     grid = getattr(grid, "codes", grid)
     if isinstance(grid, str | PurePath):

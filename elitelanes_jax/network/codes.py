@@ -31,8 +31,8 @@ class Side(NamedTuple):
       bit: the bit of a code that connects there.
       letter: N, E, S or W.
       name: north, east, south or west.
-      down: the rows from the tile down to its neighbour there.
-      right: the columns from the tile to the right to its neighbour there.
+      down: the number of rows from the tile down to its neighbour there, -1 to 1.
+      right: the number of columns from the tile right to its neighbour there, -1 to 1.
       opposite: the bit of the neighbour's side that faces the tile.
     """
 
@@ -87,12 +87,15 @@ By default, new tiles are drawn from them.
 def rotate_codes(codes: AnyArray, quarter_turns: int = 1) -> AnyArray:
     """Rotates codes of any shape counter-clockwise by quarter turns: N becomes W, W becomes S."""
     for _ in range(quarter_turns % 4):
+        # From the highest bit on, the bits follow the sides clockwise. So a quarter turn rotates
+        # them by one bit.
         codes = (codes << 1) & 15 | codes >> 3
     return codes
 
 
 def exchange_sides(codes: AnyArray, one: int, other: int) -> AnyArray:
     """Exchanges two sides of codes of any shape, such as east and west for a mirror image; `one` is the higher bit."""
+    # Each of the two bits moves to the position of the other one.
     shift = one.bit_length() - other.bit_length()
     return codes & (15 ^ one ^ other) | (codes & one) >> shift | (codes & other) << shift
 

@@ -52,6 +52,7 @@ def check_same_tree(name: str, before: Pytree, after: Pytree) -> None:
         chex.assert_trees_all_equal_structs(before, after)
         chex.assert_trees_all_equal_comparator(_have_one_kind, _describe_kinds, before, after)
     except AssertionError as error:
+        # The text before this names a function of chex, which tells the user nothing.
         words = str(error).partition(" failed: ")[2]
         raise InputError(f"{name}: {shorten(words, 400)}") from None
 
@@ -60,7 +61,7 @@ def _have_one_kind(before: AnyArray, after: AnyArray) -> bool:
     before, after = jnp.asarray(before), jnp.asarray(after)
     if before.shape != after.shape:
         return False
-    # A Python number takes any dtype.
+    # A Python number fits any dtype, because it takes the dtype of the array it meets.
     return before.weak_type or before.dtype == after.dtype
 
 

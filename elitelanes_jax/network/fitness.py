@@ -36,6 +36,7 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
     for name in Weights._fields[:-1]:
         value = getattr(metrics, name)
         if name == "components":
+            # One component is no fault. An empty grid has none.
             value = jnp.maximum(value - 1, 0)
         total = total + _integer(name, getattr(weights, name)) * value
     return total

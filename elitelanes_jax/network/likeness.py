@@ -23,7 +23,7 @@ _WORD = 64
 # The positions whose bits are in memory at once.
 _TOGETHER = 64
 
-# Of each code; 0 is empty.
+# The index of the kind of each code. The kind of an empty cell is 0.
 _KIND_INDEX = np.array([[*KINDS].index(KIND_OF[code]) for code in range(16)])
 
 _Grid: TypeAlias = NDArray[np.int8]
@@ -82,6 +82,7 @@ def group_alike(grids: _Grids, labels: NDArray[np.int_] | None = None) -> NDArra
     roads, nodes = RoadSet(grids), np.arange(len(grids))
     starts, ends, _ = roads.pairs(grids, ALIKE)
     if labels is not None:
+        # Each grid is paired with the first grid of its label.
         _, firsts, inverse = np.unique(labels, return_index=True, return_inverse=True)
         starts, ends = np.concatenate([starts, nodes]), np.concatenate([ends, firsts[inverse]])
     pairs = coo_array((np.ones(len(ends)), (starts, ends)), shape=(len(grids), len(grids)))
@@ -135,6 +136,7 @@ class RoadSet:
         self._groups = []
         for indices, boxes in _by_box(grids):
             tiles = (boxes > 0).sum(axis=(1, 2))
+            # Sorted by tiles, the grids with about as many tiles as an image are one slice.
             order = np.argsort(tiles, kind="stable")
             boxes = boxes[order]
             cells = grids[indices[0]].size
@@ -176,6 +178,8 @@ class RoadSet:
                     _count_kinds(boxes[start : start + _COMPARED]),
                 )
                 for group in self._groups:
+                    # Pairs with too different numbers of tiles of each kind need no comparison of
+                    # cells.
                     cells = max(size, group.cells)
                     near = _least_difference(kinds, group.kinds) < below * cells
                     if near.any():
@@ -221,7 +225,7 @@ def _count_differing(
     """
     images = images_of(boxes)
     rows, columns, counts = [], [], []
-    # One of two images is turned by a quarter.
+    # Every other image is rotated by a quarter turn, so the images have two shapes.
     for stack in (np.concatenate(images[::2]), np.concatenate(images[1::2])):
         for row, column, count in _compare(group, stack, near, below):
             rows.append(row)
@@ -229,6 +233,7 @@ def _count_differing(
             counts.append(count)
     if not counts:
         return np.zeros(0, int), np.zeros(0, int), np.zeros(0, np.int32)
+    # A pair may come from several positions and images, and the least count is its difference.
     pairs = np.concatenate(rows) * len(group.tiles) + np.concatenate(columns)
     unique, inverse = np.unique(pairs, return_inverse=True)
     least = np.full(len(unique), np.iinfo(np.int32).max, np.int32)
@@ -245,12 +250,14 @@ def _compare(
     Yields the indices of boxes, the indices in the group, and the numbers of cells that differ: for
     each position where a pair differs in less than `below` cells.
     """
+    # The padding gives all positions at which a box of the group overlaps an image.
     height, width = group.shape
     padded = np.pad(images, ((0, 0), (height - 1, height - 1), (width - 1, width - 1)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, group.shape, axis=(1, 2))
     inside = _count_inside(padded > 0, group.shape)
     outside = np.count_nonzero(images, axis=(1, 2))[:, None, None] - inside
-    # Tiles without a partner differ: those outside the box, and the surplus of either side inside.
+    # Tiles without a partner differ: the tiles outside the box, and the surplus of either grid
+    # inside. So only grids with about as many tiles as the image has inside the box are compared.
     surplus = below - outside
     first, last = np.searchsorted(group.tiles, (inside - surplus, inside + surplus))
     positions = np.argwhere(first < last)
@@ -281,6 +288,7 @@ def _compare(
 def _count_inside(road: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.int_]:
     """Counts the tiles in a box of `shape` at every position in images ``[N, H, W]``, by image, row and column."""
     height, width = shape
+    # A summed-area table gives the count of any box by four look-ups.
     sums = np.pad(road, ((0, 0), (1, 0), (1, 0))).cumsum(axis=1).cumsum(axis=2)
     rows = sums[:, height:] - sums[:, :-height]
     return np.asarray(rows[:, :, width:] - rows[:, :, :-width])

@@ -41,8 +41,8 @@ def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
 
 def stack_metrics(metrics: Metrics) -> Int32[Array, "... M"]:
     """Returns the metrics as columns, in the order of `METRIC_NAMES`."""
-    # A sum of columns: on a CPU XLA concatenates short arrays number by number, a sixth of a step
-    # of the tuned EA.
+    # The columns are summed, because XLA on a CPU concatenates short arrays number by number. That
+    # would take a sixth of a step of the tuned EA.
     count, axes = len(METRIC_NAMES), metrics.tiles.ndim
     units = np.eye(count, dtype=np.int32).reshape(count, *(1,) * axes, count)
     columns = (
@@ -62,8 +62,8 @@ def unstack_metrics(features: Int32[Array, "... F"], cells: int) -> Metrics:
 
 
 def _coverage(tiles: Int32[Array, "..."], cells: int) -> Float32[Array, "..."]:
-    # From a table, because a GPU divides less exactly than a processor. The features of vacant
-    # slots may be any number.
+    # A table gives the quotients, because a GPU divides less exactly than a processor. The features
+    # of vacant slots may be any number, so the index is clipped.
     return take(
         np.arange(cells + 1, dtype=np.float32) / np.float32(cells), jnp.clip(tiles, 0, cells)
     )
@@ -82,6 +82,7 @@ def _measure(grid: Int8[Array, "H W"], *, alphabet: tuple[int, ...] | None) -> M
     here = layout.here(padded)
     north, east, south, west = (padded & side > 0 for side in (NORTH, EAST, SOUTH, WEST))
     connections = _count(north, east, south, west)
+    # Each connection of a tile leaves the grid, is returned by the neighbour, or is a mismatch.
     outward = _count(
         layout.here(north) & (rows == 0),
         layout.here(east) & (columns == layout.width - 1),
@@ -111,8 +112,9 @@ def _measure(grid: Int8[Array, "H W"], *, alphabet: tuple[int, ...] | None) -> M
         return (mine & neighbour(busy)) | (theirs & layout.here(busy))
 
     area, side = layout.height * layout.width, max(layout.height, layout.width)
-    # It counts in odd numbers up to 2 * side - 1.
+    # The straight score counts in odd numbers up to 2 * side - 1. Short sides need only bytes.
     counter = jnp.int8 if side <= 64 else jnp.int32
+    # With each vector comes its largest possible element, which says how many bits its sum needs.
     counts = _sums(
         {
             "tiles": (here > 0, 1),
@@ -143,6 +145,7 @@ def _measure(grid: Int8[Array, "H W"], *, alphabet: tuple[int, ...] | None) -> M
         },
         area,
     )
+    # The others follow from these sums. The number of components is Euler's formula, see `_faces`.
     counts["components"] = counts["tiles"] - counts["edges"] + counts["cyclomatic"]
     counts["adjacent_crossings"] *= 2
     counts["unlinked_neighbours"] = counts.pop("neighbours") - counts["edges"]
@@ -189,7 +192,7 @@ def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Ar
     Counters are packed into the bits of one word, the widest first, and summed together, because
     the sums take most of the time on a small grid.
     """
-    # Each item is a name, its lowest bit and its number of bits.
+    # Each word is a list of counters: a name, the lowest bit, and the number of bits.
     words: list[list[tuple[str, int, int]]] = []
     widths = {name: (most * cells).bit_length() for name, (_, most) in terms.items()}
     for name, bits in sorted(widths.items(), key=lambda item: -item[1]):
@@ -200,6 +203,7 @@ def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Ar
                 break
         else:
             words.append([(name, 0, bits)])
+    # No sum exceeds its bits, so one sum of the packed words gives the sums of all counters.
     sums = {}
     for word in words:
         packed = sum(

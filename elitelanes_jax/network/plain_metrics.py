@@ -36,6 +36,7 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
     connections = CONNECTIONS[codes]
     links = (east[:, :-1] & west[:, 1:], south[:-1] & north[1:])
     crossing, turn = connections >= 3, np.isin(codes, KINDS["turn"])
+    # Each connection of a tile leaves the grid, is returned by the neighbour, or is a mismatch.
     returned, outward = np.zeros(codes.shape, np.int8), np.zeros(codes.shape, np.int8)
     crossing_pairs = crossing_score = 0
     for link, (cell, neighbour) in zip(links, _SIDE_BY_SIDE, strict=True):
@@ -49,6 +50,7 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
     outward[:, 0] += west[:, 0]
     outward[:, -1] += east[:, -1]
     along, upright = codes == EAST | WEST, codes == NORTH | SOUTH
+    # The number of components follows from Euler's formula, see `elitelanes_jax.network._faces`.
     faces, bridges = _count_faces(*links)
     tiles, edges = int((codes > 0).sum()), sum(int(link.sum()) for link in links)
     return {
@@ -124,7 +126,7 @@ def plain_town(grid: AnyArray) -> dict[str, int]:
     }
 
 
-# A cell and its neighbour to the east, a cell and its neighbour to the south.
+# The slices of cells and of their neighbours to the east, then to the south.
 _SIDE_BY_SIDE: list[tuple[tuple[slice, slice], tuple[slice, slice]]] = [
     (np.s_[:, :-1], np.s_[:, 1:]),
     (np.s_[:-1, :], np.s_[1:, :]),
@@ -137,6 +139,7 @@ def _pairs(cells: _Cells) -> int:
 
 
 def _squared_runs(straight: _Cells) -> int:
+    # A run begins where the steps are 1, and ends where they are -1.
     steps = np.diff(np.pad(straight, ((0, 0), (1, 1))).ravel().astype(np.int8))
     return int(((np.flatnonzero(steps < 0) - np.flatnonzero(steps > 0)) ** 2).sum())
 
@@ -146,15 +149,15 @@ def _count_faces(east_links: _Cells, south_links: _Cells) -> tuple[int, int]:
     corners = np.arange((east_links.shape[0] + 1) * (south_links.shape[1] + 1)).reshape(
         -1, south_links.shape[1] + 1
     )
-    # A link to the east separates the corners north and south of it, a link to the south the
-    # corners west and east.
+    # Neighbouring corners are joined, unless a link is between them. A link to the east separates
+    # the corners north and south of it, and a link to the south the corners west and east.
     down, right = np.ones(corners[1:].shape, bool), np.ones(corners[:, 1:].shape, bool)
     down[:, 1:-1], right[1:-1] = ~east_links, ~south_links
     first = np.concatenate([corners[:-1][down], corners[:, :-1][right]])
     second = np.concatenate([corners[1:][down], corners[:, 1:][right]])
     face = corners.ravel()
-    # Each round passes the least label to both corners of a pair and to the corners that their
-    # labels name.
+    # A corner begins with its own index as its label. Each round passes the lesser label of a pair
+    # to the corners that both labels name. Then each corner takes the label of the corner it names.
     while (face[first] != face[second]).any():
         least = np.minimum(face[first], face[second])
         for named in (face[first], face[second]):

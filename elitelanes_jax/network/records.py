@@ -77,6 +77,7 @@ def largest_metrics(shape: tuple[int, int]) -> dict[str, int]:
     """Returns an upper bound of each metric in `METRIC_NAMES` on grids ``(height, width)``, by name."""
     height, width = shape
     area, pairs = height * width, 2 * height * width - height - width
+    # Most metrics count cells, and some count pairs of cells.
     most = dict.fromkeys(METRIC_NAMES, area)
     most |= dict.fromkeys(
         ("edges", "adjacent_turns", "crowded_crossings", "unlinked_neighbours"), pairs
@@ -89,7 +90,7 @@ def largest_metrics(shape: tuple[int, int]) -> dict[str, int]:
         "adjacent_crossing_score": 8 * pairs,
     }
     most |= {"bridges": area - 1, "cyclomatic": (height - 1) * (width - 1)}
-    # One run in each row or column scores L².
+    # The straight score is largest if one run fills each line along the longer side.
     most |= {"boundary_violations": cells_on_border(shape), "straight_score": max(shape) * area}
     return most
 
@@ -270,4 +271,5 @@ def largest_town_feature(name: str, shape: tuple[int, int]) -> int:
     """Returns an upper bound of a feature on grids ``(height, width)``."""
     if name in TOWN_PARTS:
         return 1000
+    # Block spread and adjacent turns per tile are at most 2, also on a grid of one cell.
     return (1000 if name in TOWN_RATIOS else 1) * max(2, shape[0] * shape[1])

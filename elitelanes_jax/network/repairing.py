@@ -90,6 +90,7 @@ def _repair(
     fill: bool,
 ) -> Int8[Array, "H W"]:
     cells = PackedCells(*grid.shape)
+    # These are the links inside the grid: to the east and south of all cells, except at the border.
     rows, columns = np.indices(grid.shape)
     room = np.where(columns < cells.width - 1, EAST, 0) | np.where(
         rows < cells.height - 1, SOUTH, 0
@@ -112,17 +113,20 @@ def _mender(cells: PackedCells, fill: bool) -> Callable[..., UInt32[Array, " N"]
 
     @jax.custom_batching.custom_vmap
     def mend(grid: Array, dirty: Array, fixed: Array, room: Array, raster: Array) -> Array:
-        # A cell's east and south bits stand for its links there. These are the neighbours' bits for
-        # the same links.
+        # A link is stored in the east or south bit of its western or northern cell. These are the
+        # neighbours' bits for the same links.
         theirs = (cells.following(grid, 1) & _WEST) << 2 | (
             cells.following(grid, cells.width) & _NORTH
         ) >> 2
         dirty_there, fixed_there = _at_other_end(cells, dirty), _at_other_end(cells, fixed)
         free = ~(fixed | fixed_there)
+        # A cell decides over its neighbour if it alone is fixed, or if neither is fixed and it
+        # alone is dirty. In raster order the first cell decides. Otherwise a link is there if
+        # either cell has it.
         wins = fixed & ~fixed_there | free & (raster | dirty & ~dirty_there)
         loses = fixed_there & ~fixed | free & ~raster & dirty_there & ~dirty
         links = (grid & ~loses | theirs & ~wins) & room
-        # Stored, because otherwise each of a word's eight cells would compute it.
+        # The result is stored, because otherwise each of a word's eight cells would compute it.
         return materialize(_both_ends(cells, _fill(cells, links, room & free) if fill else links))
 
     @mend.def_vmap
@@ -160,10 +164,16 @@ def _fill(
 ) -> UInt32[Array, " N"]:
     def add(stage: Array, links: Array) -> Array:
         codes = _both_ends(cells, links)
+        # The four sides of a cell are two pairs. For each pair these bits say whether both sides
+        # are connected, and whether any is. Two connections are both of one pair, or one of each.
         pairs = codes & codes >> 1 & in_all_cells(5), (codes | codes >> 1) & in_all_cells(5)
         enough = (pairs[0] | pairs[0] >> 2 | pairs[1] & pairs[1] >> 2) & in_all_cells(1)
+        # The masks of cells that need links have all four bits, in the first stage only their
+        # stub's.
         needy = (enough ^ in_all_cells(1)) * 15
         needy = materialize(jnp.where(stage == 0, needy & codes, needy))
+        # A stub to the west is continued to the east, and a stub to the north to the south. These
+        # links are the cell's own. The other two belong to its neighbours.
         straight = jnp.where(stage == 0, (needy & _WEST) << 2 | (needy & _NORTH) >> 2, 0)
         added = (
             needy & jnp.asarray(_OWN)[stage]

@@ -33,6 +33,7 @@ def divide_batches(function: Callable[P, R], *, rows: Pytree = None) -> Callable
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         if _explicit_mesh((args, kwargs)) is None:
+            # XLA divides batches on other meshes by itself.
             return function(*args, **kwargs)
         bound = inspect.signature(function).bind(*args, **kwargs)
         divided = _divided(partial(function, **bound.kwargs), rows)
@@ -55,8 +56,8 @@ def _divided(function: Callable[..., R], rows: Pytree = None) -> Callable[..., R
     def _(_: int, batched: list[Pytree], *args: Pytree) -> tuple[Pytree, Pytree]:
         is_batched = tuple(batched)
         axes = jax.tree.map(lambda has_axis: 0 if has_axis else None, is_batched)
-        # Divided again, because another axis of the batch may be sharded over another axis of the
-        # mesh.
+        # The function is divided again, because another axis of the batch may be sharded over
+        # another axis of the mesh.
         batch_function = _divided(jax.vmap(function, axes))
         result = _on_shards(batch_function, args, is_batched, 0, leaves_others=True)
         return result, jax.tree.map(lambda _: True, result)
@@ -93,6 +94,7 @@ def _on_shards(
         return function(*args)
     if mesh_axis is None:
         return _in_one_part(function, *args)
+    # Each device gets its part of the batched arguments, and the others whole.
     mesh = _explicit_mesh(args)
     specs = jax.tree.map(
         lambda has_axis: PartitionSpec(mesh_axis) if has_axis else PartitionSpec(), batched
@@ -107,7 +109,7 @@ def _on_shards(
         divided_axes = set(mesh_axis)
     else:
         divided_axes = {mesh_axis}
-    # Unchecked, because no device needs another one.
+    # The check of what devices exchange is off, because they exchange nothing.
     on_shards = jax.shard_map(
         function,
         mesh=mesh,

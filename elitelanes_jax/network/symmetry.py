@@ -58,6 +58,8 @@ def canonical_forms(grids: Int8[np.ndarray, "B H W"]) -> Iterator[bytes]:
     for some in np.split(grids, range(_TOGETHER, len(grids), _TOGETHER)):
         images = images_of(some)
         size = max(images[0][:1].size, 1)
+        # The form begins with a side of the image in two bytes, because grids of other shapes may
+        # have the same codes in a row.
         contents = [(bytes(divmod(image.shape[1], 256)), image.tobytes()) for image in images]
         for start in range(0, some.size, size):
             yield min(head + content[start : start + size] for head, content in contents)

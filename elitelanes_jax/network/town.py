@@ -63,6 +63,7 @@ def _measure_town(grid: Int8[Array, "H W"], *, detour: bool) -> TownFeatures:
         largest_block=areas.max(initial=0),
         smallest_block=_least(areas),
         mean_block=_thousandths(area, blocks),
+        # Multiplied by the number of blocks, the differences from the mean area are whole numbers.
         block_spread=_thousandths(
             jnp.where(areas > 0, jnp.abs(areas * blocks - area), 0).sum(), blocks * area
         ),
@@ -90,6 +91,7 @@ def _count(cells: Bool[Array | np.ndarray, "..."]) -> Int32[Array, ""]:
 
 
 def _least(numbers: Int32[Array, " N"]) -> Int32[Array, ""]:
+    # An entry of 0 is no block or street.
     least = jnp.where(numbers > 0, numbers, 2**30).min(initial=2**30)
     return jnp.where(least == 2**30, 0, least)
 
@@ -125,7 +127,8 @@ def _block_areas(
     """Returns the area of each inner face, 0 for labels without a face, and the number of inner faces."""
     layout = PaddedLayout(east.shape[0], south.shape[1])
     labels = _label_faces(layout, east, south)
-    # The outer face, the first one, is left out.
+    # The area of a block is its number of corners. The outer face, which is the first one, is no
+    # block.
     areas = jnp.zeros(labels.size, jnp.int32).at[labels].add(1)[1:]
     return areas, _count(areas > 0)
 
@@ -148,8 +151,9 @@ def _street_lengths(
     )
     labels = _label_faces(layout, across, upright)
     street = layout.unpad(layout.here(labels))[:height, :width]
-    # Half of each link is counted at either end, in the street of the tile there. A link between
-    # two tiles that no road passes through is a street of its own.
+    # Half of each link is counted at either end, in the street of the tile there. If only one end
+    # is a tile that a road passes through, its street gets the other half too. A link between two
+    # other tiles is a street by itself.
     halves = (
         jnp.zeros(labels.size, jnp.int32)
         .at[street.reshape(-1)]
@@ -193,6 +197,8 @@ def _most_alike(
     inside = ((rows >= north) & (rows <= south))[:, None] & ((columns >= west) & (columns <= east))[
         None
     ]
+    # The whole grid is mirrored around the middle of the box. Cells outside the box have no
+    # meaning.
     back_rows = jnp.clip(north + south - rows, 0, tile.shape[0] - 1)
     back_columns = jnp.clip(west + east - columns, 0, tile.shape[1] - 1)
     flipped, mirrored = tile[back_rows], tile[:, back_columns]
@@ -210,6 +216,8 @@ def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
         for row in range(3)
         for column in range(3)
     ]
+    # Nine codes of four bits need two numbers: eight codes, and the ninth. Equal numbers are equal
+    # neighbourhoods.
     first = sum(cells << 4 * index for index, cells in enumerate(around[:8])).reshape(-1)  # type: ignore[union-attr]
     last, tile = around[8].reshape(-1), grid.reshape(-1) > 0
     same = (first[:, None] == first[None]) & (last[:, None] == last[None]) & tile[None]
@@ -247,14 +255,17 @@ def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array,
         to_west = jnp.pad(reached[:, :, 1:] & east[None], ((0, 0), (0, 0), (0, 1)))
         to_south = jnp.pad(reached[:, :-1] & south[None], ((0, 0), (1, 0), (0, 0)))
         to_north = jnp.pad(reached[:, 1:] & south[None], ((0, 0), (0, 1), (0, 0)))
+        # A tile that is reached first in this round is `length` links away.
         further = reached | to_east | to_west | to_south | to_north
         new = _count(further) - _count(reached)
         return further, ways + new * length, length + 1, new > 0
 
-    # So that inside `jax.shard_map` the loop belongs to the same devices as the links.
+    # The carry is made from the links, so that inside `jax.shard_map` it is on the same devices.
     zero = _count(east) * 0
     carry = (start | (zero > 0), zero, zero + 1, zero == 0)
     reached, ways, *_ = lax.while_loop(lambda carry: carry[3], once, carry)
+    # On a full grid of streets the way between two tiles is the difference of rows plus that of
+    # columns.
     rows, columns = np.divmod(np.arange(cells), width)
     straight = np.abs(rows[:, None] - rows) + np.abs(columns[:, None] - columns)
     return _thousandths(

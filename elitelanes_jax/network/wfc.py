@@ -93,11 +93,13 @@ def generate_batch(
     inside = _inside(shape)
     while alive.size:
         by_grid = cells.reshape(alive.size, -1)
-        # The smallest domain first; among equal domains the one with the smallest 16 random bits.
+        # Each grid chooses its cell with the smallest domain, and among equal domains the cell with
+        # the smallest 16 random bits.
         lots = np.frombuffer(rng.bytes(2 * cells.size), np.uint16).reshape(by_grid.shape)
         cell = (rules.urgency[by_grid] | lots).argmin(axis=1)
         index = cell + np.arange(0, cells.size, start.size)
         options = rules.options[cells[index]]
+        # A grid is finished if even its most urgent cell has nothing to choose.
         done = options <= 1
         if done.any():
             finished = alive[done]
@@ -106,10 +108,12 @@ def generate_batch(
             alive, cells = alive[~done], by_grid[~done].reshape(-1)
             index, options = cell[~done] + np.arange(0, cells.size, start.size), options[~done]
         chosen = (rng.random(alive.size) * options).astype(int)
+        # The chosen cells keep one code, and their neighbours lose the codes that do not fit.
         cells[index] = rules.option[cells[index], chosen]
         contradicted = np.unique(_propagate(rules, cells, index, shape[1] + 1) // start.size)
         if contradicted.size:
             by_grid = cells.reshape(alive.size, -1)
+            # A contradicted grid starts again, unless it has had its last attempt.
             given_up = contradicted[tries[alive[contradicted]] >= attempts]
             again = np.setdiff1d(contradicted, given_up)
             tries[alive[again]] += 1
@@ -154,6 +158,8 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
     crossing = np.isin(codes, CROSSINGS) & crossing_ban
     held = domains[:, None] >> bits & 1
     for direction, side in enumerate(SIDES):
+        # These are the codes that a neighbour may have beside each code, and in the last row beside
+        # a guard cell.
         connects, returns = (codes & side.bit > 0)[:, None], codes & side.opposite > 0
         fits = (connects == returns) & ~(connects & crossing[:, None] & crossing)
         beside_guard = ~returns | (border == "open")
@@ -164,6 +170,7 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
     held = held[:, :-1]
     options = held.sum(axis=1).astype(np.int8)
     options[guard:] = 0
+    # The codes of a domain come first, in the order of the alphabet.
     order = np.argsort(1 - held, axis=1, kind="stable").astype(np.int32)
     return _Rules(
         guard=guard,
@@ -193,6 +200,8 @@ def _start(
     """Returns the domains of a framed grid before any cell is chosen, or None if one is empty."""
     rules, stride = _rules(alphabet, border, crossing_ban), shape[1] + 1
     frame = np.where(_inside(shape), rules.guard - 1, rules.guard).astype(np.int32)
+    # All cells count as changed, so the padding gives the first and the last cells their
+    # neighbours.
     cells = np.pad(frame, stride, constant_values=rules.guard)
     _propagate(rules, cells, np.arange(stride, cells.size - stride), stride)
     start = cells[stride:-stride]
@@ -208,6 +217,8 @@ def _propagate(
     while changed.size:
         neighbours = changed + steps
         before = cells[neighbours]
+        # A cell may be the neighbour of several changed cells, which plain indexing would not
+        # combine.
         np.bitwise_and.at(cells, neighbours, rules.allowed[:, cells[changed]])
         changed = np.unique(neighbours[cells[neighbours] != before])
         empty.append(changed[cells[changed] == 0])

@@ -75,7 +75,7 @@ def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     """Passes an array through a loop, because the input of a loop is stored.
 
     This loop has no round (or one that changes nothing), which XLA cannot know. It reads and writes
-    one number, so that it hardly adds to the program. On a GPU each look at the condition would
+    one number, and hardly adds to the program. On a GPU each look at the condition would
     wait for the processor.
     """
     if not array.size:
@@ -88,6 +88,7 @@ def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
 
     def body(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         done, array = carry
+        # In the only round `done` is False, so the first number is written back.
         new = lax.select(
             lax.broadcast(done, (1,) * array.ndim), np.full((1,) * array.ndim, most), first(array)
         )
@@ -99,8 +100,8 @@ def _store(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     return lax.while_loop(again, body, (jnp.array(False), array))[1]
 
 
-# A primitive, because a function with its own rule for batches is traced at each use, and once more
-# in each `vmap`.
+# This is a primitive, because a function with its own rule for batches is traced at each use, and
+# once more in each `vmap`.
 _materialize = Primitive("materialize")
 _materialize.def_impl(lambda array: array)
 _materialize.def_abstract_eval(lambda array: array)
@@ -234,8 +235,8 @@ class PaddedLayout(NamedTuple):
         return self.height * self.stride
 
     def pad(self, grid: Shaped[Array | np.ndarray, "H W"]) -> Shaped[Array, " padded"]:
-        # Stored, because otherwise XLA pads again for each use, and divides to find the row of each
-        # index.
+        # The padded grid is stored, because otherwise XLA pads again for each use, and divides to
+        # find the row of each index.
         return materialize(jnp.pad(grid, ((1, 1), (0, 1)))).reshape(-1)
 
     def unpad(self, vector: Shaped[Array, " size"]) -> Shaped[Array, "H W"]:
@@ -261,6 +262,7 @@ class PaddedLayout(NamedTuple):
         return lax.slice_in_dim(padded, start, start + self.size)
 
 
+# The bits of a cell, and the cells of a word of 32 bits.
 _BITS, _CELLS = 4, 8
 _SHIFTS = np.arange(_CELLS, dtype=np.uint32)[None] * _BITS
 
@@ -293,6 +295,7 @@ class PackedCells(NamedTuple):
 
     def following(self, words: UInt32[Array, " M"], cells: int) -> UInt32[Array, " M"]:
         """Returns for each cell the cell that many positions later, of one grid or of several joined grids."""
+        # The eight cells of a result come from two neighbouring words.
         step, bits = divmod(cells * _BITS, 32)
         ahead = jnp.pad(words, (0, step + 1))
         near, far = (
@@ -302,6 +305,7 @@ class PackedCells(NamedTuple):
 
     def preceding(self, words: UInt32[Array, " M"], cells: int) -> UInt32[Array, " M"]:
         """Returns for each cell the cell that many positions earlier, of one grid or of several joined grids."""
+        # The eight cells of a result come from two neighbouring words.
         step, bits = divmod(cells * _BITS, 32)
         behind = jnp.pad(words, (step + 1, 0))
         far, near = (lax.slice_in_dim(behind, start, start + words.size) for start in (0, 1))
@@ -309,4 +313,5 @@ class PackedCells(NamedTuple):
 
 
 def in_all_cells(bits: int) -> np.uint32:
+    """Returns a word that has the same four bits in each of its eight cells."""
     return np.uint32(bits * 0x11111111)

@@ -124,10 +124,14 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
         known = state.cycle_best
+        # This is the index of the best grid of each island.
         best = (
             jnp.argmin(known.fitness.reshape(-1, each), axis=1)
             + np.arange(known.fitness.size // each) * each
         )
+        # One number draws the pull. Below the first limit it is the particle's own best grid, and
+        # below the second one the best grid of its island. Without a pull a particle is its own
+        # mate, so a copied block comes from its own grid.
         by_itself = bernoulli(bits.mate, config.cognitive)[:, None, None]
         pulled = bernoulli(bits.mate, config.cognitive + config.social)[:, None, None]
         mates = jnp.where(by_itself, known.grids, jnp.repeat(known.grids[best], each, axis=0))
@@ -148,6 +152,7 @@ def annealed_gwo(problem: Problem, config: AnnealedGwoConfig = AnnealedGwoConfig
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
         known = state.cycle_best
+        # Each wolf follows one of the best positions of its pack, each equally likely.
         ranking = jnp.argsort(known.fitness.reshape(-1, each), axis=1, stable=True)
         pack = np.arange(known.fitness.size) // each
         return known.grids[
@@ -168,6 +173,8 @@ def _make_optimizer(problem: Problem, config: AnnealingConfig, mates: _Mates) ->
     def step(key: Array, state: AnnealedState) -> tuple[AnnealedState, Info]:
         chains, cycle_best, best, cooling = state
         bits = StepBits.draw(key, count, move)
+        # All chains begin a cycle in the same step. Then their children are random grids, which
+        # replace them whatever their fitness.
         restart = cooling.begins
 
         def make_child(grid: Array, mate: Array, fresh: Array, move_bits: Array) -> Array:

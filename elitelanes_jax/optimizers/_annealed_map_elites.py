@@ -103,7 +103,7 @@ class AnnealedMapElitesState(NamedTuple):
       cycles: the current cycles.
       archives: one archive for each group of isolated chains, then the archive of all chains, end
         to end.
-      cooling: the step of each chain within its cycle.
+      cooling: arrays ``[C]``, the step of each chain within its cycle; -1 while no grid is evaluated.
     """
 
     chains: Population
@@ -140,6 +140,7 @@ class _Method:
         self.problem, self.config = problem, config
         self.count = config.annealing.population
         self.groups = Groups.of(problem, self.count, config.accept_equal)
+        # The length in steps of a cycle that starts from an elite.
         self.length = _usual_length(config, problem.shape)
         self.starts_from_towns = _starts_from_towns(config, problem.shape)
         self.drawn = problem.drawn(self.count)
@@ -149,6 +150,7 @@ class _Method:
     def init_unevaluated(self, key: Array) -> AnnealedMapElitesState:
         grids = self._first_grids(key)
         chains = unevaluated(self.problem, grids)
+        # The last archive is that of all chains.
         archives = self.problem.empty_archive(chains.fitness.dtype, copies=GROUPS + 1)
         zero = jnp.zeros(self.count, jnp.int32)
         cycles = Cycle.none(self.count, len(self.problem.axes))
@@ -210,8 +212,8 @@ class _Method:
         )
 
         def draw(pending: Array, before: tuple[Cycle, Array]) -> tuple[Cycle, Array]:
-            # Dependent on the loop, because otherwise XLA computes what follows before it, in every
-            # step.
+            # These arrays depend on the loop, because otherwise XLA computes all that follows
+            # before the loop, in every step.
             fitness = jnp.where(pending, archives.fitness, 0)
             features = jnp.where(pending, archives.features, 0)
             fresh = jnp.where(pending, bits.fresh, 0)
@@ -267,12 +269,13 @@ class _Method:
         """Varies, repairs and evaluates each chain's grid; a cycle that begins gets its first grid instead."""
         grids = state.chains.grids
         varied = self._vary(bits, temperature, cycles.restarts, grids, mates)
-        # Grids that are not evaluated are their own children, and accepted: their fitness is that
-        # of vacant slots.
+        # Grids that are not evaluated yet are their own children. They are accepted, because the
+        # fitness of the chains is that of vacant slots.
         starts = state.cooling.step < 0
         varied = Variation(
             select(starts, grids, varied.grid), varied.dirty & ~starts[:, None, None]
         )
+        # Random grids are repaired in raster order, initial grids and grown towns are not.
         in_raster_order = self.drawn & (not self.starts_from_towns)
         raster = begins & cycles.restarts | starts & in_raster_order
         repair = jax.vmap(self.problem.repair)
@@ -315,19 +318,23 @@ class _Method:
             probability = jnp.where(restarts, 0, jnp.float32(self.config.symmetric_probability))
             return self._symmetric_move(probability).apply(bits, grid, mate)
 
+        # The last chain of an odd number has no partner, and makes a random move.
         chains, half = (bits.move, restarts, grids, mates), len(grids) // 2
         if self.strip is None or not half:
             return vary_at_random(*chains)
         first, second, unpaired = _pairs(chains, half)
         first_temperature, second_temperature = temperature[:half], temperature[half : 2 * half]
-        # A chain uses these bits only when a cycle begins, and then makes no move.
+        # Strips of the colder chains end at 75 of 208 certified optima at 8 x 8 B, those of chains
+        # drawn at random at 63 (experiments/search/moves.md).
         colder = first_temperature < second_temperature
         tie = first_temperature == second_temperature
+        # A tie is drawn from bits that a chain uses only when a cycle begins. Then it makes no
+        # move.
         first_is_strip = colder | tie & (bits.fresh[:half] & 1 > 0)
         strip_bits, _, strip_grids, _ = select(first_is_strip, first, second)
         others = concatenate(select(first_is_strip, second, first), unpaired)
-        # Without this XLA computes them for each of their uses: a step then takes 1.15 times as
-        # long.
+        # Both kinds are stored, because otherwise XLA computes them for each of their uses. A step
+        # then takes 1.15 times as long.
         refitted = materialize_variation(
             jax.vmap(self.strip.apply)(strip_bits[:, : self.strip.bits], strip_grids)
         )
@@ -360,8 +367,8 @@ def _random_move(problem: Problem, config: AnnealedMapElitesConfig) -> Move:
 
 def _strip(problem: Problem) -> Move:
     """Returns the move that refits a strip."""
-    # Streets that go on find 259 instead of 221 of 416 optima at 8 x 8 B, and 144 instead of 149 of
-    # 160 at 9 x 9 A.
+    # If streets go straight on, runs find 259 instead of 221 of 416 optima at 8 x 8 B, where cells
+    # may be empty. At 9 x 9 A, where no cell is empty, they find 144 instead of 149 of 160.
     straight = 0.0 if problem.fill else 0.75
     return refit_strip(empty=not problem.fill, straight=straight)
 
@@ -382,6 +389,8 @@ def _unpair(first_is_strip: Bool[Array, " P"], strips: Array, others: Array) -> 
     Computes both halves at once, because XLA on a CPU concatenates number by number.
     """
     half = len(strips)
+    # In the first half the first chain of each pair is in question, in the second half the second
+    # one.
     by_strip = first_is_strip[None] ^ np.array([[False], [True]])
     pairs = jnp.where(by_strip[..., None, None], strips, others[:half])
     pairs = pairs.reshape(2 * half, *others.shape[1:])

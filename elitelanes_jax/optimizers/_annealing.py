@@ -25,8 +25,8 @@ from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.optimizers._mutations import Move
 from elitelanes_jax.problem.problem import Problem
 
-# Temperatures are whole sixteenths of a unit of fitness. Over 4000, the product with a random
-# number exceeds int32.
+# Temperatures are whole sixteenths of a unit of fitness. Up to 4000 units, the product with a
+# random number fits int32.
 _PARTS, _HOTTEST = 16, 4000
 
 # The options are temperatures for grids of this side. They grow with the side, like the scores of
@@ -48,7 +48,8 @@ There islands of one chain are better (experiments/search/moves.md).
 # The number of chains of an island on larger grids.
 _CHAINS = 4
 
-# Replaces the fitness of refused grids: larger than any other, and differences fit int32.
+# This number replaces the fitness of refused grids. It is larger than any other fitness, and its
+# differences fit int32.
 _REFUSED = 2**30
 
 
@@ -96,6 +97,8 @@ class AnnealingConfig(Record):
     def first_cycle(self, shape: tuple[int, int]) -> Numeric:
         """Returns the steps of the first cycle on grids of a shape: an int, or an array if `cycle` is one."""
         if self.cycle is None:
+            # These are 640 steps at 8 x 8, where shorter and longer cycles are worse
+            # (experiments/search/moves.md).
             return min(max(16, 5 * (shape[0] * shape[1]) ** 2 // 32), LONGEST_CYCLE)
         return min(self.cycle, LONGEST_CYCLE) if isinstance(self.cycle, int) else self.cycle
 
@@ -158,6 +161,8 @@ def metropolis_accepts(
     probability exp(-d / temperature), a refused grid only instead of another refused one. The
     temperature is in sixteenths of a unit.
     """
+    # An exponentially distributed number of mean 1 is at least d / temperature with probability
+    # exp(-d / temperature).
     if jnp.issubdtype(after.dtype, jnp.floating):
         # Refused grids are infinite, and their difference would be NaN.
         rise = jnp.where(after == before, 0, after - before)
@@ -165,6 +170,7 @@ def metropolis_accepts(
             _PARTS * UNIT
         )
     rise = jnp.minimum(after, _REFUSED) - jnp.minimum(before, _REFUSED)
+    # The two lowest bits of the random number are dropped, so that the product fits int32.
     return rise <= temperature * (exponential(bits) >> 2) >> 14
 
 
@@ -214,6 +220,7 @@ def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> Int8[Array, "H W"]
     """
     codes = np.array(problem.alphabet, np.int8)
     cells = np.arange(problem.shape[0] * problem.shape[1], dtype=np.uint32).reshape(problem.shape)
+    # The factor, 2**32 divided by the golden ratio, spreads the cells' indices over all numbers.
     mixed = bits + cells * np.uint32(0x9E3779B9)
     # The finaliser of MurmurHash3 (A. Appleby): each bit of the input and of the cell's index
     # changes every output bit.

@@ -19,8 +19,8 @@ from elitelanes_jax.problem.problem import Problem
 GROUPS = 4
 """The number of groups of isolated chains, measured in experiments/search/moves.md."""
 
-# The number of niches from which the elite nearest to the goal becomes the mate, measured there
-# too.
+# The number of random niches from which the elite nearest to the goal becomes the mate, measured in
+# experiments/search/moves.md.
 _TOURNAMENT = 8
 
 
@@ -83,6 +83,8 @@ class Groups(NamedTuple):
     @staticmethod
     def of(problem: Problem, chains: int, accept_equal: bool) -> "Groups":
         size = problem.niches
+        # The first half of the chains is divided into the groups. All others know the archive of
+        # all chains, which comes after the archives of the groups.
         group = (np.arange(chains) * 2 * GROUPS // chains).clip(max=GROUPS)
         first = (group * size).astype(np.int32)
         return Groups(Niches.of(problem.axes), group < GROUPS, first, GROUPS * size, accept_equal)
@@ -121,6 +123,7 @@ class Groups(NamedTuple):
         def draw(
             bits: CycleBits, first: Array, isolated: Array, fitness: Array, filled: Array
         ) -> Cycle:
+            # A chain sees one archive, that of its group or that of all chains.
             known_fitness = jax.lax.dynamic_slice_in_dim(fitness, first, len(niches.bins))
             known_filled = jax.lax.dynamic_slice_in_dim(filled, first, len(niches.bins))
             restarts = isolated & bernoulli(bits.restart, restart)
@@ -149,6 +152,7 @@ class Groups(NamedTuple):
         With probability 1 - `elite_mate`, and where these niches are vacant, the chain gets the
         mate in `otherwise`.
         """
+        # Vacant niches rank last, so the mate is vacant only if all drawn niches are.
         rivals = randint(bits.rivals, len(self.niches.bins))
         fitness = take(archives.fitness, rivals + self.first[:, None])
         bins = take(self.niches.bins, rivals)

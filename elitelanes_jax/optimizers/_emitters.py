@@ -14,7 +14,8 @@ from jaxtyping import Array, ArrayLike, Bool, Int32, Real, UInt32
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.problem.descriptor import Axis
 
-# Replaces the fitness of a vacant niche: larger than any other, and sums with a penalty fit int32.
+# This number replaces the fitness of a vacant niche. It is larger than any other fitness, and its
+# sums with a penalty fit int32.
 _FAR = 2**29
 
 
@@ -72,6 +73,7 @@ def reachable(niches: Niches, filled: Bool[Array, " N"]) -> Bool[Array, " N"]:
     A niche is within reach if it or a neighbour on a free axis is filled, whatever the bins on the
     other axes.
     """
+    # An axis with a target is reduced to one bin, so any of its bins counts.
     others = tuple(np.flatnonzero(~niches.free).tolist())
     seen = filled.reshape(niches.shape).any(axis=others, keepdims=True)
     near = seen | _neighbours(seen, niches.free)
@@ -95,6 +97,7 @@ def draw_goal(
 
 def draw_true(bits: UInt32[Array, "..."], flags: Bool[Array, " N"]) -> Int32[Array, "..."]:
     """Draws an index whose flag is True, each equally likely; the last index if no flag is True."""
+    # A rank among the True flags is drawn, and a binary search finds its index.
     rank = jnp.cumsum(flags, dtype=jnp.int32)
     drawn = randint(bits, jnp.maximum(rank[-1], 1))
     return jnp.minimum(jnp.searchsorted(rank, drawn, side="right"), flags.size - 1).astype(
@@ -104,6 +107,7 @@ def draw_true(bits: UInt32[Array, "..."], flags: Bool[Array, " N"]) -> Int32[Arr
 
 def _neighbours(flags: Bool[Array, "..."], axes: Bool[np.ndarray, " D"]) -> Bool[Array, "..."]:
     """Returns where a neighbour along one of the chosen axes is True."""
+    # Along each axis the flags are shifted by one in both directions, with False beyond the ends.
     near = jnp.zeros_like(flags)
     for axis in np.flatnonzero(axes).tolist():
         ends = [(0, 0)] * flags.ndim

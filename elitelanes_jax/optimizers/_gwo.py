@@ -25,7 +25,7 @@ from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, cou
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
-# Its product with the largest perturbation fits int32.
+# The product of this number with the largest perturbation fits int32.
 _LONGEST_HORIZON = 2**15 - 1
 
 
@@ -89,7 +89,8 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
             omega = pack.grids
         else:
             omega = pack.grids[jnp.argmax(pack.fitness)][None]
-        # Votes are three times the mean. Three times the noise saves a division.
+        # The votes are three times the mean. So the noise is added three times too, and nothing is
+        # divided.
         votes = one_hot(leaders.grids[:1]) + one_hot(leaders.grids[1:]) + one_hot(omega)
         amplitude = largest * jnp.maximum(config.horizon - steps, 0) // config.horizon
         noise = multiply(symmetric_uniform(key, shape), amplitude)

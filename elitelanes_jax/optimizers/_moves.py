@@ -43,7 +43,7 @@ from elitelanes_jax.optimizers._windows import valid_windows
 
 def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
     """Checks moves of the user; returns them sorted by name, so that results do not depend on their order."""
-    # The default of a field is immutable: an empty tuple.
+    # The default of a field has to be immutable, so an empty tuple means no moves.
     if isinstance(moves, tuple) and not moves:
         moves = {}
     if not isinstance(moves, Mapping):
@@ -335,14 +335,16 @@ class _Change(NamedTuple):
     offset: Int32[Array | np.ndarray, " 2"] = np.zeros(2, np.int32)
 
 
-# Values of `_Change.code`: tiles are copied; the tiles of a window are written; the links along the
-# outline of the rectangle are toggled, or those in it if it is one tile wide.
+# The values of `_Change.code` that are no codes. In order, they mean: tiles are copied; the tiles
+# of a window are written; the links along the outline of the rectangle are toggled. The outline of
+# a rectangle that is one tile wide is its middle line.
 _COPIED, _REFITTED, _TOGGLED = -1, -2, -3
 
-# How tiles are copied; the values of `_Change.how` are sums of these.
-# Mirrored north to south.
+# The values of `_Change.how` are sums of the constants that follow.
+
+# The tiles are mirrored north to south.
 _FLIPPED = 1
-# Mirrored east to west.
+# The tiles are mirrored east to west.
 _MIRRORED = 2
 # The rows and columns of the source are exchanged first.
 _TRANSPOSED = 4
@@ -371,6 +373,7 @@ class _Draws:
         or mirrored, completes another half.
         """
         ends = randint(self.bits[:4].reshape(2, 2), self.shape[:, None])
+        # The lowest bits, on which `randint` hardly depends, draw the edges.
         is_at_edge = self.bits[:4].reshape(2, 2) & 7 == 0
         first = jnp.where(is_at_edge[:, 0], 0, jnp.minimum(ends[:, 0], ends[:, 1]))
         last = jnp.where(is_at_edge[:, 1], self.shape - 1, jnp.maximum(ends[:, 0], ends[:, 1]))
@@ -383,6 +386,7 @@ class _Draws:
         east = self.bits[0] & 1 == 0
         line = randint(self.bits[1], jnp.where(east, height, width))
         ends = randint(self.bits[2:4], jnp.where(east, width, height))
+        # A stretch that runs east has one row, the line, and ends at two columns.
         is_line = _either(east)
         first = jnp.where(is_line, line, jnp.minimum(*ends))
         last = jnp.where(is_line, line, jnp.maximum(*ends))
@@ -425,11 +429,14 @@ def _move(
         if mate is None:
             mate = grid
         number = randint(bits[0], cumulative_weights[-1])
+        # The index is the number of cumulative weights that the drawn number reaches.
         drawn_index = (number >= cumulative_weights[:-1]).sum(dtype=jnp.int32)
         if plans:
             varied = _apply_one_plan(plans, drawn_index, bits, grid, mate, empty=empty)
         else:
             varied = Variation(grid, jnp.zeros(grid.shape, bool))
+        # All moves of the user are computed. A branch would save nothing, because under `jax.vmap`
+        # JAX computes every branch.
         for index, (name, move) in enumerate(drawn_moves.items(), start=len(plans)):
             user_result = move.apply(bits[_BITS : _BITS + move.bits], grid, mate)
             user_variation = _check_variation(name, user_result, grid.shape)
@@ -509,6 +516,8 @@ def _apply_change(
     """
     rows, columns = _row_and_column_indices(grid.shape)
     (north, west), (south, east) = change.first, change.last
+    # A tile in the first or last row has links along this row, and a tile in the first or last
+    # column links along this column, but none that leaves the rectangle.
     inside = (rows >= north) & (rows <= south) & (columns >= west) & (columns <= east)
     along = inside & ((rows == north) | (rows == south))
     upright = inside & ((columns == west) | (columns == east))
@@ -546,12 +555,14 @@ def _copy(
     height, width = grid.shape
     rows = _source_indices(change, 0, height, backwards=flipped, cyclic=cyclic)
     columns = _source_indices(change, 1, width, backwards=mirrored, cyclic=cyclic)
+    # A transposed source has its rows in the direction of columns.
     row_indices = rows[:, None] * jnp.where(transposed, 1, width)
     column_indices = columns[None] * jnp.where(transposed, width, 1)
     indices = row_indices + column_indices
 
     source = materialize(jnp.where(from_mate, mate, grid).reshape(-1))
     tiles = materialize(lookup(source, indices))
+    # The codes turn with the cells.
     tiles = jnp.where(transposed, transpose_codes(tiles), tiles)
     tiles = jnp.where(mirrored, exchange_sides(tiles, EAST, WEST), tiles)
     return jnp.where(flipped, exchange_sides(tiles, NORTH, SOUTH), tiles)
@@ -601,6 +612,7 @@ def _refit(
     window = jnp.where((drawn == present).all(), following, drawn)
     window = jnp.where(count == 0, present, window)
 
+    # Each tile of the grid reads its code from the window, if it is inside.
     rows, columns = _row_and_column_indices(grid.shape)
     row = window[jnp.clip(rows - north, 0, height - 1)]
     shift = 4 * jnp.clip(columns - west, 0, width - 1)
@@ -608,6 +620,7 @@ def _refit(
 
 
 def _plan_link(draws: _Draws) -> _Change:
+    # The links to the east come first, row by row, then the links to the south.
     height, width = draws.shape
     across = height * (width - 1)
     drawn = randint(draws.bits[0], across + (height - 1) * width)
@@ -649,12 +662,15 @@ def _plan_mirroring(draws: _Draws) -> _Change:
     first, last = draws.block
     across = draws.bits[4] & 1 == 0
     how = jnp.where(across, _MIRRORED, _FLIPPED)
+    # A mirrored row or column i of the block is copied from first + last - i.
     offset = jnp.where(_either(across), 0, first + last)
     return _Change(first, last, _COPIED, how, offset)
 
 
 def _plan_slide(draws: _Draws) -> _Change:
     first, last = draws.block
+    # Either the rows of the block slide, over the whole width, or its columns over the whole
+    # height.
     slides = _either(draws.bits[4] & 1 == 0)
     step = jnp.where(draws.bits[4] & 2 == 0, -1, 1)
     return _Change(
@@ -672,6 +688,7 @@ def _plan_transplant(draws: _Draws) -> _Change:
 
 def _plan_displaced_transplant(draws: _Draws) -> _Change:
     first, last = draws.block
+    # The source is any block of this size inside the grid.
     offset = randint(draws.bits[5:7], draws.shape - (last - first)) - first
     return _plan_mate_block(draws, jnp.where(_either(draws.bits[4] & 8 == 0), offset, 0))
 
@@ -695,6 +712,8 @@ def _plan_mate_block(draws: _Draws, offset: Int[ArrayLike, " 2"]) -> _Change:
     how = _FROM_MATE + sum(jnp.where(is_chosen, flag, 0) for is_chosen, flag in flags)
     backwards = jnp.stack([flipped, mirrored])
     first, last = draws.block
+    # The mate as a whole is mirrored, so row i comes from the row that is as far from the other
+    # end.
     return _Change(
         first, last, _COPIED, how, jnp.where(backwards, draws.shape - 1 - offset, offset)
     )

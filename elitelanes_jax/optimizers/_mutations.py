@@ -61,7 +61,7 @@ class Move(Record):
 def change_tile(alphabet: tuple[int, ...]) -> Move:
     """Changes one random tile to another code of the alphabet, each equally likely."""
     codes = jnp.array(alphabet, jnp.int8)
-    # The index of each code in the alphabet; of a code outside the alphabet, one more than the
+    # The index of each code in the alphabet. A code outside the alphabet has the index after the
     # last.
     index = jnp.array(
         [alphabet.index(code) if code in alphabet else len(alphabet) for code in range(16)]
@@ -69,6 +69,8 @@ def change_tile(alphabet: tuple[int, ...]) -> Move:
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty = _one_tile(bits, grid)
+        # The new code is drawn among the others, and an index from that of the present code on is
+        # moved by one.
         before = index[jnp.max(jnp.where(dirty, grid, 0))]
         others = len(alphabet) - (before < len(alphabet)).astype(jnp.int32)
         choice = randint(bits[2], jnp.maximum(others, 1))

@@ -75,6 +75,7 @@ def tournament(
     bits: UInt32[Array, "count size"], population: Population
 ) -> Int8[Array, "count H W"]:
     """Chooses parents from a sorted population: each is the best of its competitors, drawn with replacement."""
+    # The population is sorted, so the best competitor has the lowest index.
     drawn = randint(bits, population.fitness.size)
     return population.grids[drawn.min(axis=1)]
 
@@ -154,6 +155,8 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
         raise InputError(
             f"evaluate: expected a fitness of real numbers and features of whole numbers, got {kinds[0]} and {kinds[1]}"
         )
+    # A number that does not fit int32 refuses its grid, because a conversion would change the
+    # number.
     fits = _fits_int32(features).all(axis=1)
     if jnp.issubdtype(fitness.dtype, jnp.floating):
         fitness = finite_or_vacant(fitness.astype(jnp.float32))
@@ -161,6 +164,7 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
         fits = fits & _fits_int32(fitness)
         fitness = fitness.astype(jnp.int32)
     if not isinstance(fits, np.ndarray):
+        # The dtypes alone do not say that all numbers fit.
         fitness = jnp.where(fits, fitness, vacant_fitness(fitness.dtype))
     return Population(grids, fitness, features.astype(jnp.int32))
 
@@ -172,6 +176,7 @@ def _fits_int32(numbers: Integer[Array, "..."]) -> Bool[Array | np.ndarray, "...
         return np.ones(numbers.shape, bool)
     if jnp.iinfo(numbers.dtype).min == 0:
         return numbers <= largest
+    # A number that survives the conversion fits.
     return numbers == numbers.astype(jnp.int32).astype(numbers.dtype)
 
 

@@ -31,8 +31,8 @@ from elitelanes_jax.optimizers.base import Info, Optimizer, check_arguments, cou
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
-# The largest difference of positions and the largest position, so that products fit int32. The
-# paper's settings stay far below.
+# Differences of positions, and positions, are limited to these numbers, so that products fit int32.
+# The paper's settings stay far below.
 _FARTHEST_PULL, _FARTHEST = 32 * UNIT, 2**29
 
 
@@ -106,6 +106,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
     def step(key: Array, state: PsoState) -> tuple[PsoState, Info]:
         first, second = split(key)
         position, velocity, best_position, best = state
+        # Each pull of a particle has one random number in [0, 1), in units of 1 / `UNIT`.
         luck = random_bits16(first, (2, config.particles, 1, 1, 1)) // 16
 
         def pull(strength: Array, towards: Array) -> Array:

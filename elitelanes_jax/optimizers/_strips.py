@@ -27,8 +27,9 @@ from elitelanes_jax.optimizers._mutations import Move, Variation
 LINES = 3
 """The rows, or columns, of a strip."""
 
+# The number of states between two columns, and of things that a tile may show on a side.
 _STATES, _SHOWN = 4**LINES, 5
-# The bits of a column in `StripTables.columns`, and the number where no column fits.
+# The number of bits of a column in `StripTables.columns`, and the entry if no column fits.
 _BITS, _NONE = 4 * LINES, -1
 
 _FORTH = np.array([0b0011, 0b0001, 0b1100, 0b0100, 0b1000])
@@ -77,11 +78,14 @@ class StripTables(NamedTuple):
 @cache
 def strip_tables(*, empty: bool) -> StripTables:
     codes = [code for code in range(16) if code.bit_count() > 1 or (empty and not code)]
+    # These are the columns whose tiles fit each other from north to south.
     columns = [
         column
         for column in product(codes, repeat=LINES)
         if all(_FORTH[_SOUTH[one]] & _BACK[_NORTH[other]] for one, other in pairwise(column))
     ]
+    # An entry has the columns that fit what is above and below, and the states east and west of
+    # them. It has room for two columns.
     pairs = np.full((_SHOWN, _SHOWN, _STATES, _STATES), _NONE, np.int32)
     for column in columns:
         packed = sum(code << 4 * line for line, code in enumerate(column))
@@ -91,21 +95,27 @@ def strip_tables(*, empty: bool) -> StripTables:
             _states(_FORTH, _EAST[list(column)]),
             _states(_BACK, _WEST[list(column)]),
         )
+        # The first column of an entry stays in the lower bits, and the last one is in the upper
+        # bits.
         slots = np.ix_(*fitting)
         pairs[slots] = (
             np.where(pairs[slots] == _NONE, packed, pairs[slots] & 2**_BITS - 1) | packed << _BITS
         )
     # The axes are what is around the column, the state east of it, and the state west of it.
     leads = (pairs != _NONE).reshape(_SHOWN**2, _STATES, _STATES)
+    # This is all that a column can show to a side, line by line, and the states that fit it.
     shows = np.arange(_SHOWN**LINES)[:, None] // _SHOWN ** np.arange(LINES) % _SHOWN
     forth, back, alike = (
         np.array([_states(labels, show) for show in shows])
         for labels in (_FORTH, _BACK, _FORTH | _BACK)
     )
+    # A table of all sets of 64 states would be too large. So the union over a set is looked up for
+    # eight states at a time. Products of matrices compute all these unions.
     eight = (np.arange(256)[:, None] >> np.arange(8) & 1).astype(np.float32)
     before = eight @ leads.reshape(_SHOWN**2, _STATES // 8, 8, _STATES) > 0
     after = forth.astype(np.float32) @ leads.transpose(0, 2, 1) > 0
     east, west, both = (_packed(states.reshape(-1, _STATES)) for states in (before, after, leads))
+    # These numbers say what each column of 12 bits shows to the east and to the west.
     tiles = np.arange(16**LINES)[:, None] >> 4 * np.arange(LINES) & 15
     shown, border = (
         (side[tiles] * _SHOWN ** np.arange(LINES)).sum(axis=1) for side in (_EAST, _WEST)
@@ -170,9 +180,12 @@ def refit_strip(
         all_of_it = bernoulli(bits[0], whole)
         start = jnp.where(all_of_it, 0, jnp.minimum(one, other))
         end = jnp.where(all_of_it, length - 1, jnp.maximum(one, other))
+        # These are the index of each cell across the strip, from its first line on, and along it.
         rows, columns = np.arange(height)[:, None], np.arange(width)[None]
         line, along = jnp.where(upright, columns, rows) - first, jnp.where(upright, rows, columns)
 
+        # The three lines and the lines beside them are gathered, from a square with an empty
+        # border. An upright strip is transposed, so all strips run east.
         side = max(height, width)
         padded = jnp.pad(grid, ((1, side - height + 1), (1, side - width + 1)))
         padded = materialize(padded).reshape(-1)
@@ -181,10 +194,12 @@ def refit_strip(
         indices = jnp.where(upright, steps * stride + lines, lines * stride + steps)
         tiles = lookup(padded, indices).astype(jnp.int32)
         tiles = materialize(jnp.where(upright, transpose_codes(tiles), tiles))
+        # 7 of 8 fillings differ from the present one.
         differs = bits[0] >> 1 & 7 > 0
         begin, strip = _refitted(bits[4], tiles, start, end, differs, straight, empty=empty)
         strip = materialize(strip)
         inside = (line >= 0) & (line < LINES) & (along >= begin) & (along <= end)
+        # Each cell of the grid reads its code from the column of the strip.
         new = (
             lookup(strip, jnp.broadcast_to(along, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1)
             & 15
@@ -218,9 +233,12 @@ def _refitted(
     old = tiles[1] | tiles[2] << 4 | tiles[3] << 8
     index = jnp.arange(length, dtype=jnp.int32)
 
+    # The first scan goes from east to west. It finds the states on the east side of each column
+    # from which the columns up to `east` can be filled.
     def back(states: Array, column: tuple[Array, Array]) -> tuple[Array, Array]:
         around, at_end = column
         states = jnp.where(at_end, end, states)
+        # The set of 64 states becomes eight groups of eight states, and each group leads to a set.
         eights = (
             (states[:, None] >> np.arange(0, 32, 8, dtype=np.uint32)[None] & 255)
             .reshape(-1)
@@ -229,30 +247,38 @@ def _refitted(
         sets = take(tables.before, (around * 8 + np.arange(8)) * 256 + eights)
         return jax.lax.reduce(sets, np.uint32(0), jax.lax.bitwise_or, (0,)), states
 
+    # East of the stretch the present column stays, and east of the strip is an empty one.
     end = take(tables.back, take(jnp.append(old[1:], 0), east))
     _, ahead = jax.lax.scan(back, jnp.zeros(2, jnp.uint32), (around, index == east), reverse=True)
 
+    # These states let each column show something else than at present.
     shown = take(tables.shown, old)
     present = take(tables.forth, shown)[:, :2]
     others = take(tables.after, around * 125 + jnp.append(0, shown[:-1])) & ahead & ~present
     free = differs & _any(others) & (index <= east)
-    # Of the columns with which the filling can begin to differ.
+    # This is the last column with which the filling can begin to differ.
     last = jnp.where(free, index, -1).max()
     west = jnp.where(last < 0, west, jnp.minimum(west, last))
     refused = jnp.where((index == last)[:, None], present, 0)
     inside = (index >= west) & (index <= east)
 
+    # The second scan goes from west to east. It draws each column among those with which the strip
+    # can be filled.
     def forth(
         carry: tuple[Array, Array], column: tuple[Array, ...]
     ) -> tuple[tuple[Array, Array], Array]:
-        # What the western column shows, and whether the filling is the present one so far.
+        # The carry is what the western column shows, and whether the filling is the present one so
+        # far.
         shown, same = carry
         index, around, old, inside, ahead, refused = column
+        # Each column has eight random numbers.
         draws = mix(bits + (index * 8 + np.arange(8)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
         possible = take(tables.after, around * 125 + shown) & ahead & ~jnp.where(same, refused, 0)
         fitting = take(tables.forth, shown)
+        # With a probability the links to the next column are those from the column before.
         again = possible & fitting[2:]
         again = jnp.where(_any(again) & bernoulli(draws[7], straight), again, possible)
+        # The state east of the column is drawn, then the state west of it, then one of two columns.
         pair = around * _STATES + _draw_state(draws[:3], again)
         ahead_of = _draw_state(draws[3:6], take(tables.between, pair) & fitting[:2])
         both = take(tables.columns, pair * _STATES + ahead_of)
@@ -273,6 +299,8 @@ def _any(states: UInt32[Array, "*N 2"]) -> Bool[Array, "*N"]:
 
 def _draw_state(bits: UInt32[Array, " 3"], states: UInt32[Array, " 2"]) -> Int32[Array, ""]:
     """Draws a state of a set, about evenly."""
+    # Random masks thin out the set, because a state after a long gap would be drawn too often. The
+    # first state from a random bit on remains.
     for mask in (bits[:2], bits[1] ^ bits[:2] << 7):
         fewer = states & mask
         states = jnp.where(_any(fewer), fewer, states)

@@ -19,11 +19,14 @@ class WindowTable(NamedTuple):
     A border has 2 (h + w) bits, one for each link that leads out of the window: first to the north
     and to the south, both from west to east, then to the west and to the east, both from north to
     south.
+
+    Attributes:
+      first: ``[2^(2 (h + w)) + 1]``, the index of the first window of each border, and N at the
+        end.
+      rows: the rows of each window, four bits a tile, the westernmost tile lowest.
     """
 
-    # [2^(2 (h + w)) + 1], the index of the first window of each border, and last N.
     first: Int32[np.ndarray, " B"]
-    # The rows of each window: four bits a tile, the westernmost tile lowest.
     rows: Int32[np.ndarray, "N h"]
 
 
@@ -32,17 +35,21 @@ def valid_windows(height: int, width: int, *, empty: bool) -> WindowTable:
     """Returns the valid windows of a size; `empty` says whether cells may be empty."""
     codes = np.array([code for code in range(16) if code.bit_count() > 1 or (empty and not code)])
     beside, below = _fitting(EAST, WEST), _fitting(SOUTH, NORTH)
+    # Rows grow tile by tile to the east, and keep only tiles that fit.
     rows = codes[:, None]
     for _ in range(width - 1):
         rows = _extended(rows, codes[:, None], beside[rows[:, -1:], codes])
+    # Two rows fit if all their tiles do.
     under = np.logical_and.reduce(
         [below[rows[:, [column]], rows[:, column]] for column in range(width)]
     )
+    # Windows grow row by row to the south, as indices of rows.
     indices = np.arange(len(rows))
     windows = indices[:, None]
     for _ in range(height - 1):
         windows = _extended(windows, indices[:, None], under[windows[:, -1]])
     tiles = rows[windows]
+    # The windows are sorted by their borders, so those of one border are a slice.
     sides = tiles[:, 0] & NORTH, tiles[:, -1] & SOUTH, tiles[:, :, 0] & WEST, tiles[:, :, -1] & EAST
     links = np.concatenate([side > 0 for side in sides], axis=1)
     border = (links << np.arange(2 * (height + width))).sum(axis=1)

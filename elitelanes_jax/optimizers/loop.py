@@ -66,7 +66,7 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
     """
     if not isinstance(optimizer, Optimizer):
         raise InputError(f"optimizer: expected an Optimizer, got {type(optimizer).__name__}")
-    # A key of the old style is a vector.
+    # A key of the old style is a vector of two numbers, so its batch has one more axis.
     if np.ndim(keys) != 1 + (getattr(keys, "dtype", None) == np.uint32):
         raise InputError(
             f"keys: expected keys [S], such as those of seed_keys, got {shorten(repr(keys))}"
@@ -124,7 +124,7 @@ def advance(
     rows have a meaning; if `last` is less than `first`, no generation is run. `most` is static.
     """
 
-    # Inlined, so that it is traced once for the shapes and for the loop.
+    # The function is inlined, so that it is traced once for the shapes and for the loop.
     @partial(jax.jit, inline=True)
     def step(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
         def step_one(key: Array, state: Pytree) -> tuple[Pytree, Info]:
@@ -139,8 +139,8 @@ def advance(
     no_row = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), row)
 
     def run_generation(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
-        # The loop of one round in `run_if` passes on the states of a round that does nothing
-        # without a copy.
+        # After `last` nothing is left to do. The loop of one round in `run_if` then passes on the
+        # states without a copy.
         return run_if(
             generation <= last, lambda _, carry: step(carry[0], generation), (states, no_row)
         )

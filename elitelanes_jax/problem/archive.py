@@ -90,9 +90,12 @@ def insert(
     archive, found = Population(*map(jnp.asarray, archive)), Population(*map(jnp.asarray, found))
     _check_offer(archive, niche, found)
     niche = jnp.asarray(niche)
+    # Grids that are offered to K niches make K rounds, which contend together.
     rounds = niche.reshape(prod(niche.shape[:-1]), niche.shape[-1])
     niche, fitness = rounds.reshape(-1), finite_or_vacant(jnp.tile(found.fitness, len(rounds)))
     lowest = archive.fitness.at[niche].min(fitness)
+    # A grid contends for its niche if no grid offered to the niche is better. Of those that
+    # contend, the first one wins.
     contends = fitness == lowest[niche]
     if not accept_equal:
         contends &= fitness < archive.fitness[niche]
@@ -102,8 +105,8 @@ def insert(
         .at[niche]
         .min(jnp.where(contends, batch, batch.size))
     )
-    # Each winner writes to its own niche, and no other grid does. Losers write beyond the end,
-    # where nothing is stored.
+    # Each winner writes to its own niche. Losers write to slots beyond the end, which are dropped.
+    # So no two grids write to one slot, and the order of writing does not matter.
     slots = jnp.where(first[niche] == batch, niche, niches + batch)
 
     def write(into: Array, values: Array) -> Array:

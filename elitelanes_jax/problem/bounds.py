@@ -28,7 +28,7 @@ from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.problem.ranges import Range
 from elitelanes_jax.problem.rules import RULES, map_constraints
 
-# Each round can only narrow intervals. Those of the inequalities below settle after a few rounds.
+# The largest number of rounds that narrow the intervals. They settle after a few rounds.
 _MOST_ROUNDS = 200
 
 # The row and the column of a cell.
@@ -40,12 +40,12 @@ _PER_TILE = {"loops_per_tile": "cyclomatic", "adjacent_turns_per_tile": "adjacen
 # Without any of these, straight roads lead away from each crossing, and have no roads beside them.
 _BESIDE_CROSSINGS = ("crowded_crossings", "unlinked_neighbours")
 
-# What holds for the metrics of all repaired grids. AREA is the number of cells, INNER the number of
-# cells that are not on the border, and PAIRS the number of pairs of neighbours. LONGEST is the
-# longer side, and SHORTENED is LONGEST - 2.
+# These facts hold for the metrics of all repaired grids. AREA is the number of cells, INNER the
+# number of cells that are not on the border, and PAIRS the number of pairs of neighbours. LONGEST
+# is the longer side, and SHORTENED is LONGEST - 2.
 _FACTS = (
     "tiles + empty_cells = AREA",
-    # Euler's formula.
+    # This is Euler's formula.
     "cyclomatic - edges + tiles - components = 0",
     "crossings - crossings3 - crossings4 = 0",
     # Each component has a tile, and there is a component if there is a tile.
@@ -57,7 +57,7 @@ _FACTS = (
     "tiles >= boundary_violations",
     # An edge joins two connections.
     "tiles + straights + turns + 2 crossings3 + 3 crossings4 >= 2 edges",
-    # With Euler's formula: each further cycle needs two three-way crossings or a four-way one.
+    # By Euler's formula, each further cycle needs two three-way crossings or a four-way one.
     "crossings3 + 2 crossings4 + 2 components >= 2 cyclomatic",
     # Bridges form a forest. Every other edge borders two faces, and a face has at least four of
     # them.
@@ -86,8 +86,8 @@ _FACTS = (
     "tiles - dead_ends - straights - turns - crossings = 0",
     "2 edges - dead_ends - 2 straights - 2 turns - 3 crossings3 - 4 crossings4 = 0",
     "crossings3 + 2 crossings4 + 2 components - dead_ends - 2 cyclomatic = 0",
-    # Roads do not leave the grid: no straight or crossing in a corner, no four-way crossing along
-    # the border.
+    # Roads do not leave the grid. So no straight or crossing is in a corner, and no four-way
+    # crossing is along the border.
     "straights + crossings + 4 <= AREA",
     "crossings4 <= INNER",
     "straight_score <= SHORTENED straights",
@@ -142,6 +142,7 @@ class FeatureBounds(NamedTuple):
         low, high = self.intervals[part]
         if not whole:
             return Fraction(low), Fraction(high)
+        # A share is least if the part is least and the whole is largest, and the other way round.
         smallest = sum(self.intervals[name][0] for name in whole)
         largest = sum(self.intervals[name][1] for name in whole)
         least_share = Fraction(low, max(largest, 1))
@@ -192,11 +193,13 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
     The `InputError` names the first range that contradicts the bounds or the ranges before it, and
     states the bound.
     """
+    # Each range is checked against the bounds and the ranges before it, and then narrows the
+    # bounds.
     where = tuple(where)
     bounds = _with_inequalities(bounds, _least_tiles(where, bounds.shape))
-    # What messages call the maps in the ranges that the bounds contain.
+    # Messages call the maps in the ranges before an item by these words.
     ranged_maps = maps
-    # Whether an earlier range wants crossings with empty cells at their corners.
+    # This flag says whether an earlier range wants crossings with empty cells at their corners.
     asks_for_gaps = False
     for item in where:
         if item.name not in FEATURES and item.name not in TOWN_FEATURES:
@@ -322,6 +325,7 @@ def _check_connectable(fix: FixedCells, filled: bool) -> None:
     """
     is_fixed = fix.fixed
     ways = _ways(np.where(is_fixed, fix.grid, NORTH | EAST | SOUTH | WEST))
+    # A free cell without neighbours to link stays empty.
     for cell, neighbours in list(ways.items()):
         if not neighbours and not is_fixed[cell]:
             del ways[cell]
@@ -332,6 +336,8 @@ def _check_connectable(fix: FixedCells, filled: bool) -> None:
         expected = "two neighbours for a road in every free cell"
         hint = "with rules, an inventory or a style such as town it may stay empty"
         raise InputError(f"fix: expected {expected}, got one at row {row}, column {column}; {hint}")
+    # What remains after all dead ends are cut are loops and the ways between them. A cell that
+    # needs a road has to be among these.
     _cut_dead_ends(ways, dead_ends)
     reachable: set[_Cell] = set()
     starts = needed or list(ways)
@@ -485,6 +491,8 @@ def _narrow_by(inequality: _Inequality, intervals: dict[str, tuple[int, int]]) -
     for name, factor in factors.items():
         low, high = intervals[name]
         largest_terms[name] = max(factor * low, factor * high)
+    # By this much the largest sum exceeds the limit. So no term may be smaller than its largest
+    # value by more.
     spare = sum(largest_terms.values()) - least
     for name, factor in factors.items():
         least_term = largest_terms[name] - spare

@@ -26,6 +26,7 @@ MOST_NICHES = 2**20
 """The largest number of niches, so that the archives of a single seed fit in memory."""
 
 
+# A whole number from 1, with at most nine leading zeros and 19 digits.
 _WHOLE = "0{0,9}[1-9][0-9]{0,18}"
 _AXIS_TEXT = re.compile(f"([^:]*):({_WHOLE})(?::({_WHOLE}))?", re.DOTALL)
 
@@ -154,7 +155,7 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
         descriptor = np.asarray(descriptor)
     if descriptor.dtype.kind not in "iu":
         raise InputError(f"descriptor: expected whole numbers, got {descriptor.dtype}")
-    # With as many axes as the descriptor, see `xla.align`.
+    # The arrays of axes get as many axes as the descriptor, see `xla.align`.
     aligned = (1,) * (np.ndim(descriptor) - 1) + (-1,)
     last = np.array([axis.bins - 1 for axis in axes], np.uint32).reshape(aligned)
     width = np.array([axis.width for axis in axes], np.uint32).reshape(aligned)
@@ -162,6 +163,7 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     with transfers():
         largest = np.iinfo(np.int32).max
         if np.iinfo(descriptor.dtype).max > largest:
+            # A conversion of larger numbers would cut off their upper bits.
             descriptor = descriptor.clip(None, largest)
         # A difference of two int32, one of them negative, may not fit int32. It fits uint32.
         distance = (descriptor.clip(start, None).astype(np.int32) - start).astype(np.uint32)
@@ -207,7 +209,7 @@ def _check_axis(value: UserValue, features: Collection[str] | None) -> Axis:
         )
     source = f"axes {value!r}" if isinstance(value, str) else f"axes {axis.metric!r}"
     check_feature(source, axis.metric, features)
-    # NumPy's numbers would not be written to JSON.
+    # JSON takes no numbers of NumPy.
     axis = axis._replace(
         bins=_to_python(axis.bins),
         width=_to_python(axis.width),

@@ -155,6 +155,7 @@ def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
     if is_share(name) or name in _USUAL:
         return max(1, -(-_USUAL.get(name, SHARE_UNIT) // bins))
     if name == "cyclomatic":
+        # The area of 12 x 12 tiles is 144.
         return max(1, int(np.rint(area / 144)))
     most = max(shape) * area // 2 if name == "straight_score" else area // 2
     return max(1, -(-most // bins))

@@ -63,7 +63,7 @@ def parse_fixed_cells(cells: UserValue) -> FixedCells:
     if isinstance(cells, str | Path):
         name, cells = str(cells), _read_rows(path(cells))
     if isinstance(cells, np.ma.MaskedArray):
-        # A masked cell becomes None.
+        # The list has None for each masked cell.
         cells = cells.tolist()
     elif hasattr(cells, "shape"):
         cells = np.asarray(cells).tolist()

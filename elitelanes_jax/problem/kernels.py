@@ -201,6 +201,7 @@ def _measure_in_batches(grids: AnyArray, names: tuple[str, ...]) -> NDArray[np.i
         raise InputError(f"grids: expected [..., H, W], got shape {list(grids.shape)}")
     height, width = grids.shape[-2:]
     flat = grids.reshape(-1, height, width)
+    # Empty grids fill up the last batch.
     padded = np.pad(flat, [(0, _BATCH - len(flat) % _BATCH), (0, 0), (0, 0)])
     batches = []
     for first in range(0, len(padded), _BATCH):
@@ -275,8 +276,9 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> tuple[str, bo
     and constants. Calls out of JAX, such as callbacks, do not count. The arguments may be given by
     their shapes and dtypes.
     """
-    # A new function each time, because JAX would not trace a function again that it has traced.
+    # The lambda is a new function each time, because JAX does not trace the same function twice.
     closed = jax.make_jaxpr(lambda *inputs: function(*inputs))(*arguments)
+    # NumPy would abbreviate long arrays in the text, and addresses differ between processes.
     with np.printoptions(threshold=sys.maxsize):
         text = re.sub(r"\bat 0x[0-9a-f]+", "", str(closed))
     content = sha256(text.encode())
@@ -290,6 +292,7 @@ def _has_floats(closed: "core.ClosedJaxpr") -> bool:
 
     Shares of metrics do, but few fitnesses use them.
     """
+    # From the last equation to the first, this follows the variables that results depend on.
     needed = {*map(id, closed.jaxpr.outvars)}
     for equation in reversed(closed.jaxpr.eqns):
         if needed.isdisjoint(map(id, equation.outvars)):
@@ -305,7 +308,7 @@ def _constants(closed: "core.ClosedJaxpr") -> Iterator[bytes]:
 
     The text of a jaxpr has only their shapes.
     """
-    # Imported here, because most searches have no functions of the user.
+    # This import is here, because most searches have no functions of the user.
     from jax.extend import core
 
     for constant in closed.consts:

@@ -77,7 +77,8 @@ class Problem:
     feature_names: tuple[str, ...] = ()
     axes: tuple[Axis, ...] = ()
     alphabet: tuple[int, ...] = tuple(range(16))
-    repair: Callable[..., Int8[Array, "H W"]] = None  # type: ignore[assignment]  # set when it is made
+    # `__post_init__` replaces None in these two fields.
+    repair: Callable[..., Int8[Array, "H W"]] = None  # type: ignore[assignment]
     penalties: Callable[[Int32[Array, "... F"]], Int32[Array, "..."]] = None  # type: ignore[assignment]
     initial: Int8[Array | np.ndarray, "N H W"] | None = None
     fill: bool = True
@@ -124,6 +125,7 @@ class Problem:
             fields["repair"] = partial(_to_alphabet, alphabet)
         if self.penalties is None:
             fields["penalties"] = _no_penalties
+        # The class is frozen, so its own fields cannot be assigned.
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 

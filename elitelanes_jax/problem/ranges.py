@@ -109,15 +109,17 @@ def range_penalty(
     """
     features, names = with_shares(features, feature_names)
     factors, divisors = _factors_of_units(names, shape)
-    # With as many axes as the features, see `xla.align`.
+    # The arrays of columns get as many axes as the features, see `xla.align`.
     aligned = (1,) * (features.ndim - 1) + (-1,)
     factors = factors.reshape(aligned)
     divisors = divisors.reshape(aligned)
     limits = limits.reshape(2, *aligned)
     below = (limits[0] - features).clip(0, None)
     above = (features - limits[1]).clip(0, None)
+    # Distances are limited, so that their products fit int32.
     distance = (below + above).clip(None, LARGEST // factors) * factors
-    # Processors divide by a constant many times as fast as by numbers that differ between columns.
+    # The columns of each divisor are divided together, because processors divide by a constant many
+    # times as fast as by numbers that differ between columns.
     units: AnyArray = 0
     for constant in np.unique(divisors).tolist():
         has_divisor = (divisors == constant).astype(np.int32)
@@ -134,10 +136,13 @@ def _factors_of_units(
     divisors = np.ones(len(names), np.int32)
     for column, name in enumerate(names):
         if name == "straight_score":
+            # One more tile in a run of L straights adds 2 L + 1.
             divisors[column] = 2 * max(shape)
         elif name == "adjacent_crossing_score":
+            # A linked pair of crossings scores at most 8.
             divisors[column] = 8
         elif feature_unit(name) != 1:
+            # One cell is a share of 1 / cells, and a share is stored in thousandths.
             factors[column] = shape[0] * shape[1]
             divisors[column] = SHARE_UNIT
     return factors, divisors
@@ -162,6 +167,7 @@ def satisfies(features: Mapping[str, AnyArray], where: Iterable[Range]) -> Bool[
     inside = np.ones(np.shape(features[METRIC_NAMES[0]]), bool)
     for name, low, high in where:
         part, parts_of_whole = SHARES.get(name, (name, ()))
+        # Products are compared instead of quotients, so nothing is rounded.
         value = np.asarray(features[part], np.int64)
         whole: AnyArray = feature_unit(name)
         if parts_of_whole:
@@ -216,7 +222,7 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction | None:
     try:
         if "_" in text:
             raise ValueError
-        # Fraction("1e99999999") would fill the memory.
+        # An exponent is read by `float`, because Fraction("1e99999999") would fill the memory.
         number = Fraction(float(text) if "e" in text.lower() else text)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError(f"{source}: expected a number, got {shorten(repr(limit))}") from None
@@ -228,7 +234,7 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction | None:
         raise InputError(f"{source}: expected {least:,} to {most:,}{unit}, got {shorten(text)}")
     if feature_unit(name) == 1 and number.denominator != 1:
         raise InputError(f"{source}: expected whole numbers, got {shorten(text)}")
-    # So 0.333333333 becomes a third, and sums fit 64 bits.
+    # The limit of the denominator makes 0.333333333 a third, and lets products fit 64 bits.
     return number.limit_denominator(10**6)
 
 

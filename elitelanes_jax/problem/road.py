@@ -50,7 +50,8 @@ from elitelanes_jax.problem.ranges import largest_penalty, parse_ranges, range_l
 # `jax.jit` compiles a program for each value of such a field.
 _STATIC = {"static": True}
 
-# Arrays, or their shapes and dtypes alone: programs are looked up by these.
+# The numbers of a problem are arrays, or their shapes and dtypes alone, by which programs are
+# looked up.
 _Numbers: TypeAlias = Untyped
 
 
@@ -236,6 +237,7 @@ def _evaluate(grids: Int8[Array, "P H W"], *, road: RoadProblem) -> Evaluation:
     total = _weigh(road, features, road.weights)
     if road.fitness is not None:
         total = apply_fitness(road.fitness, road.feature_names, grids, features, total)
+    # The penalty is added after a value out of range is found, because the sum might not show it.
     refused = _refuse(road, features, total)
     total = materialize(total + _penalty(road, features).astype(total.dtype))
     if road.kernels or road.fitness is not None:
@@ -246,6 +248,7 @@ def _evaluate(grids: Int8[Array, "P H W"], *, road: RoadProblem) -> Evaluation:
 
 def _measure(road: RoadProblem, grids: Int8[Array, "P H W"]) -> Int32[Array, "P F"]:
     """Measures the metrics and the other features of grids."""
+    # Stubs and empty cells are counted by other metrics, so `off_alphabet` need not count them.
     allowed_codes = road.alphabet + KINDS["end"] + KINDS["empty"]
     metrics = jax.vmap(lambda grid: measure(grid, allowed_codes))(grids)
     columns = materialize(stack_metrics(metrics))
@@ -319,7 +322,9 @@ def _penalties(features: Int32[Array, "... F"], *, road: RoadProblem) -> Int32[A
     """Returns the part of the fitness that no reward lowers, see `Problem`."""
     outside = _penalty(road, features)
     if road.fitness is not None and "usual" not in arguments_of(road.fitness):
+        # The weights have no part in this fitness.
         return outside + jnp.zeros(features.shape[:-1], jnp.int32)
+    # Weights below 0 are rewards.
     punishing_weights = Weights._make([jnp.maximum(weight, 0) for weight in road.weights])
     punishing_weights = punishing_weights._replace(constant=0)
     return _weigh(road, features, punishing_weights, rewards=False) + outside
@@ -386,7 +391,7 @@ def _sum_exceeds(
     """Returns whether the sizes of weighted values add up to over `most`, at most 2**29; exact, in 32 bits."""
     values, weights = align(values, weights)
     sizes = jnp.abs(weights).astype(jnp.uint32)
-    # A larger value gives an addend that exceeds `most` too.
+    # Each value is limited to the least one whose addend exceeds `most`. So addends fit 32 bits.
     least = most // jnp.maximum(sizes, 1) + 1
     addends = jnp.minimum(jnp.abs(values).astype(jnp.uint32), least) * sizes
     total = jnp.zeros(values.shape[:-1], jnp.uint32)

@@ -18,7 +18,7 @@ class Rules(NamedTuple):
 
 
 RULES = {
-    # Duckietown's appearance specification, "Topological constraints".
+    # The source is Duckietown's appearance specification, "Topological constraints".
     "duckietown": Rules(
         forbidden=("crowded_crossings", "unlinked_neighbours"),
         weights=Weights(

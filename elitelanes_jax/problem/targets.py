@@ -63,6 +63,7 @@ class SupportPoints:
         self, features: Float[np.ndarray, "M D"], examples: Iterable[ExampleValues]
     ) -> None:
         values = np.array([item.values for item in examples]).T
+        # A feature without any spread, in the examples and in the candidates, keeps its own unit.
         scale = values.std(axis=0)
         if len(features):
             scale = np.where(scale > 0, scale, features.std(axis=0))
@@ -71,6 +72,8 @@ class SupportPoints:
         total = np.zeros(len(features))
         for point in values / scale:
             total += self._distances(point)
+        # These are the mean distance of each candidate to the examples, and its total distance to
+        # the chosen maps.
         self._to_examples = total / len(values)
         self._to_chosen = np.zeros(len(features))
         self._count = 0
