@@ -36,8 +36,7 @@ from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.xla import PaddedLayout, materialize
 
-# The sweeps before the costlier method for long corridors. Random grids of up to 64 x 64 need about
-# 50.
+# The sweeps before the costlier method for long corridors. Random grids need fewer.
 _PATIENCE = 60
 
 # The steps that a label goes in every other sweep. At 12 x 12, evaluation with 4 steps takes 1.2
