@@ -222,8 +222,8 @@ def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> Int8[Array, "H W"]
     cells = np.arange(problem.shape[0] * problem.shape[1], dtype=np.uint32).reshape(problem.shape)
     # The factor, 2**32 divided by the golden ratio, spreads the cells' indices over all numbers.
     mixed = bits + cells * np.uint32(0x9E3779B9)
-    # The finaliser of MurmurHash3 (A. Appleby): each bit of the input and of the cell's index
-    # changes every output bit.
+    # By the finaliser of MurmurHash3 (A. Appleby), each bit of the input and of the cell's index
+    # may change each bit of the result.
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         mixed = (mixed ^ mixed >> shift) * np.uint32(factor)
     return take(codes, randint(mixed ^ mixed >> 16, codes.size))

@@ -130,7 +130,8 @@ class Groups(NamedTuple):
             goal = draw_goal(niches, bits.goal, known_filled, vacant_probability)
             penalty = jnp.asarray(bin_penalty, jnp.int32)
             if draw_penalty:
-                # These bits have no other use here: a chain that begins a cycle draws no mate.
+                # A chain that begins a cycle makes no move, so the bits that choose its mate have
+                # no other use.
                 penalty = randint(bits.elite_mate, penalty)
             nearest = nearest_elite(known_fitness, niches.bins, goal, penalty)
             return Cycle(goal, restarts, first + nearest, penalty)

@@ -80,12 +80,14 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
         population, archive = state
         bits = random_bits(key, (loop.offspring, loop.tournament + mutation.bits))
         if config.parents == "archive":
+            # One number draws a filled niche. A tournament would need several.
             parents = archive.grids[draw_true(bits[:, 0], archive.valid)]
         else:
             parents = tournament(bits[:, : loop.tournament], population)
         offspring = breed(problem, mutation, bits[:, loop.tournament :], parents)
         if config.parents == "population":
             population = survivors(loop, population, offspring)
+        # All offspring are offered to the archive, also those that do not survive.
         archive = insert(archive, problem.niche(offspring.features), offspring)
         info = Info(
             archive.fitness.min(), archive.valid.sum(dtype=jnp.int32), count_refused(offspring)

@@ -53,6 +53,7 @@ def qdax_scoring_fn(
         _check_genotypes(problem, genotypes)
         population = evaluate_all(problem, genotypes)
         bins = niche_bins(problem.descriptor(population.features), problem.axes)
+        # The fitness of a refused grid may be the largest int32, which is finite. So -inf replaces it.
         negative_fitness = (-population.fitness).astype(jnp.float32)
         fitness = jnp.where(population.valid, negative_fitness, -jnp.inf)
         return fitness, bins.astype(jnp.float32), {"features": population.features}
@@ -255,6 +256,7 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
             )
         if array.dtype.kind == "f":
             if not np.isfinite(array).all():
+                # The floor of these is no index.
                 raise InputError("solutions: expected finite numbers, got NaN or infinity")
             indices = np.floor(array).clip(0, len(codes) - 1).astype(int)
             array = codes[indices]

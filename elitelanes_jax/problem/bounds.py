@@ -293,6 +293,7 @@ def check_feasible(
         constraints = map_constraints(rules, filled=fills_all_cells)
         certain = {name: value for name, value, _ in constraints}
         maps = f"maps of {shape[0]} x {shape[1]} tiles"
+        # A kind that the alphabet lacks has no tile on any map.
         for kind in lacking_kinds:
             certain[COUNTED[kind]] = 0
         if lacking_kinds:

@@ -67,6 +67,7 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
             )
         check_named(f"features: {name}", function_of("grid"), kernel)
         expected = f"features: expected {name}"
+        # JAX traces the kernel with a shape and a dtype alone, so nothing is computed.
         grid = jax.ShapeDtypeStruct(shape, jnp.int8)
         result = _trace_shapes(expected, partial(_apply_kernel, name, kernel), grid)
         is_array = hasattr(result, "dtype")

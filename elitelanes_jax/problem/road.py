@@ -169,6 +169,7 @@ def road_problem(
     measured = _check_measured(measured, features)
     axis_names = [axis.metric for axis in axes]
     range_names = [item.name for item in ranges]
+    # What axes and ranges name is measured too. Kernels that nothing names are left out.
     feature_names = columns_for(axis_names, measured, range_names)
     kernels = {name: kernel for name, kernel in features.items() if name in feature_names}
 
@@ -176,6 +177,7 @@ def road_problem(
         limits = range_limits(ranges, feature_names)
     if feature_weights is not None:
         feature_weights = _check_feature_weights(feature_weights, measured)
+    # No sum of weighted metrics, features and penalties may exceed int32 on any grid.
     penalty = largest_penalty(len(ranges), feature_names)
     _check_total(shape, weights, measured, feature_weights, penalty)
     if fitness is not None:
