@@ -117,20 +117,37 @@ class LaneDriveParams(Record):
 
 
 class LaneDriveState(NamedTuple):
-    """The state of an episode. `grid`, `ways`, `goal`, `shortest` and `objects` are the level's."""
+    """The state of an episode. Without a batch, shapes are those of one robot.
+
+    Attributes:
+      grid: int8 ``[H, W]``, the links of the level's map.
+      ways: uint8 ``[H, W]``, the turns of a shortest way from every node of the level.
+      goal: the level's node to be reached.
+      shortest: int32, tiles from the level's start to its goal.
+      pose: the pose of the middle between the wheels.
+      wheels: the state of the wheels.
+      movement: the movement of the lane that the robot is on.
+      next_turn: int32, the turn on the next tile.
+      d: float32, tiles to the left of the lane's centre.
+      phi: float32, radians that the robot is turned to the left of the lane.
+      s: float32, tiles along the movement from where it enters its tile.
+      tiles: int32, the number of tiles that were entered.
+      steps: int32, the number of steps that were made.
+      objects: the objects of the level's map; None without any.
+    """
 
     grid: Int8[Array, "H W"]
     ways: UInt8[Array, "H W"]
     goal: LaneNode
     shortest: Int32[Array, ""]
-    pose: Pose  # of the middle between the wheels
+    pose: Pose
     wheels: Wheels
     movement: Movement
-    next_turn: Int32[Array, ""]  # on the next tile
-    d: Float[Array, ""]  # as `LanePose` has them
+    next_turn: Int32[Array, ""]
+    d: Float[Array, ""]
     phi: Float[Array, ""]
     s: Float[Array, ""]
-    tiles: Int32[Array, ""]  # entered so far
+    tiles: Int32[Array, ""]
     steps: Int32[Array, ""]
     objects: Objects | None = None
 
@@ -180,11 +197,13 @@ class LaneDriveInfo(NamedTuple):
     collision: Bool[Array, ""] | None = None
 
 
-_AHEAD = (0.0, 0.25, 0.5)  # tiles
+# Tiles ahead of the robot at which the curvature is observed.
+_AHEAD = (0.0, 0.25, 0.5)
 
-# From row and column to the tile's code and ways.
+# A function that returns the code and the ways of the tile at a row and a column.
 _Reader = Callable[[Array, Array], tuple[Array, Array]]
-_Parts = dict[str, Pytree]  # parts of a state, by name
+# Parts of a state, by the names of its fields.
+_Parts = dict[str, Pytree]
 
 
 @name_wrong_arguments
@@ -273,10 +292,20 @@ def _begin(
 
 
 class _Events(NamedTuple):
+    """What happened in a step.
+
+    Attributes:
+      entered: bool, whether the robot came to another tile by a road.
+      success: bool, whether the robot reached the goal of its route.
+      off_road: bool, whether the robot left the road, or its lane ends at a dead end.
+      along: float32, tiles driven along the lane; less than 0 against it.
+      collision: bool, whether the robot touched an object; None without objects.
+    """
+
     entered: Array
     success: Array
     off_road: Array
-    along: Array  # tiles driven along the lane
+    along: Array
     collision: Array | None
 
 
@@ -506,8 +535,9 @@ LaneDrive = Environment(_reset, _reset_to_level, _step, _observe, actions=None, 
 An action is two numbers, see `LaneDriveParams.action`.
 """
 
-_SPEED = 0.3  # metres a second
-# Tiles along the lane, from the point beside the robot to the point that it drives to.
+# The speed of the expert in metres per second.
+_SPEED = 0.3
+# The expert drives to the point of its lane that is this many tiles ahead of the point beside it.
 _LOOKAHEAD = 0.12
 
 

@@ -153,9 +153,12 @@ def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
 
 
 class Rays(NamedTuple):
-    """Metres that a camera's rays go for each metre of its depth.
+    """Metres that a camera's rays go for each metre of depth. All fields broadcast to ``[rows, columns]``.
 
-    They broadcast to ``[rows, columns]``.
+    Attributes:
+      right: float32, metres to the right.
+      forward: float32, metres ahead along the ground.
+      fall: float32, metres down; less than 0 above the horizon.
     """
 
     right: Float[Array, "..."]

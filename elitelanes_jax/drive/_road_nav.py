@@ -77,13 +77,21 @@ class RoadNavParams(Record):
 
 
 class RoadNavState(NamedTuple):
-    """The state of an episode. `grid`, `goal` and `shortest` are the level's."""
+    """The state of an episode.
+
+    Attributes:
+      grid: int8 ``[H, W]``, the links of the level's map.
+      goal: the level's node to be reached.
+      shortest: int32, tiles from the level's start to its goal.
+      node: the node of the agent.
+      tiles: int32, the number of tiles that were driven.
+    """
 
     grid: Int8[Array, "H W"]
     goal: LaneNode
     shortest: Int32[Array, ""]
-    node: LaneNode  # of the agent
-    tiles: Int32[Array, ""]  # driven so far
+    node: LaneNode
+    tiles: Int32[Array, ""]
 
 
 class RoadNavObservation(NamedTuple):

@@ -364,7 +364,15 @@ def _draw_frames(
 
 
 class _Scene(NamedTuple):
-    """What the camera of a film looks at; the last four fields are arguments of `look`."""
+    """What the camera of a film looks at.
+
+    Attributes:
+      cells: int32 ``[H, W]``, the index of each cell's picture in the atlas.
+      atlas: uint8 ``[H·W, P, P, 4]``, the picture of each cell, from `make_atlas`.
+      camera: the options of the camera.
+      objects: the objects of the map; None without any.
+      billboards: the pictures of objects; None without objects.
+    """
 
     cells: Pytree
     atlas: Pytree

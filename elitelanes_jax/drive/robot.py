@@ -17,7 +17,8 @@ from elitelanes_jax.network.xla import rounded
 TILE = 0.585
 """The side of a tile in metres."""
 
-_DELAYS = 5  # the number of kept commands
+# The number of commands that are kept: the newest one, and those of the four steps before it.
+_DELAYS = 5
 
 
 @pytree
@@ -52,11 +53,18 @@ class Robot(Record):
 
 
 class Wheels(NamedTuple):
-    """The wheels' state."""
+    """The wheels' state.
 
-    speed: Float[Array, ""]  # metres a second, forward
-    turn: Float[Array, ""]  # radians a second, to the left
-    commands: Float[Array, "5 2"] | None  # the last ones, the newest first; None without latency
+    Attributes:
+      speed: float32, metres per second, forward.
+      turn: float32, radians per second, to the left.
+      commands: float32 ``[5, 2]``, the last commands of the left and the right wheel, the newest
+        first; None without latency.
+    """
+
+    speed: Float[Array, ""]
+    turn: Float[Array, ""]
+    commands: Float[Array, "5 2"] | None
 
 
 def still(robot: Robot) -> Wheels:
