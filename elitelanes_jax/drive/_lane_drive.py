@@ -117,7 +117,7 @@ class LaneDriveParams(Record):
 
 
 class LaneDriveState(NamedTuple):
-    """The state of an episode. Without a batch, shapes are those of one robot.
+    """The state of an episode. In a batch every shape starts with N.
 
     Attributes:
       grid: int8 ``[H, W]``, the links of the level's map.

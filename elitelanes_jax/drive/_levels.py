@@ -190,7 +190,8 @@ def _check_axes(level: UserValue, axes: int, expected: str) -> Level:
             return level
         got = f"one of shape {np.shape(level.grid)}"
     elif hasattr(level, "shape"):
-        got = "an array"  # not the name of a tracer's type
+        # The name of a tracer's type would tell a reader nothing.
+        got = "an array"
     else:
         got = type(level).__name__
     raise InputError(f"expected {expected}, got {got}")

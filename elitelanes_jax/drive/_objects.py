@@ -24,12 +24,22 @@ from elitelanes_jax.formats.objects import NEAR, OBJECT_KINDS, OPAQUE, base_kind
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.xla import once
 
-_SIDE = 64  # rows and columns of the pictures
-_VIEWS = 8  # evenly around an object
-_INDEX = 24  # bits of an index of a pixel of a picture
+# The rows and the columns of each picture.
+_SIDE = 64
+
+# The number of pictures of each object, seen from directions evenly around it.
+_VIEWS = 8
+
+# The bits for the index of a pixel in all pictures. The bits above them hold the number of an object
+# among those of a view, at most 64 (see `Camera.objects`).
+_INDEX = 24
 _MOST_PICTURES = 2**_INDEX // (_VIEWS * _SIDE**2)
-_BEHIND = 1e4  # tiles, added to distances of objects behind a robot, so that others are nearer
-_AWAY = -1e6  # tiles, the position of objects that fill up a batch
+
+# Tiles that are added to the distance of an object behind a robot, so that objects ahead are nearer.
+_BEHIND = 1e4
+
+# The position in tiles of objects that fill up a batch. No camera sees them.
+_AWAY = -1e6
 
 
 class Objects(NamedTuple):
@@ -147,7 +157,8 @@ def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
     words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(
         axis=-1, dtype=np.uint32
     )
-    pixels[..., 3] = 0  # the label of what is no road
+    # Opacity is replaced by a label: objects have 0, the label of what is no road.
+    pixels[..., 3] = 0
     colours = np.ascontiguousarray(pixels).view("<u4").reshape(-1).astype(np.uint32)
     return Billboards(jnp.asarray(colours), jnp.asarray(words), jnp.asarray(aspect.reshape(-1)))
 
@@ -325,7 +336,8 @@ def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[A
     The radius is in metres. Objects that lie on the floor are not touched.
     """
     turn = wrap_angle(end.theta - start.theta)
-    way = jnp.stack([end.x - start.x, start.y - end.y]) * TILE  # east and north, as what follows
+    # All vectors are east and north of the start, in metres.
+    way = jnp.stack([end.x - start.x, start.y - end.y]) * TILE
     length = jnp.hypot(*way)
     offset = jnp.stack([(objects.x - start.x) * TILE, (start.y - objects.y) * TILE])
     # Nearly straight arcs are lines: from them an arc is at most 1/4000 of its length away.

@@ -25,18 +25,34 @@ from elitelanes_jax.drive._camera import Camera
 from elitelanes_jax.drive._hashing import fork, hash_bits, hash_normal, uniform
 from elitelanes_jax.network.xla import once
 
-# Grains of a pattern along each side; its finest grains are about 1/64 of the picture's rows.
+# The grains of a background's coarse and middle noise along each side of a picture.
 _COARSE = (4, 16)
+
+# The grains of a background's finest noise along the rows of a picture, about.
 _FINEST = 64
-_SHADOWS = 5  # grains along each side
+
+# The grains of a shadow along each side of a picture.
+_SHADOWS = 5
+
+# The most rectangles in a sky.
 _RECTANGLES = 5
-_STREAK = 25  # samples along a streak of motion blur
-_LENS = 2  # pixels that a blur reaches in each direction
-_MANTISSA = 23  # bits of a float32 for its fraction
-_ROOT_HALF_BITS = 0x3F3504F3  # of the root of a half as a float32
-# Of log2((1 + x) / (1 - x)) / x in powers of x²; error 2e-7 for fractions.
+
+# The number of samples along a streak of motion blur.
+_STREAK = 25
+
+# The pixels that a blur reaches in each direction.
+_LENS = 2
+
+# The bits of a float32 for its fraction.
+_MANTISSA = 23
+
+# The bits of the square root of 1/2 as a float32.
+_ROOT_HALF_BITS = 0x3F3504F3
+
+# The coefficients of log2((1 + x) / (1 - x)) / x in powers of x². The error is 2e-7 for fractions.
 _LOG2 = (2.885391, 0.9614714, 0.5989572)
-# Of 2**x from -0.5 to 0.5; error 4e-6.
+
+# The coefficients of 2**x from -0.5 to 0.5 in powers of x. The error is 4e-6.
 _EXP2 = (0.9999992, 0.693122, 0.2402498, 0.05591704, 0.00956051)
 
 

@@ -61,7 +61,8 @@ def gymnasium_vector_env(
             self.metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
             self.metadata["autoreset_mode"] = gymnasium.vector.AutoresetMode(mode)
             self.render_mode = None if draw is None else "rgb_array"
-            self._batch = batch  # an attribute, so that a deep copy has states of its own
+            # An attribute is copied with the environment, so a deep copy has states of its own.
+            self._batch = batch
             self.num_envs = batch.envs
             self.single_action_space, self.single_observation_space = batch.spaces(gymnasium.spaces)
             self.action_space = batch_space(self.single_action_space, batch.envs)
@@ -73,7 +74,8 @@ def gymnasium_vector_env(
         ) -> tuple[np.ndarray, dict[str, Untyped]]:
             chosen = _check_mask(options, batch.envs)
             if is_whole(seed):
-                first = int(seed)  # a small number of NumPy would overflow
+                # The sum below would overflow in a small dtype of NumPy.
+                first = int(seed)
                 observation = self._batch.reset(range(first, first + batch.envs), chosen)
                 super().reset(seed=first)
             else:
@@ -200,7 +202,8 @@ def sb3_vec_env(
         render_mode = None if draw is None else "rgb_array"
 
         def __init__(self) -> None:
-            self._batch = batch  # an attribute, so that a deep copy has states of its own
+            # An attribute is copied with the environment, so a deep copy has states of its own.
+            self._batch = batch
             self._attributes: dict[str, list[UserValue]] = {}
             action_space, observation_space = batch.spaces(base.spaces)
             super().__init__(batch.envs, observation_space, action_space)
@@ -312,7 +315,8 @@ def puffer_env(
         num_agents = batch.envs
 
         def __init__(self) -> None:
-            self._batch = batch  # an attribute, so that a deep copy has states of its own
+            # An attribute is copied with the environment, so a deep copy has states of its own.
+            self._batch = batch
             super().__init__(buf)
 
         def reset(self, seed: int | None = None) -> tuple[np.ndarray, list[dict[str, float]]]:

@@ -47,14 +47,26 @@ from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.bits import check_key, random_bits, seed_key
 from elitelanes_jax.network.xla import once
 
-_UNIT = 20  # bits of a position after the point
-_FARTHEST = 2000.0  # tiles; positions have to fit 32 bits
-_WHITE_LINE = 0.09  # tiles from the tile's edge
-_ROBOT = Robot().width / 2  # metres, the radius of a robot
-_SEEDS = 3  # of a view: of other poses, of the pictures of tiles, and of its look
-# Uniform numbers of a view: map, height, pitch, field of view, lines, and four of the pose.
+# The bits of a position after the point.
+_UNIT = 20
+
+# The largest position in tiles. In units of 2**-20 tile it is just under 2**31, so it fits an int32.
+_FARTHEST = 2000.0
+
+# The distance of the white line from the edge of a tile, in tiles.
+_WHITE_LINE = 0.09
+
+# The radius of a robot in metres.
+_ROBOT = Robot().width / 2
+
+# The seeds of a view: of further tries for its pose, of the pictures of tiles, and of its look.
+_SEEDS = 3
+
+# The uniform numbers of a view: map, height, pitch, field of view, lines, and four of the pose.
 _NUMBERS = 9
-_TRIES = 64  # to draw a pose where the robot touches no object
+
+# The most further tries to draw a pose where the robot touches no object.
+_TRIES = 64
 
 
 class Views(NamedTuple):

@@ -183,7 +183,8 @@ def gymnasium_env(
         action_space, observation_space = batch.spaces(gymnasium.spaces)
 
         def __init__(self) -> None:
-            self._batch = batch  # an attribute, so that a deep copy has a state of its own
+            # An attribute is copied with the environment, so a deep copy has a state of its own.
+            self._batch = batch
 
         def reset(
             self, *, seed: int | None = None, options: Untyped = None

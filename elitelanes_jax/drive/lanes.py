@@ -163,7 +163,8 @@ def lane_errors(
         _choose(_BEND, movement.turn),
         _choose(lane_radii(lane_offset, np.float32), movement.turn),
     )
-    across = 0.5 - bend * left  # with `forward`, the position relative to the centre of an arc
+    # `forward` and `across` are the position relative to the centre of an arc: a corner of the tile.
+    across = 0.5 - bend * left
     angle = jnp.arctan2(forward, across)
     straight = bend == 0
     d = jnp.where(straight, left + lane_offset, bend * (radius - jnp.hypot(forward, across)))

@@ -56,9 +56,13 @@ Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
 If it has an attribute `camera`, a `Camera`, it observes only this camera's picture.
 """
 
+# The frames of a film per second, and the steps of `LaneDrive` per second.
 _RATE = 30
-# A GIF shows every third frame, half as large: otherwise it is ten times a film's size.
+
+# A GIF shows every third frame, half as large. Otherwise it is ten times a film's size.
 _GIF_STEP, _GIF_SCALE = 3, 0.5
+
+# Red, green and blue of trails. More trails repeat them.
 _COLOURS = (
     (255, 90, 60),
     (60, 170, 255),
@@ -67,13 +71,28 @@ _COLOURS = (
     (40, 220, 150),
     (255, 120, 200),
 )
-_ROOM = 2**20  # bytes to write on a full disk, so that the error says why
-_BATCH = 32  # frames that are rendered at once
-_HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
-_MOST_SEEN = 32  # objects in a view
-_BITS = 4  # of the fraction of a pixel
-_SIGHT_PX = 128  # of a tile in the pictures that a policy observes
-_PACE = 0.46  # tiles a second: the expert is faster, also in left turns
+
+# The number of bytes to write after a failure. On a full disk they raise an error that says why.
+_ROOM = 2**20
+
+# The number of frames that are rendered at once.
+_BATCH = 32
+
+# The height of a film and the largest width of the map in it, in pixels.
+_HEIGHT, _WIDEST = 480, 1280
+
+# The most objects in a view.
+_MOST_SEEN = 32
+
+# The bits of a position after the point, in OpenCV's pictures.
+_BITS = 4
+
+# The side of a tile in pixels, in the pictures that a policy observes.
+_SIGHT_PX = 128
+
+# Tiles per second that the expert exceeds: it drives 0.3 m/s, which is 0.466 tiles per second where
+# each tile is a left turn, the longest movement.
+_PACE = 0.46
 
 
 class Rides(NamedTuple):
