@@ -54,6 +54,7 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
 def _to_vector(array: Array) -> Float[Array, " N"]:
     """Returns the numbers of an array, or the four bits of each tile code, in one axis."""
     if array.dtype == jnp.int8:
+        # Codes are the only parts of observations with this dtype.
         bits = np.array([8, 4, 2, 1], np.int8)
         # With as many axes as the codes and their bits, see `xla.align`.
         bits = np.expand_dims(bits, tuple(range(array.ndim)))
@@ -230,6 +231,7 @@ class Batch:
                 "params: expected numbers for all environments, got arrays, which only jax.vmap maps over"
             )
         self._result = _Layout.of(result)
+        # Without seeds each batch is different, as in Gymnasium.
         random_seeds = np.random.default_rng().integers(_SEEDS, size=self._rows, dtype=np.uint64)
         blank_states = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), states)
         self._carry = _Carry(
@@ -256,6 +258,7 @@ class Batch:
             chosen = np.ones(self.envs, bool)
         if seeds is not None:
             self._seed(seeds, chosen)
+        # A single environment has two rows, which both get its values.
         chosen_rows = np.resize(chosen, self._rows)
         self._carry, observation = _reset(
             self._carry, chosen_rows, self.params, environment=self.environment
@@ -278,6 +281,7 @@ class Batch:
                 raise InputError(f"seed: expected a whole number, 0 to {_SEEDS - 1}, got {seed!r}")
             indices.append(index)
             numbers.append(seed)
+        # NumPy's view of an array of JAX is read-only, so this is a copy.
         streams = np.array(self._carry.streams)
         streams[indices] = _to_streams(np.array(numbers, np.uint64))
         self._carry = self._carry._replace(streams=jnp.asarray(streams))
@@ -305,11 +309,13 @@ class Batch:
         if self._observations[1] is not None:
             reached = _writable(self._observations[1])
         stacks, others = self._packed_result
+        # The caller may write to the results, so they are copied, a stack at a time.
         copied_stacks = {dtype: np.array(stack) for dtype, stack in stacks.items()}
         copied_others = [np.array(array) for array in others]
         reward, terminated, truncated, metrics = self._result.unpack((copied_stacks, copied_others))
         outcome = Outcome(observation, reward, terminated, truncated, metrics, reached)
         if self.envs < self._rows:
+            # The second row is there only for XLA.
             outcome = jax.tree.map(lambda array: array[:1], outcome)
         return outcome
 
@@ -378,6 +384,7 @@ def _shapes(environment: Environment, params: Pytree, envs: int) -> tuple[Pytree
         no_action = jnp.zeros(action.shape, action.dtype)
         return state, _result(environment.step(key, state, no_action, params))
 
+    # Nothing is computed here: `eval_shape` only traces.
     keys = jax.eval_shape(lambda: jax.random.split(jax.random.key(0), envs))
     return jax.eval_shape(jax.vmap(step), keys)
 
@@ -395,8 +402,10 @@ def _reset(
     layout = _Layout.of(state_shapes)
     keys, later_streams = _next_keys(carry.streams)
     states = _renew(environment, chosen, keys, layout.unpack(carry.state), params)
+    # A key is used up only where an episode begins.
     streams = jnp.where(chosen[:, None], later_streams, carry.streams)
     observation = jax.vmap(environment.observe, (0, None))(states, params)
+    # The barrier gives the observation memory of its own, see `_step`.
     carry = _Carry(streams, layout.pack(states), carry.over & ~chosen)
     return carry, jax.lax.optimization_barrier(observation)
 
@@ -417,11 +426,13 @@ def _step(
     over = transition.terminated | transition.truncated
     if mode == NEXT_STEP:
         # An environment whose episode ended in the last step is reset instead of this step.
+        # The reset uses the key of the step, because the step's result is dropped there.
         was_over = carry.over
         states = _renew(environment, was_over, keys, states, params)
         result = jax.tree.map(partial(_zero_where, was_over), result)
         over &= ~was_over
     if mode == SAME_STEP:
+        # An environment that is reset uses two keys, as one that is reset by its caller.
         reset_keys, later_streams = _next_keys(streams)
         states = _renew(environment, over, reset_keys, states, params)
         streams = jnp.where(over[:, None], later_streams, streams)
@@ -458,6 +469,7 @@ def _renew(
 
 def _to_streams(seeds: NDArray[np.uint64]) -> NDArray[np.uint32]:
     """Returns streams ``[N, 3]`` that begin with the keys of the seeds; below 2**32 they are those of `seed_key`."""
+    # The two words of a key in the order of JAX: the upper one first.
     upper_word = seeds >> np.uint64(32)
     lower_word = seeds & np.uint64(0xFFFFFFFF)
     used_keys = np.zeros_like(seeds)
@@ -470,6 +482,7 @@ def _next_keys(streams: Array) -> tuple[Array, Array]:
 
 
 def _next_key(stream: Array) -> Array:
+    # A key depends on the stream's seed and on how many keys are used, so a stream is three words.
     key = jax.random.wrap_key_data(stream[:2], impl=THREEFRY)
     used_keys = stream[2].astype(jnp.int32)
     return fold_in(key, used_keys)

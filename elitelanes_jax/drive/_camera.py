@@ -56,6 +56,7 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
         )
     if images.dtype != np.uint8 or labels.dtype != np.uint8:
         raise InputError(f"images, labels: expected uint8, got {images.dtype} and {labels.dtype}")
+    # A colour and its label are four bytes, which `_render` reads as one word.
     return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1))
 
 
@@ -199,6 +200,7 @@ def _list_tiles(
             tiles_of_code.append(tile)
         rows.append(tiles_of_code)
     longest = max(map(len, rows))
+    # Repeats make all rows equally long.
     return np.array([np.resize(row, longest) for row in rows], np.int32)
 
 
@@ -214,6 +216,7 @@ def ground_points(
     """
     rays = rays_of(camera)
     reach, ahead = reach_ground(camera, rays)
+    # The inner selection avoids infinity times 0, which is NaN.
     left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * rays.right)
     shape = (camera.rows, camera.columns)
     return jnp.broadcast_to(ahead, shape) / TILE, jnp.broadcast_to(left, shape) / TILE
@@ -225,6 +228,8 @@ def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
     Their shape is that of ``rays.fall``: a number for each row without distortion, otherwise one
     for each pixel.
     """
+    # A ray that does not fall never meets the ground. Both branches of the selection are computed,
+    # so the divisor is kept away from 0.
     reach = jnp.where(rays.fall > 1e-6, camera.height / jnp.maximum(rays.fall, 1e-6), jnp.inf)
     return reach, reach * rays.forward + camera.forward
 
@@ -232,11 +237,13 @@ def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
 def rays_of(camera: Camera, samples: int = 1) -> Rays:
     """Returns the rays of pixels' centres, or of `samples` times `samples` points in each pixel."""
     rows, columns = camera.rows * samples, camera.columns * samples
+    # `focal` is the focal length of a pinhole camera, in samples.
     focal = rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
     right = (jnp.arange(columns, dtype=jnp.float32) + 0.5 - columns / 2) / focal
     down = ((jnp.arange(rows, dtype=jnp.float32) + 0.5 - rows / 2) / focal)[:, None]
     if camera.distortion is not None:
         right, down = _undistort(*jnp.broadcast_arrays(right, down), *camera.distortion)
+    # The rays turn downwards with the camera. Their depth along its axis stays 1.
     pitch = jnp.deg2rad(camera.pitch)
     cosine, sine = jnp.cos(pitch), jnp.sin(pitch)
     return Rays(jnp.atleast_2d(right), cosine - down * sine, sine + down * cosine)
@@ -249,6 +256,8 @@ def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Arr
     range. The range ends where distortion begins to move larger radii inwards. If it never does,
     its factor is over 4 / 9.
     """
+    # Beyond a radius of sqrt(2 / turn) the distorted radius becomes smaller: there its derivative,
+    # 1 + 3 k1 r² + 5 k2 r⁴, is 0.
     far = jnp.sqrt(right**2 + down**2)
     root = 9 * k1**2 - 20 * k2
     turn = jnp.sqrt(jnp.maximum(root, 0)) - 3 * k1
@@ -259,14 +268,17 @@ def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Arr
     def distorted(radius: Array) -> Array:
         return radius * (1 + (k1 + k2 * radius**2) * radius**2)
 
+    # Twelve halvings leave 1/4096 of the range.
     for _ in range(12):
         middle = (low + high) / 2
         beyond = distorted(middle) > far
         low, high = jnp.where(beyond, low, middle), jnp.where(beyond, middle, high)
     radius = (low + high) / 2
+    # This near to the solution, Newton's method needs few steps.
     for _ in range(3):
         slope = jnp.maximum(1 + (3 * k1 + 5 * k2 * radius**2) * radius**2, 1e-6)
         radius = jnp.clip(radius - (distorted(radius) - far) / slope, low, high)
+    # Distortion moves a point along its radius. The middle of the picture has none.
     factor = jnp.where(far > 0, radius / jnp.where(far > 0, far, 1), 1)
     return right * factor, down * factor
 
@@ -296,6 +308,7 @@ def look(
       objects: the objects of the map, from `make_objects`.
       billboards: their pictures; without both no objects are shown.
     """
+    # The noise of all pixels is hashed from one draw.
     seed = jax.random.bits(key, (), jnp.uint32)
     return _render(seed, pose, tiles, atlas, camera, objects, billboards)
 
@@ -319,11 +332,13 @@ def _render(
     east, south, cosine, sine = once(
         lambda: (pose.x, pose.y, jnp.cos(pose.theta), jnp.sin(pose.theta))
     )
+    # The points on the ground are in tiles, ahead and to the left of the robot.
     left = wide * rays.right
     # In pixels of the rendered map, because positions are rounded on the map, not on the tile.
     x = jnp.floor((east + ahead * cosine - left * sine) * size).astype(jnp.int32)
     y = jnp.floor((south - ahead * sine - left * cosine) * size).astype(jnp.int32)
     inside = seen & (x >= 0) & (x < width * size) & (y >= 0) & (y < height * size)
+    # Points beyond the map are read as well, at its edge, and replaced later.
     x, y = jnp.clip(x, 0, width * size - 1), jnp.clip(y, 0, height * size - 1)
     # Indices have loops of their own and are unsigned, see `_look_up` in `_views`.
     cell = once(lambda: ((y // size) * width + x // size).astype(jnp.uint32))
@@ -337,15 +352,19 @@ def _render(
     if objects is not None and billboards is not None:
         sizes = camera.height, camera.forward, camera.objects
         hit, index, instances = stand(pose, objects, objects.kind, billboards, rays, *sizes)
+        # The closure needs the pixels under the objects by another name.
         road = pixel
         pixel = once(
             lambda: jnp.where(hit, billboards.pixels.at[index].get(mode="promise_in_bounds"), road)
         )
+        # An object is also seen where no tile is behind it.
         inside |= hit
 
     noise_seed = None if camera.noise is None else once(lambda: seed)
     colours = []
     for channel, (ground, sky) in enumerate(zip(camera.ground, camera.sky, strict=True)):
+        # A ray that meets neither a tile nor an object shows the ground, or above the horizon the
+        # sky.
         around = jnp.where(seen, ground, sky)
         colour = (
             jnp.where(inside, (pixel >> (8 * channel) & 255).astype(jnp.float32), around)
@@ -387,6 +406,7 @@ def look_around(
     height, width = grid.shape
     index = jnp.arange(height)[:, None] + 2 * jnp.arange(width)[None]
     tiles = sight.tiles[grid.astype(jnp.int32), index % sight.tiles.shape[1]]
+    # Environments observe without a key. The noise is hashed from the pose instead.
     seed = jnp.uint32(0)
     for part in pose:
         seed = mix(seed ^ jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32))

@@ -81,6 +81,7 @@ def _shortest_ways(grid: Array, goal: LaneNode) -> Array:
     _, onward = _relax(linked_codes(grid), goal)
     ways = jnp.zeros(onward.shape[1:], jnp.uint8)
     for heading in range(4):
+        # The first of equal turns is taken, which `shortest_ways` promises.
         three = onward[EXIT[heading]]
         turn = jnp.where(three.min(axis=0) < UNREACHABLE, three.argmin(axis=0), NO_WAY)
         ways |= turn.astype(jnp.uint8) << (2 * heading)
@@ -95,13 +96,18 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
     height, width = links.shape
     # The longest way visits each node once. Small numbers are faster if they suffice.
     dtype = jnp.int16 if 4 * height * width < 2**14 else jnp.int32
+    # No way is as long as this number, and a sweep may add 1 to it without an overflow.
     far = dtype(2**14) if dtype == jnp.int16 else dtype(UNREACHABLE)
     headings, rows, columns = np.ogrid[:4, :height, :width]
     at_goal = (rows == goal.row) & (columns == goal.column) & (headings == goal.heading)
+    # A goal that the grid does not have stays unreachable.
     at_goal &= jnp.stack([links & side.opposite > 0 for side in SIDES])
+    # Open sides have 0, and closed sides a distance that is too far. A maximum with it closes a side.
     walls = [jnp.where(links & side.bit > 0, dtype(0), far) for side in SIDES]
 
     def onward(reached: Array) -> list[Array]:
+        # Whoever leaves a tile by a side enters the neighbour there with the heading of this side.
+        # Cells beyond the grid are far.
         padded = jnp.pad(reached, ((0, 0), (1, 1), (1, 1)), constant_values=far)
         return [
             jnp.maximum(
@@ -117,6 +123,7 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
         ]
 
     def sweep(reached: Array) -> Array:
+        # A way from a node is the shortest of the ways by its three exits.
         onto = onward(reached)
         best = [
             jnp.minimum(jnp.minimum(onto[right], onto[ahead]), onto[left])
@@ -125,13 +132,17 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
         return jnp.minimum(reached, jnp.stack(best))
 
     def sweep_on(carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        # Each sweep finds the ways that are one tile longer. Sweeps after the last change do no harm.
         before, _ = carry
         after = before
         for _ in range(_SWEEPS):
             after = sweep(after)
         return after, (after != before).any()
 
+    # Distances begin at the goal, and sweep by sweep spread against the direction of driving.
     first = jnp.where(at_goal, dtype(0), far)
+    # The first condition is a True that depends on the grid. Inside `jax.shard_map` it is then on
+    # the same devices as the later ones.
     reached, _ = jax.lax.while_loop(lambda carry: carry[1], sweep_on, (first, links.any() | True))
 
     def plain(numbers: Array) -> Array:

@@ -36,6 +36,7 @@ def checks_first(**checks: Check) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
         @wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            # Too many arguments are passed on, so that Python raises its own error.
             by_position = [check(name, value) for name, value in zip(names, args, strict=False)]
             by_position += args[len(names) :]
             by_name = {name: check(name, value) for name, value in kwargs.items()}
@@ -92,6 +93,7 @@ class Environment(NamedTuple):
 
 def draw_level(key: Key[Array, ""], levels: Level) -> Level:
     """Draws a level uniformly from a batch; the key is consumed."""
+    # The levels may be arrays of NumPy, which a traced index cannot read.
     index = randint(random_bits(key, ()), levels.grid.shape[0])
     return jax.tree.map(lambda part: jnp.asarray(part)[index], levels)
 
@@ -120,6 +122,7 @@ def auto_reset(environment: Environment) -> Environment:
 
 def _next_state(transition: Transition, first: Pytree) -> Pytree:
     """Returns the first state of a new episode if the episode has ended, otherwise the next state."""
+    # Both states are computed, because under `jax.vmap` a branch would compute both, too.
     ended = transition.terminated | transition.truncated
     return jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, transition.state)
 
@@ -158,6 +161,7 @@ def auto_replay(environment: Environment) -> Environment:
     @runs_jax
     @divide_batches
     def step(key: Key[Array, ""], state: ReplayState, action: Pytree, params: Pytree) -> Transition:
+        # As in `auto_reset`: keys are folded in, and the state is observed again.
         transition = environment.step(jax.random.fold_in(key, 0), state.state, action, params)
         _, first = environment.reset_to_level(jax.random.fold_in(key, 1), state.level, params)
         next_state = _next_state(transition, first)

@@ -15,6 +15,7 @@ from elitelanes_jax.network.bits import mix
 
 # 2**32 divided by the golden ratio: neighbours' products are far apart.
 _GOLDEN = np.uint32(0x9E3779B9)
+# The mean and the standard deviation of the sum of four uniform bytes.
 _MEAN = 2 * 255
 _DEVIATION = float(np.sqrt(4 * (256**2 - 1) / 12))
 
@@ -32,6 +33,7 @@ def hash_bits(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, 
 
 def uniform(bits: UInt32[Array, "..."]) -> Float[Array, "..."]:
     """Returns numbers from 0 to less than 1, from 24 of 32 random bits."""
+    # A float32 holds 24 bits exactly. With all 32, the largest numbers would be rounded to 1.
     return (bits >> 8).astype(jnp.float32) * np.float32(2**-24)
 
 
@@ -41,6 +43,7 @@ def hash_normal(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array,
     No number is farther than 3.46 from 0.
     """
     bits = hash_bits(seed, shape)
+    # Two sums of two bytes in one word, and then the sum of both. Ten bits hold 4 * 255.
     pairs = (bits & 0xFF00FF) + (bits >> 8 & 0xFF00FF)
     total = (pairs + (pairs >> 16) & 0x3FF).astype(jnp.int32) - _MEAN
     return total.astype(jnp.float32) / _DEVIATION

@@ -200,7 +200,7 @@ class LaneDriveInfo(NamedTuple):
 # The distances ahead at which the curvature is observed, in tiles.
 _AHEAD = (0.0, 0.25, 0.5)
 
-# From row and column to the tile's code and ways.
+# A function that returns the code and the ways of the tile at a row and a column.
 _Reader = Callable[[Array, Array], tuple[Array, Array]]
 # The parts of a state, by name.
 _Parts = dict[str, Pytree]
@@ -254,11 +254,14 @@ def _at(tree: Pytree, *index: Array) -> Pytree:
 
 
 def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) -> _Parts:
+    # A share needs 16 bits. One word has two of them.
     along, beside, turned = (
         (word & 0xFFFF).astype(jnp.float32) / 2**16 for word in (bits[1], bits[1] >> 16, bits[2])
     )
+    # With task "lane" these words are used for the turns alone. Otherwise no turn is random.
     turn = _choose_turn(bits[-1], read, node, params)
     movement = Movement(*node, turn)
+    # The robot starts in the first half of its tile.
     s = along * lane_length(turn, params.lane_offset) / 2
     d = rounded((2 * beside - 1) * params.start_d)
     phi = rounded((2 * turned - 1) * params.start_phi)
@@ -292,6 +295,16 @@ def _begin(
 
 
 class _Events(NamedTuple):
+    """What happened in a step.
+
+    Attributes:
+      entered: bool, whether the robot came to another tile by a road.
+      success: bool, whether the robot reached the goal of its route.
+      off_road: bool, whether the robot left the road, or its lane ends at a dead end.
+      along: float32, tiles driven along the lane; less than 0 against it.
+      collision: bool, whether the robot touched an object; None without objects.
+    """
+
     entered: Array
     success: Array
     off_road: Array
@@ -341,12 +354,15 @@ def _step(
     action = jnp.asarray(action)
     if action.shape != (2,):
         raise InputError(f"action: expected two numbers, shape (2,), got shape {action.shape}")
+    # The rewards and the metrics use the same results many times.
     moved, events = once(lambda: _move(key, state, action, params))
     success, off_road, d, phi = events.success, events.off_road, moved["d"], moved["phi"]
     own, oncoming = (
         ~off_road & (jnp.abs(d) <= params.lane_offset),
         ~off_road & (d > params.lane_offset),
     )
+    # Products are rounded before they are added, so that single programs and batches return the
+    # same bits (see `rounded`).
     costs = rounded(params.offset_cost * jnp.abs(d)) + rounded(params.heading_cost * jnp.abs(phi))
     costs += params.oncoming_cost * jnp.float32(oncoming)
     reward = rounded(params.progress_reward * events.along * jnp.float32(own))
@@ -356,12 +372,15 @@ def _step(
     )
     terminated = success | off_road
     if events.collision is not None:
+        # A touch that ends the episode costs its price once, any other touch per second.
         ends = params.collision == "terminate"
         duration = 1 if ends else params.robot.dt
         reward -= rounded(params.collision_cost * jnp.float32(events.collision) * duration)
         terminated |= events.collision & ends
     tiles, steps = state.tiles + events.entered.astype(jnp.int32), state.steps + 1
     after = state._replace(**moved, tiles=tiles, steps=steps)
+    # A robot that turns round on a tile may need fewer tiles than a shortest way. The metric stays
+    # at most 1.
     spl = (
         success.astype(jnp.int32)
         * state.shortest
@@ -393,11 +412,13 @@ def _move(
     )
     movement, next_turn, entered, astray = _go_on(jax.random.fold_in(key, 1), state, pose, params)
     d, phi, s = lane_errors(pose, movement, params.lane_offset)
+    # The points at both sides of the robot have to be on the road.
     reach = robot.width / 2 / TILE
     beside = -reach * jnp.sin(pose.theta), -reach * jnp.cos(pose.theta)
     *_, left = tile_at(grid, pose.x + beside[0], pose.y + beside[1])
     *_, right = tile_at(grid, pose.x - beside[0], pose.y - beside[1])
     here, goal = movement.node, state.goal
+    # The goal counts only on the lane that leads to it, so the heading is compared, too.
     success = (
         entered
         & (here.row == goal.row)
@@ -405,9 +426,11 @@ def _move(
         & (here.heading == goal.heading)
     )
     success &= params.task == "route"
+    # On this tile no turn is open: the lane has ended.
     laneless = (_turns_of(grid[here.row, here.column], here.heading) & 3) == 0
     off_road = ~success & (astray | laneless | ~(left & right))
     facing = jnp.cos(phi)
+    # Only the part of the speed in the lane's direction is progress.
     along = wheels.speed * robot.dt / TILE * facing
     # A robot that faces the other way and drives in reverse makes no progress.
     along = jnp.where(facing > 0, along, jnp.minimum(along, 0))
@@ -415,6 +438,7 @@ def _move(
     if state.objects is not None:
         collision = touches(state.objects, state.pose, pose, robot.width / 2)
         if params.collision == "terminate":
+            # A collision that ends the episode is no success, also on the goal.
             success &= ~collision
     moved = {
         "pose": pose,
@@ -436,6 +460,7 @@ def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObserva
     if params.observe == "camera" and params.sight is not None:
         image = look_around(state.pose, state.grid, params.sight, state.objects).image
         return LaneDriveObservation(None, None, None, None, None, image)
+    # Points ahead that are beyond this tile take the curvature of the next one.
     turn, next_turn, lane_offset = state.movement.turn, state.next_turn, params.lane_offset
     beyond = state.s + jnp.asarray(_AHEAD, jnp.float32) > lane_length(turn, lane_offset)
     curvature = jnp.where(
@@ -468,6 +493,7 @@ def _go_on(
     code = grid[before.row, before.column].astype(jnp.int32)
     heading, entered = jnp.int32(0), jnp.bool_(False)
     for index, side in enumerate(SIDES):
+        # Roads lead to the four neighbours alone. On any other tile the robot is astray.
         this = (down == side.down) & (right == side.right) & (code & side.bit > 0)
         heading, entered = jnp.where(this, index, heading), entered | this
     astray = ~entered & ((down != 0) | (right != 0))
@@ -476,6 +502,8 @@ def _go_on(
         jnp.where(entered, before.column + right, before.column),
         jnp.where(entered, heading, before.heading),
     )
+    # A robot that leaves its tile as its movement says makes the turn that was announced. Any other
+    # way is followed with a turn of its own.
     as_meant = heading == before.next_node.heading
     bits = random_bits(key, (2,)) if params.task == "lane" else jnp.zeros(2, jnp.uint32)
     other = _choose_turn(bits[0], read, node, params)
@@ -494,9 +522,11 @@ def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDrivePa
     code, way = read(node.row, node.column)
     turns = _turns_of(code, node.heading)
     if params.task == "lane":
+        # The table lists the open turns, so one draw among their number is enough.
         lot = randint(bits, jnp.maximum(turns & 3, 1))
         return turns >> (2 * lot + 2) & 3
     way = way.astype(jnp.int32) >> (2 * node.heading) & 3
+    # A way has the turns of all four headings, two bits each.
     return jnp.where(way == NO_WAY, turns >> 2 & 3, way)
 
 
@@ -505,6 +535,7 @@ def _pack_turns(is_open: NDArray[np.bool_]) -> int:
 
     If no turn is open, the number is 0, and straight on follows.
     """
+    # One number with all open turns replaces a loop over turns in each step.
     open_turns = np.flatnonzero(is_open).tolist()
     packed = len(open_turns)
     for index, turn in enumerate(open_turns or [1]):
@@ -550,14 +581,19 @@ def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array,
     """
     lane_offset = params.lane_offset
     length = lane_length(state.movement.turn, lane_offset)
+    # The point ahead is on this movement's lane, or if that ends before, on the lane of the next
+    # one.
     goal_s = state.s + _LOOKAHEAD
     onward = Movement(*state.movement.next_node, state.next_turn)
     here = lane_point(state.movement, goal_s, lane_offset=lane_offset)
     beyond = lane_point(onward, goal_s - length, lane_offset=lane_offset)
     target = jax.tree.map(lambda one, other: jnp.where(goal_s > length, other, one), here, beyond)
+    # The target is relative to the robot, ahead and to the left.
     east, north = target.x - state.pose.x, state.pose.y - target.y
     cosine, sine = jnp.cos(state.pose.theta), jnp.sin(state.pose.theta)
     ahead, left = east * cosine + north * sine, north * cosine - east * sine
+    # An arc from the origin, in direction of x, to a point has twice its y over its squared
+    # distance.
     curvature = 2 * left / jnp.maximum(ahead * ahead + left * left, 1e-6)
     turn = _SPEED * curvature / TILE
     if params.action == "twist":

@@ -78,13 +78,17 @@ def _random_level(
     links = jnp.asarray(linked_codes(grid))
     width = links.shape[1]
     bits = random_bits(key, (2,))
+    # A goal that no movement leads to could never be reached.
     onward = jnp.asarray(CONNECTIONS)[links] >= 2
     # Some movement leads to a node if the tile behind it connects to another tile, too.
     has_movement_behind = [jnp.roll(onward, (side.down, side.right), (0, 1)) for side in SIDES]
     led_to = lane_nodes(links) & jnp.stack(has_movement_behind, axis=-1)
     goal = _draw(bits[0], led_to, width)
     away = distances(links, goal)
+    # The goal itself has distance 0, and is no start.
     reachable = (away > 0) & (away < UNREACHABLE)
+    # Bounds that no node meets are widened: `least` to the furthest node, and `most` to the nearest
+    # node beyond `least`.
     furthest = jnp.where(reachable, away, 0).max()
     enough = reachable & (away >= jnp.minimum(least, furthest))
     nearest = jnp.where(enough, away, UNREACHABLE).min()
@@ -95,6 +99,7 @@ def _random_level(
 
 def _draw(bits: Array, among: Array, width: int) -> LaneNode:
     """Draws a node uniformly; the last node if none is True."""
+    # The k-th of all True nodes is the first one where the running count is k.
     flat = among.reshape(-1)
     count = jnp.cumsum(flat)
     index = jnp.searchsorted(count, randint(bits, jnp.maximum(count[-1], 1)) + 1).astype(jnp.int32)
@@ -147,6 +152,7 @@ def draw_levels(
     total = len(road_maps) if count is None else check_named("count", whole(1), count)
     least, most = check_named("least", whole(1), least), check_named("most", whole(1), most)
     codes = np.stack([road_map.codes for road_map in road_maps], dtype=np.int8)
+    # Maps take turns, so that each has nearly the same number of levels.
     map_of_level = np.arange(total) % len(road_maps)
     levels = _random_levels(split(key, total), codes[map_of_level], least, most)
     objects = jax.tree.map(lambda part: part[map_of_level], make_objects(road_maps))

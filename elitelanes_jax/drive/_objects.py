@@ -86,6 +86,7 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     shape = len(maps), max(map(len, objects_of_maps), default=0)
     if not shape[1]:
         return None
+    # What fills up a batch is far away and has neither height nor radius.
     kind = np.zeros(shape, np.int32)
     x, y = np.full((2, *shape), _AWAY, np.float32)
     angle, height, radius = np.zeros((3, *shape), np.float32)
@@ -96,6 +97,7 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
             kind[slot] = kinds.index(base_kind(map_object.kind))
             x[slot], y[slot] = map_object.x, map_object.y
             angle[slot], height[slot] = map_object.angle, map_object.height
+            # A robot drives over objects without height.
             radius[slot] = map_object.radius if map_object.height else 0
     return Objects(*map(jnp.asarray, (kind, x, y, angle, height, radius)))
 
@@ -145,9 +147,11 @@ def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
                 raise InputError(
                     f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}"
                 )
+            # Each pixel shows the nearest pixel of the original.
             down, across = ((np.arange(_SIDE) + 0.5) * side // _SIDE for side in picture.shape[:2])
             pixels[index, view] = picture[down.astype(int)[:, None], across.astype(int)]
             aspect[index, view] = picture.shape[1] / picture.shape[0]
+    # A word holds the opacity of 32 pixels, so two words hold that of a row.
     opaque = (pixels[..., 3] >= OPAQUE).reshape(-1, _SIDE // 32, 32)
     words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(
         axis=-1, dtype=np.uint32
@@ -159,9 +163,12 @@ def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
 
 
 class Rays(NamedTuple):
-    """Metres that a camera's rays go for each metre of its depth.
+    """Metres that a camera's rays go for each metre of depth. All fields broadcast to ``[rows, columns]``.
 
-    They broadcast to ``[rows, columns]``.
+    Attributes:
+      right: float32, metres to the right.
+      forward: float32, metres ahead along the ground.
+      fall: float32, metres down; less than 0 above the horizon.
     """
 
     right: Float[Array, "..."]
@@ -186,17 +193,22 @@ def stand(
     the billboards. Returns for each pixel whether there is an object, the index in
     `Billboards.pixels`, and the object's index plus 1, or 0.
     """
+    # The objects are relative to the camera, in metres ahead and to the left.
     cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
     east, north = (objects.x - pose.x) * TILE, (pose.y - objects.y) * TILE
     ahead, left = east * cosine + north * sine - forward, north * cosine - east * sine
+    # The direction from the object to the camera, counter-clockwise from the object's front,
+    # chooses the view.
     towards = jnp.arctan2(-left, -ahead) + pose.theta - objects.angle
     view = jnp.round(towards / (2 * jnp.pi / _VIEWS)).astype(jnp.int32) % _VIEWS
     picture = pictures * _VIEWS + view
     width = objects.height * billboards.aspect[picture]
-    # At the most oblique ray.
+    # The most that the picture shows to either side at this distance, plus half of the object.
     reach = ahead * jnp.abs(rays.right).max() / jnp.maximum(jnp.min(rays.forward), 1e-6) + width / 2
+    # Objects beside the picture would take the places of objects in it.
     shown = (ahead > NEAR) & (objects.height > 0) & (jnp.abs(left) <= reach)
     ahead = jnp.where(shown, ahead, jnp.inf)
+    # `top_k` sorts the objects by their distance ahead, the nearest one first.
     near = jax.lax.top_k(-ahead, min(count, len(ahead)))[1]
 
     def rows() -> tuple[Array, ...]:
@@ -206,8 +218,11 @@ def stand(
         )
         column = (..., *[None] * 2)
         forward, fall = rays.forward[None], rays.fall[None]
+        # `scale` is the depth at which a ray meets the upright plane of the object. A ray that does
+        # not go forward never meets it.
         scale = jnp.where(forward > 1e-6, distance[column] / jnp.maximum(forward, 1e-6), jnp.inf)
         scale = jnp.where(jnp.isfinite(scale), scale, 0)
+        # The height above the ground there gives the row of the picture, the upper edge first.
         up = height - scale * fall
         row = jnp.floor((1 - up / jnp.where(high > 0, high, 1)[column]) * _SIDE).astype(jnp.int32)
         hit = (row >= 0) & (row < _SIDE) & (scale > 0)
@@ -215,7 +230,10 @@ def stand(
         words = jnp.where(
             hit[..., None], billboards.opaque.at[first].get(mode="promise_in_bounds"), 0
         )
+        # Objects that fill up a batch have no width. The divisor 1 keeps them finite.
         pixels = _SIDE / jnp.where(wide > 0, wide, 1)
+        # The column of the picture is linear in the ray's direction to the right: a slope and a
+        # middle for each row.
         return (
             scale * pixels[column],
             left[near] * pixels + _SIDE / 2,
@@ -227,10 +245,13 @@ def stand(
 
     def layers() -> Array:
         """Lays the objects over each other, the nearest one last: its number from 1 and the index of its pixel."""
+        # The nearest object is laid last, and so covers the others.
         seen = jnp.zeros(jnp.broadcast_shapes(slope.shape[1:], rays.right.shape), jnp.int32)
         for index in reversed(range(len(near))):
             column = jnp.floor(slope[index] * rays.right + middle[index]).astype(jnp.int32)
             word = words[0, index]
+            # The words of a row are selected one by one. A look-up for each pixel would not use the
+            # processor's vectors.
             for part in range(1, _SIDE // 32):
                 word = jnp.where(column >= 32 * part, words[part, index], word)
             opaque = (word >> (column & 31).astype(jnp.uint32)) & 1 > 0
@@ -245,6 +266,7 @@ def _read_layers(
     seen: Int32[Array, "rows columns"], near: Int32[Array, " C"]
 ) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
     """Returns what `stand` does, from the number of each pixel's object among `near` and the index of its pixel."""
+    # Number 0, no object, has instance 0.
     instances = jnp.concatenate([jnp.zeros(1, jnp.int32), near.astype(jnp.int32) + 1])[
         seen >> _INDEX
     ]
@@ -281,6 +303,7 @@ def lie(
     Rows of pixels see lines on the ground: `x` and `y` are the position at column 0 in tiles, and
     the step to the next column. A row without ground has the position NaN.
     """
+    # As with standing objects, only the nearest ones are drawn.
     east, south = objects.x[floor.indices] - pose.x, objects.y[floor.indices] - pose.y
     is_ahead = east * jnp.cos(pose.theta) > south * jnp.sin(pose.theta)
     away = jnp.hypot(east, south) + jnp.where(is_ahead, 0, _BEHIND)
@@ -300,9 +323,12 @@ def lie(
             ahead_step, beside_step = _turn(x[1], y[1], turn)
             along = _SIDE * TILE / floor.length[slots[number]]
             sideways = _SIDE * TILE / floor.width[slots[number]]
+            # Both are linear in the column, because a row of pixels sees a line on the ground.
             across = jnp.floor(_SIDE / 2 + (ahead + ahead_step * column) * along)
             below = jnp.floor(_SIDE / 2 + (beside + beside_step * column) * sideways)
+            # Comparisons with NaN are False, so a row without ground shows nothing.
             inside = (across >= 0) & (across < _SIDE) & (below >= 0) & (below < _SIDE)
+            # The index -1 fills up a batch.
             inside &= near[number] >= 0
             across, below = (
                 jnp.where(inside, part, 0).astype(jnp.int32) for part in (across, below)
@@ -334,13 +360,20 @@ def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[A
     offset = jnp.stack([(objects.x - start.x) * TILE, (start.y - objects.y) * TILE])
     # Nearly straight arcs are lines: from them an arc is at most 1/4000 of its length away.
     is_line = (jnp.abs(turn) < 1e-3) | (length < 1e-6)
+    # `share` is the share of the line before its nearest point to each object.
     share = jnp.clip(way @ offset / jnp.where(length > 0, length, 1) ** 2, 0, 1)
     to_line = jnp.hypot(*(offset - share[None] * way[:, None]))
+    # The centre of the arc is beside the middle of the chord: to the left by half of the chord over
+    # the tangent of half of the turn. For lines any turn serves, because their result is not used.
     half = jnp.where(is_line, 1, turn) / 2
     left = jnp.stack([-way[1], way[0]])
     centre = (way + left / jnp.tan(half)) / 2
+    # `round_it` has the objects relative to the centre of the arc.
     round_it = offset - centre[:, None]
     away = jnp.hypot(*round_it)
+    # `middle` points from the centre to the middle of the arc. An object that is at most half of
+    # the turn away from this direction is nearest to the arc itself, any other object to an end of
+    # the arc.
     middle = -jnp.sign(half) * left / jnp.where(length > 0, length, 1)
     beside = middle @ round_it >= away * jnp.cos(half)
     ends = jnp.minimum(jnp.hypot(*offset), jnp.hypot(*(offset - way[:, None])))

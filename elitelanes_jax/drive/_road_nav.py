@@ -185,16 +185,20 @@ def _step(
         raise InputError(f"action: expected one whole number, got {action.dtype}")
     grid, goal = state.grid, state.goal
     code = grid[state.node.row, state.node.column].astype(jnp.int32)
+    # The flat index of the table has the code, the heading and the action.
     choice = code * 12 + state.node.heading * 3 + jnp.clip(action, 0, 2)
     turn = jnp.asarray(TURN_TAKEN.reshape(-1))[choice].astype(jnp.int32)
     onward = Movement(*state.node, turn).next_node
+    # On a dead end there is no turn, so the agent stays.
     moves = jnp.asarray(CONNECTIONS)[code] > 1
     node = jax.tree.map(lambda new, old: jnp.where(moves, new, old), onward, state.node)
     tiles = state.tiles + 1
     after = state._replace(node=node, tiles=tiles)
 
+    # The goal is a node: its tile has to be entered with its heading.
     success = moves & (node.row == goal.row) & (node.column == goal.column)
     success &= node.heading == goal.heading
+    # Without a U-turn a dead end cannot be left.
     stuck = ~success & (jnp.asarray(CONNECTIONS)[grid[node.row, node.column]] < 2)
     earned = jnp.where(success, params.goal_reward, 0) - jnp.where(stuck, params.stuck_cost, 0)
     spl = jnp.where(success, state.shortest / tiles, 0).astype(jnp.float32)
@@ -232,13 +236,16 @@ def _look_around(grid: Array, goal: LaneNode, node: LaneNode, size: int) -> tupl
     reach = size // 2
     # A slice of a padded grid takes a third of the time of reading tile by tile (measured).
     north_up = jax.lax.dynamic_slice(jnp.pad(grid, reach), (node.row, node.column), (size, size))
+    # The mark is True where a step from the node leads to the goal's tile.
     steps = np.arange(size) - reach
     marked = (node.row + steps[:, None] == goal.row) & (node.column + steps[None] == goal.column)
     codes, mark = north_up, marked
+    # A rotation by a traced number is a selection among the four rotations.
     for quarter in (1, 2, 3):
         turned = node.heading == quarter
         codes = jnp.where(turned, jnp.rot90(north_up, quarter), codes)
         mark = jnp.where(turned, jnp.rot90(marked, quarter), mark)
+    # Rotating the window moves the tiles, and rotating the four bits of each code turns the tiles.
     wide = codes.astype(jnp.int32)
     codes = ((wide << node.heading | wide >> (4 - node.heading)) & 15).astype(jnp.int8)
     return codes, mark
@@ -250,13 +257,16 @@ def _compass(node: LaneNode, goal: LaneNode) -> Array:
         (goal.column - node.column).astype(jnp.float32),
     )
     distance = jnp.sqrt(down * down + right * right)
+    # Tiles are at least 1 apart. The maximum only avoids a division by 0 on the goal's tile.
     scale = 1 / jnp.maximum(distance, 1)
+    # The direction is turned from the map's frame to the agent's.
     ahead_down, ahead_right = jnp.asarray(_AHEAD)[node.heading]
     ahead = down * ahead_down + right * ahead_right
     left = down * -ahead_right + right * ahead_down
     return jnp.stack([ahead * scale, left * scale, distance])
 
 
+# The rows down and the columns right to the tile ahead, by heading.
 _AHEAD = np.array([(side.down, side.right) for side in SIDES], np.float32)
 
 

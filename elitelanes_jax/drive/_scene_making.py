@@ -81,9 +81,11 @@ def _check_map(name: str, road_map: RoadMap, tiles: TileSet) -> None:
 
 
 def _stack(road_maps: list[RoadMap]) -> SceneMap:
+    # The border is one empty cell wide. Points beyond the map are read there.
     height, width = (max(road_map.codes.shape[axis] for road_map in road_maps) for axis in (0, 1))
     codes = np.zeros((len(road_maps), height + 2, width + 2), np.int32)
     links = np.zeros_like(codes)
+    # Lists of movements have different lengths. `counts` tells how many rows are used.
     listed = [np.stack(movements_of(road_map.codes), axis=1) for road_map in road_maps]
     counts = np.array([len(movements) for movements in listed], np.int32)
     movements = np.zeros((len(road_maps), counts.max(), 4), np.int32)
@@ -116,6 +118,8 @@ def _place_objects(
     choices_of: dict[tuple[str, int | None], tuple[int, int]] = {}
     choices = np.zeros((*placed.x.shape, 2), np.int32)
     floors: list[list[tuple[int, float, float]]] = []
+    # Pictures are listed once for each kind and tag. Each object refers to the first of its
+    # pictures and to how many they are.
     for number, road_map in enumerate(road_maps):
         floors.append([])
         for index, thing in enumerate(road_map.objects or ()):
@@ -125,11 +129,13 @@ def _place_objects(
                 choices_of[kind] = len(pictures), len(more)
                 pictures += more
             choices[number, index] = choices_of[kind]
+            # An object without height lies on the floor.
             if not (first := pictures[choices_of[kind][0]]).height:
                 floors[-1].append((index, *first.footprint))
     scene_maps = scene_maps._replace(
         objects=placed, choices=jnp.asarray(choices), floor=_stack_floors(floors)
     )
+    # Tags on the floor have one picture, seen from above.
     views = [one.views if one.height else {0: one.top} for one in pictures]
     return scene_maps, pack_billboards(views)
 
@@ -140,6 +146,7 @@ def _stack_floors(floors: list[list[tuple[int, float, float]]]) -> Floor | None:
     if not most:
         return None
     values = np.ones((len(floors), most, 3), np.float32)
+    # The index -1 marks rows that are not used. Their sides are 1, because they are divisors.
     values[..., 0] = -1
     for number, floor in enumerate(floors):
         if floor:
@@ -162,14 +169,18 @@ def _list_pictures(tiles: TileSet) -> tuple[NDArray[np.int32], NDArray[np.int32]
 
 
 def _make_pyramid(tiles: TileSet, tile_px: int) -> UInt32[Array, "T P"]:
+    # Tile 4 * index + turns is the picture of an index, turned by quarters.
     count = 4 * len(tiles.pictures)
     every = np.stack(np.divmod(np.arange(count), 4), axis=-1)[None]
     levels = []
     size = tile_px
     while size:
         scaled = scale_tiles(tiles, size)
+        # `show_paved` draws a map. Here the map is one row with each tile once, which is cut into
+        # its tiles.
         paved = show_paved(tiles, every, size).reshape(size, count, size).swapaxes(0, 1)
         red, green, blue = np.moveaxis(scaled["image"].astype(np.uint32), -1, 0)
+        # What is not paved shows the ground of the view, so its colour is left out.
         colours = np.where(paved, red | green << 8 | blue << 16, 0)
         labels = scaled["labels"].astype(np.uint32) + PAVED * paved
         levels.append((colours | labels << 24).astype(np.uint32).reshape(count, -1))

@@ -70,5 +70,6 @@ class Scenes:
     @property
     def tile_bits(self) -> int:
         """The logarithm to base 2 of the side of the largest pictures, in pixels."""
+        # Squares of all sides from 2**b to 1 have (4**(b + 1) - 1) / 3 pixels.
         pixels = self.pyramid.shape[1]
         return (3 * pixels + 1).bit_length() // 2 - 1

@@ -25,8 +25,10 @@ from elitelanes_jax.drive._camera import Camera
 from elitelanes_jax.drive._hashing import fork, hash_bits, hash_normal, uniform
 from elitelanes_jax.network.xla import once
 
-# Grains of a pattern along each side; its finest grains are about 1/64 of the picture's rows.
+# The grains of a background's coarse and middle noise along each side of a picture.
 _COARSE = (4, 16)
+
+# The approximate number of grains of a background's finest noise along the rows of a picture.
 _FINEST = 64
 # The grains of a shadow along each side.
 _SHADOWS = 5
@@ -41,7 +43,8 @@ _MANTISSA = 23
 _ROOT_HALF_BITS = 0x3F3504F3
 # Of log2((1 + x) / (1 - x)) / x in powers of x²; error 2e-7 for fractions.
 _LOG2 = (2.885391, 0.9614714, 0.5989572)
-# Of 2**x from -0.5 to 0.5; error 4e-6.
+
+# The coefficients of 2**x from -0.5 to 0.5 in powers of x. The error is 4e-6.
 _EXP2 = (0.9999992, 0.693122, 0.2402498, 0.05591704, 0.00956051)
 
 
@@ -212,8 +215,10 @@ def draw_look(
     )
     if variation.horizon is not None:
         other, horizon = numbers["horizon"]
+        # The first number says whether the horizon is replaced, and the second one by which.
         chosen = jnp.asarray(HORIZONS)[(horizon * len(HORIZONS)).astype(jnp.int32)]
         sky = jnp.where(other < variation.horizon, chosen, sky)
+    # A changed picture replaces the plain colours by means of its own, which patterns vary.
     background = None
     if variation.background is not None:
         changed = numbers["changed"][0] < variation.background
@@ -225,6 +230,7 @@ def draw_look(
     shadow = None
     if variation.shadow is not None:
         depth, steepness, level = numbers["shadow"]
+        # The steepness is drawn on a logarithmic scale, from 4 to 64.
         shadow = jnp.stack([depth * variation.shadow, level, 2 ** (2 + 4 * steepness)])
     vignette = None if variation.vignette is None else numbers["vignette"][0] * variation.vignette
     exponent = (
@@ -234,6 +240,7 @@ def draw_look(
     noise = None
     if variation.noise is not None or camera.noise is not None:
         drawn = numbers["noise"][0] * (0 if variation.noise is None else variation.noise)
+        # Independent noises add up by their variances.
         noise = jnp.hypot(drawn, 0 if camera.noise is None else camera.noise)
     return Look(seed, ground, sky, background, shadow, vignette, exponent, mixing, kernel, noise)
 
@@ -254,12 +261,14 @@ def _draw_background(
     means = 10 + 235 * numbers["bases"][:, None] + 30 * normal[0]
     below, above = jnp.where(changed, 50 * normal[1], 0)
     centres, sides = numbers["rectangles"].reshape(2, _RECTANGLES, 2)
+    # Centres and sides are shares of the picture's sides.
     sides = 0.02 + 0.38 * sides
     corners = jnp.concatenate([centres - sides / 2, centres + sides / 2], axis=1) * np.tile(
         np.array(size, np.float32), 2
     )
     amount = jnp.where(changed, numbers["amount"] * (_RECTANGLES + 1), 0).astype(jnp.int32)
     drawn = jnp.arange(_RECTANGLES) < amount
+    # A rectangle without area covers no pixel.
     rectangles = jnp.where(drawn[:, None], jnp.floor(jnp.maximum(corners, 0)), 0)
     paints = 255 * numbers["paints"].reshape(_RECTANGLES, 3)
     return means, Background(below, above, numbers["weights"] ** 2, rectangles, paints)
@@ -287,6 +296,7 @@ def _mix_colours(numbers: dict[str, Array], variation: Variation) -> Array | Non
     saturation, warmth = draw("saturation")[0], draw("warmth")[0]
     gain = (1 + draw("contrast")) * (1 + draw("colour"))
     warm = 1 + warmth * jnp.array([1.0, 0.0, -1.0])
+    # Saturation moves a colour away from the mean of the three colours.
     itself, mean = gain * warm * (1 + saturation), -gain * warm * saturation
     return jnp.stack([itself, mean, 128 - 128 * gain + 128 * draw("light")], axis=-1)
 
@@ -296,6 +306,7 @@ def _draw_kernel(numbers: dict[str, Array], variation: Variation) -> Array | Non
     if variation.motion is None and variation.blur is None:
         return None
     reach = jnp.arange(-_LENS, _LENS + 1)
+    # A deviation of 0 would divide by 0. This small one leaves a single tap.
     deviation = jnp.maximum(
         numbers["blur"][0] * (0 if variation.blur is None else variation.blur), 1e-3
     )
@@ -303,13 +314,17 @@ def _draw_kernel(numbers: dict[str, Array], variation: Variation) -> Array | Non
     taps = taps / taps.sum()
     length, turn = numbers["motion"]
     length = length * (0 if variation.motion is None else variation.motion)
+    # Samples along the streak are rounded to pixels. A streak of at most 2.9 pixels reaches no
+    # farther than the eight neighbours.
     along = jnp.linspace(-0.5, 0.5, _STREAK) * length
     down, right = jnp.round(along * jnp.sin(np.pi * turn)), jnp.round(along * jnp.cos(np.pi * turn))
     kernel = jnp.zeros((2 * _LENS + 1, 2 * _LENS + 1))
     for row in (-1, 0, 1):
         for column in (-1, 0, 1):
+            # The streak shifts the Gaussian to each pixel, weighted by the samples that fall there.
             share = ((down == row) & (right == column)).mean()
             kernel += share * jnp.outer(_shifted(taps, row), _shifted(taps, column))
+    # Taps that a shift moves out of the kernel are lost. The division makes up for them.
     return kernel / kernel.sum()
 
 
@@ -319,6 +334,7 @@ def _shifted(taps: Array, by: int) -> Array:
 
 def spread(size: int, grains: int) -> Float[NDArray, "size grains"]:
     """Returns the matrix that stretches `grains` values over `size` pixels, linearly between the grains' centres."""
+    # The positions are the centres of the pixels, counted in grains from the first grain's centre.
     positions = np.clip((np.arange(size) + 0.5) * grains / size - 0.5, 0, grains - 1)
     lower = np.minimum(positions.astype(int), grains - 2)
     matrix = np.zeros((size, grains), np.float32)
@@ -341,6 +357,8 @@ def _smooth(
 
 def _fine(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
     """Returns smooth noise whose grains have a side of a whole number of pixels, about 1/64 of the rows."""
+    # With whole pixels, a fine grain needs no matrix: all grains are interpolated at the same
+    # shares.
     side = max(1, round(shape[0] / _FINEST))
     counts = [-(-pixels // side) + 1 for pixels in shape]
     grid = once(lambda: _grid(fork(seed, _FINEST), (counts[0], counts[1])))
@@ -355,6 +373,7 @@ def _interpolate(grid: Array, side: int, axis: int) -> Array:
         jax.lax.slice_in_dim(grid, 0, last, axis=axis),
         jax.lax.slice_in_dim(grid, 1, None, axis=axis),
     )
+    # The shares are the centres of the pixels between two neighbours.
     shares = (np.arange(side, dtype=np.float32) + np.float32(0.5)) / side
     between = [before * (1 - share) + after * share for share in shares]
     shape = list(before.shape)
@@ -391,6 +410,7 @@ def lay_background(
                 )
             above[index] = pattern
     behind = 1 - paved - sky
+    # The shares of road, ground and sky add up to 1 in each pixel.
     planes = [
         colour + low * behind + high * sky
         for colour, low, high in zip(road, below, above, strict=True)
@@ -450,6 +470,8 @@ def _bend(plane: Array, exponent: Array) -> Array:
     number, too.
     """
     shares = jnp.clip(plane / 255, 1e-6, 1)
+    # After the subtraction the upper bits are a whole exponent, and the fraction is between the
+    # roots of 1/2 and 2, where the series converges fast.
     bits = jax.lax.bitcast_convert_type(shares, jnp.int32) - _ROOT_HALF_BITS
     whole = bits >> _MANTISSA
     fraction = jax.lax.bitcast_convert_type(
@@ -458,6 +480,7 @@ def _bend(plane: Array, exponent: Array) -> Array:
     part = (fraction - 1) / (fraction + 1)
     logarithm = whole.astype(jnp.float32) + part * _polynomial(part * part, _LOG2)
     raised = exponent * logarithm
+    # The whole part of the exponent becomes the exponent's bits of a float32, whose bias is 127.
     whole = jnp.round(raised)
     scale = jax.lax.bitcast_convert_type((whole.astype(jnp.int32) + 127) << _MANTISSA, jnp.float32)
     return 255 * scale * _polynomial(raised - whole, _EXP2)
@@ -465,6 +488,7 @@ def _bend(plane: Array, exponent: Array) -> Array:
 
 def _polynomial(x: Array, coefficients: Sequence[float]) -> Array:
     """Returns a polynomial; its coefficients start with the constant one."""
+    # Horner's rule needs one product for each coefficient.
     total = jnp.full_like(x, coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         total = total * x + np.float32(coefficient)
@@ -485,8 +509,10 @@ def _light(look: Look, shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
     if look.shadow is not None:
         depth, level, steepness = look.shadow
         field = once(lambda: _smooth(look.seed, _SHADOWS, shape))
+        # Smooth noise over a level is in the shadow. The sigmoid makes its edge.
         light = 1 - depth * jax.nn.sigmoid((field - level) * steepness)
     if look.vignette is not None:
+        # Half of the squared distance from the middle is 1 at the corners.
         rows, columns = ((np.arange(side, dtype=np.float32) + 0.5) / side * 2 - 1 for side in shape)
         light = light * (1 - look.vignette * np.float32(0.5) * (rows[:, None] ** 2 + columns**2))
     return light

@@ -459,7 +459,13 @@ def _draw_view(scenes: Scenes, plan: _Plan) -> tuple[UInt32[Array, "rows columns
 
 
 class _Standing(NamedTuple):
-    """The objects in a view: where they are seen, their colours, and their indices plus 1."""
+    """The objects in a view, for each sample.
+
+    Attributes:
+      hit: bool ``[rows, columns]``, whether an object is seen.
+      colours: uint32 ``[rows, columns]``, red, green and blue from the lowest byte.
+      instances: int32 ``[rows, columns]``, the index of the object plus 1.
+    """
 
     hit: Bool[Array, "rows columns"]
     colours: UInt32[Array, "rows columns"]

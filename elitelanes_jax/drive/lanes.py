@@ -39,6 +39,7 @@ from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.sharding import divide_batches
 
+# These tables are read by heading: rows down and columns right to the next tile, and the angle.
 _DOWN = np.array([side.down for side in SIDES], np.int32)
 _ACROSS = np.array([side.right for side in SIDES], np.int32)
 
@@ -54,6 +55,7 @@ def _turns_taken() -> NDArray[np.int8]:
     """Returns `TURN_TAKEN`."""
     taken = np.empty(MOVEMENTS.shape, np.int8)
     for code, heading, wanted in np.ndindex(*MOVEMENTS.shape):
+        # The turns are tried in their order, from the wanted one on.
         in_order = [(wanted + step) % 3 for step in range(3)]
         is_open = MOVEMENTS[code, heading]
         taken[code, heading, wanted] = next((turn for turn in in_order if is_open[turn]), wanted)
@@ -166,6 +168,7 @@ def lane_errors(
     # With `forward`, this is the position relative to the centre of an arc.
     across = 0.5 - bend * left
     angle = jnp.arctan2(forward, across)
+    # Both formulas are computed, and the one for the turn is selected.
     straight = bend == 0
     d = jnp.where(straight, left + lane_offset, bend * (radius - jnp.hypot(forward, across)))
     s = jnp.where(straight, forward, radius * angle)
@@ -241,6 +244,7 @@ def _random_pose(
 def _nth_movement(exists: Bool[Array, "H W 4 3"], choice: Float[Array, ""]) -> Movement:
     """Returns the movement at a share, 0 to 1, of all that exist."""
     count = jnp.cumsum(exists.reshape(-1))
+    # The movement is the first one where the running count exceeds this number.
     number = jnp.floor(choice * count[-1].astype(jnp.float32)).astype(jnp.int32)
     index = jnp.searchsorted(count, number + 1)
     index = jnp.minimum(index, count.size - 1).astype(jnp.int32)
@@ -270,6 +274,7 @@ def tile_at(
     height, width = grid.shape
     row, column = jnp.floor(y).astype(jnp.int32), jnp.floor(x).astype(jnp.int32)
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    # JAX would read the nearest cell for an index beyond the grid.
     code = jnp.where(inside, grid[jnp.clip(row, 0, height - 1), jnp.clip(column, 0, width - 1)], 0)
     return (
         row,
@@ -320,6 +325,7 @@ def _lane_pose(
         movement = nearest_movement(code, pose, row, column, lane_offset)
     else:
         movement = Movement(*(jnp.asarray(part, jnp.int32) for part in movement))
+    # A movement that the caller gives need not exist.
     found = _has_movement(links, movement)
     d, phi, s = (jnp.where(found, error, 0) for error in lane_errors(pose, movement, lane_offset))
     return LanePose(
@@ -348,10 +354,13 @@ def nearest_movement(
     code: Array, pose: Pose, row: Array, column: Array, lane_offset: float = LANE_OFFSET
 ) -> Movement:
     """Returns the movement that `lane_pose` uses by default, on a tile whose code has only links."""
+    # All twelve movements of a tile are compared at once.
     heading, turn = (jnp.asarray(index, jnp.int32) for index in np.indices((4, 3)).reshape(2, 12))
     d, phi, _ = lane_errors(pose, Movement(row, column, heading, turn), lane_offset)
     exists = jnp.asarray(MOVEMENTS)[code].reshape(12)
     points_away = jnp.cos(phi) <= 0
+    # Ranks are offsets. A movement that points away comes after all that do not, and one that does
+    # not exist after all others.
     rank = (
         jnp.abs(d)
         + jnp.where(points_away, _RANK_OF_AWAY, 0.0)
@@ -382,6 +391,7 @@ def _choose(table: NDArray[np.generic], index: Int[ArrayLike, "..."]) -> Array:
 
     Unlike a look-up, selections let the compiler use the processor's vectors.
     """
+    # The last row is the default, so a table of N rows needs N - 1 selections.
     chosen = jnp.asarray(table[-1])
     for row in range(len(table) - 2, -1, -1):
         chosen = jnp.where(jnp.asarray(index) == row, table[row], chosen)
@@ -391,4 +401,5 @@ def _choose(table: NDArray[np.generic], index: Int[ArrayLike, "..."]) -> Array:
 def wrap_angle(angle: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
     """Returns the equal angle within -pi to pi, in radians."""
     angle = jnp.asarray(angle)
+    # Rounding may leave an angle a little beyond pi.
     return jnp.clip(angle - 2 * jnp.pi * jnp.ceil(angle / (2 * jnp.pi) - 0.5), -jnp.pi, jnp.pi)

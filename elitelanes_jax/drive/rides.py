@@ -56,9 +56,13 @@ Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
 If it has an attribute `camera`, a `Camera`, it observes only this camera's picture.
 """
 
+# The frames of a film per second, and the steps of `LaneDrive` per second.
 _RATE = 30
-# A GIF shows every third frame, half as large: otherwise it is ten times a film's size.
+
+# A GIF shows every third frame, half as large. Otherwise it is ten times a film's size.
 _GIF_STEP, _GIF_SCALE = 3, 0.5
+
+# Red, green and blue of trails. More trails repeat them.
 _COLOURS = (
     (255, 90, 60),
     (60, 170, 255),
@@ -371,7 +375,15 @@ def _draw_frames(
 
 
 class _Scene(NamedTuple):
-    """What the camera of a film looks at; the last four fields are arguments of `look`."""
+    """What the camera of a film looks at.
+
+    Attributes:
+      cells: int32 ``[H, W]``, the index of each cell's picture in the atlas.
+      atlas: uint8 ``[H·W, P, P, 4]``, the picture of each cell, from `make_atlas`.
+      camera: the options of the camera.
+      objects: the objects of the map; None without any.
+      billboards: the pictures of objects; None without objects.
+    """
 
     cells: Pytree
     atlas: Pytree

@@ -79,6 +79,7 @@ def to_wheels(
 
     If one wheel would exceed the top speed, both are slowed down, so that the curve stays the same.
     """
+    # `half` is half of the difference between the speeds of the two wheels.
     half = rounded(turn * robot.wheel_distance) / 2
     # Without reciprocals XLA divides in a single program and multiplies by them in a batch.
     wheels = jnp.stack([speed - half, speed + half], axis=-1) * (1 / robot.top_speed)
@@ -97,6 +98,7 @@ def drive(
     if commands is not None:
         commands = jnp.concatenate([shares[None], commands[:-1]])
         age = jnp.arange(_DELAYS, dtype=jnp.float32)
+        # A latency between two steps mixes the commands of both, in proportion.
         weights = jnp.maximum(1 - jnp.abs(age - robot.latency), 0)
         shares = rounded(weights[:, None] * commands).sum(axis=0)
     if robot.noise is not None:
@@ -106,6 +108,8 @@ def drive(
     speed, turn = (left + right) / 2, (right - left) * (1 / robot.wheel_distance)
     angle = rounded(turn * robot.dt)
     half = angle / 2
+    # The robot drives an arc. Its end lies along the chord, whose length is that of the arc times
+    # sin(half) / half, and whose direction is turned by half the angle.
     chord = (
         speed
         * robot.dt
@@ -113,6 +117,7 @@ def drive(
         * jnp.where(jnp.abs(half) < 1e-3, 1, jnp.sin(half) / jnp.where(half == 0, 1, half))
     )
     middle = pose.theta + half
+    # y points south, so driving north makes it smaller.
     there = Pose(
         pose.x + rounded(chord * jnp.cos(middle)),
         pose.y - rounded(chord * jnp.sin(middle)),

@@ -23,6 +23,7 @@ from elitelanes_jax.network.codes import SIDES
 LANE_OFFSET = 0.2
 """From the road's middle to the centre of a lane, in tiles: half of the yellow tape and half of the lane."""
 
+# Duckietown's tiles have a side of 0.585 m.
 HALF_ROAD = 0.222 / 0.585
 """From the road's middle to the inner edge of the white tape, in tiles: half of the yellow tape and the lane."""
 
@@ -84,11 +85,13 @@ class Curve(NamedTuple):
         """Returns x and y of points; `shares` are the parts of its length before them, 0 to 1."""
         along = shares * self.length
         if self.curvature:
+            # The angle of a point on an arc is its curvature times the length before the point.
             forward = np.sin(along * self.curvature) / self.curvature
             left = (1 - np.cos(along * self.curvature)) / self.curvature
         else:
             forward, left = along, np.zeros_like(along)
         ahead = SIDES[self.heading]
+        # Forward and left are turned to the heading. y points south.
         x = self.x + forward * ahead.right + left * ahead.down
         y = self.y + forward * ahead.down - left * ahead.right
         return np.stack([x, y], axis=1)
@@ -117,10 +120,13 @@ def lane_curves(movement: Movement, offset: float = LANE_OFFSET) -> list[Curve]:
     if movement.turn == BACK:
         middle = moved(start, heading, 0.5)
         end = moved(middle, (heading + 3) % 4, 2 * offset)
+        # The half circle bends to the left, because traffic keeps right.
         around = Curve(*middle, heading, offset * pi, 1 / offset)
         return [Curve(*start, heading, 0.5), around, Curve(*end, (heading + 2) % 4, 0.5)]
     if bend == 0:
         return [Curve(*start, heading, 1.0)]
+    # The road's middle is half a tile from the corner of a turn. The lane is nearer to this corner in
+    # a right turn, and farther from it in a left turn.
     radius = 0.5 + offset * bend
     return [Curve(*start, heading, radius * pi / 2, bend / radius)]
 
@@ -136,9 +142,11 @@ def lane_polyline(movement: Movement, offset: float = LANE_OFFSET) -> Float[np.n
 
 @cache
 def _polyline_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarray, "P 2"]:
+    # Polylines are made once on the first tile, and then shifted to all others.
     curves = lane_curves(Movement(0, 0, heading, turn), offset)
     parts: list[Float[np.ndarray, "S 2"]] = []
     for curve in curves:
+        # A line has no quarter circle, and so one chord.
         quarters = round(abs(curve.curvature) * curve.length / (pi / 2))
         shares = np.linspace(0, 1, max(quarters * CHORDS, 1) + 1)
         # A curve starts where the last one ends.
@@ -169,7 +177,9 @@ def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
         road = road & (is_open | (depth >= edge))
     for first, second in ((0, 1), (1, 2), (2, 3), (3, 0)):
         square = depths[first] * depths[first] + depths[second] * depths[second]
+        # Between two open sides the corner is grass, a quarter circle about it.
         both = SIDES[first].bit | SIDES[second].bit
         road = road & (((code & both) != both) | (square >= edge * edge))
+        # On a turn the road also ends at the outer edge, a larger circle about the same corner.
         road = road & ((code != both) | (square <= (1 - edge) * (1 - edge)))
     return road

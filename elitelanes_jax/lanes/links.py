@@ -25,6 +25,7 @@ def linked_codes(codes: Codes) -> Codes:
     grid = check_grid(codes)
     xp = grid.__array_namespace__()
     height, width = grid.shape
+    # Beyond the border of the grid are empty cells, which return no connection.
     padded = xp.pad(grid, 1)
     links = xp.zeros_like(grid)
     for side in SIDES:
@@ -37,6 +38,7 @@ def linked_codes(codes: Codes) -> Codes:
 def ends_of_roads(codes: Codes) -> list[Cell]:
     """Returns the tiles where roads end, row by row: with one connection, or with one that no neighbour returns."""
     grid = np.asarray(check_grid(codes))
+    # A connection that `linked_codes` removes also ends a road.
     is_end = (CONNECTIONS[grid] == 1) | (linked_codes(grid) != grid)
     return [(row, column) for row, column in np.argwhere(is_end).tolist()]
 
@@ -81,6 +83,8 @@ def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cel
             if (node, neighbour) in last_steps:
                 continue
             road = [node, neighbour]
+            # A tile between the ends has two links. The road goes on by the one where it did not
+            # come from.
             while road[-1] not in ends:
                 road.append(next(tile for tile in links[road[-1]] if tile != road[-2]))
             last_steps.add((road[-1], road[-2]))
@@ -90,6 +94,7 @@ def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cel
     for node in sorted(nodes):
         walk_from(node, nodes)
     for tile in links:
+        # A tile that no road from a node has passed is on a ring.
         if tile not in passed:
             walk_from(tile, {tile})
     return roads

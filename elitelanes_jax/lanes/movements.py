@@ -27,6 +27,7 @@ def exit_heading(heading: Numeric, turn: Numeric) -> Numeric:
 
     `turn` may be `BACK`.
     """
+    # Headings count clockwise: right is 1 more, and left 1 less. Only two bits are kept.
     return (heading + 1 - turn) & 3
 
 
@@ -51,10 +52,12 @@ def _movements_of_codes() -> Bool[np.ndarray, "16 4 4"]:
     table = np.zeros((16, 4, 4), bool)
     for code in range(16):
         for heading, side in enumerate(SIDES):
+            # A tile is entered by the side opposite to the heading.
             if not code & side.opposite:
                 continue
             for turn, out in enumerate(EXIT[heading]):
                 table[code, heading, turn] = bool(code & SIDES[out].bit)
+            # A dead end has that side alone.
             table[code, heading, BACK] = code == side.opposite
     return table
 
@@ -194,6 +197,8 @@ def lane_graph(codes: Codes, *, turn_back: bool = False) -> LaneGraph:
     movements = movements_of(codes, turn_back=turn_back)
     if not movements.row.size:
         raise no_road_error() if turn_back else no_lane_error()
+    # Each movement leads from its node to the next one. `unique` sorts these nodes and numbers the
+    # ends.
     ends = [np.stack(node, axis=1) for node in (movements.node, movements.next_node)]
     nodes, indices = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
     return LaneGraph(LaneNode(*nodes.T), movements, indices.reshape(2, -1).T)
