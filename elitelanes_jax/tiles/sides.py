@@ -94,6 +94,7 @@ def _measure(
         dash = np.flatnonzero(yellow[rows[0] : rows[0] + max(1, round(_DASH * size))].any(axis=0))
         separator = float(dash[0] + dash[-1] + 1) / 2 / size
         half = float(np.median(yellow[rows].sum(axis=1))) / 2 / size
+    # White lines are measured in the outermost 1/64 of the tile.
     first = np.asarray(bright[: max(1, size // 64)].any(axis=0), np.bool_)
     white = (
         _white_line(first[: columns[0]][::-1], size),
@@ -103,11 +104,13 @@ def _measure(
         None if white[0] is None else start - white[0],
         None if white[1] is None else end + white[1],
     )
+    # A lane reaches from the edge of the separator to the edge of the road.
     return SideLines(letter, (start, end), separator, places, ((end - start) / 2 + half) / 2)
 
 
 def _white_line(beside: NDArray[np.bool_], size: int) -> float | None:
     """Returns how far from the road's edge the middle of a white line next to it is, in tiles; None without one."""
+    # The line begins at the first white pixel and ends before the next dark one.
     near = np.flatnonzero(beside[: max(1, round(_NEAR * size))])
     if not len(near):
         return None
