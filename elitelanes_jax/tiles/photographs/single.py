@@ -37,6 +37,8 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
     for reach in (*_REACHES, None):
         for _ in range(_ROUNDS):
             matrix, vector = begin_equations(fit.view)
+            # The last rounds use the sharpest edge. It is exact, but only looked for close to the
+            # side.
             if reach is None:
                 border = sharpest_border(image, fit.view, SIDES_OF_TILE)
                 add_offsets(matrix, vector, fit.view, border, 1, 1)
