@@ -212,6 +212,7 @@ def _loops(mask: Bool[NDArray, "h w"]) -> list[list[list[int]]]:
     # joined there.
     rises = (twice & northeast)[row, column][corner]
     by_column = np.lexsort((second ^ rises, row[corner], column[corner]))
+    # In this order, turns 0 and 1, 2 and 3, and so on are joined.
     neighbour = np.arange(len(corner)) ^ 1
     across, down = neighbour.tolist(), np.empty(len(corner), int)
     down[by_column] = by_column[neighbour]
@@ -220,6 +221,7 @@ def _loops(mask: Bool[NDArray, "h w"]) -> list[list[list[int]]]:
     for first in range(len(corner)):
         loop, turn = [], first
         while not visited[turn]:
+            # A border goes along a row, then along a column, until it is back at its first turn.
             ahead = across[turn]
             visited[turn] = visited[ahead] = True
             loop += [points[turn], points[ahead]]

@@ -33,7 +33,12 @@ _NAMES = {"red": "stop lines", "yellow": "lane separators"}
 
 
 class _Road(NamedTuple):
-    """The road across a side, in pixels along the side, seen from inside with the side at the top."""
+    """The road across a side, seen from inside with the side at the top.
+
+    Attributes:
+      middle: the middle of the road, in pixels from the left end of the side.
+      width: the width of the road in pixels.
+    """
 
     middle: float
     width: int

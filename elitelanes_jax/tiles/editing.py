@@ -52,7 +52,12 @@ _SHEETS = ("sheet.png", "masks.png")
 
 
 class _Picture(NamedTuple):
-    """The picture of a tile, and its file."""
+    """The picture of a tile.
+
+    Attributes:
+      layer: the pixels of the picture, on the ground where it is transparent.
+      file: the content of the PNG file, which is written unchanged.
+    """
 
     layer: Layer
     file: bytes

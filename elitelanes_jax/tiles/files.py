@@ -265,7 +265,13 @@ def _plain_png(content: bytes) -> bytes:
 
 
 class _Part(NamedTuple):
-    """A part of a PNG file: its kind, its data, and its whole content."""
+    """A part of a PNG file.
+
+    Attributes:
+      kind: the four letters of the kind, such as IHDR.
+      data: the data without length, kind and checksum.
+      content: all bytes of the part.
+    """
 
     kind: bytes
     data: bytes

@@ -22,9 +22,12 @@ _MOST = 2**16 - 1
 
 
 class Placed(NamedTuple):
-    """A picture, in RGB and opacity, and the matrix that maps its (column, row) to (x, y) in the other picture.
+    """A picture and its place in another picture.
 
-    The third coordinate is positive in front of the camera.
+    Attributes:
+      pixels: uint8 ``[rows, columns, 4]``, RGB and opacity.
+      matrix: float ``[3, 3]``, maps (column, row) of the picture to (x, y) in the other picture.
+        The third coordinate is positive in front of the camera.
     """
 
     pixels: UInt8[NDArray, "rows columns 4"]

@@ -76,7 +76,12 @@ _TOUCHES = 0.1
 
 
 class RotatedTile(NamedTuple):
-    """A rotated tile of a set: its index in the set, and its quarter turns counter-clockwise."""
+    """A rotated tile of a set.
+
+    Attributes:
+      tile: the index of the tile in `TileSet.pictures`.
+      quarter_turns: the quarter turns counter-clockwise, 0 to 3.
+    """
 
     tile: int
     quarter_turns: int

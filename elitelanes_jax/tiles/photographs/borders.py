@@ -50,13 +50,13 @@ _DARK = 8
 
 
 class Border(NamedTuple):
-    """Points ``[S, A, 2]`` in tiles on the outer sides, the directions ``[S, 1, 2]`` out, and the border's offsets.
+    """How far outside of the sides of tiles the border is seen, at A points of each of S sides.
 
     Attributes:
-      points: points on the outer sides, in tiles.
-      outwards: the directions out, of length 1.
-      offsets: the offset of the border at each point, ``[S, A]``, in tiles outwards; NaN where no
-        border is seen.
+      points: float ``[S, A, 2]``, points on the outer sides, x and y in tiles.
+      outwards: float ``[S, 1, 2]``, the directions out of the tiles, of length 1.
+      offsets: float ``[S, A]``, the offset of the border at each point, in tiles outwards; NaN
+        where no border is seen.
     """
 
     points: Points

@@ -155,7 +155,13 @@ _GREY = 4
 
 
 class _Start(NamedTuple):
-    """A guess of a view, and how much the cells look like tiles in it."""
+    """A guess of a view.
+
+    Attributes:
+      support: the mean correlation of the cells with pictures of their codes, up to 1.
+      view: the guessed view of the floor.
+      codes: int8 ``[H, W]``, the codes of the floor in this view; 0 is a cell without a tile.
+    """
 
     support: float
     view: View

@@ -263,7 +263,14 @@ def tape_of(flat: NDArray[np.uint8], tile_px: int) -> Field:
 
 
 class _Seen(NamedTuple):
-    """A cell of a kind: its row and column, and the quarter turns that bring it to the kind's first code."""
+    """A cell of a kind.
+
+    Attributes:
+      row: the row of the cell on the floor, from 0.
+      column: the column of the cell on the floor, from 0.
+      turns: the quarter turns counter-clockwise that bring the cell to the first code of its kind;
+        several for kinds with symmetries.
+    """
 
     row: int
     column: int
