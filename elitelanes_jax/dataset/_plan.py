@@ -54,8 +54,8 @@ def evolve_maps(
         _evolve_ahead(sizes, pool)
     maps: list[RoadMap] = []
     with Progress("evolving", spec.maps, "maps") as bar:
-        # These wait for the programs of each size, compiled beside the searches before it. The
-        # first compiles its own.
+        # Each function waits for the programs of a size, which are compiled beside the searches of
+        # the sizes before it. The first size compiles its own.
         compiled: list[Callable[[], None]] = [lambda: None]
         for index, size in enumerate(sizes):
             compiled += [
@@ -109,7 +109,7 @@ class _Size(NamedTuple):
 
         The maps differ from `others`, of any sizes.
         """
-        # The earlier maps of this size.
+        # The maps of this size from earlier rounds.
         earlier: list[NDArray[np.int8]] = []
         # Rounds that an earlier run has written are read, so that the level becomes the same again.
         number = level = 0

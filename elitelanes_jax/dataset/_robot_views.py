@@ -113,7 +113,7 @@ def draw_viewpoint(
     lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
     sky = _HORIZONS[rng.integers(len(_HORIZONS))]
     lines = float(rng.uniform(-1, 1) * viewpoints.lines)
-    # These draws come last, so that objects elsewhere change nothing.
+    # Further poses are drawn last. Therefore objects elsewhere change nothing.
     for _ in range(_TRIES):
         if not _touches(place, objects):
             break

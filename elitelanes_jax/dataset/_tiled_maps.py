@@ -69,7 +69,7 @@ class TiledMap(NamedTuple):
             ]
         else:
             part = np.empty((bottom - top, right - left, _CHANNELS), np.uint8)
-            # Of each tile only the pixels on the part are copied.
+            # Only the pixels of each tile that are on the part are copied.
             rows = [
                 _overlap((first_row + row) * size, size, top, bottom) for row in range(len(cells))
             ]

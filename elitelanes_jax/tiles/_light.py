@@ -11,11 +11,11 @@ _BRIGHTEST = 90.0
 _ASPHALT = np.array([1.0, 0.93, 0.82])
 # The side of a tile at which the ground is measured: the time grows with its fourth power.
 _MOST_PX = 96
-# A part of the ground's brightness: darker pixels show no tape.
+# The largest brightness of a pixel without tape, as a multiple of the ground's.
 _BARE = 1.2
 # The largest ratio between the channels of a light. More is a ground in a colour of its own.
 _MOST_TINT = 3.0
-# The factor by which light is dimmed at most: brighter ground is no asphalt.
+# The least factor of light: ground that would have to be darker is no asphalt.
 _LEAST_GAIN = 0.6
 
 
@@ -24,7 +24,8 @@ def ground_of(image: NDArray[np.uint8], tile_px: float) -> NDArray[np.float32]:
 
     `tile_px` is the side of a tile in pixels. Lines are narrower than a fifth of a tile.
     """
-    # Noise is as large in dark pixels. The 4 grey levels keep their quotients near 1.
+    # Noise is as large in dark pixels as in bright ones. The 4 grey levels keep quotients of dark
+    # pixels near 1.
     value = image.max(axis=2).astype(np.float32) + 4
     size = value.shape[1], value.shape[0]
     shrink = max(1.0, tile_px / _MOST_PX)

@@ -23,9 +23,10 @@ _ON_ROAD = 0.95
 _OFF = 0.04
 # The least part of a line's area that differs more from the road's colour than 95 % of the road.
 _DISTINCT = 0.7
-# The strip along a side that has its stop line, and where a separator's middle is measured.
+# The depth of the strip along a side, in tiles, that has its stop line, and where a separator's
+# middle is measured.
 _NEAR = 1 / 8
-# The strip along a side in which a separator begins.
+# The depth of the strip along a side, in tiles, in which a separator begins.
 _SEEN = 1 / 4
 # The least part of the incoming lane's width that its stop line covers.
 _COVERED = 0.75

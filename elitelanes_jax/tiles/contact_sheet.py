@@ -21,9 +21,8 @@ _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
 _GAP, _LINE = 28, 19
 # The scales of titles and captions, as `write_text` takes them.
 _TITLE, _CAPTION = 0.8, 0.46
-# Of the faces of signs, in tiles: the width of a face, the border that those beside the map need,
-# and how many times as far from the corner of a crossing as their signs the faces are, and those of
-# lights.
+# The width of a sign's face in tiles, the border for faces beside the map in tiles, and how many
+# times as far from the corner of a crossing as their signs the faces are, and those of lights.
 _FACE, _BORDER, _APART, _APART_LIGHT = 0.21, 0.55, 1.9, 1.4
 # The side of a letter's square at scale 1, in outline fonts, in pixels.
 _EM = 29

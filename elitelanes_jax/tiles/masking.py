@@ -23,9 +23,10 @@ from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.files import Layer, check_picture, read_image, read_mask, size_of
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
-# In tiles: thinner pieces are no tape, and narrower gaps are wear.
+# The least width of tape in tiles. Thinner pieces are no tape, and narrower gaps are wear.
 _CLEAN = 1 / 96
-# In tiles: parts that a narrower bridge joins to the road are beyond a worn edge.
+# The least width of a bridge between parts of a road, in tiles. What a narrower one joins to the
+# road is beyond a worn edge.
 _CUT = 1 / 48
 # The outermost part of a tile that does not count, in tiles. One of four photographs has a white
 # line of 0.0025 along a side that its road leaves by.
@@ -130,8 +131,8 @@ def propose_masks(
     tape = lines["red"] | lines["yellow"]
     # Tape is brighter than asphalt, but on the road.
     dark = np.where(tape, np.uint8(255), _in_range(hsv, colours["road"]))
-    # What narrow bridges or the tape along a side separate from the largest piece is the floor
-    # around the tile.
+    # What only narrow bridges join to the largest piece, or tape along a side cuts off, counts as
+    # floor around the tile.
     road = _largest(_without_slivers(_clean(dark, fine, _disc(size * _CUT)), round(size * _SLIVER)))
     return {"road": road, "red": lines["red"] & road, "yellow": lines["yellow"] & road}
 

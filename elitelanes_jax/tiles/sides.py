@@ -10,13 +10,14 @@ from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.files import Tile
 
-# The strip along a side in which a separator begins.
+# The depth of the strip along a side, in tiles, in which a separator begins.
 _SEEN = 1 / 5
-# The depth of a separator that is measured: on a turn it leaves the middle further inside.
+# The depth of a separator that is measured, in tiles: on a turn it leaves the middle further
+# inside.
 _DASH = 1 / 24
 # The least brightness of white tape in even light.
 _WHITE = 130
-# The most tiles between the road's edge and the white line.
+# The largest distance between the road's edge and the white line, in tiles.
 _NEAR = 0.04
 
 

@@ -110,7 +110,7 @@ def _draw_tag(ax: Untyped, number: int, kind: str, left: float, top: float) -> N
                 closed=True,
             )
         )
-    # As one outline, because viewers show lines between shapes that touch.
+    # The squares are one outline, because viewers show lines between shapes that touch.
     ax.add_patch(PathPatch(Outline.make_compound_path(*squares), color="black", lw=0))
     words = f"{number}   {kind.removeprefix('sign_').replace('_', ' ')}"
     if kind == "sign_street_name" and number in STREET_NAMES:

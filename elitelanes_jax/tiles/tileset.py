@@ -71,7 +71,7 @@ _KEYS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "blend": (_is_truth_value, "blend to be true or false"),
     "lane_offset": (is_lane_offset, "lane_offset to be a number over 0 and under 0.5"),
 }
-# The least part of a side in road if a road reaches it.
+# The least part of a side that is road if a road reaches it.
 _TOUCHES = 0.1
 
 

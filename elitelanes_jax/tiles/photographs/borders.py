@@ -24,7 +24,8 @@ ALONG = 24
 MOST_CONTRAST = 6.0
 """The contrast of a side whose colours all tell the tile from the floor."""
 
-# Tiles between the border by colours, which a shadow under the tile shifts, and the sharpest edge.
+# The largest distance between the border by colours, which a shadow under the tile shifts, and the
+# sharpest edge, in tiles.
 _SHARP_REACH = 0.015
 # The points of a side over which the sharpest edge is averaged.
 _PART = 8
@@ -41,11 +42,13 @@ _TAPE_DENSITY = -3.0
 _MOST_LIKELY = MOST_CONTRAST / 2
 # The width on both sides of a border, in tiles, whose colours are compared.
 _BESIDE = 0.04
-# Tiles on both sides of a border whose colours are no sample of the floor's or the tile's.
+# The distance on both sides of a border, in tiles, within which colours are no sample of the
+# floor's or the tile's.
 _BESIDE_REACH = 0.05
 # The least standard deviation of a floor's colours, in logarithms.
 _GRAIN = 0.01
-# Added to colours before their logarithm is taken, because noise is as large in dark pixels.
+# The grey levels that are added to colours before their logarithm is taken, because noise is as
+# large in dark pixels.
 _DARK = 8
 
 

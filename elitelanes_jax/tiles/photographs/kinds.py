@@ -42,8 +42,9 @@ _ROUNDS = 12
 _CLEAR, _CLEARER = 0.5, 0.05
 # A code that is better by this much is believed whatever the neighbours are.
 _PLAIN = 0.25
-# What a correlation with another cell counts less. Photographs of a kind have 0.75 to 1 with each
-# other; crossings of three and four ways have up to 0.87, straights and ends 0.69, others 0.53.
+# The difference that is taken off a correlation with another cell. Photographs of a kind have 0.75
+# to 1 with each other; crossings of three and four ways have up to 0.87, straights and ends 0.69,
+# others 0.53.
 _OWN_LESS = 0.15
 # The most pictures of each code that cells are compared with.
 _MOST_PICTURES = 3

@@ -49,7 +49,7 @@ def _unlike_border(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     edge[rim:-rim, rim:-rim] = False
     light, *_ = np.linalg.lstsq(plane[edge.ravel()], lab[edge.ravel()], rcond=None)
     away = np.linalg.norm(lab - plane @ light, axis=1).reshape(height, width)
-    # The border itself is within this distance of the plane at 97 % of its pixels.
+    # What is farther from the plane than nearly all of the border is likely to be a tile.
     likely = away > np.percentile(away[edge], 97) + 6
     labels = np.where(likely, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     labels[edge] = cv2.GC_BGD

@@ -138,7 +138,8 @@ _LIMITS: dict[str, dict[str, _Limit]] = {
     },
 }
 
-# With a larger spread, in tiles, the border does not tell the corners: cells or colours do.
+# The largest spread in tiles with which the border tells the corners. With a larger one, cells or
+# colours do.
 _BORDER_TELLS = 0.002
 # A floor of square tiles whose border is seen on all sides, at this share of points at least, is in
 # its place even if its tiles differ, as hand-taped tiles do.
@@ -150,7 +151,8 @@ _DIFFER = 0.03
 # Where no border is seen at single points, corners were off by 1.5 % at a spread of 0.52 %.
 _UNSEEN = 0.15
 _SPREAD_IF_UNSEEN = 0.0045, -0.0004
-# Of 255: programs that save a grey picture in colours may round its channels to different levels.
+# The largest difference of the channels of a grey picture, in levels. Programs that save it in
+# colours may round its channels to different levels.
 _GREY = 4
 
 

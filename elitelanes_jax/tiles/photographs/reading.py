@@ -272,7 +272,8 @@ def _jpeg_size(content: bytes) -> tuple[int, int] | None:
     while (marker := _MARKER.search(content, position)) is not None:
         kind, position = marker[1][0], marker.end()
         if kind in _FRAME_MARKERS:
-            # After the length of the header, in two bytes, and the number of bits of a colour.
+            # The sides follow the length of the header, in two bytes, and the number of bits of a
+            # colour, in one.
             height, width = (
                 content[position + 3 : position + 5],
                 content[position + 5 : position + 7],

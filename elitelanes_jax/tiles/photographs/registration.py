@@ -32,7 +32,7 @@ Field = NDArray[np.float32]
 # The sizes of the fit, from coarse to fine: pixels of a tile, reach of the border in tiles, and
 # most rounds.
 _STEPS = ((24, 0.14, 6), (48, 0.06, 5), (64, 0.03, 5))
-# The tiles around the floor that the border's colours are read from.
+# The width around the floor, in tiles, that the border's colours are read from.
 _MARGIN = 0.4
 # The least change of colour at an edge, as a multiple of that in the floor's texture.
 _CLEAR = 4.0
@@ -41,7 +41,7 @@ _CLEAR = 4.0
 _RING = 0.16
 # The distance from the floor's colour, in standard deviations, above which a colour is another one.
 _AWAY = 4.0
-# The tiles by which points of a sharp border deviate from a line.
+# The deviation of the points of a sharp border from a line, in tiles.
 _EDGE_NOISE = 0.0015
 # The number of pixels that count as one measurement, because texture and tape are larger than a
 # pixel.
@@ -56,7 +56,7 @@ _CONFLICT = 0.011
 _EXACT = 0.003
 # The steps of the fit by colours: the reach in tiles, and whether a shadow is taken off.
 _COLOUR_STEPS = ((0.04, False), (0.02, True), (0.02, True))
-# The tiles by which a border by colours deviates. Six points of a side count as independent.
+# The deviation of a border by colours, in tiles. Six points of a side count as independent.
 _COLOUR_NOISE = 0.01
 # The rounds of Gauss and Newton's method at each reach.
 _COLOUR_ROUNDS = 3
@@ -65,7 +65,7 @@ _CLEAR_COLOURS = 2.5
 # The weight of the first guess. Parameters that nothing measures stay within a standard deviation
 # of 0.2, in the units of `_basis`.
 _WEAK = 25.0
-# After a smaller change, in tiles, no further one is made at the same size.
+# The least change, in tiles, after which a further one is made at the same size.
 _STILL = 3e-4
 # The usual radial distortion of a lens.
 _BEND = 0.06
@@ -463,7 +463,7 @@ def add_offsets(
     seen = np.isfinite(border.offsets)
     offsets = np.where(seen, border.offsets, 1.0)
     scale = max(1.48 * float(np.median(np.abs(offsets[seen]))) if seen.any() else 1.0, noise)
-    # Of the points along a side, six count as independent.
+    # Six of the points along a side count as independent.
     weight = trust * seen * _tukey(offsets / (4 * scale)) / (scale**2 * ALONG / 6)
     basis = (
         (_basis(view, border.points, rows, columns) * border.outwards).sum(axis=-1).reshape(9, -1)
