@@ -15,10 +15,12 @@ from elitelanes_jax.network.likeness import ALIKE
 from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS
 
+# The side of a picture on the sheet in pixels, and the grey level of the sheet around it.
 _SHEET_PX, _GROUND = 240, 236
+# The longer side of a picture with boxes is about this many pixels. The colour of the boxes, RGB.
 _BOXES_PX, _BOX_COLOUR = 960, (255, 0, 200)
 
-# Licences by Hugging Face's names.
+# The licences that Hugging Face knows, by its names.
 _LICENCES = {
     "apache-2.0",
     "mit",
@@ -30,7 +32,7 @@ _LICENCES = {
     "gpl-3.0",
 }
 
-# Hugging Face's size categories, by the number of pictures that they are under.
+# Hugging Face's categories of size. The number of pictures is less than the limit of its category.
 _SIZES = ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K"))
 
 _POSES = """
@@ -118,6 +120,7 @@ def _front_matter(about: dict[str, Plain], data_files: Mapping[str, str]) -> lis
         f"license: {licence if licence in _LICENCES else 'other'}",
     ]
     total = sum(about["pictures"].values())
+    # The first limit above the number of pictures is that of its category.
     for limit, category in _SIZES:
         if total < limit:
             lines.append(f"size_categories: [{category}]")
@@ -146,6 +149,7 @@ def _introduction(about: dict[str, Plain]) -> list[str]:
     maps = "They were given, not evolved." if about["given_maps"] else "Each is connected."
     maps += " No two have the same roads, even if these are moved, rotated or mirrored."
     splits = [split for split, count in counts.items() if count > 0]
+    # A dataset of one split has nothing to compare.
     if len(splits) > 1:
         maps += f" Maps of different splits differ in at least {100 * ALIKE:g} % of their tiles in the same sense."
         if about["given_maps"]:
@@ -178,6 +182,7 @@ def _origin(about: dict[str, Plain]) -> list[str]:
         lines.append(f"- object set: {about['object_set']['name']}")
     method = "" if about["given_maps"] else f", {search['method']}, preset {search['preset']}"
     lines.append(f"- seed {settings['seed']}{method}")
+    # Only transforms that change something are listed.
     changes = []
     for name, value in settings["transforms"].items():
         if value not in (0, False, [1.0, 1.0]):
@@ -208,9 +213,11 @@ def sample_sheet(
     height = max(1, round(_SHEET_PX * shape))
     pictures, texts = [], []
     for image, labels, lines in samples:
+        # Labels are scaled to the nearest pixel, because a mean of labels would be another class.
         colours = np.array(LABEL_COLOURS, np.uint8)[_fit(out / labels, shape, cv2.INTER_NEAREST)]
         shown = _fit(out / image, shape, cv2.INTER_AREA)
         high, wide = shown.shape[:2]
+        # A picture of other proportions is in the middle of its cell.
         top, left = (height - high) // 2, (_SHEET_PX - wide) // 2
         pair = np.full((height, 2 * _SHEET_PX + 4, 3), _GROUND, np.uint8)
         pair[top : top + high, left : left + wide] = shown
@@ -223,6 +230,7 @@ def sample_sheet(
 def draw_boxes(file: Path, objects: Sequence[dict[str, Plain]]) -> UInt8[np.ndarray, "_ _ 3"]:
     """Draws the boxes and the kinds of the objects in a picture of the dataset, uint8 ``[., ., 3]``, RGB."""
     picture = _read(file)
+    # Small pictures are enlarged by a whole number, so that boxes stay on the edges of pixels.
     larger = max(1, round(_BOXES_PX / max(picture.shape[:2])))
     drawn = np.ascontiguousarray(picture.repeat(larger, axis=0).repeat(larger, axis=1))
     for thing in objects:

@@ -110,7 +110,7 @@ def _write_coco(
                 yield {"id": number} | annotation
 
     def parts() -> Iterator[str]:
-        # pycocotools asks for `info` when it loads results.
+        # The module pycocotools asks for `info` when it loads results.
         yield '{"info": {"description": "Elite Lanes JAX"}, "licenses": [], "images": ['
         yield from _joined(images())
         yield '], "annotations": ['
@@ -208,10 +208,11 @@ def _loops(mask: Bool[NDArray, "h w"]) -> list[list[list[int]]]:
     row, column = np.nonzero(once | twice)
     corner = np.repeat(np.arange(len(row)), 1 + twice[row, column])
     second = np.append(False, corner[1:] == corner[:-1])
-    # Of two visits, one leads up and one down, so that pixels that touch at a corner alone are not
-    # joined there.
+    # One of two visits leads up and the other one down. Otherwise pixels that touch at a corner
+    # alone would be joined there.
     rises = (twice & northeast)[row, column][corner]
     by_column = np.lexsort((second ^ rises, row[corner], column[corner]))
+    # In this order, turns 0 and 1, 2 and 3, and so on are joined.
     neighbour = np.arange(len(corner)) ^ 1
     across, down = neighbour.tolist(), np.empty(len(corner), int)
     down[by_column] = by_column[neighbour]
@@ -220,6 +221,7 @@ def _loops(mask: Bool[NDArray, "h w"]) -> list[list[list[int]]]:
     for first in range(len(corner)):
         loop, turn = [], first
         while not visited[turn]:
+            # A border goes along a row, then along a column, until it is back at its first turn.
             ahead = across[turn]
             visited[turn] = visited[ahead] = True
             loop += [points[turn], points[ahead]]

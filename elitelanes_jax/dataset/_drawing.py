@@ -28,9 +28,10 @@ from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.packed import Pictures
 from elitelanes_jax.tiles.tileset import TileSet
 
-# The pictures of a part for an executor: work of a second or more, and some megabytes that return.
+# The most pictures of a part for an executor. They are work of a second or more, and some megabytes
+# that return.
 _PICTURES_A_PART = 250
-# The samples that are listed at once, and that share a file of records or a shard.
+# The most samples that are listed at once, and that share a file of records or a shard.
 _BLOCK = 1000
 
 
@@ -62,6 +63,7 @@ class Block(NamedTuple):
         if not self.records.exists():
             return self.indices
         content = self.records.read_bytes()
+        # A run that was killed may have written a part of the last line.
         whole = content[: content.rfind(b"\n") + 1]
         if whole != content:
             write_atomic(self.records, whole)
@@ -108,6 +110,7 @@ class Samples(NamedTuple):
         first, views = self.maps.start, self.views
         maps = first + np.flatnonzero(self.splits[first : self.maps.stop] == split)
         count = len(maps) * views
+        # The last block may have fewer samples.
         total = -(-count // _BLOCK)
         for number, start in enumerate(range(0, count, _BLOCK)):
             positions = range(start, min(start + _BLOCK, count))
@@ -172,6 +175,8 @@ class Drawing(NamedTuple):
         """Draws a sample."""
         spec, road_map = self.spec, self.maps[index // self.spec.views]
         if spec.furnish is not None:
+            # Each view of a map has objects of its own, from the seed of the dataset and the index
+            # of the sample.
             seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
             place = partial(
                 furnish, spec=spec.furnish, seed=seed, lane_offset=self.tiles.lane_offset
@@ -204,12 +209,14 @@ def draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> Non
     """Draws the missing samples on an executor's workers, and writes the files that return."""
     tasks = _tasks(pool, drawing, samples)
     pictures = Pictures(drawing.tiles, drawing.objects)
+    # Given maps are not sent with the specification. Each task has the maps that it draws.
     common = _Common(drawing.spec.without_given(), pictures, drawing.fields)
     needs = drawing.layout.needs
     packages = () if needs is None else (needs,)
     for number, (files, records) in call_on_workers(
         pool.executor, partial(_draw_task, common), tasks, packages
     ):
+        # Records are written last, because a sample with a record counts as drawn.
         for name, content in files.items():
             write_atomic(samples.files / name, content)
         for portion, lines in zip(tasks[number].portions, records, strict=True):
@@ -218,7 +225,13 @@ def draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> Non
 
 
 class _Common(NamedTuple):
-    """What all tasks of a dataset draw with: a `Drawing` without its maps."""
+    """What all tasks of a dataset draw with: a `Drawing` without its maps.
+
+    Attributes:
+      spec: the specification of the dataset, without given maps.
+      pictures: the sets of tiles and objects.
+      fields: the fields of the records in shards.
+    """
 
     spec: DatasetSpec
     pictures: Pictures
@@ -226,14 +239,24 @@ class _Common(NamedTuple):
 
 
 class _Portion(NamedTuple):
-    """Some of the samples of a block."""
+    """Some of the samples of a block.
+
+    Attributes:
+      block: the block that the samples belong to.
+      indices: the indices of the samples in the dataset, in order.
+    """
 
     block: Block
     indices: list[int]
 
 
 class _Task(NamedTuple):
-    """What one call on a worker draws."""
+    """What one call on a worker draws.
+
+    Attributes:
+      maps: the maps of the samples, by their indices in the dataset.
+      portions: the samples to draw, block by block.
+    """
 
     maps: dict[int, RoadMap]
     portions: list[_Portion]
@@ -253,6 +276,7 @@ def _tasks(pool: Pool, drawing: Drawing, samples: Samples) -> list[_Task]:
         by_part: dict[int, list[int]] = {}
         for offset, index in enumerate(block.indices):
             if index in missing:
+                # A shard goes to the part of its first sample, and other samples to their own part.
                 part = part_with(
                     samples.total, position if has_shards else position + offset, count
                 )
@@ -284,6 +308,7 @@ def _draw_task(common: _Common, task: _Task) -> tuple[dict[str, bytes], list[byt
     with TemporaryDirectory() as folder:
         files = Path(folder, "files")
         for number, portion in enumerate(task.portions):
+            # The records of the folder are on another machine. Those of the task get a file here.
             block = portion.block._replace(records=Path(folder, f"records-{number}"))
             _draw_block(drawing, block, portion.indices, files, count_cores(), lambda _: None)
             records.append(block.records.read_bytes())
@@ -339,7 +364,8 @@ def _draw_shard(
     """
     layout, lines = drawing.layout, []
     assert layout.open_shard is not None
-    # Samples that are drawn before an earlier one of the shard. They are about as many as workers.
+    # Threads end in any order, but a shard has its samples in order. Samples that are drawn before
+    # an earlier one wait here. They are about as many as workers.
     waiting: dict[int, ShardSample] = {}
     following = iter(indices)
 

@@ -94,12 +94,14 @@ class Layout(NamedTuple):
         """Returns a pattern of the shards of each split that has maps, by its name; empty without shards."""
         if self.open_shard is None:
             return {}
+        # Hugging Face finds the shards by a pattern, however many there are.
         patterns = re.sub("SHARD.*COUNT|SHARD", "*", self.path)
         return {SPLITS[split]: _in_split(patterns, split) for split in np.unique(splits).tolist()}
 
     def files_pattern(self) -> str:
         """Returns a regular expression of the paths of pictures or shards."""
         if self.open_shard is not None:
+            # A path with zeros becomes a pattern: five digits or more stand in their place.
             patterns = [re.escape(self.shard_file(split, 0, 0)) for split in range(len(SPLITS))]
             return "|".join(patterns).replace("00000", r"\d{5,}")
         layers = layer_names(has_objects=True)
@@ -123,6 +125,7 @@ class Layout(NamedTuple):
 
     def loading_arrays(self, split: int, poses: bool) -> str:
         """Returns a program that loads a split as NumPy arrays, with poses or tile codes."""
+        # Shards have a program of their own. All other layouts list their pictures in a file.
         if self.metadata is None:
             program = _in_split(self.arrays, split)
         else:
@@ -173,6 +176,7 @@ def _write_new(file: Path, content: bytes) -> None:
         try:
             stream = file.open("wb")
         except FileNotFoundError:
+            # The first picture of a folder makes it, so that the others need no check.
             file.parent.mkdir(parents=True, exist_ok=True)
             stream = file.open("wb")
         with stream:
@@ -196,6 +200,7 @@ def foreign_to_dataset(folder: Path) -> str | None:
     """Returns the first file in a folder that is not of a dataset, or None."""
     try:
         about = read_json(folder / RECORD)
+        # The record says the layout, by which the paths of pictures are known.
         layout = LAYOUTS[about["settings"]["format"]]
         if "elitelanes_jax" not in about["versions"]:
             return f"{RECORD} of another program"
@@ -219,6 +224,7 @@ def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Recor
         }
         if has_objects:
             record = record | {"objects": _object_columns(record)}
+        # A record without entries would be a column without fields.
         yield file_names | {name: value for name, value in record.items() if value != {}}
 
 

@@ -27,8 +27,8 @@ from elitelanes_jax.search.selection import MIN_DIFFERENCE
 # Each round evolves 16 seeds and returns at most 512 maps, because maps of one seed are related.
 # After a round with fewer than 8 maps, the maps of the next rounds may be more alike.
 _SEEDS, _FROM_ROUND, _FEW = 16, 512, 8
-# The number of sizes whose programs are compiled beside the search of another one: one is traced,
-# one compiles.
+# The number of sizes whose programs are compiled beside the search of another one: one is traced
+# while the other compiles.
 _AHEAD = 2
 
 
@@ -54,8 +54,8 @@ def evolve_maps(
         _evolve_ahead(sizes, pool)
     maps: list[RoadMap] = []
     with Progress("evolving", spec.maps, "maps") as bar:
-        # These wait for the programs of each size, compiled beside the searches before it. The
-        # first compiles its own.
+        # Each function waits for the programs of a size, which are compiled beside the searches of
+        # the sizes before it. The first size compiles its own.
         compiled: list[Callable[[], None]] = [lambda: None]
         for index, size in enumerate(sizes):
             compiled += [
@@ -73,6 +73,7 @@ def _evolve_ahead(sizes: "Sequence[_Size]", pool: Pool) -> None:
     rounds = []
     for size in sizes:
         for number in range(-(-size.wanted // _FROM_ROUND)):
+            # An earlier run may have left the maps of a round, or its result.
             if not size.file(number).exists() and not size.result_file(number).exists():
                 rounds.append((size, number))
     tasks = [(size.search, size.keys(number)) for size, number in rounds]
@@ -108,8 +109,9 @@ class _Size(NamedTuple):
 
         The maps differ from `others`, of any sizes.
         """
-        # The earlier maps of this size.
+        # The maps of this size from earlier rounds.
         earlier: list[NDArray[np.int8]] = []
+        # Rounds that an earlier run has written are read, so that the level becomes the same again.
         number = level = 0
         while len(earlier) < self.wanted:
             file = self.file(number)
@@ -168,11 +170,14 @@ class _Size(NamedTuple):
         choice = result.choose(
             count, self.seed, exclude=exclude, min_difference=(MIN_DIFFERENCE[level],)
         )
-        # The others may be like maps of another size.
+        # If no elite is usable, the constraints are the reason. Usable elites may still be like
+        # maps of another size, and later rounds may differ less.
         usable = choice.found - sum(choice.rejected.values())
         if not usable and not earlier:
             hint = choice.hint(self.search.settings.method, self.shape)
             raise NotEnoughMapsError(choice.describe_shortage(self.wanted, hint, writable=False))
+        # The search counts its seeds from 0 in each round, and the dataset counts them over all
+        # rounds.
         first = number * _SEEDS
         return [
             replace(road_map, seed=(self.seed, first + (road_map.seed or (0, 0))[1]))

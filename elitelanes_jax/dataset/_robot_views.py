@@ -38,13 +38,13 @@ _FINER = 2
 _WHITE_LINE = 0.09
 # The radius of a robot in metres.
 _ROBOT = Robot().width / 2
-# The tries to draw a pose where the robot touches no object.
+# The most poses that are drawn until the robot touches no object.
 _TRIES = 64
 # The number of sizes of the map: whole, a half, a quarter and so on.
 LEVELS = 6
-# In 1 / metres. Rays with less do not meet the ground.
+# The least inverse depth of the ground in 1 / metres. Rays with less do not meet it.
 _LEAST_INVERSE_DEPTH = 1e-6
-# In pixels. OpenCV's range ends at larger distances.
+# The farthest point on a map in pixels. OpenCV's range ends at larger distances.
 _FARTHEST = 1e6
 
 
@@ -55,7 +55,7 @@ class Viewpoint(NamedTuple):
       matrix: float64 ``[3, 3]``, maps points (x, y) of the rendered map, in pixels, to points of
         the picture. The third coordinate is the depth in metres; it is 0 or less behind the camera.
       size: (rows, columns) of the picture.
-      sky: its colour, RGB.
+      sky: the colour of the sky, RGB.
       tile_px: side of a tile of the rendered map in pixels.
       lines: the stretch of a tile at its white lines, in tiles; positive if they shift outwards.
       about: the fields ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and
@@ -71,7 +71,17 @@ class Viewpoint(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """A pose on a lane: of the metadata, with x and y in tiles, angles in radians, and the curvature in 1 / tile."""
+    """A pose on a lane, in the units of the metadata.
+
+    Attributes:
+      movement: the row and the column of the tile, the heading of entry, and the turn.
+      d: the distance to the left of the lane's centre in tiles.
+      phi: the angle to the left of the lane in radians.
+      curvature: the curvature of the lane to the left, in 1 / tile.
+      x: the position on the map, in tiles to the east.
+      y: the position on the map, in tiles to the south.
+      theta: the direction of the robot in radians, counter-clockwise from east.
+    """
 
     movement: dict[str, int]
     d: float
@@ -103,7 +113,7 @@ def draw_viewpoint(
     lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
     sky = _HORIZONS[rng.integers(len(_HORIZONS))]
     lines = float(rng.uniform(-1, 1) * viewpoints.lines)
-    # These draws come last, so that objects elsewhere change nothing.
+    # Further poses are drawn last. Therefore objects elsewhere change nothing.
     for _ in range(_TRIES):
         if not _touches(place, objects):
             break
@@ -127,6 +137,8 @@ def draw_viewpoint(
         "camera": camera | {"sky": sky} | ({"lines": lines} if viewpoints.lines else {}),
     }
     size = (viewpoints.rows, viewpoints.columns)
+    # Points of the map in pixels become tiles, then metres from the robot, then metres from the
+    # camera on the ground, and then points of the picture.
     to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
     onto_ground = np.array([[1, 0, -viewpoints.forward], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
     matrix = project(camera, size) @ onto_ground @ to_robot
@@ -147,17 +159,22 @@ def _draw_place(
     row, column, heading, turn = movement
     along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
     d, phi = beside * viewpoints.offset, np.radians(turned * viewpoints.heading)
-    # It is positive to the left.
+    # The direction of a turn: 1 to the left, -1 to the right, 0 straight on.
     bend = turn - 1
+    # A turn is a quarter of a circle around a corner of the tile. The road's middle is half a tile
+    # from this corner, and the lane is farther away on a left turn.
     radius = 0.5 + lane_offset * bend
     angle = along * np.pi / 2 * bend
     # Forward and left of the middle of the side by which the tile is entered.
     forward = (radius - bend * d) * np.sin(abs(angle)) if bend else along
     left = bend * (0.5 - (radius - bend * d) * np.cos(angle)) if bend else d - lane_offset
     ahead_x, ahead_y = SIDES[heading].right, SIDES[heading].down
+    # SIDES has the direction ahead. The direction to the left is (ahead_y, -ahead_x), because y
+    # points down.
     x = column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
     y = row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
     theta = np.arctan2(-ahead_y, ahead_x) + angle + phi
+    # The angle is brought to -pi to pi, without -pi.
     theta = float(np.pi - (np.pi - theta) % (2 * np.pi))
     return _Place(
         movement._asdict(), float(d), float(phi), bend / radius, float(x), float(y), theta
@@ -188,9 +205,13 @@ def _nearest(
     on_tile = (movements.row == int(np.floor(y))) & (movements.column == int(np.floor(x)))
     for row, column, heading, turn in zip(*(field[on_tile] for field in movements), strict=True):
         ahead_x, ahead_y = SIDES[heading].right, SIDES[heading].down
+        # The pose in the frame of the movement: tiles ahead of and to the left of the middle of the
+        # side of entry.
         forward = (x - column - 0.5) * ahead_x + (y - row - 0.5) * ahead_y + 0.5
         left = (x - column - 0.5) * ahead_y - (y - row - 0.5) * ahead_x
         bend = turn - 1
+        # On a turn, the offset is the difference from the lane's radius, and the lane's direction
+        # changes with the angle around the corner.
         radius, inward = 0.5 + lane_offset * bend, 0.5 - bend * left
         d = bend * (radius - np.hypot(forward, inward)) if bend else left + lane_offset
         phi = (
@@ -214,12 +235,14 @@ def see(
     sizes = [image]
 
     def whole_map(rank: int, x: NDArray[np.float32], y: NDArray[np.float32]) -> MapPart:
+        # A smaller map is made when a view needs it.
         while len(sizes) <= rank:
             half = tuple(max(side // 2, 1) for side in sizes[-1].shape[1::-1])
             sizes.append(
                 np.asarray(cv2.resize(sizes[-1], half, interpolation=cv2.INTER_AREA), np.uint8)
             )
         smaller = sizes[rank]
+        # Halved sides are rounded down. Therefore the scale is not always a power of 2.
         across, down = (
             now / before
             for now, before in zip(smaller.shape[1::-1], image.shape[1::-1], strict=True)
@@ -272,6 +295,7 @@ def see_parts(
     horizon = rays.sky - plain * _FINER
     fine[:horizon] = above
     on_ground = fine[horizon:]
+    # Distant rows are sampled from smaller maps, so that nothing aliases.
     for rank, lines in _runs(_levels(rays)):
         part = part_of(rank, rays.x[lines], rays.y[lines])
         _sample(part.picture, part.x, part.y, cv2.INTER_LINEAR, outside.tolist(), on_ground[lines])
@@ -300,6 +324,7 @@ def see_labels(
 def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
     """Returns the matrix from positions on the map, in tiles, to metres ahead and to the left of a pose."""
     cosine, sine = np.cos(theta), np.sin(theta)
+    # North is -y on the map, which changes the signs of both entries for y.
     turn = np.array([[cosine, -sine, 0], [-sine, -cosine, 0], [0, 0, 1]])
     return np.asarray(
         np.diag([TILE, TILE, 1]) @ turn @ np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1]])
@@ -313,6 +338,7 @@ def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray
     (rows, columns).
     """
     rows, columns = size
+    # The field of view is from the upper to the lower edge.
     focal = rows / 2 / np.tan(np.radians(camera["field_of_view"]) / 2)
     cosine, sine = np.cos(np.radians(camera["pitch"])), np.sin(np.radians(camera["pitch"]))
     # Right, down and depth in the camera's frame.
@@ -357,6 +383,7 @@ def stand(
     cosine, sine = np.cos(pose["theta"]), np.sin(pose["theta"])
     standing = []
     for index, (thing, views) in enumerate(zip(objects, pictures, strict=True)):
+        # On the map y points south.
         east, north = (thing.x - pose["x"]) * TILE, (pose["y"] - thing.y) * TILE
         ahead, left = east * cosine + north * sine - camera["forward"], north * cosine - east * sine
         distance = float(np.hypot(ahead, left))
@@ -365,6 +392,8 @@ def stand(
             placed = flat._replace(matrix=viewpoint.matrix @ flat.matrix)
             standing.append(_Standing(np.inf, index, placed, distance))
         elif ahead > NEAR:
+            # The view of the picture depends on the direction from the object to the camera,
+            # relative to the object's front.
             towards = np.arctan2(-left, -ahead) + pose["theta"] - thing.angle
             pixels = views.view(towards)
             rows, columns = pixels.shape[:2]
@@ -429,6 +458,7 @@ def _shift_lines(places: NDArray[_F], tile_px: int, lines: float) -> NDArray[_F]
     """Shifts coordinates away from the middle of each tile, by `lines` tiles at the usual place of the white line."""
     if not lines:
         return places
+    # A sine has no shift in the middle and at the edges of a tile, where neighbours have to meet.
     sides = np.sin(places * (2 * np.pi / tile_px)) * np.float32(
         lines * tile_px / np.sin(2 * np.pi * _WHITE_LINE)
     )
@@ -443,9 +473,11 @@ def _levels(rays: Rays) -> Int[NDArray, " R"]:
     middle = rays.x.shape[1] // 2
     left_x, x = rays.x[:, middle - 1 : middle + 1].T
     left_y, y = rays.y[:, middle - 1 : middle + 1].T
+    # A row has one depth. Therefore the two samples in its middle stand for all.
     right = np.hypot(x - left_x, y - left_y)
     down = np.zeros_like(right)
     down[:-1] = np.hypot(x[1:] - x[:-1], y[1:] - y[:-1])
+    # The last row has no row below it and gets the distance of the row above.
     down[-1:] = down[-2:-1]
     apart = np.sqrt(np.maximum(right * down, 1e-12))
     return np.clip(np.floor(np.log2(np.maximum(apart, 1))), 0, LEVELS - 1).astype(int)

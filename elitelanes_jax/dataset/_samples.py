@@ -51,7 +51,7 @@ class Sample(NamedTuple):
     Attributes:
       layers: the layers by name: image, uint8 ``[h, w, 3]``; labels, uint8 ``[h, w]``; with an
         object set also instances, uint16 ``[h, w]``.
-      record: its metadata, plain values for JSON.
+      record: the metadata of the sample, plain values for JSON.
     """
 
     layers: dict[str, NDArray[np.integer]]
@@ -94,6 +94,8 @@ def draw_sample(
     index = check_named("index", whole(0), index)
     check_named("tiles", instance(TileSet), tiles)
     tile_px = check_tile_px(tile_px)
+    # Each purpose has random numbers of its own, by the last number of its seed. Therefore no
+    # choice changes another one.
     choice = _plan_choice(road_map.codes.tobytes(), road_map.codes.shape, tiles)
     drawn: Sequence[MapObject] = ()
     pictures: Sequence[ObjectPictures] = ()
@@ -110,6 +112,7 @@ def draw_sample(
     layers = {"image": ground.image, "labels": ground.labels}
     instances: dict[str, NDArray[np.uint16]] = {}
     if transforms.background:
+        # The background is drawn before objects are pasted, so that it never covers them.
         behind = np.random.default_rng([seed, index, 3])
         bare = ~ground.paved & ~ground.sky
         layers["image"] = vary_background(behind, ground.image, bare, ground.sky, transforms)
@@ -128,10 +131,10 @@ class _Scene(NamedTuple):
 
     Attributes:
       road_map: the map.
-      tiles: its tile set.
+      tiles: the tile set of the map.
       chosen: int ``[H, W, 2]``, the picture of each cell and its quarter turns, see `TileChoice`.
       tile_px: side of a tile in pixels.
-      objects: those of its objects that are drawn.
+      objects: the objects of the map that are drawn.
       pictures: the pictures of each object in `objects`.
     """
 
@@ -164,8 +167,8 @@ class _Shot(NamedTuple):
     """A view of a scene.
 
     Attributes:
-      ground: what it shows without the objects.
-      view: its transform.
+      ground: what the view shows without the objects.
+      view: the transform of the view.
       about: entries of the metadata about the camera.
       placed: the pictures of the objects in the view, from back to front.
       order: the index of each of them in the scene.
@@ -254,6 +257,7 @@ def _describe(
     """Returns the metadata of a sample, without entries that the map does not have."""
     road_map, names = scene.road_map, [picture.name for picture in scene.tiles.pictures]
     transform = view._asdict() | {"matrix": view.matrix.tolist()}
+    # The entry `pixels` has the size.
     del transform["size"]
     metadata = {
         "number": index,

@@ -18,7 +18,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.rendering import png_of
 
-# The rows of a row group, which a reader of Parquet has in memory at once.
+# The rows of a row group. A reader of Parquet has all of them in memory at once.
 _ROWS = 100
 
 
@@ -64,6 +64,8 @@ def shard_fields(
     metrics: dict[str, bool] = {}
     for road_map in maps:
         for name, value in (road_map.metrics or {}).items():
+            # A column has one type. A metric that is a fraction on one map is a column of
+            # fractions.
             metrics[name] = metrics.get(name, True) and isinstance(value, int)
     camera = spec.camera
     return ShardFields(
@@ -135,6 +137,7 @@ def _schema(fields: ShardFields) -> Untyped:
     import pyarrow as pa
 
     whole, number, text = pa.int64(), pa.float64(), pa.string()
+    # Hugging Face's datasets has files of pictures as records of bytes and a path.
     picture = pa.struct({"bytes": pa.binary(), "path": text})
     box = pa.list_(number)
 
@@ -148,6 +151,7 @@ def _schema(fields: ShardFields) -> Untyped:
         "pixels": pa.list_(whole),
         "codes": pa.list_(pa.list_(whole)),
     }
+    # Parquet has no records without fields.
     if fields.metrics:
         columns["metrics"] = pa.struct(
             {name: whole if counts else number for name, counts in fields.metrics.items()}

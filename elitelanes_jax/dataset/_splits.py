@@ -39,8 +39,10 @@ def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
             f"split: expected a group of maps for each of {len(filled)} splits, got {len(maps)} maps in "
             f"{pluralize(int(groups.max()) + 1, 'group')}: {_REASON}; a split of 1 0 0 trains on all"
         )
+    # Maps are sorted by size and niche, so that evenly spaced ones have all of them.
     niches = [(*road_map.codes.shape, *(road_map.niche or ())) for road_map in maps]
     order = np.array(sorted(range(len(niches)), key=lambda index: (niches[index], index)))
+    # The last split, training if it has maps, gets what the others leave.
     *others, rest = filled
     splits = np.full(len(maps), rest)
     for split, count in _counts_of_others(others, counts, groups).items():
@@ -61,6 +63,7 @@ def _counts_of_others(
     if not others:
         return {}
     sizes = np.bincount(groups)[groups]
+    # Groups larger than the smallest of these splits do not fit into it. Their maps do not count.
     small = int((sizes <= min(counts[split] for split in others)).sum())
     expected = sum(counts[split] for split in others)
     return {split: counts[split] * min(small, expected) // expected for split in others}
@@ -75,6 +78,7 @@ def _take_evenly(
 ) -> None:
     """Assigns up to `count` of the maps `free` to a split, evenly spaced in their order, each with all of its group."""
     sizes, lacking = np.bincount(groups)[groups], count
+    # The positions are the middles of equal parts of the order.
     for position in (np.arange(count) * 2 + 1) * len(free) // (2 * max(count, 1)):
         # If the map is taken or its group does not fit, the next map in order is tried.
         waiting = np.roll(free, -position)

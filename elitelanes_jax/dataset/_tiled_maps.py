@@ -22,7 +22,8 @@ from elitelanes_jax.tiles.tileset import TileSet
 _CHANNELS = 4
 # The bits of the bytes of surfaces: the label, and whether the surface is paved.
 _LABEL_BITS, _PAVED = 0x7F, 0x80
-# Pixels, the side of tiles that are laid out whole, because cutting each one takes longer.
+# The side of tiles in pixels up to which they are laid out whole, because cutting each of them
+# takes longer.
 _SMALL = 32
 
 
@@ -54,6 +55,7 @@ class TiledMap(NamedTuple):
         if rank:
             x *= np.float32(0.5**rank)
             y *= np.float32(0.5**rank)
+        # The points tell which pixels of the map are needed, and these tell which cells.
         left, right = _pixels_between(x, width * size)
         top, bottom = _pixels_between(y, height * size)
         first_row, first_column = top // size, left // size
@@ -67,6 +69,7 @@ class TiledMap(NamedTuple):
             ]
         else:
             part = np.empty((bottom - top, right - left, _CHANNELS), np.uint8)
+            # Only the pixels of each tile that are on the part are copied.
             rows = [
                 _overlap((first_row + row) * size, size, top, bottom) for row in range(len(cells))
             ]
@@ -112,8 +115,8 @@ def see_tiled_labels(tiled: TiledMap, rays: Rays) -> SeenLabels:
     tile_row, tile_column = row // np.int32(size), column // np.int32(size)
     tile_row *= np.int32(width)
     tile_row += tile_column
-    # Of a cell the pixel in the first row and column of `surfaces`, if its picture had the cell's
-    # place on the map.
+    # The index in the flat `surfaces` is this part, which depends on the cell alone, plus the row
+    # on the map times the size, plus the column on the map.
     first = ((pictures - np.arange(height)[:, None]) * size - np.arange(width)) * size
     pixel = first.astype(np.int32).reshape(-1).take(tile_row)
     row *= np.int32(size)
@@ -160,7 +163,12 @@ def _lay_out(pictures: UInt8[NDArray, "H W P P C"]) -> UInt8[NDArray, "h w C"]:
 
 
 class _Overlap(NamedTuple):
-    """The pixels that a tile and a part of a map have in common, along one axis."""
+    """The pixels that a tile and a part of a map have in common, along one axis.
+
+    Attributes:
+      on_tile: the pixels, counted from the start of the tile.
+      on_part: the pixels, counted from the start of the part.
+    """
 
     on_tile: slice
     on_part: slice

@@ -154,12 +154,14 @@ def parse_words(
     words = [value] if isinstance(value, str) else value
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
         raise InputError(f"{field}: expected words such as {example}, got {shorten(repr(value))}")
+    # A name that is given twice has no clear value.
     check_unique(field, kind, [word.partition("=")[0] for word in words])
     late_presets = [word for word in words[1:] if word in presets]
     if late_presets:
         raise InputError(
             f"{field}: expected {late_presets[0]} alone or first, because it sets all {kind}s"
         )
+    # Fields that are False by default are flags, and all others take a number.
     flags = {
         name.replace("_", "-"): name
         for name in defaults.options()
@@ -167,6 +169,7 @@ def parse_words(
     }
     numbers = [name for name in defaults.options() if name not in flags.values()]
     record = defaults
+    # A preset comes first, and the words after it change single fields.
     for word in words:
         name, equals, number = word.partition("=")
         if word in presets:

@@ -16,8 +16,10 @@ from elitelanes_jax.dataset._transforms import VARIATION, Transforms
 
 # The grains of a pattern along each side, from coarse to fine.
 _GRAINS = (4, 16, 64)
+# The most rectangles on a background.
 _RECTANGLES = 5
-# In grey levels.
+# The distance from the middle of two grey levels, in grey levels, below which 32 bits may round to
+# the wrong one.
 _DOUBT = 0.002
 # The samples along a streak of motion blur.
 _LONGEST = 25
@@ -79,6 +81,7 @@ def vary_light(
         transforms.vignette,
     )
     field = _noise(rng, image.shape[:2], 5)
+    # The edge of the shadow has a steepness from 4 to 64, evenly in its logarithm.
     light = _make_light(field, depth, level, 2 ** (2 + 4 * edge), corners)
     gamma, saturation, warmth = rng.uniform(-1, 1, 3) * (
         transforms.gamma,
@@ -115,7 +118,13 @@ def _make_light(
 
 
 class _Tone(NamedTuple):
-    """The exponent of a tone curve, the factor of the colours' distance from grey, and one of each channel."""
+    """A change of colours.
+
+    Attributes:
+      exponent: the exponent of the tone curve, over 0.
+      saturation: the factor of the colours' distance from grey, 0 or more.
+      channels: float ``[3]``, the factors of red, green and blue.
+    """
 
     exponent: float
     saturation: float
@@ -139,11 +148,13 @@ class _Tone(NamedTuple):
         two grey levels are computed anew. Each channel is an array, because loops over the last
         axis would have three steps.
         """
+        # The curve of a product is the product of the curves of colour and light.
         curve = (255 * (np.arange(256) / 255) ** self.exponent).astype(np.float32)
         share = light.astype(np.float32) ** np.float32(self.exponent)
         planes = np.empty((3, *light.shape), np.float32)
         for plane, channel in zip(planes, cv2.split(image), strict=True):
             np.multiply(cv2.LUT(channel, curve), share, out=plane)
+        # The distance from grey is scaled: a part of the colour and a part of the mean are added.
         grey = planes[0] + planes[1]
         grey += planes[2]
         grey *= np.float32((1 - self.saturation) / 3)
@@ -151,6 +162,7 @@ class _Tone(NamedTuple):
             plane *= np.float32(self.saturation)
             plane += grey
             plane *= factor
+        # The fraction that rounding removes tells which pixels are in doubt.
         rounded = np.rint(planes)
         planes -= rounded
         np.abs(planes, out=planes)
@@ -172,6 +184,7 @@ def vary_motion(
     if not reach:
         return image
     kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.float32)
+    # Each sample along the streak counts for its nearest pixel.
     along = np.linspace(-length / 2, length / 2, _LONGEST)
     x, y = (np.rint(reach + along * part).astype(int) for part in (np.cos(angle), np.sin(angle)))
     np.add.at(kernel, (y, x), 1 / _LONGEST)
@@ -206,7 +219,13 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...], grains: int) -> Flo
 
 
 class _Pattern(NamedTuple):
-    """Something like grass, carpet, concrete or a wall: one colour, and coarse to fine noise of another one."""
+    """Something like grass, carpet, concrete or a wall: one colour, and coarse to fine noise of another one.
+
+    Attributes:
+      colour: float ``[2, 3]``, the mean colour, and the colour of the noise, RGB.
+      weights: float ``[grains]``, the weight of the noise of each grain, 0 to 1.
+      noises: float ``[h, w]`` for each grain, the noise from -1 to 1.
+    """
 
     colour: Float[NDArray, "2 3"]
     weights: Float[NDArray, " grains"]
@@ -251,6 +270,7 @@ class _Clutter(NamedTuple):
 
 def _draw_clutter(rng: np.random.Generator, shape: tuple[int, ...]) -> _Clutter:
     """Draws up to 5 rectangles for a picture of (rows, columns)."""
+    # All rectangles are drawn, and the first ones are shown.
     count = rng.integers(_RECTANGLES + 1)
     centres, sides = rng.uniform(size=(_RECTANGLES, 2)), rng.uniform(0.02, 0.4, (_RECTANGLES, 2))
     colours = rng.uniform(0, 255, (_RECTANGLES, 3))

@@ -22,6 +22,7 @@ from elitelanes_jax.dataset._transforms import Transforms
 # Below this scale a picture is first scaled down by area.
 _SHRUNK = 0.6
 
+# The 256 quantiles of a normal distribution, one for each random byte.
 _NORMAL = np.array([NormalDist().inv_cdf((part + 0.5) / 256) for part in range(256)])
 
 
@@ -109,8 +110,11 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
     numbers = draw_numbers(rng)
     turns, angle = numbers.quarters * transforms.quarter_turns, numbers.turn * transforms.rotation
     low, high = transforms.scale
+    # The logarithm of the scale is uniform.
     scale = low * (high / low) ** numbers.zoom
     frame = (width, height) if turns % 2 else (height, width)
+    # The map's middle stays the middle of the view: rotation and scale are about it, and the
+    # perspective moves the corners.
     matrix = _shift(-width / 2, -height / 2)
     matrix = _turn(90 * turns + angle) @ np.diag([scale, scale, 1]) @ matrix
     matrix = (
@@ -186,6 +190,8 @@ def _shift(x: float, y: float) -> NDArray[np.float64]:
 
 def _turn(degrees: float) -> NDArray[np.float64]:
     """Returns a rotation counter-clockwise, as seen with y downward; exact for quarter turns."""
+    # Cosines of quarter turns are not exact. Therefore quarters are powers of a matrix of whole
+    # numbers.
     quarters, rest = divmod(degrees, 90)
     cos, sin = np.cos(np.radians(rest)), np.sin(np.radians(rest))
     turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])

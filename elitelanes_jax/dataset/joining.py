@@ -49,6 +49,7 @@ def merge_dataset(
     identities = []
     for about in records:
         identities.append({name: value for name, value in about.items() if name != "part"})
+    # All parts must have the same settings, and the versions of this process.
     expected = identities[0] | {"versions": installed_versions()}
     ordered = order_parts(
         folders, [about["part"] for about in records], identities, expected, "dataset"
@@ -57,6 +58,7 @@ def merge_dataset(
     with output_folder(
         out, {"command": "merge"}, inputs=folders, foreign=foreign_to_dataset, force=force
     ) as work:
+        # Each record of a part has the split of its sample.
         splits = _read_splits(ordered, expected["settings"])
         views = expected["settings"]["views"]
         samples = Samples(views, splits, range(len(splits)), work.files, work.kept / "records")

@@ -44,6 +44,7 @@ from elitelanes_jax.tiles.object_set import ObjectSet
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet
 
+# The most pictures on the contact sheet.
 _ON_SHEET = 12
 
 
@@ -102,10 +103,11 @@ def make_planned(
     spec, tiles, _, objects = plan
     out = Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
-    # This call checks that the format's package is installed.
+    # A missing package is an error before the search, not after it.
     find_layout(spec.format)
     identity = _identity(spec, tiles, objects)
     asked = identity | {"part": spec.part}
+    # An earlier run may have been killed while it replaced the folder.
     settle(out)
     complete = _read_complete(out, asked, force)
     if complete is not None:
@@ -170,7 +172,7 @@ def _make_maps(
             maps = spec.maps_from.maps
         return maps, split_maps(spec, maps)
     except (InputError, NotEnoughMapsError):
-        # The next run has other settings.
+        # Only other settings can help, for which these rounds are of no use.
         remove(work.kept)
         raise
 
@@ -186,7 +188,7 @@ def _draw_samples(
             else:
                 draw_on(pool, drawing, samples, bar.count)
         except InputError as error:
-            # The objects do not fit.
+            # The objects do not fit the maps, which can be drawn with other objects.
             _delete_pictures(work)
             if drawing.spec.maps_from is not None:
                 raise
@@ -210,6 +212,7 @@ def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> d
     }
     if objects is not None:
         identity["object_set"] = {"name": objects.name, "pictures": objects.digest}
+    # Tuples become lists here, as in a record that is read from its file.
     return json.loads(json.dumps(identity))
 
 
@@ -225,7 +228,7 @@ def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], fo
     """Checks that the pictures so far have the objects of this run; with `force` deletes others."""
     file = work.kept / "pictures.json"
     if not file.exists():
-        # Which objects these pictures show is not known.
+        # Without this file, it is unknown which objects the pictures show.
         _delete_pictures(work)
     else:
         try:
@@ -274,6 +277,7 @@ def finish(
     out, settings, has_objects = samples.files, identity["settings"], "object_set" in identity
     layout, camera = find_layout(settings["format"]), settings["camera"]
     count = min(_ON_SHEET, samples.total)
+    # The pictures on the sheet are evenly spaced.
     on_sheet = [row * samples.total // count for row in range(count)]
     pixels, records = _list_samples(samples, layout, {*on_sheet})
     about = identity | _counts(samples, pixels)
@@ -288,6 +292,7 @@ def finish(
     else:
         assert drawing is not None
         write_maps(out / MAPS, [*drawing.maps.values()], samples.views)
+        # Pictures in shards are not files. Those on the sheet are drawn again as files.
         pictures, pictures_layout = samples.records / "sheet", LAYOUTS["imagefolder"]
         _draw_again(shown, drawing, samples, pictures_layout, pictures)
     entries = [_on_sheet(record, samples, pictures_layout) for record in shown]
@@ -298,6 +303,7 @@ def finish(
         fullest = max(shown, key=lambda record: len(record["objects"]))
         image, *_ = _on_sheet(fullest, samples, layout)
         write_atomic(out / layout.boxes, png_of(draw_boxes(out / image, fullest["objects"])))
+    # The record is written last, because a folder with a record counts as complete.
     write_json(out / RECORD, about)
     return read_json(out / RECORD)
 

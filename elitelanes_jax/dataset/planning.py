@@ -93,5 +93,6 @@ def _load_objects(spec: DatasetSpec) -> ObjectSet | None:
             load_objects(spec.objects)
         return None
     pictures = load_objects(spec.objects)
+    # A kind without pictures is an error here, before any picture is drawn.
     pictures.choose(objects_of_maps)
     return pictures

@@ -38,6 +38,7 @@ from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.search.resolve import plain_spec
 from elitelanes_jax.search.spec import SearchSpec
 
+# The default search of a dataset.
 _USUAL_SEARCH = SearchSpec(evaluations=100_000)
 
 LAYOUTS = ("imagefolder", "coco", "webdataset", "parquet")
@@ -130,6 +131,7 @@ class DatasetSpec(Record):
 
     def check_together(self) -> None:
         """Checks the number of maps against sizes and splits, the camera, and the size of the pictures."""
+        # Given maps determine the number and the sizes, which the other checks need.
         if self.maps_from is not None:
             self._take_given(self.maps_from)
         shapes = self.shapes
@@ -155,6 +157,7 @@ class DatasetSpec(Record):
                 f"part: expected a format with a file for each picture, got {self.format}"
             )
         self._check_pixels()
+        # Every crop has to be within the smallest map at the smallest scale.
         low = min(map(min, shapes))
         smallest = low * self.pixels * min(1.0, self.transforms.scale[0])
         if self.transforms.crop > smallest:
@@ -176,6 +179,7 @@ class DatasetSpec(Record):
     def _take_given(self, given: GivenMaps) -> None:
         """Sets the number and the sizes of given maps."""
         usual = _USUAL_SEARCH.options
+        # Given maps are not searched for. An option of a search would be ignored.
         names = [name for name, value in self.search.options.items() if usual.get(name) != value]
         if names:
             got = ", ".join(names)
@@ -203,6 +207,8 @@ class DatasetSpec(Record):
         """Checks that transforms do not change the camera's geometry."""
         still = {name: getattr(Transforms(), name) for name in GEOMETRY}
         for name in GEOMETRY:
+            # The geometry of `STANDARD` is that of the default. It is dropped without an error,
+            # because the user may not have asked for it.
             if getattr(self.transforms, name) not in (still[name], getattr(STANDARD, name)):
                 raise InputError(
                     "transforms: expected changes of light and pixels with a camera, which has its own positions, got "
@@ -218,6 +224,7 @@ class DatasetSpec(Record):
             raise InputError(
                 f"{name}: expected maps of at most {_LONGEST_SIDE} pixels a side, got {side}"
             )
+        # A crop is the whole picture. A camera's picture has a size of its own.
         area = self.transforms.crop**2 or max(map(prod, self.shapes)) * self.pixels**2
         if area > _MOST_PIXELS and self.camera is None:
             expected = (

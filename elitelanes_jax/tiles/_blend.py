@@ -20,9 +20,10 @@ _STRIP = 1 / 2
 _GAIN, _OFFSET = 1.0, 0.01
 # The width of the blend on both sides of a seam in tiles, and at least two pixels.
 _FEATHER = 0.02
-# The number of pairs of tiles that are compared at once.
+# The number of pairs of tiles that are compared at once, which limits the memory.
 _PAIRS = 256
-# An equation's row, from both levels and 1.
+# Turns the levels of both pixels and 1 into the coefficients of four unknowns: 255 · (gain - 1) and
+# offset of the first tile, then of the second.
 _ROW = np.array([[1 / 255, 0, 0], [0, 0, 1], [0, -1 / 255, 0], [0, 0, -1]])
 
 
@@ -51,15 +52,18 @@ def solve_tones(
     codes = np.asarray(grid)
     count = codes.size
     cells = np.arange(count).reshape(codes.shape)
-    # The normal equations of each channel; the unknowns are 255 · (gain - 1) and offset of each
-    # cell.
+    # The normal equations of each channel begin with the two costs, which are on the diagonal. The
+    # unknowns of a cell are 255 · (gain - 1) and the offset.
     diagonal = np.arange(2 * count)
     positions, matrices = [np.stack([diagonal, diagonal])], [np.tile([_GAIN, _OFFSET], (3, count))]
     right = np.zeros((3, 2 * count))
+    # Seams in both directions are treated alike: in a transposed map, cells one above the other are
+    # side by side.
     for turned, meets in _meetings(codes):
         first, second = (
             _turn(cells, turned)[:, part][meets] for part in (slice(None, -1), slice(1, None))
         )
+        # Equal pairs of pictures have equal equations, which are computed once.
         pairs, pair = np.unique(
             np.stack([picture.flat[first], picture.flat[second]], axis=1),
             axis=0,
@@ -67,12 +71,15 @@ def solve_tones(
         )
         products, sides = _equations(pairs, _turn(images, turned, 1), _turn(labels, turned, 1))
         unknowns = np.stack([2 * first, 2 * first + 1, 2 * second, 2 * second + 1], axis=-1)
+        # The products of a seam fill 4 x 4 entries of the matrix. SciPy adds up entries of the same
+        # position.
         square = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
         positions.append(np.stack([part.reshape(-1) for part in square]))
         matrices.append(products[:, pair.reshape(-1)].reshape(3, -1))
         for channel in range(3):
             np.add.at(right[channel], unknowns, sides[channel, pair.reshape(-1)])
     rows, columns = np.concatenate(positions, axis=1)
+    # The channels differ in their values, but not in their positions.
     tones = []
     for values, side in zip(np.concatenate(matrices, axis=1), right, strict=True):
         matrix = coo_array((values, (rows, columns)), shape=(2 * count, 2 * count)).tocsc()
@@ -93,6 +100,7 @@ def lay_toned(
     size = images.shape[1]
     gains, offsets = tones[:, :, None, :, 0], tones[:, :, None, :, 1]
     levels = np.arange(256)[:, None]
+    # A table has the new level of each of 256 levels, for each cell and channel.
     tables = np.clip(np.rint(levels * gains + offsets), 0, 255).astype(np.uint8)
     toned = np.empty((height * size, width * size, 3), np.uint8)
     for row, column in np.ndindex(height, width):
@@ -119,6 +127,7 @@ def feather(
         seen, change = _mix(image, labels, _turn(meets, turned), size, axis)
         depth = seen.shape[axis + 1] // 2
         seams = np.arange(size, image.shape[axis], size)
+        # Only the pixels near seams are mixed, because mixing the whole picture takes longer.
         near = (seams[:, None] + np.arange(-depth, depth)).reshape(-1)
         shape = (len(near), -1, 3) if turned else (-1, len(near), 3)
         blended[near if turned else np.s_[:, near]] = np.rint(seen + change).reshape(shape)
@@ -146,6 +155,8 @@ def _mix(
     reach = max(_FEATHER * size, 2.0)
     depth = ceil(reach - 0.5)
     leading = (slice(None),) * axis
+    # The last pixels of each tile and the first pixels of the next one are a strip around their
+    # seam.
     before = (*leading, slice(None, -1), slice(size - depth, None))
     after = (*leading, slice(1, None), slice(None, depth))
     strips = []
@@ -153,9 +164,11 @@ def _mix(
         tiles = layer.reshape(*layer.shape[:axis], -1, size, *layer.shape[axis + 1 :])
         strips.append(np.concatenate([tiles[before], tiles[after]], axis=axis + 1))
     seen, label = strips[0].astype(np.float32), strips[1]
+    # The share of the mirror image falls from one half at the seam to 0 at the reach.
     distance = np.abs(np.arange(2 * depth) + 0.5 - depth)
     share = ((1 + np.cos(np.pi * distance / reach)) / 4).astype(np.float32)
     share = share if axis else share[:, None]
+    # Seams without a road on both sides stay as they are, and so do pixels of different labels.
     along = np.expand_dims(np.repeat(meets, size, axis=1 - axis), axis + 1)
     mixed = along & (label == np.flip(label, axis + 1))
     return seen, (share * mixed)[..., None] * (np.flip(seen, axis + 1) - seen)
@@ -178,13 +191,16 @@ def _equations(
 ) -> tuple[Float[NDArray, "3 N 4 4"], Float[NDArray, "3 N 4"]]:
     """Returns the normal equations of pairs of pictures; the second picture is right of the first."""
     depth = max(1, round(_STRIP * labels.shape[1]))
+    # Both strips begin at the seam: the first picture's columns are read backwards.
     near, far = np.s_[:, :, : -depth - 1 : -1], np.s_[:, :, :depth]
     products, sides = np.zeros((3, len(pairs), 4, 4)), np.zeros((3, len(pairs), 4))
     for start in range(0, len(pairs), _PAIRS):
         some = slice(start, start + _PAIRS)
         first, second = pairs[some].T
         marks = labels[near][first]
+        # Pixels count where both pictures have the same label, which is not background.
         alike = ((marks == labels[far][second]) & (marks > 0)).reshape(len(first), 1, -1)
+        # The products are means, so that wide and narrow roads weigh the same.
         count = np.maximum(alike.sum(axis=2, keepdims=True), 1)
         for channel in range(3):
             here, there = images[..., channel][near][first], images[..., channel][far][second]

@@ -11,11 +11,11 @@ _BRIGHTEST = 90.0
 _ASPHALT = np.array([1.0, 0.93, 0.82])
 # The side of a tile at which the ground is measured: the time grows with its fourth power.
 _MOST_PX = 96
-# A part of the ground's brightness: darker pixels show no tape.
+# The largest brightness of a pixel without tape, as a multiple of the ground's.
 _BARE = 1.2
 # The largest ratio between the channels of a light. More is a ground in a colour of its own.
 _MOST_TINT = 3.0
-# The factor by which light is dimmed at most: brighter ground is no asphalt.
+# The least factor of light: ground that would have to be darker is no asphalt.
 _LEAST_GAIN = 0.6
 
 
@@ -24,12 +24,15 @@ def ground_of(image: NDArray[np.uint8], tile_px: float) -> NDArray[np.float32]:
 
     `tile_px` is the side of a tile in pixels. Lines are narrower than a fifth of a tile.
     """
+    # Noise is as large in dark pixels as in bright ones. The 4 grey levels keep quotients of dark
+    # pixels near 1.
     value = image.max(axis=2).astype(np.float32) + 4
     size = value.shape[1], value.shape[0]
     shrink = max(1.0, tile_px / _MOST_PX)
     tile_px /= shrink
     small = size if shrink == 1 else tuple(max(1, round(side / shrink)) for side in size)
     value = cv2.resize(value, small, interpolation=cv2.INTER_AREA)
+    # An opening by a disc that is wider than a line removes the lines.
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(tile_px / 9) + 1,) * 2)
     ground = cv2.GaussianBlur(cv2.morphologyEx(value, cv2.MORPH_OPEN, disc), (0, 0), tile_px / 10)
     return np.asarray(cv2.resize(ground, size, interpolation=cv2.INTER_LINEAR), np.float32)
@@ -38,6 +41,7 @@ def ground_of(image: NDArray[np.uint8], tile_px: float) -> NDArray[np.float32]:
 def even_light(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Returns an RGB picture of a tile in daylight, whose ground is everywhere as bright as asphalt."""
     ground = ground_of(image, image.shape[0])
+    # Ground between the least and the largest brightness of asphalt keeps its light.
     gain = np.maximum(np.clip(ground, _DARKEST, _BRIGHTEST) / ground, _LEAST_GAIN)
     daylight = _whiten(image, ground) * gain[..., None]
     return np.clip(np.rint(daylight), 0, 255).astype(np.uint8)
@@ -54,6 +58,7 @@ def _whiten(image: NDArray[np.uint8], ground: NDArray[np.float32]) -> NDArray[np
     bare = image.max(axis=2) + np.float32(4) < _BARE * ground
     if not bare.any():
         return image.astype(np.float32)
+    # The median of bare ground, divided by the colour of asphalt, is the colour of the light.
     light = (np.median(image[bare], axis=0) + 2) / _ASPHALT
     gains = np.minimum(light.max() / light, _MOST_TINT).astype(np.float32)
     white = image * gains

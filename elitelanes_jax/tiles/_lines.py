@@ -15,17 +15,18 @@ from numpy.typing import NDArray
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, SIDES, WEST, Side, exchange_sides
 from elitelanes_jax.tiles.files import Tile
 
-# The largest part of a tile's area in each colour of lines.
+# The largest part of a tile's area that stop lines, red, and lane separators, yellow, cover.
 _MOST = {"red": 0.25, "yellow": 0.15}
 # The least part of a line's area on the road.
 _ON_ROAD = 0.95
-# The largest displacement of an edge or a middle.
+# The largest displacement of an edge or a middle, in tiles.
 _OFF = 0.04
 # The least part of a line's area that differs more from the road's colour than 95 % of the road.
 _DISTINCT = 0.7
-# The strip along a side that has its stop line, and where a separator's middle is measured.
+# The depth of the strip along a side, in tiles, that has its stop line, and where a separator's
+# middle is measured.
 _NEAR = 1 / 8
-# The strip along a side in which a separator begins.
+# The depth of the strip along a side, in tiles, in which a separator begins.
 _SEEN = 1 / 4
 # The least part of the incoming lane's width that its stop line covers.
 _COVERED = 0.75
@@ -33,7 +34,12 @@ _NAMES = {"red": "stop lines", "yellow": "lane separators"}
 
 
 class _Road(NamedTuple):
-    """The road across a side, in pixels along the side, seen from inside with the side at the top."""
+    """The road across a side, seen from inside with the side at the top.
+
+    Attributes:
+      middle: the middle of the road, in pixels from the left end of the side.
+      width: the width of the road in pixels.
+    """
 
     middle: float
     width: int
@@ -51,6 +57,8 @@ def misplaced_lines(tiles: Sequence[Tile]) -> list[tuple[str, str, str]]:
     errors = []
     for tile in tiles:
         faults = list(_faults(tile, separated))
+        # If the mirror image of a crossing has no faults, all its faults have one cause, and one
+        # message says so.
         if faults and CONNECTIONS[tile.code] > 2 and not list(_faults(_mirrored(tile), separated)):
             faults = [
                 (
@@ -77,6 +85,7 @@ def _mirrored(tile: Tile) -> Tile:
 def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:
     opened = [side for side in SIDES if tile.code & side.bit]
     yield from _road_faults(tile, opened)
+    # The places of lines are checked only if the lines are on the road and not too large.
     sound = {}
     for name, most in _MOST.items():
         line: NDArray[np.bool_] = getattr(tile, name)
@@ -98,6 +107,7 @@ def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:
                 f"expected {_NAMES[name]} in other colours than the road, got {distinct:.0%} of their area",
             )
     for side in opened:
+        # The masks are turned until the side is at the top.
         road, red, yellow = (
             np.rot90(mask, SIDES.index(side)) for mask in (tile.road, tile.red, tile.yellow)
         )
@@ -116,6 +126,7 @@ def _road_faults(tile: Tile, opened: Sequence[Side]) -> Iterator[tuple[str, str]
     reached = []
     for side in opened:
         row = np.rot90(pieces, SIDES.index(side))[0]
+        # Sides that one piece of road joins have its label in common.
         reached.append(set(row[row > 0].tolist()))
         off = _across(np.rot90(tile.road, SIDES.index(side))).middle / len(row) - 0.5
         if abs(off) > _OFF:
@@ -132,6 +143,7 @@ def _distinct(tile: Tile, line: NDArray[np.bool_]) -> float:
     bare = tile.image[tile.road & ~tile.red & ~tile.yellow]
     if not len(bare):
         return 1.0
+    # At most 10,000 pixels tell the road's colour and how much it varies.
     some = bare[:: len(bare) // 10_000 + 1].astype(np.int16)
     ground = np.median(some, axis=0).astype(np.int16)
     away = np.abs(tile.image[line] - ground).max(axis=-1)

@@ -15,12 +15,14 @@ from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.tiles.files import check_picture
 from elitelanes_jax.tiles.object_set import ObjectPictures, load_objects
 
+# The colours of the paper, of titles and first lines, and of further lines, RGB.
 _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
+# The gap between pictures and the height of a line of text, in pixels.
 _GAP, _LINE = 28, 19
+# The scales of titles and captions, as `write_text` takes them.
 _TITLE, _CAPTION = 0.8, 0.46
-# Of the faces of signs, in tiles: the width of a face, the border that those beside the map need,
-# and how many times as far from the corner of a crossing as their signs the faces are, and those of
-# lights.
+# The width of a sign's face in tiles, the border for faces beside the map in tiles, and how many
+# times as far from the corner of a crossing as their signs the faces are, and those of lights.
 _FACE, _BORDER, _APART, _APART_LIGHT = 0.21, 0.55, 1.9, 1.4
 # The side of a letter's square at scale 1, in outline fonts, in pixels.
 _EM = 29
@@ -34,8 +36,10 @@ def contact_sheet(
     All pictures have the same number of lines.
     """
     height, width = pictures[0].shape[:2]
+    # A column is as wide as the picture or the longest line of text.
     step = _GAP + max(width, *(_length(line, _CAPTION) for lines in captions for line in lines))
     below = _GAP + _LINE * len(captions[0])
+    # With this number of columns the sheet is about square.
     columns = max(1, round(sqrt(len(pictures) * (height + below) / step)))
     rows = ceil(len(pictures) / columns)
     top = 3 * _GAP
@@ -72,6 +76,7 @@ def pin_signs(
     for sign, pictures in zip(signs, load_objects().choose(signs), strict=True):
         face = _face(pictures, round(_FACE * tile_px))
         apart = _APART if pictures.tag else _APART_LIGHT
+        # A sign stands near a corner of tiles. Its face moves away from this corner.
         corner_x, corner_y = round(sign.x), round(sign.y)
         x, y = corner_x + apart * (sign.x - corner_x), corner_y + apart * (sign.y - corner_y)
         _lay(framed, face, round(x * tile_px) + border, round(y * tile_px) + border)
@@ -81,11 +86,14 @@ def pin_signs(
 def _face(pictures: ObjectPictures, width: int) -> NDArray[np.uint8]:
     """Returns what a sign shows above its tag, or the upper part of a light, in RGB and opacity."""
     front = pictures.view(0)
+    # A light has no tag. Its face is its upper part, at most twice as high as wide.
     rows = min(len(front), 2 * front.shape[1])
     if pictures.tag:
         middle, side = pictures.tag
+        # The face of a sign ends a row above its tag.
         rows = round(len(front) * (1 - (middle + side / 2) / pictures.height)) - 1
     if not pictures.tag:
+        # A light is narrower than a sign.
         width = round(width / 2)
     size = width, max(1, round(width * rows / front.shape[1]))
     return np.asarray(cv2.resize(front[:rows], size, interpolation=cv2.INTER_AREA), np.uint8)

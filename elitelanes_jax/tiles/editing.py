@@ -47,12 +47,17 @@ from elitelanes_jax.tiles.tileset import MASKS, inspect_tiles, tile_folders
 
 # The longest side of a photograph on the page, in pixels.
 _SHOWN = 1600
-# These sheets show the masks of before, and stay in the earlier set.
+# A save does not copy these sheets, because they show the masks before the corrections.
 _SHEETS = ("sheet.png", "masks.png")
 
 
 class _Picture(NamedTuple):
-    """The picture of a tile, and its file."""
+    """The picture of a tile.
+
+    Attributes:
+      layer: the pixels of the picture, on the ground where it is transparent.
+      file: the content of the PNG file, which is written unchanged.
+    """
 
     layer: Layer
     file: bytes
@@ -95,6 +100,7 @@ class HandWork:
             self._add(tile.folder.name, _read(tile.folder), tile.masks) for tile in tiles
         ]
         self._starts = [self._start(photograph, shape) for photograph in photographs]
+        # The stamp tells each save whether another program has changed the folder.
         self._stamp = _stamp_of(folder)
 
     def state(self) -> dict[str, Plain]:
@@ -179,7 +185,7 @@ class HandWork:
                 )
             is_first = not self.saved
             has_earlier_set = self.folder.exists() and any(self.folder.iterdir())
-            # A save that failed may have copied it.
+            # An earlier save that failed may have copied the set already.
             if is_first and has_earlier_set and self._earlier_set is None:
                 self._earlier_set = _copy_aside(self.folder)
             with output_folder(
@@ -282,6 +288,8 @@ def _copy_other_files(folder: Path, target: Path) -> None:
     left_out = {tile_folder.name for tile_folder in tile_folders(folder, [])} | set(_SHEETS)
 
     def ignored(parent: str, names: list[str]) -> set[str]:
+        # Folders inside the set's folder are copied whole, even if a file in them has one of these
+        # names.
         return left_out & set(names) if Path(parent) == folder else set()
 
     shutil.copytree(folder, target, symlinks=True, dirs_exist_ok=True, ignore=ignored)
@@ -316,6 +324,7 @@ def _names(tiles: Sequence[Untyped]) -> list[str]:
     for tile, is_fit in zip(tiles, fits, strict=True):
         name = tile["name"]
         if not is_fit or name in names:
+            # A new name is none that another tile keeps, even if that tile comes later.
             free = (f"{tile['kind']}_{number}" for number in count(1))
             name = next(name for name in free if name not in counts and name not in names)
         names.append(name)
@@ -325,6 +334,8 @@ def _names(tiles: Sequence[Untyped]) -> list[str]:
 def _zip_of(folder: Path) -> bytes:
     """Returns a zip file of a folder, whose names begin with the folder's."""
     stream = BytesIO()
+    # A zip file cannot hold times before 1980. Without strict timestamps they become 1980 instead
+    # of an error.
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as archive:
         for file in sorted(folder.rglob("*")):
             if file.is_file():

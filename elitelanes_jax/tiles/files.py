@@ -20,9 +20,12 @@ from elitelanes_jax.formats.objects import OPAQUE
 GROUND = (86, 118, 72)
 """The colour of empty cells, and of the transparent pixels of tile pictures, RGB: grass."""
 
+# The shortest and the longest side of a picture, in pixels.
 _SHORTEST_SIDE, _LONGEST_SIDE = 2, 4096
-# A picture of the largest size, with transparency, that does not compress.
+# The most bytes of a file. The largest picture with transparency has 64 MiB, which may not
+# compress.
 _MOST_BYTES = 72 * MIB
+# The most parts of a PNG file. A file with more parts counts as damaged.
 _MOST_PARTS = 2**16
 _PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -86,7 +89,7 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     except ValueError as error:
         fault += f": {error}"
     except OSError:
-        # The fault says what is wrong.
+        # The message says that the file cannot be read.
         pass
     if picture is not None and picture.dtype != np.uint8:
         fault = str(picture.dtype)
@@ -126,6 +129,7 @@ def read_image(file: Path, problems: list[str]) -> Layer | None:
         )
         return None
     if (opacity < 255).any():
+        # The ground replaces pixels below one half, and shines through the others.
         share = np.where(opaque, opacity, 0)[..., None] / 255
         colours = np.rint(colours * share + GROUND * (1 - share)).astype(np.uint8)
     return Layer(colours, opaque, float((opacity < 255).mean()))
@@ -151,12 +155,15 @@ def read_mask(file: Path, image: Layer | None, problems: list[str]) -> Layer | N
         return None
     mask = picture
     if picture.ndim == 3:
+        # The hidden colours of transparent pixels do not count.
         colours = picture[..., :3] * opaque[..., None]
         if (colours != colours[..., :1]).any():
             problems.append(f"{file}: expected a grey mask, got one in colours")
             return None
         mask = colours[..., 0]
     fits = image is None or mask.shape == image.opaque.shape
+    # The values of a mask are checked even if its size is wrong, so that one call names both
+    # errors.
     if image is not None and not fits:
         problems.append(
             f"{file}: expected {size_of(image.pixels)} pixels like image.png, got {size_of(mask)}"
@@ -167,6 +174,7 @@ def read_mask(file: Path, image: Layer | None, problems: list[str]) -> Layer | N
         problems.append(
             f"{file}: expected a mask of two values, 0 and one other, got {len(values)}: {listed}"
         )
+    # Black lines on a transparent ground would make an empty mask.
     if opaque.any() and not opaque.all() and not mask.any():
         problems.append(f"{file}: expected a mask in white, got one in black on transparent ground")
     return Layer(mask > 0, opaque, 1 - float(opaque.mean())) if fits else None
@@ -224,9 +232,12 @@ def _transparent_grey(content: bytes) -> int | None:
 
     OpenCV drops this declaration, and reads the transparency of all other files.
     """
+    # The header has the bits of a channel in byte 24, and in byte 25 the type of colours, 0 for
+    # greys.
     depth, has_greys = content[24], content[25] == 0
     for part in _parts_of(content):
         if has_greys and part.kind == b"tRNS" and len(part.data) == 2:
+            # OpenCV scales greys of less than 8 bits to 8 bits. The declared grey is scaled alike.
             white = 2**depth - 1
             white_in_picture = 65535 if depth == 16 else 255
             return (int.from_bytes(part.data) & white) * white_in_picture // white
@@ -254,7 +265,13 @@ def _plain_png(content: bytes) -> bytes:
 
 
 class _Part(NamedTuple):
-    """A part of a PNG file: its kind, its data, and its whole content."""
+    """A part of a PNG file.
+
+    Attributes:
+      kind: the four letters of the kind, such as IHDR.
+      data: the data without length, kind and checksum.
+      content: all bytes of the part.
+    """
 
     kind: bytes
     data: bytes
@@ -265,6 +282,7 @@ def _parts_of(content: bytes) -> Iterator[_Part]:
     """Yields the parts of a PNG file up to a damaged one."""
     start = len(_PNG)
     for _ in range(_MOST_PARTS):
+        # The length, the kind and the checksum of a part have four bytes each.
         end = start + 12 + int.from_bytes(content[start : start + 4])
         kind, data = content[start + 4 : start + 8], content[start + 8 : end - 4]
         checksum = int.from_bytes(content[end - 4 : end])

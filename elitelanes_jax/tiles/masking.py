@@ -23,20 +23,24 @@ from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.files import Layer, check_picture, read_image, read_mask, size_of
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
-# In tiles: thinner pieces are no tape, and narrower gaps are wear.
+# The least width of tape in tiles. Thinner pieces are no tape, and narrower gaps are wear.
 _CLEAN = 1 / 96
-# In tiles: parts that a narrower bridge joins to the road are beyond a worn edge.
+# The least width of a bridge between parts of a road, in tiles. What a narrower one joins to the
+# road is beyond a worn edge.
 _CUT = 1 / 48
-# Of a tile: one of four photographs has a white line of 0.0025 along a side that its road leaves
-# by.
+# The outermost part of a tile that does not count, in tiles. One of four photographs has a white
+# line of 0.0025 along a side that its road leaves by.
 _RIM = 0.004
-# In tiles: a cut is off by less.
+# The width of the floor around a tile that a cut may show, in tiles: a cut is off by less.
 _SLIVER = 0.02
-# Of a tile's area: smaller pieces are specks; a tenth of a line or dash.
+# The least part of a tile's area in a piece of tape, a tenth of a line or dash. Smaller pieces are
+# specks.
 _LEAST = {"red": 0.003, "yellow": 0.0004}
+# The largest hue, saturation and value, as OpenCV counts them.
 _TOP = (179, 255, 255)
-# The side of a tile on the sheet.
+# The side of a tile on the sheet, in pixels.
 _SHEET_PX = 240
+# The colours of the masks on the sheet, RGB, in the order of painting: lines cover the road.
 _SHEET_COLOURS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}
 
 
@@ -114,15 +118,21 @@ def propose_masks(
         )
     size = image.shape[0]
     fine = _disc(size * _CLEAN)
+    # In one light, a colour has one range on all photographs. The median removes noise and keeps
+    # edges.
     smooth = cv2.medianBlur(even_light(image), 3)
     hsv = np.asarray(cv2.cvtColor(smooth, cv2.COLOR_RGB2HSV), np.uint8)
     lines = {}
     for name in ("red", "yellow"):
         in_range = _in_range(hsv, colours[name])
         lines[name] = _pieces(_clean(in_range, fine, fine), _LEAST[name] * size * size)
+    # Where both colours match, the line is red.
     lines["yellow"] &= ~lines["red"]
     tape = lines["red"] | lines["yellow"]
+    # Tape is brighter than asphalt, but on the road.
     dark = np.where(tape, np.uint8(255), _in_range(hsv, colours["road"]))
+    # What only narrow bridges join to the largest piece, or tape along a side cuts off, counts as
+    # floor around the tile.
     road = _largest(_without_slivers(_clean(dark, fine, _disc(size * _CUT)), round(size * _SLIVER)))
     return {"road": road, "red": lines["red"] & road, "yellow": lines["yellow"] & road}
 
@@ -182,6 +192,7 @@ def mask_folder(
         image = read_image(file, problems)
         if image is None:
             continue
+        # Tape is told by its hue, which a grey picture does not have.
         if (image.pixels[image.opaque] == image.pixels[image.opaque][:, :1]).all():
             problems.append(f"{file}: expected a picture in colours, got a grey one")
             continue
@@ -218,6 +229,7 @@ def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint
         painted = proposal.image.copy()
         for name, colour in _SHEET_COLOURS.items():
             painted[proposal.masks[name]] = colour
+        # The photograph and its painted copy are scaled as one picture.
         pair, size = np.hstack([proposal.image, painted]), (2 * _SHEET_PX, _SHEET_PX)
         pictures.append(np.asarray(cv2.resize(pair, size, interpolation=cv2.INTER_AREA), np.uint8))
         shares = ", ".join(
@@ -237,6 +249,7 @@ def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint
 def _in_range(hsv: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
     """Finds a colour in a picture of hue, saturation and value."""
     (first, last), *rest = colour
+    # A range that wraps around is two ranges.
     hues = [(first, last)] if first <= last else [(first, _TOP[0]), (0, last)]
     masks = [
         cv2.inRange(
@@ -274,6 +287,7 @@ def _without_slivers(mask: NDArray[np.uint8], margin: int) -> NDArray[np.uint8]:
     kept = mask.copy()
     for turns in range(4):
         side = np.rot90(kept, turns)[: margin + 1]
+        # From the margin outwards, all pixels after the first one off the road are off the road.
         side[:] = np.minimum.accumulate(side[::-1], axis=0)[::-1]
     return kept
 
@@ -287,6 +301,7 @@ def _pieces(mask: NDArray[np.uint8], least: float) -> NDArray[np.bool_]:
     """Keeps the connected pieces of at least `least` pixels."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
     large = stats[:, cv2.CC_STAT_AREA] >= least
+    # Label 0 is the background.
     large[0] = False
     return np.asarray(large[labels], np.bool_)
 

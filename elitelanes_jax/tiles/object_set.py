@@ -175,6 +175,7 @@ def _with_tag(pictures: ObjectPictures, number: int) -> ObjectPictures:
     for angle, pixels in pictures.views.items():
         metre = pixels.shape[0] / pictures.height
         row = pixels.shape[0] - middle * metre
+        # A tag that is seen from an angle is narrower. From behind it is not seen.
         wide = side * metre * cos(radians(angle))
         is_seen = wide > 1
         views[angle] = _paint_tag(pixels, number, row, side * metre, wide) if is_seen else pixels
@@ -202,6 +203,7 @@ def _paint_tag(
     left, top = (pixels.shape[1] - wide) / 2, row - high / 2
     old = pixels[round(top) : round(top + high), round(left) : round(left + wide), :3]
     white = np.percentile(old, 95, axis=(0, 1)) if old.size else np.full(3, 255)
+    # Eight pixels for each bit keep the edges of bits sharp when the tag is interpolated.
     tag = np.repeat(draw_tag(number), 8, axis=0).repeat(8, axis=1)
     colours = tag[..., None] / 255 * white
     picture = np.dstack([colours, np.full(tag.shape, 255)]).astype(np.uint8)
@@ -216,8 +218,10 @@ def lay_flat(thing: MapObject, pictures: ObjectPictures, tile_px: int) -> Placed
     rows, columns = pictures.top.shape[:2]
     # The pixels of a metre.
     scale = tile_px / TILE_SIZE
+    # An object of another height than its pictures is larger or smaller as a whole.
     if pictures.height:
         scale *= thing.height / pictures.height
+    # The picture is centred, scaled, turned counter-clockwise as seen, and moved.
     centre = np.array([[1, 0, -columns / 2], [0, 1, -rows / 2], [0, 0, 1]])
     size = np.diag(
         [pictures.footprint[0] * scale / columns, pictures.footprint[1] * scale / rows, 1]
@@ -240,6 +244,8 @@ def lay_all_flat(
 @name_wrong_arguments
 def default_objects() -> Path:
     """Returns the folder of the object set that comes with the package."""
+    # An installed package has the pictures next to this file. A checkout has them in its top
+    # folder.
     installed = Path(__file__).parent / "objects"
     return installed if installed.is_dir() else Path(__file__).parents[2] / "objects"
 
@@ -292,7 +298,7 @@ def _load_pictures(folder: Path) -> ObjectPictures:
     if above.is_file():
         top = _read(above)
     elif about.height:
-        # The object lies on the floor.
+        # Without a picture from above, the front lies on the floor with its top ahead.
         front = views[0]
         footprint = about.height, about.height * front.shape[1] / front.shape[0]
         top = np.rot90(front, -1)
@@ -306,6 +312,7 @@ def _view_files(folder: Path) -> dict[int, Path]:
     views = {0: folder / "image.png"} if (folder / "image.png").is_file() else {}
     for file in sorted(folder.glob("image_*.png")):
         number = file.stem.removeprefix("image_")
+        # Names without a number, such as image_old.png, are no views.
         if not re.match(r"[-+.]?[0-9]", number):
             continue
         if not re.fullmatch(r"[1-9][0-9]{0,2}", number) or int(number) > 359:
@@ -334,6 +341,7 @@ def _read_about(file: Path) -> _About:
             raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got no {key}")
     kind = check_named(str(file), check_kind, about["kind"])
     height, is_flat = about["height"], OBJECT_KINDS[base_kind(kind)].height == 0
+    # Tags on the floor have height 0, and all other objects are higher.
     if is_flat and not (is_real(height) and height == 0):
         raise InputError(
             f"{file}: height: expected 0 for tags on the floor, got {shorten(repr(height), 40)}"

@@ -78,7 +78,7 @@ def _own_objects_like(digest: str) -> ObjectSet:
 def _read_pixels(content: bytes) -> NDArray[np.uint8]:
     """Returns the pixels of a PNG file: grey, RGB, or RGB and opacity."""
     pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    # It can be read, because `png_of` wrote it.
+    # The file can be read, because `png_of` wrote it.
     assert pixels is not None
     if pixels.ndim == 3:
         swap = cv2.COLOR_BGR2RGB if pixels.shape[2] == 3 else cv2.COLOR_BGRA2RGBA

@@ -22,9 +22,12 @@ _MOST = 2**16 - 1
 
 
 class Placed(NamedTuple):
-    """A picture, in RGB and opacity, and the matrix that maps its (column, row) to (x, y) in the other picture.
+    """A picture and its place in another picture.
 
-    The third coordinate is positive in front of the camera.
+    Attributes:
+      pixels: uint8 ``[rows, columns, 4]``, RGB and opacity.
+      matrix: float ``[3, 3]``, maps (column, row) of the picture to (x, y) in the other picture.
+        The third coordinate is positive in front of the camera.
     """
 
     pixels: UInt8[NDArray, "rows columns 4"]
@@ -57,12 +60,14 @@ def paste(
     owners = np.zeros(size, np.uint16)
     windows = [_window(one, size, near) for one in placed]
     covered = []
+    # Each picture takes the pixels that it covers from the pictures behind it.
     for index, (one, window) in enumerate(zip(placed, windows, strict=True)):
         mask = _cover(one, window, near)
         covered.append(int(mask.sum()))
         if covered[-1]:
             owners[window][mask] = index + 1
             _blend(image[window], one, window, near)
+    # What a picture owns at the end is what is seen of it.
     masks = [owners[window] == index + 1 for index, window in enumerate(windows)]
     return owners, [
         _seen(*one, size, near) for one in zip(placed, windows, masks, covered, strict=True)
@@ -98,7 +103,7 @@ def _window(one: Placed, size: tuple[int, int], near: float) -> _Window:
     if (corners[:, 2] <= near).all():
         return np.s_[0:0, 0:0]
     if (corners[:, 2] <= near).any():
-        # The object reaches behind the camera.
+        # A picture that reaches behind the camera may touch any pixel.
         return np.s_[0 : size[0], 0 : size[1]]
     low, high = np.floor(corners[:, :2].min(axis=0)), np.ceil(corners[:, :2].max(axis=0))
     left, top = (int(part) for part in np.clip(low, 0, size[::-1]))
@@ -114,6 +119,8 @@ def _corners(one: Placed) -> Float[NDArray, "4 2"]:
 def _cover(one: Placed, window: _Window, near: float) -> Bool[NDArray, "h w"]:
     """Returns the pixels of a window whose centres lie on opaque pixels of a picture."""
     rows, columns = one.pixels.shape[:2]
+    # The centre of each pixel is mapped back to the picture. The third coordinate is then 1 /
+    # depth.
     back = np.linalg.inv(one.matrix)
     y, x = (np.arange(part.start, part.stop) + 0.5 for part in window)
     u, v, inverse_depth = (part[0] * x + part[1] * y[:, None] + part[2] for part in back)
@@ -129,6 +136,7 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
     """Blends the colours of a picture into the pixels of a window."""
     height, width = part.shape[:2]
     rows, columns = one.pixels.shape[:2]
+    # The samples of the window are a finer picture, which begins at the window's corner.
     shift = np.array(
         [
             [_FINER, 0, -_FINER * window[1].start],
@@ -138,9 +146,13 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
     )
     matrix = shift @ one.matrix
     opacity = one.pixels[..., 3:] / np.float32(255)
+    # Colours are multiplied by their opacity first, so that hidden colours of transparent pixels do
+    # not shine through.
     paint = np.dstack([one.pixels[..., :3] * opacity, opacity * 255]).astype(np.float32)
     corners = project(_corners(one), matrix)
     if (corners[:, 2] > near).all():
+        # Interpolation reads the nearest four pixels alone. A picture that becomes much smaller is
+        # scaled down by area first.
         shrunk = np.sqrt(cv2.contourArea(corners[:, :2].astype(np.float32)) / (rows * columns))
         if shrunk < 0.7:
             small = max(round(columns * shrunk), 1), max(round(rows * shrunk), 1)
@@ -153,6 +165,7 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
         paint, np.linalg.inv(half) @ matrix @ half, size, flags=cv2.INTER_LINEAR
     )
     if (corners[:, 2] <= near).any():
+        # OpenCV also draws what is behind the camera. These samples are cleared.
         back = np.linalg.inv(matrix)[2]
         inverse = (
             back[0] * (np.arange(size[0]) + 0.5)
@@ -160,6 +173,7 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
             + back[2]
         )
         fine[(inverse <= 0) | (inverse * near >= 1)] = 0
+    # The samples of each pixel are averaged.
     seen = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
     part[:] = np.clip(np.rint(part * (1 - seen[..., 3:] / 255) + seen[..., :3]), 0, 255).astype(
         np.uint8
@@ -183,7 +197,8 @@ def _seen(
     points = project(outline(one.pixels), one.matrix)
     points = points[points[:, 2] > near]
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    # The area of its pixels, also beyond the edges.
+    # If a part is beyond the edges, the areas of the picture's pixels in the view are added up. The
+    # area of one is the determinant divided by the cube of its depth.
     if (low < 0).any() or (high > size[::-1]).any():
         v, u = np.nonzero(one.pixels[..., 3] >= OPAQUE)
         depth = project(np.column_stack([u + 0.5, v + 0.5]), one.matrix)[:, 2]
@@ -212,4 +227,5 @@ def paste_objects(
     for name, layer in layers.items():
         if name != "image":
             layer[owners > 0] = 0
+    # A table turns the order of pasting into the objects' indices on the map.
     return np.array([0, *(index + 1 for index in order)], np.uint16)[owners], seen

@@ -42,6 +42,7 @@ LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
 COMPARED_PX = 64
 """The side of a tile in pixels at which the light of tiles is compared, at all sizes of pictures."""
 
+# The smallest and the largest side of a tile in pixels.
 _SMALLEST, _LARGEST = 16, 512
 
 _L = TypeVar("_L", np.uint8, np.bool_)
@@ -112,6 +113,7 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
         raise InputError(
             f"tiles: expected a TileSet, as load_tiles gives it, got {shorten(repr(tiles))}"
         )
+    # The first cell without a picture is named.
     for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
         code = int(grid[row, column])
         drawn = ", ".join(str(code) for code in tiles.rotations if code)
@@ -125,6 +127,7 @@ def plan_choice(grid: ArrayLike, tiles: TileSet) -> TileChoice:
             f"grid: expected tiles that the set {tiles.name!r} can draw (codes {drawn}), "
             f"got {code} ({KIND_OF[code]}) at row {row}, column {column}{remedy}"
         )
+    # The pictures are listed code by code, so that a first index and a number tell those of a cell.
     pictures: list[RotatedTile] = []
     first, count = np.zeros((2, 16), int)
     for code, draws in tiles.rotations.items():
@@ -267,12 +270,14 @@ def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray
 
 def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -> NDArray[np.int_]:
     """Returns row and column of the cells whose chosen tile does not show their code."""
+    # The table has the code that each picture shows in each rotation.
     shown = np.full((len(tiles.pictures), 4), -1)
     for code, draws in tiles.rotations.items():
         shown[tuple(np.array(draws).T)] = code
     known = (
         (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.pictures)) & (chosen[..., 1] < 4)
     )
+    # Indices beyond the table are looked up as 0, and count as misfits anyway.
     safe = np.where(known[..., None], chosen, 0)
     return np.argwhere(~known | (shown[safe[..., 0], safe[..., 1]] != grid))
 
@@ -329,6 +334,7 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
             f"pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got {pixels.dtype} {list(pixels.shape)}"
         )
     if pixels.ndim == 3:
+        # OpenCV writes blue first.
         swap = cv2.COLOR_RGB2BGR if pixels.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
         pixels = np.asarray(cv2.cvtColor(pixels, swap), pixels.dtype)
     return cv2.imencode(".png", pixels)[1].tobytes()
@@ -383,6 +389,7 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     layers: dict[str, list[NDArray[np.uint8]]] = {}
     for tile in tiles.pictures:
         masks = {name: _resize_mask(getattr(tile, name), size, name) for name in MASKS}
+        # Separators cover stop lines, and both cover the road, whose mask is its label, 1.
         labels = np.where(masks["yellow"], 3, np.where(masks["red"], 2, masks["road"])).astype(
             np.uint8
         )
@@ -433,6 +440,7 @@ def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bo
     half, area = cover >= 0.5, round(float(cover.sum()))
     if name not in ("red", "yellow") or not area or 0.75 * area <= half.sum() <= 1.33 * area:
         return half
+    # Rounding would tell equally covered pixels apart without the tolerance.
     return cover >= np.sort(cover, axis=None)[-area] - 1e-4
 
 

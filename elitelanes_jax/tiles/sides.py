@@ -10,13 +10,14 @@ from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.files import Tile
 
-# The strip along a side in which a separator begins.
+# The depth of the strip along a side, in tiles, in which a separator begins.
 _SEEN = 1 / 5
-# The depth of a separator that is measured: on a turn it leaves the middle further inside.
+# The depth of a separator that is measured, in tiles: on a turn it leaves the middle further
+# inside.
 _DASH = 1 / 24
 # The least brightness of white tape in even light.
 _WHITE = 130
-# The most tiles between the road's edge and the white line.
+# The largest distance between the road's edge and the white line, in tiles.
 _NEAR = 0.04
 
 
@@ -94,6 +95,7 @@ def _measure(
         dash = np.flatnonzero(yellow[rows[0] : rows[0] + max(1, round(_DASH * size))].any(axis=0))
         separator = float(dash[0] + dash[-1] + 1) / 2 / size
         half = float(np.median(yellow[rows].sum(axis=1))) / 2 / size
+    # White lines are measured in the outermost 1/64 of the tile.
     first = np.asarray(bright[: max(1, size // 64)].any(axis=0), np.bool_)
     white = (
         _white_line(first[: columns[0]][::-1], size),
@@ -103,11 +105,13 @@ def _measure(
         None if white[0] is None else start - white[0],
         None if white[1] is None else end + white[1],
     )
+    # A lane reaches from the edge of the separator to the edge of the road.
     return SideLines(letter, (start, end), separator, places, ((end - start) / 2 + half) / 2)
 
 
 def _white_line(beside: NDArray[np.bool_], size: int) -> float | None:
     """Returns how far from the road's edge the middle of a white line next to it is, in tiles; None without one."""
+    # The line begins at the first white pixel and ends before the next dark one.
     near = np.flatnonzero(beside[: max(1, round(_NEAR * size))])
     if not len(near):
         return None

@@ -23,6 +23,7 @@ _SIDE = 1000 * TAG_SIZE
 _CELL = _SIDE / 8
 # Readers of tags need a white margin of a cell.
 _CUT = _SIDE + 2 * _CELL
+# The columns and rows of tags on a page, the margin at the top, and the height of a caption.
 _COLUMNS, _ROWS, _TOP, _CAPTION = 2, 3, 22.0, 7.0
 # The length of a bar that tells whether the printer kept the size.
 _BAR = 100.0
@@ -59,6 +60,7 @@ def write_tags(road_map: UserValue, file: str | Path) -> int:
     content = io.BytesIO()
     with (
         rc_context({"pdf.fonttype": 42}),
+        # Without a date, equal maps give equal files.
         PdfPages(content, metadata={"CreationDate": None, "Title": "AprilTags of a map"}) as pages,
     ):
         for page in _pages(tags):
@@ -74,6 +76,7 @@ def _pages(tags: Sequence[tuple[int, str]]) -> Iterator[Untyped]:
     of_page = _COLUMNS * _ROWS
     for first in range(0, len(tags), of_page):
         page = Figure(figsize=(_A4[0] / 25.4, _A4[1] / 25.4), facecolor="white")
+        # The axes cover the page. Their unit is a millimetre, and y points down.
         ax = page.add_axes((0, 0, 1, 1))
         ax.set(xlim=(0, _A4[0]), ylim=(_A4[1], 0))
         ax.set_axis_off()
@@ -107,7 +110,7 @@ def _draw_tag(ax: Untyped, number: int, kind: str, left: float, top: float) -> N
                 closed=True,
             )
         )
-    # As one outline, because viewers show lines between shapes that touch.
+    # The squares are one outline, because viewers show lines between shapes that touch.
     ax.add_patch(PathPatch(Outline.make_compound_path(*squares), color="black", lw=0))
     words = f"{number}   {kind.removeprefix('sign_').replace('_', ' ')}"
     if kind == "sign_street_name" and number in STREET_NAMES:

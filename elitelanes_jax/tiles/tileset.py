@@ -71,12 +71,17 @@ _KEYS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "blend": (_is_truth_value, "blend to be true or false"),
     "lane_offset": (is_lane_offset, "lane_offset to be a number over 0 and under 0.5"),
 }
-# The least part of a side in road if a road reaches it.
+# The least part of a side that is road if a road reaches it.
 _TOUCHES = 0.1
 
 
 class RotatedTile(NamedTuple):
-    """A rotated tile of a set: its index in the set, and its quarter turns counter-clockwise."""
+    """A rotated tile of a set.
+
+    Attributes:
+      tile: the index of the tile in `TileSet.pictures`.
+      quarter_turns: the quarter turns counter-clockwise, 0 to 3.
+    """
 
     tile: int
     quarter_turns: int
@@ -149,6 +154,7 @@ class TileSet:
 @name_wrong_arguments
 def default_tiles() -> Path:
     """Returns the folder of the package's own tile set."""
+    # An installed package has the tiles next to this file. A checkout has them in its top folder.
     installed = Path(__file__).parent / "drawn"
     if installed.is_dir():
         return installed
@@ -204,6 +210,7 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
         for tile_name, mask, fault in misplaced_lines(tiles):
             problems.append(f"{folder / tile_name / mask}.png: {fault}")
     missing = _missing_kinds(tiles)
+    # A kind may be missing because its folder has an error.
     if missing and not problems:
         problems.append(
             f"{folder}: expected tiles of every kind a map needs (straight, turn, crossing3 or crossing4), "
@@ -271,6 +278,7 @@ def describe_tiles(tiles: TileSet) -> str:
         shares = ", ".join(f"{name} {share:.1%}" for name, share in tile.transparent.items())
         see_through = f", transparent: {shares}" if shares else ""
         lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels{see_through}")
+    # Empty cells, of code 0, are no pictures of the set.
     drawn = {code: len(draws) for code, draws in tiles.rotations.items() if code}
     lines.append(
         f"rotated, {sum(drawn.values())} pictures of the codes {', '.join(map(str, drawn))}"
@@ -334,13 +342,16 @@ def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
             f"{folder}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}"
             f"{_names_to_save(folder, missing)}"
         )
+    # All files are read, so that one call names all problems.
     image = read_image(folder / "image.png", problems)
     road = read_mask(folder / "road.png", image, problems)
     red = read_mask(folder / "red.png", image, problems)
     yellow = read_mask(folder / "yellow.png", image, problems)
     if image is None or road is None or red is None or yellow is None or len(problems) > before:
         return None
+    # Transparent pixels of the picture are ground, where no road is.
     opaque_road = road.pixels & image.opaque
+    # The code follows from the road. The folder's kind must have this code.
     reached = [side for side in SIDES if edge_pixels(opaque_road, side).mean() >= _TOUCHES]
     code = sum(side.bit for side in reached)
     kind = folder.name.rpartition("_")[0]

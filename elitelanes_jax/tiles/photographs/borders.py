@@ -24,7 +24,8 @@ ALONG = 24
 MOST_CONTRAST = 6.0
 """The contrast of a side whose colours all tell the tile from the floor."""
 
-# Tiles between the border by colours, which a shadow under the tile shifts, and the sharpest edge.
+# The largest distance between the border by colours, which a shadow under the tile shifts, and the
+# sharpest edge, in tiles.
 _SHARP_REACH = 0.015
 # The points of a side over which the sharpest edge is averaged.
 _PART = 8
@@ -41,22 +42,24 @@ _TAPE_DENSITY = -3.0
 _MOST_LIKELY = MOST_CONTRAST / 2
 # The width on both sides of a border, in tiles, whose colours are compared.
 _BESIDE = 0.04
-# Tiles on both sides of a border whose colours are no sample of the floor's or the tile's.
+# The distance on both sides of a border, in tiles, within which colours are no sample of the
+# floor's or the tile's.
 _BESIDE_REACH = 0.05
 # The least standard deviation of a floor's colours, in logarithms.
 _GRAIN = 0.01
-# Added to colours before their logarithm is taken, because noise is as large in dark pixels.
+# The grey levels that are added to colours before their logarithm is taken, because noise is as
+# large in dark pixels.
 _DARK = 8
 
 
 class Border(NamedTuple):
-    """Points ``[S, A, 2]`` in tiles on the outer sides, the directions ``[S, 1, 2]`` out, and the border's offsets.
+    """How far outside of the sides of tiles the border is seen, at A points of each of S sides.
 
     Attributes:
-      points: points on the outer sides, in tiles.
-      outwards: the directions out, of length 1.
-      offsets: the offset of the border at each point, ``[S, A]``, in tiles outwards; NaN where no
-        border is seen.
+      points: float ``[S, A, 2]``, points on the outer sides, x and y in tiles.
+      outwards: float ``[S, 1, 2]``, the directions out of the tiles, of length 1.
+      offsets: float ``[S, A]``, the offset of the border at each point, in tiles outwards; NaN
+        where no border is seen.
     """
 
     points: Points
@@ -83,6 +86,7 @@ def contrasts(image: NDArray[np.uint8], view: View, sides: Sides) -> NDArray[np.
     on both sides.
     """
     reach = _BESIDE_REACH
+    # The places across a side go from outside to inside.
     steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
     inside, outside = (steps < 0) & (steps > -_BESIDE), (steps > 0) & (steps < _BESIDE)
     medians = []
@@ -101,6 +105,7 @@ def _profiles(
     """
     middles, outwards = (np.array(part, float)[:, None] for part in zip(*sides, strict=True))
     count = _FINE * ALONG
+    # A direction out of the tile with swapped coordinates points along the side.
     along = (np.arange(count) + 0.5)[None, :, None] / count - 0.5
     places = middles + along * outwards[..., ::-1]
     across = places[:, :, None] + steps[:, None] * outwards[:, :, None]
@@ -137,7 +142,10 @@ def _likelihoods(
     floor = colours[:, steps > reach].reshape(-1, 3)
     tile = colours[:, steps < -reach].reshape(-1, 3)
     value = tile.max(axis=1)
+    # Tape is brighter than asphalt. The sample of asphalt is near the darkest quarter of the tile's
+    # colours.
     asphalt = tile[value < np.percentile(value, 25) + 0.35]
+    # A pixel of the tile is asphalt, or anything else with the same small density at all colours.
     inside = np.logaddexp(_log_density(colours, asphalt), _TAPE_DENSITY)
     return np.clip(inside - _log_density(colours, floor), -_MOST_LIKELY, _MOST_LIKELY)
 
@@ -145,8 +153,10 @@ def _likelihoods(
 def _log_density(colours: NDArray[np.float64], sample: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the logarithm of the normal density of a sample ``[N, 3]`` at colours ``[..., 3]``."""
     mean = np.median(sample, axis=0)
+    # Specks in the sample would widen the density. Therefore its farthest tenth is left out.
     distance = np.abs(sample - mean).sum(axis=1)
     core = sample[distance <= np.percentile(distance, 90)]
+    # The factor makes up for the tenth that is left out. For normal colours 1.23 would do so.
     covariance = np.cov(core.T) * 1.3 + np.eye(3) * _GRAIN**2
     away = colours - mean
     square = np.einsum("...i,ij,...j->...", away, np.linalg.inv(covariance), away)
@@ -162,19 +172,25 @@ def _separate(
     """
     points = np.arange(len(likely))
     inner = np.flatnonzero(np.abs(steps) <= reach)
-    # A border before a step has the likelihoods after it inside. A constant is left out.
+    # The gain of a border before a step is the sum of the likelihoods after it, which are inside. A
+    # constant is left out.
     gain = -np.cumsum(likely, axis=1)[:, inner - 1]
     share = (points + 0.5) / len(points)
+    # Lines lead from every second place at one end of the side to every second place at the other
+    # end.
     ends = np.arange(0, len(inner), 2)
     lines = np.rint(ends[:, None, None] * (1 - share) + ends[:, None] * share).astype(int)
     best_line = np.unravel_index(int(gain[points, lines].sum(axis=-1).argmax()), lines.shape[:2])
+    # A border need not be straight. Each point may leave the best line by a few steps, with the
+    # gains of its neighbours.
     smooth = cv2.GaussianBlur(gain, (1, 5), 0, borderType=cv2.BORDER_REPLICATE)
     width = max(2, round(0.01 / _STEP))
     window = np.clip(lines[best_line][:, None] + np.arange(-width, width + 1), 0, len(inner) - 1)
     near = np.take_along_axis(smooth, window, 1)
     best = near.argmax(axis=1)
     place = window[points, best]
-    # A side that is off by more than the reach moves by the reach, and is looked for again.
+    # A maximum at the end of the window is no border, except at the reach: a side that is off by
+    # more moves by the reach, and is looked for again.
     is_seen = ((best > 0) & (best < 2 * width)) | (place == 0) | (place == len(inner) - 1)
     return np.where(is_seen, steps[inner[place]] + _STEP, np.nan)
 
@@ -185,6 +201,8 @@ def sharpest_border(image: NDArray[np.uint8], view: View, sides: Sides) -> Borde
     part = (1, _FINE * _PART + 1)
     offsets = []
     for colours in contrasting:
+        # The mean along the side is taken first, because no edge is seen at single points of a dark
+        # floor.
         mean = cv2.blur(colours, part, borderType=cv2.BORDER_REPLICATE)[_FINE // 2 :: _FINE]
         offsets.append(_sharpest(mean, steps))
     return Border(points, outwards, np.array(offsets))
@@ -197,6 +215,7 @@ def shadow_width(image: NDArray[np.uint8], view: View, sides: Sides, reach: floa
     the largest nearby.
     """
     _, _, steps, contrasting = _contrasting_profiles(image, view, sides)
+    # One edge for all sides averages over the noise of single points.
     edge = _sharpest(contrasting.mean(axis=(0, 1))[None], steps)[0]
     offsets = colour_border(image, view, sides, reach).offsets
     seen = np.isfinite(offsets)
@@ -211,6 +230,8 @@ def _contrasting_profiles(
     points, outwards, colours = _profiles(image, view, sides, steps)
     for side in range(len(sides)):
         floor = colours[side][:, steps > _SHARP_REACH + 0.02].reshape(-1, 3)
+        # After this product the floor's colours are uncorrelated and vary by about 1. A difference
+        # then counts by how rare it is on the floor.
         colours[side] = colours[side] @ np.linalg.cholesky(
             np.linalg.inv(np.cov(floor.T) + np.eye(3) * _GRAIN**2)
         )
@@ -225,6 +246,7 @@ def _sharpest(colours: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArr
     best = inner[change[:, inner].argmax(axis=1)]
     index = np.arange(len(colours))
     left, here, right = (change[index, best + shift] for shift in (-1, 0, 1))
+    # A parabola through three changes places the largest one between the steps.
     bow = np.maximum(2 * here - left - right, 1e-6)
     place = steps[best] - _STEP / 2 - np.clip((right - left) / (2 * bow), -1, 1) * _STEP
     return np.where((best > inner[0]) & (best < inner[-1]), place, np.nan)

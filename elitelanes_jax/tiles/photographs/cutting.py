@@ -21,19 +21,20 @@ from elitelanes_jax.tiles.photographs.views import flatten, places_of
 from elitelanes_jax.tiles.rendering import write_png
 from elitelanes_jax.tiles.tileset import MASKS
 
-# The least and the largest side of a picture; between them, what the photograph has.
+# The least and the largest side of a cut picture in pixels. Between them, the side is that in the
+# photograph.
 _SIZES = (128, 512)
 # The side of a tile, in pixels, at which pictures are compared.
 _COMPARED_PX = 96
-# Fewer pixels of bare ground do not tell pictures apart.
+# The least number of pixels of bare ground by which pictures are compared.
 _LEAST_COMPARED = 100
-# The correlation of the ground from which on two pictures show the same tile.
+# The correlation of the ground above which two pictures show the same tile.
 _COPY = 0.2
-# The distance from a side, in tiles, within which the tape of a neighbour lies.
+# The distance from a side, in tiles, within which the tape of a neighbour is seen.
 _RIM = 0.03
 # The hues of red tape, as OpenCV counts them.
 _RED_HUES = (165, 10)
-# The saturation of red tape that is mixed with what is beside it.
+# The least saturation of red tape that is mixed with what is beside it.
 _REDDISH = 70
 
 
@@ -78,9 +79,11 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
     codes, sure = np.array(proposal.codes), np.array(proposal.sure)
     rows, columns = codes.shape
     seen = proposal.view.tile_pixels(rows, columns)
+    # The side is a multiple of 32 pixels.
     tile_px = int(np.clip(round(seen / 32) * 32, *_SIZES))
     cuts: list[Cut] = []
     for row, column in np.argwhere((codes > 0) & (sure >= SURE)).tolist():
+        # Each pixel is the mean of four samples.
         places = places_of(1, 1, 2 * tile_px, 0) + np.array([column, row])
         large = flatten(photograph.image, proposal.view, places, 2 * tile_px)
         image = np.asarray(
@@ -107,6 +110,7 @@ def likeness(cut: Cut, code: int, image: NDArray[np.uint8]) -> float:
     ground, bare = _texture(cut.code, cut.image)
     other, other_bare = _texture(code, image)
     best = 0.0
+    # Kinds with symmetries have several rotations that agree with a code.
     for turns in _turns_to_first(KINDS[KIND_OF[code]][0]):
         both = bare & np.rot90(other_bare, turns)
         if both.sum() > _LEAST_COMPARED:
@@ -122,8 +126,10 @@ def _texture(code: int, image: NDArray[np.uint8]) -> tuple[NDArray[np.float32], 
         cv2.resize(turned, (_COMPARED_PX,) * 2, interpolation=cv2.INTER_AREA), np.uint8
     )
     value = np.log(small.max(axis=2).astype(np.float32) + 4)
+    # Tape and pixels near it differ between kinds, and not between tiles of a kind.
     tape = value > np.log(ground_of(small, _COMPARED_PX)) + 0.3
     bare = cv2.erode((~tape).astype(np.float32), np.ones((9, 9)), borderValue=0)
+    # The local mean of bare ground is its light. What is left is the texture of the asphalt.
     mean = cv2.GaussianBlur(value * bare, (0, 0), 3) / np.maximum(
         cv2.GaussianBlur(bare, (0, 0), 3), 1e-3
     )
@@ -150,6 +156,7 @@ def _without_red_rim(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     inside = cv2.copyMakeBorder(image[rim:-rim, rim:-rim], rim, rim, rim, rim, cv2.BORDER_REPLICATE)
     hue, saturation, _ = np.moveaxis(cv2.cvtColor(in_daylight(image), cv2.COLOR_RGB2HSV), -1, 0)
     is_red = ((hue >= _RED_HUES[0]) | (hue <= _RED_HUES[1])) & (saturation >= _REDDISH)
+    # The pixels next to red ones are mixed with red.
     is_red = cv2.dilate(is_red.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     is_red[rim:-rim, rim:-rim] = False
     return np.where(is_red[..., None], inside, image)

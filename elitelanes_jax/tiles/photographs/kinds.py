@@ -35,14 +35,16 @@ _COLOURED = 0.25
 _CONTRAST = 0.25
 # Within this margin the tape of the neighbours is not seen.
 _INSIDE_PX = MARGIN_PX + READ_PX // 8
+# The rounds of belief propagation. A message gets to the next cell in each.
 _ROUNDS = 12
 # A cell shows its kind to the others if its code has this correlation, better than others by this
 # much. Photographs of turns that were misread as ends had at most 0.44.
 _CLEAR, _CLEARER = 0.5, 0.05
 # A code that is better by this much is believed whatever the neighbours are.
 _PLAIN = 0.25
-# What a correlation with another cell counts less. Photographs of a kind have 0.75 to 1 with each
-# other; crossings of three and four ways have up to 0.87, straights and ends 0.69, others 0.53.
+# The difference that is taken off a correlation with another cell. Photographs of a kind have 0.75
+# to 1 with each other; crossings of three and four ways have up to 0.87, straights and ends 0.69,
+# others 0.53.
 _OWN_LESS = 0.15
 # The most pictures of each code that cells are compared with.
 _MOST_PICTURES = 3
@@ -115,6 +117,7 @@ def _correlate(
     templates = _templates(tiles)
     floor = _without_light(flat)
     scores = np.full((rows, columns, 16), -1.0)
+    # Cells of a floor may have no tile, but a single tile is there.
     if rows * columns > 1:
         scores[..., 0] = _EMPTY
     for row, column in np.ndindex(rows, columns):
@@ -184,6 +187,7 @@ def _handed(flat: NDArray[np.uint8], scores: NDArray[np.float64], tiles: TileSet
         cell = _cell(floor, row, column)
         right = scores[row, column, is_crossing].max()
         wrong = max((_most_alike(cell, template) for template in mirrored), default=-1.0)
+        # Only cells that are clearly crossings count, mirrored or not.
         if max(right, wrong) > max(_CLEAR, scores[row, column, ~is_crossing].max()):
             differences.append(right - wrong)
     return float(np.mean(differences)) if differences else 1.0
@@ -223,6 +227,7 @@ def _shows_no_tile(flat: NDArray[np.uint8], scores: NDArray[np.float64]) -> NDAr
     for row, column in np.ndindex(*contrasts.shape):
         cell = _cell(floor, row, column)
         inside = cell[_INSIDE_PX:-_INSIDE_PX, _INSIDE_PX:-_INSIDE_PX].reshape(-1, 3)
+        # Lines are the brightest part of a cell, and the ground is its median.
         bright, middle = np.percentile(inside, (96, 50), axis=0)
         contrasts[row, column] = (bright - middle).max()
     crossing = scores[..., CONNECTIONS >= 3].max(axis=-1)
@@ -235,6 +240,7 @@ def _without_light(flat: NDArray[np.uint8]) -> NDArray[np.float32]:
     relative = (flat.astype(np.float32) + 4) / ground_of(flat, READ_PX)[..., None]
     red, green, blue = np.moveaxis(relative, -1, 0)
     bright = np.clip(np.maximum(np.maximum(red, green), blue), 0, 3)
+    # Red exceeds both other channels in red tape. Red and green exceed blue in yellow tape.
     parts = [
         bright,
         _CHROMA * np.clip(red - np.maximum(green, blue), 0, 2),
@@ -261,11 +267,15 @@ def _agree(scores: NDArray[np.float64]) -> NDArray[np.float64]:
             is_open = (codes & side.bit) > 0
             opened = belief[..., is_open].max(axis=-1)
             closed = belief[..., ~is_open].max(axis=-1)
+            # A road that ends at a side costs the same, whichever of the two cells it is in.
             if_open = np.maximum(opened, closed - _DISAGREE)
             if_closed = np.maximum(closed, opened - _DISAGREE)
+            # Only differences between codes count. Therefore the best message is 0.
             best = np.maximum(if_open, if_closed)
             faces = (codes & side.opposite) > 0
             message = np.where(faces, (if_open - best)[..., None], (if_closed - best)[..., None])
+            # The message goes to the neighbour on this side. Cells at the border get what the
+            # outside sends instead.
             moved = np.roll(message, (side.down, side.right), (0, 1))
             edge = [slice(None), slice(None)]
             edge[0 if side.down else 1] = (

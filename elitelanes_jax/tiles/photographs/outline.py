@@ -17,7 +17,7 @@ from elitelanes_jax.tiles.photographs.views import Points
 _SEARCH_PX = 400
 # The most edges of an outline that may be sides of the quadrangle.
 _MOST_EDGES = 12
-# The pixels by which two guesses differ at least.
+# The least difference of two guesses, in pixels of the small photograph.
 _SAME = 6
 # The least part of a photograph that tiles cover.
 _LEAST = 0.03
@@ -42,12 +42,14 @@ def _unlike_border(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = small.shape[:2]
     lab = cv2.cvtColor(small, cv2.COLOR_RGB2LAB).astype(np.float32).reshape(-1, 3)
     y, x = np.mgrid[0:height, 0:width]
+    # A plane for each channel fits the light of the photograph's border.
     plane = np.stack([np.ones(lab.shape[0]), x.ravel() / width, y.ravel() / height], axis=1)
     rim = max(3, min(height, width) // 40)
     edge = np.ones((height, width), bool)
     edge[rim:-rim, rim:-rim] = False
     light, *_ = np.linalg.lstsq(plane[edge.ravel()], lab[edge.ravel()], rcond=None)
     away = np.linalg.norm(lab - plane @ light, axis=1).reshape(height, width)
+    # What is farther from the plane than nearly all of the border is likely to be a tile.
     likely = away > np.percentile(away[edge], 97) + 6
     labels = np.where(likely, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     labels[edge] = cv2.GC_BGD
@@ -69,6 +71,7 @@ def _unlike_border(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def _dark(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Separates the darker part of the photograph, without its light."""
     value = small.max(axis=2).astype(np.float32) + 4
+    # The light is the brightest value nearby, smoothed.
     light = cv2.GaussianBlur(cv2.dilate(value, np.ones((25, 25), np.uint8)), (0, 0), 60)
     relative = np.clip(value / light * 200, 0, 255).astype(np.uint8)
     return np.asarray(
@@ -79,6 +82,7 @@ def _dark(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def _tape(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Separates thin lines that are brighter than what is around them."""
     value = small.max(axis=2).astype(np.float32) + 4
+    # The opening removes lines that are narrower than 9 pixels.
     ground = cv2.morphologyEx(value, cv2.MORPH_OPEN, np.ones((9, 9), np.uint8))
     return (value > 1.4 * cv2.GaussianBlur(ground, (0, 0), 3)).astype(np.uint8)
 
@@ -86,6 +90,7 @@ def _tape(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def _other_colour(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Separates what has another hue than the photograph's border, in light and shadow: grey asphalt on a floor."""
     logs = np.log(cv2.GaussianBlur(small, (0, 0), 2).astype(np.float32) + 4)
+    # Quotients of channels are the same in light and shadow.
     hue = logs[..., [0, 2]] - logs[..., [1]]
     rim = max(3, min(small.shape[:2]) // 20)
     edge = np.concatenate(
@@ -101,6 +106,7 @@ def _other_colour(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
     """Returns the corners of the smallest quadrangle around the largest piece of a mask, None if there is none."""
+    # Gaps are closed and holes filled. Then specks and thin strips are removed.
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((17, 17), np.uint8))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)
@@ -111,18 +117,23 @@ def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
     hull = cv2.convexHull(max(outlines, key=cv2.contourArea))
     if cv2.contourArea(hull) < _LEAST * mask.size:
         return None
+    # The sides of the quadrangle are on the longest edges of the hull, in their order around it.
     edges = cv2.approxPolyDP(hull, 0.006 * cv2.arcLength(hull, True), True)[:, 0].astype(np.float64)
     ends = np.roll(edges, -1, axis=0)
     longest = np.sort(np.argsort(-np.linalg.norm(ends - edges, axis=1))[:_MOST_EDGES])
     one = np.ones((len(longest), 1))
+    # In homogeneous coordinates, the cross product of two points is their line, and that of two
+    # lines is their point.
     lines = np.cross(np.hstack([edges[longest], one]), np.hstack([ends[longest], one]))
     best = None
     for chosen in combinations(range(len(longest)), 4):
         meet = np.cross(lines[list(chosen)], lines[[*chosen[1:], chosen[0]]])
+        # Parallel edges do not meet.
         if (np.abs(meet[:, 2]) < 1e-9).any():
             continue
         quad = (meet[:, :2] / meet[:, 2:]).astype(np.float32)
         area = cv2.contourArea(quad)
+        # The whole hull has to be inside, except for 3 pixels.
         around = all(
             cv2.pointPolygonTest(quad, tuple(map(float, point)), True) > -3 for point in edges
         )

@@ -138,7 +138,8 @@ _LIMITS: dict[str, dict[str, _Limit]] = {
     },
 }
 
-# With a larger spread, in tiles, the border does not tell the corners: cells or colours do.
+# The largest spread in tiles with which the border tells the corners. With a larger one, cells or
+# colours do.
 _BORDER_TELLS = 0.002
 # A floor of square tiles whose border is seen on all sides, at this share of points at least, is in
 # its place even if its tiles differ, as hand-taped tiles do.
@@ -150,12 +151,19 @@ _DIFFER = 0.03
 # Where no border is seen at single points, corners were off by 1.5 % at a spread of 0.52 %.
 _UNSEEN = 0.15
 _SPREAD_IF_UNSEEN = 0.0045, -0.0004
-# Of 255: programs that save a grey picture in colours may round its channels to different levels.
+# The largest difference of the channels of a grey picture, in levels. Programs that save it in
+# colours may round its channels to different levels.
 _GREY = 4
 
 
 class _Start(NamedTuple):
-    """A guess of a view, and how much the cells look like tiles in it."""
+    """A guess of a view.
+
+    Attributes:
+      support: the mean correlation of the cells with pictures of their codes, up to 1.
+      view: the guessed view of the floor.
+      codes: int8 ``[H, W]``, the codes of the floor in this view; 0 is a cell without a tile.
+    """
 
     support: float
     view: View
@@ -220,12 +228,14 @@ def propose_tiles(
         ignored.add("out_of_square")
     if not fit:
         ignored.add("contrast")
+    # The guesses in which cells look most like tiles are fitted first.
     starts.sort(key=lambda start: -start.support)
     proposals = []
     for start in starts[: _STARTS if fit else 1]:
         if fit:
             fitted, kinds = _fit(image, start, shape, tiles, is_map=codes is not None)
         else:
+            # Exact corners have nearly no spread, and all of their border counts as seen.
             fitted = Fit(start.view, np.eye(9) * 1e-7, 1.0, np.ones(4))
             kinds = _read(image, fitted.view, shape, tiles, within=True)
         proposals.append(_proposal(photograph, fitted, kinds, codes, ignored))
@@ -296,6 +306,7 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
     if points.shape != (4, 2) or not np.isfinite(points).all():
         raise InputError(f"corners: expected four points x, y, got {list(points.shape)}")
     height, width = photograph.image.shape[:2]
+    # Corners may be outside of the photograph by 2 % of its width.
     outside = (points < -0.02 * width) | (points > np.array([width, height]) + 0.02 * width)
     if outside.any():
         size = f"{width} x {height} pixels"
@@ -303,6 +314,7 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
             size += f" at 1/{photograph.shrunk} of the file's size"
         raise InputError(f"corners: expected points within {photograph.name}, {size}")
     x, y = points.T
+    # In pixels, whose y points down, corners in clockwise order have a positive area.
     area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
     if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:
         raise InputError(
@@ -322,6 +334,7 @@ def _out_of_square(view: View) -> float:
     unknown; the usual one that fits best counts.
     """
     middle = np.array([[1, 0, -(view.width - 1) / 2], [0, 1, -(view.height - 1) / 2], [0, 0, 1.0]])
+    # These are a tile's sides in space, except that x and y are multiplied by the focal length.
     across, down = (middle @ view.homography)[:, :2].T
     focal = view.width * _FOCAL[:, None]
     across, down = (
@@ -345,8 +358,11 @@ def _starts(
     if shape == (1, 1):
         quads = [quad]
     elif codes is not None:
+        # A map may be laid in each of the four directions.
         quads = [np.roll(quad, -turn, axis=0) for turn in range(4)]
     else:
+        # Rows may run along either pair of sides. Of the two other directions, the one that begins
+        # nearer to the top left counts.
         turned = np.roll(quad, -1, axis=0)
         upright = min(turned, np.roll(turned, -2, axis=0), key=lambda corners: corners[0].sum())
         quads = [quad] if rows == columns else [quad, upright]
@@ -355,6 +371,7 @@ def _starts(
         for inset in (0.0, _TAPE_INSET) if found and shape != (1, 1) else (0.0,):
             view = view_of(corners, rows, columns, image.shape[1], image.shape[0])
             if inset:
+                # If the guess ends at the white lines, the border is outside of it.
                 low, right, bottom = -inset, columns + inset, rows + inset
                 outer = np.array([[low, low], [right, low], [right, bottom], [low, bottom]])
                 view = view_of(view.pixels_of(outer), rows, columns, view.width, view.height)
@@ -413,6 +430,8 @@ def _proposal(
         evidence["contrast"] = float(contrasts(photograph.image, fit.view, SIDES_OF_TILE).min())
     else:
         evidence["border"] = float(fit.border.min()) if len(fit.border) else 0.0
+    # A margin of 0.06 makes a kind sure by one half. A kind that differs from the map is not sure
+    # at all.
     sure = np.where(laid == kinds.codes, np.vectorize(_sigmoid)((kinds.margins - 0.06) / 0.02), 0.0)
     score, advice = _judge(evidence, "tile" if laid.size == 1 else "floor", ignored)
     return Proposal(
@@ -451,6 +470,7 @@ def _judge(evidence: dict[str, float], kind: str, ignored: Collection[str]) -> t
     weakest = min(sures, key=lambda name: sures[name])
     # Nothing else counts where there are no tiles at all, except that mirrored tiles look like none.
     reason = next((name for name in ("handed", "alike") if sures[name] < SURE), weakest)
+    # In a product, each measurement alone can refuse the proposal.
     return float(np.prod(list(sures.values()))), limits[reason].advice
 
 

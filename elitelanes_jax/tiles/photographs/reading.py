@@ -16,15 +16,16 @@ from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import MIB, read_bytes, read_text
 from elitelanes_jax.tiles.files import decode_png
 
+# The most bytes of a file.
 _MOST_BYTES = 128 * MIB
 # The most pixels of a JPEG, which can be read at an eighth of its size.
 _MOST_PIXELS = 200e6
 # JPEGs of more pixels are read at a half, a quarter or an eighth of their size.
 _MOST_READ = 26e6
-# In pixels: in smaller pictures a tile's lines are not seen.
+# The least side in pixels. In smaller pictures a tile's lines are not seen.
 _LEAST_SIDE = 200
 _WORDS = "expected a photograph, a JPEG or PNG file"
-# By how many times smaller than its picture a file is read.
+# The flag that reads a file at a part of its size, by how many times smaller its sides become.
 _READ_FLAGS = {
     1: cv2.IMREAD_COLOR,
     2: cv2.IMREAD_REDUCED_COLOR_2,
@@ -58,6 +59,8 @@ class Photograph(NamedTuple):
 
     def pixels_of(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns where pixels ``[N, 2]`` of the file's picture are in `image`."""
+        # Whole numbers are the centres of pixels. Therefore half a pixel is added before sizes are
+        # divided.
         pixels = (np.asarray(points, np.float64) + 0.5) / self.shrunk - 0.5
         return pixels if self.lens is None else self.lens.scaled(self.image).straighten(pixels)
 
@@ -128,6 +131,7 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
         raise InputError(
             f"{file}: expected a photograph of at least {_LEAST_SIDE} pixels a side, got {got}"
         )
+    # A JPEG file has no transparency.
     if not _is_jpeg(content) and _is_transparent(content):
         raise InputError(
             f"{file}: expected a photograph without transparent pixels, which hide colours; save it as JPEG"
@@ -220,6 +224,8 @@ def read_lens(file: str | Path) -> Lens:
         raise InputError(
             f"{file}: camera_matrix: expected focal lengths over 0, got {matrix[0, 0]:g} and {matrix[1, 1]:g}"
         )
+    # OpenCV's model of a fisheye lens has four coefficients. Its other model has any of these
+    # numbers.
     distortion = _numbers(
         file, values, "distortion_coefficients", (4,) if fisheye else (4, 5, 8, 12, 14)
     )
@@ -244,6 +250,8 @@ def _numbers(file: Path, values: dict, name: str, lengths: tuple[int, ...]) -> N
 
 def _is_transparent(content: bytes) -> bool:
     """Whether a PNG file has pixels that are not opaque."""
+    # Byte 25 is the type of colours: types 4 and 6 have opacity. Other files may declare colours
+    # transparent in tRNS.
     has_alpha = content[25] in (4, 6)
     if not has_alpha and b"tRNS" not in content:
         return False
@@ -254,6 +262,7 @@ def _is_transparent(content: bytes) -> bool:
 
 
 def _png_size(content: bytes) -> tuple[int, int]:
+    # The header has four bytes for the width, and then four for the height.
     return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
 
 
@@ -263,7 +272,8 @@ def _jpeg_size(content: bytes) -> tuple[int, int] | None:
     while (marker := _MARKER.search(content, position)) is not None:
         kind, position = marker[1][0], marker.end()
         if kind in _FRAME_MARKERS:
-            # After the length of the header, in two bytes, and the number of bits of a colour.
+            # The sides follow the length of the header, in two bytes, and the number of bits of a
+            # colour, in one.
             height, width = (
                 content[position + 3 : position + 5],
                 content[position + 5 : position + 7],

@@ -29,38 +29,43 @@ from elitelanes_jax.tiles.photographs.views import Points, View, flatten, floor_
 
 Field = NDArray[np.float32]
 
-# Pixels of a tile, search of the border in tiles, iterations.
+# The sizes of the fit, from coarse to fine: pixels of a tile, reach of the border in tiles, and
+# most rounds.
 _STEPS = ((24, 0.14, 6), (48, 0.06, 5), (64, 0.03, 5))
-# The tiles around the floor that the border's colours are read from.
+# The width around the floor, in tiles, that the border's colours are read from.
 _MARGIN = 0.4
-# An edge has at least this many times the change of colour in the floor's texture.
+# The least change of colour at an edge, as a multiple of that in the floor's texture.
 _CLEAR = 4.0
-# Tiles outside of the search in which the floor's colour is measured: light differs further away.
+# The width of the ring outside of the search, in tiles, in which the floor's colour is measured.
+# Light differs further away.
 _RING = 0.16
-# The standard deviations of the floor's colour from which on a colour is another one.
+# The distance from the floor's colour, in standard deviations, above which a colour is another one.
 _AWAY = 4.0
-# The tiles by which points of a sharp border deviate from a line.
+# The deviation of the points of a sharp border from a line, in tiles.
 _EDGE_NOISE = 0.0015
-# Pixels that count as one measurement, because texture and tape are larger than a pixel.
+# The number of pixels that count as one measurement, because texture and tape are larger than a
+# pixel.
 _GRAIN = 1000.0
-# Tiles: cells that tell the corners with a larger standard deviation do not judge the border.
+# The largest standard deviation of the corners, in tiles, with which cells judge the border.
 _VAGUE = 0.01
-# Tiles between a border and where cells have it, from which it is none: cells are right within
-# 0.007.
+# The distance between a border and where cells have it, in tiles, from which on it is none. Cells
+# are right within 0.007.
 _CONFLICT = 0.011
-# Tiles: the standard deviation of the corners to which the border by colours adds nothing.
+# The largest standard deviation of the corners, in tiles, to which the border by colours adds
+# nothing.
 _EXACT = 0.003
-# Reach in tiles, whether a shadow is taken off.
+# The steps of the fit by colours: the reach in tiles, and whether a shadow is taken off.
 _COLOUR_STEPS = ((0.04, False), (0.02, True), (0.02, True))
-# Tiles by which a border by colours deviates: six points of a side count as independent.
+# The deviation of a border by colours, in tiles. Six points of a side count as independent.
 _COLOUR_NOISE = 0.01
 # The rounds of Gauss and Newton's method at each reach.
 _COLOUR_ROUNDS = 3
 # The least contrast, of 6, of a side whose border is looked for by colours.
 _CLEAR_COLOURS = 2.5
-# It holds what nothing measures within a fifth of the floor.
+# The weight of the first guess. Parameters that nothing measures stay within a standard deviation
+# of 0.2, in the units of `_basis`.
 _WEAK = 25.0
-# After a smaller change, in tiles, no further one is made at the same size.
+# The least change, in tiles, after which a further one is made at the same size.
 _STILL = 3e-4
 # The usual radial distortion of a lens.
 _BEND = 0.06
@@ -68,7 +73,7 @@ _BEND = 0.06
 _STEP = 1 / 160
 # The distance within which a point is on the border, in tiles.
 _ON_BORDER = 0.008
-# In smaller tiles of a photograph, in pixels, nothing is seen.
+# The least side of a tile in a photograph, in pixels. In smaller tiles nothing is seen.
 _LEAST_PX = 16
 _RIGHT, _DOWN = np.eye(2)
 
@@ -101,8 +106,10 @@ def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8]) -> F
     """
     groups = _groups(codes)
     fit = Fit(view, np.eye(9), 0.0, np.zeros(4))
+    # Small pictures reach far, and large ones are exact.
     for tile_px, reach, rounds in _STEPS:
         fit = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.ones(4, bool))
+    # Cells alone fit the view a second time, to check the border.
     alone = _refine(image, fit, codes, groups, tile_px, reach, rounds, np.zeros(4, bool))
     cells_tell = largest_spread(alone, *codes.shape) <= _VAGUE
     if cells_tell:
@@ -114,6 +121,7 @@ def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8]) -> F
     if largest_spread(fit, *codes.shape) <= _EXACT:
         return fit
     coloured = _fit_colours(image, fit, codes, groups)
+    # The fit that tells the corners better is returned.
     return min(fit, coloured, key=lambda candidate: largest_spread(candidate, *codes.shape))
 
 
@@ -140,6 +148,8 @@ def _fit_colours(
     tile_px = _STEPS[-1][0]
     for reach, has_shadow in _COLOUR_STEPS:
         sides = _clear_sides(image, fit.view, codes)
+        # A shadow under the tiles moves the border by colours outwards. If its width is unknown,
+        # this border does not count.
         shadow = shadow_width(image, fit.view, sides, reach) if sides and has_shadow else 0.0
         if not sides or np.isnan(shadow):
             return fit_by_edges
@@ -178,6 +188,8 @@ def _refine(
     """Takes Gauss-Newton steps at one size, with the borders to the north, east, south and west that are trusted."""
     rows, columns = codes.shape
     for _ in range(rounds):
+        # Each round begins with what is known before, and adds the cells and the trusted borders at
+        # the view so far.
         matrix, vector = begin_equations(fit.view)
         alike = _add_cells(matrix, vector, image, fit.view, codes.shape, groups, tile_px)
         border = _add_border(matrix, vector, image, fit.view, codes, reach, trusted)
@@ -251,7 +263,14 @@ def tape_of(flat: NDArray[np.uint8], tile_px: int) -> Field:
 
 
 class _Seen(NamedTuple):
-    """A cell of a kind: its row and column, and the quarter turns that bring it to the kind's first code."""
+    """A cell of a kind.
+
+    Attributes:
+      row: the row of the cell on the floor, from 0.
+      column: the column of the cell on the floor, from 0.
+      turns: the quarter turns counter-clockwise that bring the cell to the first code of its kind;
+        several for kinds with symmetries.
+    """
 
     row: int
     column: int
@@ -291,6 +310,8 @@ def _basis(view: View, places: Points, rows: int, columns: int) -> NDArray[np.fl
         (u * v, v * v),
     ]
     basis = np.stack([np.stack(move, axis=-1) * half for move in moves])
+    # The lens moves points in pixels. Solved by the derivative of the view, which is measured over
+    # a small step, the movement is in tiles.
     step = 1e-3
     right = (view.pixels_of(places + step * _RIGHT) - view.pixels_of(places - step * _RIGHT)) / (
         2 * step
@@ -306,6 +327,7 @@ def _moved_view(view: View, change: NDArray[np.float64], rows: int, columns: int
     """Applies a change of the parameters of `_basis`."""
     a, b, c, d, e, f, g, h = change[:8]
     small = np.array([[1 + b, c, a], [e, 1 + f, d], [-g, -h, 1]])
+    # The change is a homography of the floor in coordinates from -1 to 1.
     unit = np.array([[2 / columns, 0, -1], [0, 2 / rows, -1], [0, 0, 1]])
     homography = view.homography @ np.linalg.inv(unit) @ small @ unit
     return view._replace(homography=homography / homography[2, 2], radial=view.radial + change[8])
@@ -330,6 +352,7 @@ def _add_cells(
     places = places_of(rows, columns, tile_px, 0)
     tape = tape_of(flatten(image, view, places, tile_px), tile_px)
     basis = _basis(view, places, rows, columns)
+    # The first layer is the picture, and nine others are its derivatives by the parameters.
     down, right = np.gradient(tape)
     moves = (basis[..., 0] * right + basis[..., 1] * down) * tile_px
     layers = np.concatenate([tape[None], moves]).astype(np.float32)
@@ -343,6 +366,7 @@ def _add_cells(
             ]
             for cell in cells
         ]
+        # A cell is turned to the first code of its kind, in each way that does so.
         turned = [
             [np.rot90(window, turn, (1, 2)) for turn in cell.turns]
             for cell, window in zip(cells, windows, strict=True)
@@ -350,12 +374,17 @@ def _add_cells(
         total, count = sum(sum(pictures) for pictures in turned), sum(map(len, turned))
         for pictures in turned:
             for picture in pictures:
+                # A picture is compared with the mean of all others, so that it is not compared with
+                # itself.
                 others = (total - picture) / (count - 1)
+                # A cell with several rotations counts as one.
                 away.append((picture - others).reshape(10, -1) / np.sqrt(len(pictures)))
                 means.append(others[0].ravel())
     rest = np.concatenate(away, axis=1)
     mean = np.concatenate(means)
+    # In normal noise, 1.48 times the median of absolute values is the standard deviation.
     scale = max(1.48 * float(np.median(np.abs(rest[0]))), 0.02)
+    # Larger pictures have more pixels, but not more measurements.
     weight = _tukey(rest[0] / (4 * scale)) / (scale**2 * _GRAIN * (tile_px / 64) ** 2)
     weighted = rest[1:] * weight
     matrix += weighted @ rest[1:].T
@@ -434,6 +463,7 @@ def add_offsets(
     seen = np.isfinite(border.offsets)
     offsets = np.where(seen, border.offsets, 1.0)
     scale = max(1.48 * float(np.median(np.abs(offsets[seen]))) if seen.any() else 1.0, noise)
+    # Six of the points along a side count as independent.
     weight = trust * seen * _tukey(offsets / (4 * scale)) / (scale**2 * ALONG / 6)
     basis = (
         (_basis(view, border.points, rows, columns) * border.outwards).sum(axis=-1).reshape(9, -1)
@@ -454,6 +484,7 @@ def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> ND
       steps: the distance outside of each of the T places.
       reach: the reach of the search in tiles, outside and inside.
     """
+    # The colours are averaged over three places across the border.
     blurred = cv2.blur(colours.reshape(-1, *colours.shape[2:]), (3, 1))
     colours = np.asarray(blurred, np.float32).reshape(colours.shape)
     nearest = max(reach, 0.08) + 0.02
@@ -469,13 +500,16 @@ def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> ND
     away = np.sqrt((((colours - ground) / noise) ** 2).sum(axis=-1))
     inner = np.flatnonzero((steps <= reach) & (steps >= -reach - 0.05))
     length = max(2, round(0.03 / _STEP))
+    # The tile begins where most colours within 0.03 tiles are another one than the floor's.
     lasting = sliding_window_view(away[..., inner] > _AWAY, length, axis=2).mean(axis=-1) > 0.85
     first = inner[0] + np.argmax(lasting, axis=2)
     seen = lasting.any(axis=2) & (first > inner[0])
+    # The strength of an edge is the change of colour from the place before to the one after.
     edge = np.linalg.norm(colours[:, :, 2:] - colours[:, :, :-2], axis=-1)
     edge = np.pad(edge, ((0, 0), (0, 0), (1, 1)))
     window = np.clip(first[..., None] + np.arange(-3, length + 1), 1, len(steps) - 2)
     strength = np.take_along_axis(edge, window, 2)
+    # The border is at a peak of the strength near this beginning.
     peak = (strength >= np.take_along_axis(edge, window - 1, 2)) & (
         strength >= np.take_along_axis(edge, window + 1, 2)
     )
@@ -488,7 +522,10 @@ def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> ND
     texture = np.median(edge[:, :, in_ring], axis=2, keepdims=True)
     largest = strength.max(axis=2, keepdims=True)
     is_clear = darkens >= np.maximum(_CLEAR * texture, 0.15 * largest)
+    # A peak has at least half the strength of the strongest edge that darkens. If that does not
+    # stand out from the floor's texture, the strongest edge of all counts instead.
     peak &= strength >= 0.5 * np.where(is_clear, darkens, largest)
+    # The first strong peak counts. A parabola through three strengths places it between the steps.
     at = np.take_along_axis(window, np.argmax(peak, axis=2)[..., None], 2)
     left, here, right = (np.take_along_axis(edge, at + shift, 2)[..., 0] for shift in (-1, 0, 1))
     bow = np.maximum(2 * here - left - right, 1e-3)

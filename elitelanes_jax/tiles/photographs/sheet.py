@@ -35,6 +35,7 @@ def draw_proposal(photograph: Photograph, proposal: Proposal) -> NDArray[np.uint
     for row, column in np.argwhere(np.array(proposal.codes) > 0).tolist():
         sure = trusted and proposal.sure[row][column] >= SURE
         ink = _SURE_INK if sure else _UNSURE_INK
+        # With `shift`, OpenCV reads the last three bits of coordinates as parts of a pixel.
         pixels = np.rint(view.pixels_of(outline + np.array([column, row])) * 8).astype(np.int32)
         cv2.polylines(picture, [pixels], True, ink, 1, cv2.LINE_AA, shift=3)
         x, y = view.pixels_of(np.array([[column + 0.5, row + 0.5]]))[0]

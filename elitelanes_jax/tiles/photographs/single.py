@@ -22,7 +22,7 @@ SIDES_OF_TILE = outer_sides(np.ones((1, 1), np.int8))
 _REACHES = (0.1, 0.05, 0.03)
 # The rounds of Gauss and Newton's method at each reach.
 _ROUNDS = 4
-# After a smaller change, in tiles, no further one is made at the same reach.
+# The least change, in tiles, after which a further one is made at the same reach.
 _STILL = 3e-4
 
 
@@ -37,6 +37,8 @@ def fit_tile(image: NDArray[np.uint8], view: View) -> Fit:
     for reach in (*_REACHES, None):
         for _ in range(_ROUNDS):
             matrix, vector = begin_equations(fit.view)
+            # The last rounds use the sharpest edge. It is exact, but only looked for close to the
+            # side.
             if reach is None:
                 border = sharpest_border(image, fit.view, SIDES_OF_TILE)
                 add_offsets(matrix, vector, fit.view, border, 1, 1)

@@ -48,6 +48,8 @@ class View(NamedTuple):
         """Returns the view of the same photograph in another size."""
         size = round(self.width * scale), round(self.height * scale)
         stretch = np.diag([size[0] / self.width, size[1] / self.height, 1.0])
+        # Whole numbers are the centres of pixels. Therefore a scale also shifts by a part of a
+        # pixel.
         stretch[:2, 2] = (stretch[0, 0] - 1) / 2, (stretch[1, 1] - 1) / 2
         return View(stretch @ self.homography, self.radial, *size)
 
@@ -94,6 +96,7 @@ def flatten(
     A tile's side has `tile_px` positions. The photograph is first reduced to about this scale, so
     that nothing aliases.
     """
+    # A floor with twice these rows and columns has its middle at the mean of the positions.
     middle = places.reshape(-1, 2).mean(axis=0) * 2
     if view.tile_pixels(middle[1], middle[0]) > 2 * tile_px:
         view = view.scaled(1.4 * tile_px / view.tile_pixels(middle[1], middle[0]))
