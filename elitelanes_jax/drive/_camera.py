@@ -256,8 +256,8 @@ def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Arr
     range. The range ends where distortion begins to move larger radii inwards. If it never does,
     its factor is over 4 / 9.
     """
-    # Beyond a radius of sqrt(2 / turn) the distorted radius becomes smaller: there its derivative,
-    # 1 + 3 k1 r² + 5 k2 r⁴, is 0.
+    # Beyond a radius of sqrt(2 / turn) the distorted radius becomes smaller. Its derivative, 1 + 3
+    # k1 r² + 5 k2 r⁴, is 0 there.
     far = jnp.sqrt(right**2 + down**2)
     root = 9 * k1**2 - 20 * k2
     turn = jnp.sqrt(jnp.maximum(root, 0)) - 3 * k1

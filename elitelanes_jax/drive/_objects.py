@@ -28,7 +28,8 @@ from elitelanes_jax.network.xla import once
 _SIDE = 64
 # The number of views, evenly around an object.
 _VIEWS = 8
-# The bits of an index of a pixel of a picture.
+# The bits for the index of a pixel in all pictures. The bits above them hold the number of an
+# object among those of a view, at most 64 (see `Camera.objects`).
 _INDEX = 24
 _MOST_PICTURES = 2**_INDEX // (_VIEWS * _SIDE**2)
 # The tiles that are added to distances of objects behind a robot, so that others are nearer.
@@ -245,7 +246,6 @@ def stand(
 
     def layers() -> Array:
         """Lays the objects over each other, the nearest one last: its number from 1 and the index of its pixel."""
-        # The nearest object is laid last, and so covers the others.
         seen = jnp.zeros(jnp.broadcast_shapes(slope.shape[1:], rays.right.shape), jnp.int32)
         for index in reversed(range(len(near))):
             column = jnp.floor(slope[index] * rays.right + middle[index]).astype(jnp.int32)
@@ -363,17 +363,17 @@ def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[A
     # `share` is the share of the line before its nearest point to each object.
     share = jnp.clip(way @ offset / jnp.where(length > 0, length, 1) ** 2, 0, 1)
     to_line = jnp.hypot(*(offset - share[None] * way[:, None]))
-    # The centre of the arc is beside the middle of the chord: to the left by half of the chord over
-    # the tangent of half of the turn. For lines any turn serves, because their result is not used.
+    # The centre of the arc is to the left of the middle of the chord. Its distance is half of the
+    # chord over the tangent of half of the turn. For lines any turn serves, because their result is
+    # not used.
     half = jnp.where(is_line, 1, turn) / 2
     left = jnp.stack([-way[1], way[0]])
     centre = (way + left / jnp.tan(half)) / 2
     # `round_it` has the objects relative to the centre of the arc.
     round_it = offset - centre[:, None]
     away = jnp.hypot(*round_it)
-    # `middle` points from the centre to the middle of the arc. An object that is at most half of
-    # the turn away from this direction is nearest to the arc itself, any other object to an end of
-    # the arc.
+    # `middle` points from the centre to the middle of the arc. An object at most half of the turn
+    # away from this direction is nearest to the arc itself. Any other object is nearest to an end.
     middle = -jnp.sign(half) * left / jnp.where(length > 0, length, 1)
     beside = middle @ round_it >= away * jnp.cos(half)
     ends = jnp.minimum(jnp.hypot(*offset), jnp.hypot(*(offset - way[:, None])))

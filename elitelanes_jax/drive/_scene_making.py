@@ -135,7 +135,7 @@ def _place_objects(
     scene_maps = scene_maps._replace(
         objects=placed, choices=jnp.asarray(choices), floor=_stack_floors(floors)
     )
-    # Tags on the floor have one picture, seen from above.
+    # Objects on the floor have one picture, seen from above.
     views = [one.views if one.height else {0: one.top} for one in pictures]
     return scene_maps, pack_billboards(views)
 

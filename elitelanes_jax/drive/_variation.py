@@ -470,8 +470,8 @@ def _bend(plane: Array, exponent: Array) -> Array:
     number, too.
     """
     shares = jnp.clip(plane / 255, 1e-6, 1)
-    # After the subtraction the upper bits are a whole exponent, and the fraction is between the
-    # roots of 1/2 and 2, where the series converges fast.
+    # After the subtraction the upper bits are a whole exponent. The fraction is between the roots
+    # of 1/2 and 2, where the series converges fast.
     bits = jax.lax.bitcast_convert_type(shares, jnp.int32) - _ROOT_HALF_BITS
     whole = bits >> _MANTISSA
     fraction = jax.lax.bitcast_convert_type(

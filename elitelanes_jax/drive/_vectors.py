@@ -49,6 +49,7 @@ def gymnasium_vector_env(
       InputError: for options out of their range, or another module.
     """
     check_module(params, gymnasium, "gymnasium", "gymnasium", "vector.AutoresetMode")
+    # An `AutoresetMode` is an enumeration, whose value is the name of the mode.
     words = getattr(autoreset_mode, "value", autoreset_mode)
     mode = check_named("autoreset_mode", one_of(NEXT_STEP, SAME_STEP, DISABLED), words)
     batch, draw = Batch(environment, params, envs, mode), render
@@ -61,12 +62,13 @@ def gymnasium_vector_env(
             self.metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
             self.metadata["autoreset_mode"] = gymnasium.vector.AutoresetMode(mode)
             self.render_mode = None if draw is None else "rgb_array"
-            # An attribute, so that a deep copy has states of its own.
+            # An attribute is copied with the environment, so a deep copy has states of its own.
             self._batch = batch
             self.num_envs = batch.envs
             self.single_action_space, self.single_observation_space = batch.spaces(gymnasium.spaces)
             self.action_space = batch_space(self.single_action_space, batch.envs)
             self.observation_space = batch_space(self.single_observation_space, batch.envs)
+            # Whether the episode of each environment has ended.
             self._over = np.zeros(batch.envs, bool)
 
         def reset(
@@ -87,6 +89,7 @@ def gymnasium_vector_env(
             self, actions: UserValue
         ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Untyped]]:
             over = self._over
+            # Without resets, a step after the end of an episode has no meaning.
             if mode == DISABLED and over.any():
                 ended = np.flatnonzero(over).tolist()
                 raise InputError(
@@ -151,6 +154,7 @@ def _final_infos(
     metrics: dict[str, np.ndarray], over: NDArray[np.bool_], reached: np.ndarray
 ) -> dict[str, Untyped]:
     """Returns infos where some episodes are over, and the environments are reset: their last observations too."""
+    # Gymnasium has an array of objects here, with None where no episode is over.
     last = np.full(len(over), None, object)
     for index in np.flatnonzero(over):
         last[index] = reached[index]
@@ -202,7 +206,7 @@ def sb3_vec_env(
         render_mode = None if draw is None else "rgb_array"
 
         def __init__(self) -> None:
-            # An attribute, so that a deep copy has states of its own.
+            # An attribute is copied with the environment, so a deep copy has states of its own.
             self._batch = batch
             self._attributes: dict[str, list[UserValue]] = {}
             action_space, observation_space = batch.spaces(base.spaces)
@@ -210,6 +214,7 @@ def sb3_vec_env(
 
         def reset(self) -> np.ndarray:
             observation = self._batch.reset(self._seeds)
+            # Stable-Baselines3 uses seeds and options for one reset only.
             self._reset_seeds()
             self._reset_options()
             return observation
@@ -223,6 +228,7 @@ def sb3_vec_env(
             infos: list[dict[str, Untyped]] = [{} for _ in range(batch.envs)]
             for index in np.flatnonzero(over):
                 info = {name: metric[index].tolist() for name, metric in done.metrics.items()}
+                # Stable-Baselines3 logs a rate of success from this name.
                 if "success" in info:
                     info["is_success"] = info["success"]
                 info["TimeLimit.truncated"] = bool(done.truncated[index])
@@ -242,6 +248,8 @@ def sb3_vec_env(
             return [np.asarray(draw(state)) for state in self._batch.states("render")]
 
         def get_attr(self, attr_name: str, indices: UserValue = None) -> list[UserValue]:
+            # The environments are one object. Values that were set for single ones are kept in
+            # lists.
             values = self._attributes.get(attr_name)
             if values is None:
                 values = [getattr(self, attr_name)] * batch.envs
@@ -315,12 +323,13 @@ def puffer_env(
         num_agents = batch.envs
 
         def __init__(self) -> None:
-            # An attribute, so that a deep copy has states of its own.
+            # An attribute is copied with the environment, so a deep copy has states of its own.
             self._batch = batch
             super().__init__(buf)
 
         def reset(self, seed: int | None = None) -> tuple[np.ndarray, list[dict[str, float]]]:
             first = start if seed is None else int(seed)
+            # PufferLib reads these arrays, so they are filled and not replaced.
             self.observations[:] = self._batch.reset(range(first, first + batch.envs))
             for zeroed in (self.rewards, self.terminals, self.truncations):
                 zeroed[:] = 0

@@ -49,7 +49,8 @@ from elitelanes_jax.network.xla import once
 
 # The bits of a position after the point.
 _UNIT = 20
-# The largest distance in tiles. Positions have to fit 32 bits.
+# The largest position in tiles. In units of 2**-20 tile it is just under 2**31, so it fits an
+# int32.
 _FARTHEST = 2000.0
 # The distance of the white line from the tile's edge, in tiles.
 _WHITE_LINE = 0.09
@@ -59,7 +60,7 @@ _ROBOT = Robot().width / 2
 _SEEDS = 3
 # Uniform numbers of a view: map, height, pitch, field of view, lines, and four of the pose.
 _NUMBERS = 9
-# The tries to draw a pose where the robot touches no object.
+# The most further tries to draw a pose where the robot touches no object.
 _TRIES = 64
 
 
@@ -218,6 +219,7 @@ def stream_views(
 
 
 def _stream(draw: partial[Views], key: Key[Array, ""], first: int) -> Iterator[Views]:
+    # JAX returns before a batch is drawn. So one batch is always being drawn ahead.
     following = draw(jax.random.fold_in(key, first))
     for index in count(first + 1):
         drawn, following = following, draw(jax.random.fold_in(key, index))
@@ -264,6 +266,7 @@ def _draw_batch(
     key: Array, scenes: Scenes, camera: Camera, variation: Variation, *, batch: int, samples: int
 ) -> Views:
     keys = jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(batch))
+    # Each view gets its own options, also where they are equal.
     camera, variation = jax.tree.map(
         lambda number: jnp.broadcast_to(jnp.asarray(number, jnp.float32), batch),
         (camera, variation),
@@ -271,6 +274,7 @@ def _draw_batch(
     plans = jax.vmap(partial(_plan_view, samples=samples), in_axes=(0, None, 0, 0))(
         keys, scenes, camera, variation
     )
+    # The arrays of one view fit the caches of a processor. A GPU needs many views to be busy.
     words, instances = jax.lax.platform_dependent(
         plans, cpu=partial(_draw_each, scenes), default=partial(_draw_all, scenes)
     )
@@ -295,10 +299,13 @@ def _plan_view(
     pose_seed, tile_seed, look_seed = bits[:_SEEDS]
     numbers = uniform(bits[_SEEDS:])
     which, *wobbles, lines = numbers[:5]
+    # The scene is the map that the view shows.
     number = (which * len(scenes.maps.codes)).astype(jnp.int32)
     scene = jax.tree.map(lambda part: part[number], scenes.maps)
     lane_offset = scenes.lane_offset
     pose = _draw_pose(numbers[5:_NUMBERS], pose_seed, scene, variation, lane_offset)
+    # Wobbles are factors. The angles are limited, because a wobble may exceed what a camera can
+    # have.
     lower, tilt, wide = (1 + (2 * wobble - 1) * variation.wobble for wobble in wobbles)
     camera = camera.replace(
         height=camera.height * lower,
@@ -307,6 +314,8 @@ def _plan_view(
     )
     stretch = None
     if variation.lines is not None:
+        # Positions shift by a sine, whose top is at a quarter of the tile. The divisor makes the
+        # shift at the white line the one that was drawn.
         most = (2 * lines - 1) * variation.lines / np.float32(np.sin(2 * np.pi * _WHITE_LINE))
         stretch = most * np.float32(1 << _UNIT)
     look = draw_look(look_seed, numbers[_NUMBERS:], variation, camera)
@@ -340,6 +349,7 @@ def _draw_pose(
 
     def place(numbers: Float[Array, "4"]) -> Pose:
         which, along, beside, turned = numbers
+        # Rounding may turn a product just under the count into the count.
         index = jnp.minimum(
             (which * scene.movement_count).astype(jnp.int32), scene.movement_count - 1
         )
@@ -376,6 +386,7 @@ def _draw_pose(
 
 def _lane_of(pose: Pose, scene: SceneMap, lane_offset: float) -> Float[Array, "3"]:
     row, column = jnp.floor(pose.y).astype(jnp.int32), jnp.floor(pose.x).astype(jnp.int32)
+    # The scene has a border of one tile, and poses do not count it.
     code = scene.links[row + 1, column + 1]
     movement = nearest_movement(code, pose, row, column, lane_offset)
     d, phi, _ = lane_errors(pose, movement, lane_offset)
@@ -409,6 +420,8 @@ def _meet_ground(
     cosine, sine, rays = once(
         lambda: (jnp.cos(pose.theta), jnp.sin(pose.theta), rays_of(camera, samples))
     )
+    # Without distortion a row of pixels meets the ground in a line. So a position and a step
+    # describe the whole row.
     columns = rays.right.shape[1]
     middle = columns // 2
     gap = (rays.right[0, -1] - rays.right[0, 0]) / max(columns - 1, 1)
@@ -416,10 +429,12 @@ def _meet_ground(
     seen = jnp.isfinite(ahead)
     ahead, reach = (jnp.where(seen, part, 0) / TILE for part in (ahead, reach))
     x_step, y_step = reach * sine * gap, reach * cosine * gap
+    # With an even number of columns, the middle column is half a step beside the robot's axis.
     offset = rays.right[0, middle] / gap if columns > 1 else 0.0
     # The map has a border of one tile.
     x = 1 + pose.x + ahead * cosine + x_step * offset
     y = 1 + pose.y - ahead * sine + y_step * offset
+    # Whole numbers of 32 bits must hold the positions of both ends of a row.
     ends = jnp.maximum(
         jnp.abs(x) + jnp.abs(x_step) * columns, jnp.abs(y) + jnp.abs(y_step) * columns
     )
@@ -436,6 +451,7 @@ def _meet_ground(
         apart = jnp.sqrt(reach**3 / height) * gap * (1 << tile_bits)
         level = jnp.floor(jnp.log2(jnp.maximum(apart, 1)) + 0.5).astype(jnp.int32)
         level = jnp.minimum(level, tile_bits)
+    # The pyramid has the pictures of a tile one after another, from the largest one.
     sizes = 4 ** np.arange(tile_bits, -1, -1)
     starts = jnp.asarray(np.concatenate([[0], np.cumsum(sizes)[:-1]]), jnp.int32)
     return _Rows(x, x_step, y, y_step, starts[level], tile_bits - level, seen)
@@ -445,8 +461,11 @@ def _draw_view(scenes: Scenes, plan: _Plan) -> tuple[UInt32[Array, "rows columns
     """Draws one view; returns red, green, blue and label from the lowest byte, and the objects' indices."""
     camera = plan.camera
     samples = plan.samples.x.shape[0] // camera.rows
+    # Colours are means of samples. Labels and objects' indices are those at pixels' centres,
+    # because means of them have no meaning.
     fine = _stand(plan, scenes, samples, plan.samples)
     red_blue, green_paved, above = once(lambda: _sum_samples(plan, scenes, samples, fine))
+    # The sums are unpacked into one plane for each colour.
     share = np.float32(1 / samples**2)
     sums = red_blue & 0xFFFF, green_paved & 0xFFFF, red_blue >> 16
     road = [total.astype(jnp.float32) * share for total in sums]
@@ -483,6 +502,7 @@ def _stand(plan: _Plan, scenes: Scenes, samples: int, ground: _Rows) -> _Standin
     hit, index, instances = stand(plan.pose, objects, pictures, billboards, rays, *sizes)
     if plan.floor is not None:
         columns = camera.columns * samples
+        # Objects on the floor are behind all standing ones.
         column = jnp.arange(columns) - columns // 2
         x, y = _lines_in_tiles(ground)
         lying, lying_index, lying_instances = lie(
@@ -513,6 +533,8 @@ def _sum_samples(
     The samples of sky are one column if no object covers them.
     """
     rows, columns = plan.camera.rows, plan.camera.columns
+    # Two sums share a word: at most 16 samples of 255 fit 16 bits. That saves half of the
+    # additions.
     red_blue = green_paved = jnp.zeros((rows, columns), jnp.uint32)
     above = jnp.zeros((rows, 1), jnp.uint32)
     for down in range(samples):
@@ -523,6 +545,7 @@ def _sum_samples(
             is_sky = ~part.seen
             if standing is not None:
                 hit, colours = (layer[down::samples, right::samples] for layer in standing[:2])
+                # The bit `PAVED` also marks objects, which hide the background.
                 word = jnp.where(hit, colours | PAVED << 24, word)
                 is_sky &= ~hit
             red_blue += word & 0xFF00FF
@@ -540,11 +563,13 @@ def _look_up(
     processor's vectors. They are unsigned, so that JAX does not look for negative ones.
     """
     height, width = scenes.maps.codes.shape[1:]
+    # Beyond the map the position is moved to its border, which is ground.
     x = jnp.clip(rows.x + rows.x_step * column, 0, (width << _UNIT) - 1)
     y = jnp.clip(rows.y + rows.y_step * column, 0, (height << _UNIT) - 1)
     cell = once(lambda: ((y >> _UNIT) * width + (x >> _UNIT)).astype(jnp.uint32))
     tile = plan.cells.at[cell].get(mode="promise_in_bounds")
     x, y = (_stretch(part & ((1 << _UNIT) - 1), plan.lines) for part in (x, y))
+    # The upper bits of a position on the tile are the row and the column of the picture's pixel.
     shift = _UNIT - rows.bits
     pixel = rows.first + (y >> shift << rows.bits) + (x >> shift)
     index = once(lambda: (tile * scenes.pyramid.shape[1] + pixel).astype(jnp.uint32))
@@ -555,6 +580,7 @@ def _stretch(position: Int32[Array, "..."], lines: Array | None) -> Int32[Array,
     """Shifts positions on a tile away from its middle, as the dataset's `lines` does; its middle and edges stay."""
     if lines is None:
         return position
+    # The sine is 0 at both edges and in the middle of the tile, so these stay.
     sides = jnp.sin(position.astype(jnp.float32) * np.float32(2 * np.pi / (1 << _UNIT)))
     moved = position + jnp.round(sides * lines).astype(jnp.int32)
     return jnp.clip(moved, 0, (1 << _UNIT) - 1)

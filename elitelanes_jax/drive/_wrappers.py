@@ -173,6 +173,7 @@ def gymnasium_env(
       InputError: for options out of their range, or another module.
     """
     check_module(params, gymnasium, "gymnasium", "gymnasium", "Env")
+    # Gymnasium's environments do not reset by themselves.
     batch, draw = Batch(environment, params, 1, DISABLED), render
 
     class Env(gymnasium.Env):
@@ -183,7 +184,7 @@ def gymnasium_env(
         action_space, observation_space = batch.spaces(gymnasium.spaces)
 
         def __init__(self) -> None:
-            # An attribute, so that a deep copy has a state of its own.
+            # An attribute is copied with the environment, so a deep copy has a state of its own.
             self._batch = batch
 
         def reset(
@@ -196,6 +197,7 @@ def gymnasium_env(
 
         def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
             done = self._batch.step(np.asarray(action)[None])
+            # The ellipsis keeps an array of NumPy. A plain index would return a scalar.
             metrics = {name: metric[0, ...] for name, metric in done.metrics.items()}
             ended = bool(done.terminated[0]), bool(done.truncated[0])
             return done.observation[0], float(done.reward[0]), *ended, metrics

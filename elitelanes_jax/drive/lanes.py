@@ -46,8 +46,9 @@ _ACROSS = np.array([side.right for side in SIDES], np.int32)
 _ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
 _BEND = lane_bends(np.float32)
 
-# Added to the offset in tiles of a movement that points away from a pose, and of one that does not
-# exist: more than any offset on a tile, and more than both together.
+# These numbers are added to the offsets in tiles of movements that point away from a pose, and of
+# movements that do not exist. The first exceeds any offset on a tile, and the second exceeds the
+# sum of both.
 _RANK_OF_AWAY, _RANK_OF_NONE = 100.0, 10_000.0
 
 

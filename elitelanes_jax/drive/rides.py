@@ -71,7 +71,7 @@ _COLOURS = (
     (40, 220, 150),
     (255, 120, 200),
 )
-# So many bytes are written on a full disk, so that the error says why.
+# The number of bytes to write after a failure. On a full disk they raise an error that says why.
 _ROOM = 2**20
 # The frames that are rendered at once.
 _BATCH = 32
@@ -83,7 +83,8 @@ _MOST_SEEN = 32
 _BITS = 4
 # The side of a tile in the pictures that a policy observes, in pixels.
 _SIGHT_PX = 128
-# In tiles a second. The expert is faster, also in left turns.
+# Tiles per second that the expert exceeds. It drives 0.3 m/s, which is 0.466 tiles per second if
+# each tile is a left turn, the longest movement.
 _PACE = 0.46
 
 
@@ -147,6 +148,7 @@ def make_rides(
     levels = make_levels(level_key, codes[None], count, least=nearest, most=furthest)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
     params = LaneDriveParams(levels, lane_offset=lane_offset)
+    # Without a camera the driver observes its lane, and no picture is rendered.
     camera = getattr(policy, "camera", None)
     if camera is not None:
         params = _with_camera(params, camera, tiles)
@@ -172,6 +174,8 @@ def _drive(policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
     keys = split(key, count)
     observations, states = _begin(keys, params.levels, params)
     first_poses = np.stack(jax.device_get(states.pose), axis=1)
+    # At first all steps have the pose of the start. Each step of a ride overwrites all later poses,
+    # which then stay constant after its end.
     poses = np.repeat(first_poses[:, :, None], steps + 1, axis=2)
     lengths = np.zeros(count, np.int32)
     success = np.zeros(count, bool)
@@ -183,6 +187,8 @@ def _drive(policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
             break
         if callable(policy):
             observed = jax.device_get(observations)
+            # A ride that is over needs no action. Its last one is repeated, and the result is not
+            # used.
             for index in np.flatnonzero(~is_over):
                 observation = jax.tree.map(itemgetter(index), observed)
                 actions[index] = _ask(policy, observation)
@@ -237,6 +243,7 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
     try:
         action = np.asarray(policy(observation), np.float32)
     except (Exception, SystemExit) as error:
+        # The error names the line of the driver's file that failed.
         file = getattr(getattr(policy, "__code__", None), "co_filename", "")
         raise InputError(f"policy: expected an action, got {_describe(error, file)}") from error
     if action.shape != (2,):
@@ -256,10 +263,12 @@ def load_policy(file: Path) -> Policy:
     The file may import modules from its folder, also later in `act`, as a program that Python
     starts.
     """
+    # Python does the same for a program that it starts.
     sys.path.insert(0, str(file.resolve().parent))
     try:
         act = runpy.run_path(str(file)).get("act")
     except (Exception, SystemExit) as error:
+        # Only an error of opening the file itself says that the file is not readable.
         if isinstance(error, OSError) and Path(str(error.filename)).resolve() == file.resolve():
             raise InputError(
                 f"{file}: expected a readable file, got: {error.strerror or error}"
@@ -305,6 +314,7 @@ def trails(
 def _map_of(rides: Rides, source: UserValue) -> RoadMap:
     """Returns the map of rides; raises `InputError` if the rides are on another one."""
     road_map = as_map(source)
+    # Levels have links alone, so the map is compared without other connections.
     driven_codes = np.asarray(rides.levels.grid)
     map_codes = linked_codes(road_map.codes)
     if driven_codes.shape[1:] != map_codes.shape or (driven_codes != map_codes).any():
@@ -341,6 +351,8 @@ def film(
     size = check_tile_px(tile_px)
     if chosen is None:
         chosen = choose_tiles(road_map.codes, tiles)
+    # The camera draws objects itself, in front of the tiles. The map beside it needs them in its
+    # picture.
     picture = render(road_map.codes, tiles, tile_px=size, chosen=chosen)
     scene = _make_scene(road_map, picture, size)
     if road_map.objects:
@@ -468,12 +480,15 @@ def _write_mp4(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
             codec = cv2.VideoWriter.fourcc("m", "p", "4", "v")
             height, width = frame.shape[:2]
             writer = cv2.VideoWriter(str(file), codec, _RATE, (width, height))
+        # OpenCV's colours are blue, green and red.
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
         count += 1
     if writer is not None:
         writer.release()
     # The writer reports no failure, such as a full disk.
     if _count_frames(file) != count:
+        # Python's own write raises the error of a full disk. If it succeeds, the failure is another
+        # one.
         with file.open("ab") as stream:
             stream.write(bytes(_ROOM))
         raise OSError(errno.EIO, "cannot be written as a film")
@@ -492,6 +507,7 @@ def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     shown_frames = islice(frames, 0, None, _GIF_STEP)
     animation = cv2.Animation()
     animation.frames = [_half_as_large(frame) for frame in shown_frames]
+    # Durations are in milliseconds.
     animation.durations = [1000 * _GIF_STEP // _RATE] * len(animation.frames)
     _, content = cv2.imencodeanimation(".gif", animation)
     file.write_bytes(content.tobytes())
@@ -507,6 +523,7 @@ def _half_as_large(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 @runs_jax
 def _goals(levels: Level, lane_offset: float) -> NDArray[np.float32]:
     """Returns where lanes enter the goals' tiles, ``[N, 2]``, x and y."""
+    # All movements of a node begin at the same point, so any turn will do.
     entering = Movement(*levels.goal, turn=jnp.int32(1))
     goal = lane_point(entering, 0.0, lane_offset=lane_offset)
     return np.stack(goal[:2], axis=1)
@@ -522,6 +539,7 @@ def _draw_trail(
 ) -> None:
     colour = _COLOURS[index % len(_COLOURS)]
     points = np.stack([rides.x[index], rides.y[index]], axis=1)[: int(steps) + 1]
+    # All measures are shares of a tile's side, because maps differ in size.
     thick = max(round(side / 20), 1)
     dots = _dots(points, side)
     cv2.polylines(picture, [dots], False, colour, thick, cv2.LINE_AA, _BITS)
@@ -536,6 +554,7 @@ def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, si
     """Draws a robot as a triangle, whose tip is ahead."""
     length = 0.18 / TILE
     half_width = 0.075 / TILE
+    # The picture's y points down, and angles are counter-clockwise.
     ahead = np.array([np.cos(theta), -np.sin(theta)])
     left = np.array([-np.sin(theta), -np.cos(theta)])
     middle = np.array([x, y])

@@ -108,8 +108,8 @@ def drive(
     speed, turn = (left + right) / 2, (right - left) * (1 / robot.wheel_distance)
     angle = rounded(turn * robot.dt)
     half = angle / 2
-    # The robot drives an arc. Its end lies along the chord, whose length is that of the arc times
-    # sin(half) / half, and whose direction is turned by half the angle.
+    # The robot drives an arc. The chord to its end is as long as the arc times sin(half) / half.
+    # Its direction is turned by half of the angle.
     chord = (
         speed
         * robot.dt
@@ -117,7 +117,7 @@ def drive(
         * jnp.where(jnp.abs(half) < 1e-3, 1, jnp.sin(half) / jnp.where(half == 0, 1, half))
     )
     middle = pose.theta + half
-    # y points south, so driving north makes it smaller.
+    # The axis y points south, so driving north makes it smaller.
     there = Pose(
         pose.x + rounded(chord * jnp.cos(middle)),
         pose.y - rounded(chord * jnp.sin(middle)),
