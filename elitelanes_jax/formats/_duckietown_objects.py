@@ -21,16 +21,17 @@ from elitelanes_jax.formats._yaml_values import FALSE, real_of, table_of, whole_
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
 from elitelanes_jax.formats.tags import STREET_NAMES, TAG_FAMILY, TAG_SIZE
 
-# What readers of YAML take for a truth value or for nothing.
+# The words that readers of YAML take for a truth value or for nothing.
 _YAML_WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
 
-# The names of duckietown-world.
+# Two kinds have other names in duckietown-world.
 _KIND_OF_MAP_NAME = {"sign_1_way_left": "sign_oneway_left", "sign_1_way_right": "sign_oneway_right"}
 
-# gym-duckietown needs a picture of each sign, and has none of street names.
+# A street name sign is written as a blank sign, because gym-duckietown needs a picture of each sign
+# and has none of street names.
 _STREET_NAME, _BLANK = "sign_street_name", "sign_blank"
 
-# Metres from the corner east and north, by slot.
+# The position of each slot: metres east and north of the tile's south-west corner.
 _LONG, _SHORT = 0.09, 0.035
 _SLOTS = (
     (_LONG, _SHORT),
@@ -44,7 +45,7 @@ _SLOTS = (
 )
 
 # Duckietown places a traffic light at the middle of its mesh, facing a quarter turn to the left of
-# its arm. Its stand is this far away, in heights.
+# its arm. This is the distance from there to its stand, as a share of the height.
 _STAND = 0.27 / 0.4
 
 
@@ -60,7 +61,9 @@ def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> 
         kind = _BLANK if item.kind == _STREET_NAME else item.kind.removeprefix(OTHER)
         x, y, angle = _written_pose(item, rows, tile_size)
         turned = _number(degrees(remainder(angle, 2 * pi)))
+        # duckietown-world accepts no tags of other kinds.
         has_tag = item.kind == "floor_tag" or item.kind.startswith("sign_")
+        # The index makes each name unique.
         lines.append(f"  {_yaml_text(f'{kind}_{index}')}:")
         lines.append(f"    kind: {_yaml_text(kind)}")
         lines.append(
@@ -120,9 +123,10 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     x, y, angle = _pose(value, rows, tile_size)
     usual = OBJECT_KINDS[base_kind(kind)].height
     if usual and "scale" in value and "height" not in value:
-        # Of a mesh of gym-duckietown, whose size is not in the file.
+        # The scale is that of a mesh of gym-duckietown, whose size is not in the file.
         raise InputError("scale: expected a height in metres instead, got a scale")
     height = real_of(value, "height", usual) if usual else 0.0
+    # This is the inverse of `_written_pose`.
     if kind == "trafficlight":
         angle -= pi / 2
         offset = _STAND * height / tile_size
@@ -130,6 +134,7 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     tag = None
     if "tag" in value:
         tag = whole_of(table_of(value["tag"], "~TagInstance"), "tag_id")
+    # A blank sign with the tag of a street name is a street name sign, see `_STREET_NAME`.
     if kind == _BLANK and tag in STREET_NAMES:
         kind = _STREET_NAME
     return MapObject(
@@ -141,7 +146,8 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
     """Returns x, y and the angle of an object."""
     rotate = radians(real_of(value, "rotate", 0.0))
     if "attach" in value:
-        # It comes before the pose, whose position it replaces.
+        # The slot comes before the pose, because an attached object may also have a pose. Only the
+        # angle of that pose counts.
         attach = table_of(value, "attach")
         column, row = _pair(attach, "tile")
         slot = whole_of(attach, "slot")
@@ -151,6 +157,7 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
         if "pose" in value:
             rotate = _angle(table_of(value["pose"], "~SE2Transform"))
     elif "pos" in value:
+        # A `pos` is already in tiles from the north-west corner.
         x, y = _pair(value, "pos")
         return x, y, rotate
     elif "pose" in value:
@@ -192,4 +199,5 @@ def _pair(
 
 def _number(value: float) -> str:
     """Returns a number with six decimals at most."""
+    # Adding 0.0 turns -0.0 into 0.0.
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").removesuffix(".") or "0"

@@ -22,8 +22,10 @@ def middle_of_road(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curv
     headings = [SIDES.index(side_towards(tile, next_tile)) for tile, next_tile in pairwise(path)]
     first_lead, last_lead = _leads(path, links)
     first_border = middle_of_side(path[0], headings[0])
+    # The road starts inside its first tile if it leads there.
     x, y = moved(first_border, headings[0], -first_lead)
     pieces = [Curve(x, y, headings[0], first_lead)]
+    # The tiles between the ends have two links, so a road crosses each of them in one way.
     for (row, column), (heading, exit_heading) in zip(path[1:-1], pairwise(headings), strict=True):
         pieces += middle_across_tile(
             Movement(row, column, heading, turn_between(heading, exit_heading))
@@ -35,8 +37,10 @@ def middle_of_road(path: list[Cell], links: dict[Cell, list[Cell]]) -> list[Curv
 
 def _leads(path: list[Cell], links: dict[Cell, list[Cell]]) -> tuple[float, float]:
     """Returns how far a road leads into its first and its last tile."""
+    # A tile with one link is a dead end, which the road reaches at the middle of the tile.
     first = 0.5 if len(links[path[0]]) == 1 else 0.0
     last = 0.5 if len(links[path[-1]]) == 1 else 0.0
+    # Between adjacent crossings is no tile, so without a lead the road would have no length.
     are_adjacent_crossings = len(path) == 2 and first == last == 0
     return (_INSET, _INSET) if are_adjacent_crossings else (first, last)
 
@@ -69,10 +73,12 @@ def middle_across_tile(
     entry = middle_of_side(tile, (heading + 2) % 4)
     exit_point = middle_of_side(tile, exit_heading)
     start_x, start_y = moved(entry, heading, inset)
+    # The arc bends to the left by this factor: -1 right, 0 straight, 1 left.
     bend = movement.turn - 1
     if bend == 0:
         return [Curve(start_x, start_y, heading, 1 - inset - outset)]
-    # The arc has one distance from both borders. The end that is nearer to its border has a line.
+    # A quarter circle is equally far from both borders. The side with the smaller inset therefore
+    # also has a line.
     deepest = max(inset, outset)
     radius = 0.5 - deepest
     arc_x, arc_y = moved(entry, heading, deepest)

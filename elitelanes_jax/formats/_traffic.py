@@ -29,11 +29,11 @@ STEPS = 91
 STEP = 0.1
 """Seconds from a position to the next one."""
 
-# The sides of a car in widths of a lane: on lanes of 3.2 m it is 4.5 m long and 1.9 m wide.
+# The sides of a car in widths of a lane. On lanes of 3.2 m a car is 4.5 m long and 1.9 m wide.
 _LENGTH, _WIDTH, _HEIGHT = 1.4, 0.6, 0.5
 
-# Length of the first and the last segment of a lane, in tiles. They leave an arc by a
-# ten-thousandth of this.
+# The length of the first and the last segment of a lane, in tiles. These segments leave an arc by a
+# ten-thousandth of their length.
 _STRAIGHT = 2.0**-9
 
 
@@ -128,11 +128,16 @@ def _list_roads(codes: NDArray[np.int8], graph: LaneGraph, streets: Streets) -> 
     edges: list[Road] = []
     previous: Movement | None = None
     for movement in movements:
-        # The first movement from a side is the one that keeps furthest to the right.
+        # Movements are in ascending order of turn, so the first one from a side keeps furthest to
+        # the right.
         is_rightmost = previous is None or previous.node != movement.node
         is_first = previous is None or previous.node.tile != movement.node.tile
+        # The right edge of this movement is an edge of the road. The right edges of other movements
+        # cross the road.
         if is_rightmost:
             edges.append(Road("road_edge", _line(movement, width, streets, height), movement))
+        # A line between the lanes of both directions is drawn once, and not on crossings and dead
+        # ends.
         if is_first and links[movement.node.tile] == 2:
             lines.append(Road("road_line", _line(movement, 0.0, streets, height), movement))
         previous = movement
@@ -158,16 +163,21 @@ def _line_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarray, "
     movement = Movement(0, 0, heading, turn)
     parts: list[Float[np.ndarray, "S 2"]] = []
     for curve in lane_curves(movement, offset):
-        # Lines are cut too: PufferDrive files a segment under the middle of it, in cells of 5 m.
+        # A straight line is cut into chords too, because PufferDrive files a segment under the
+        # middle of it, in cells of 5 m.
         parts.append(curve.points(np.linspace(0, 1, CHORDS + 1))[1 if parts else 0 :])
     points = np.concatenate(parts)
+    # Near each end is a further point, exactly along the heading. It fixes the direction of the
+    # outer segment.
     first, last = points[0], points[-1]
-    # The coordinate across the heading is copied, because sines of right angles are not exactly 0.
+    # Copying keeps the coordinate across the heading exact, because sines of right angles are not
+    # exactly 0.
     inner = [_ahead(first, heading, _STRAIGHT), _ahead(last, movement.exit, -_STRAIGHT)]
     return np.concatenate([[first, inner[0]], points[1:-1], [inner[1], last]]).round(12)
 
 
 def _ahead(point: Float[np.ndarray, "2"], heading: int, distance: float) -> Float[np.ndarray, "2"]:
+    # North, east, south and west, by (tiles east, tiles south).
     steps = np.array([(0, -1), (1, 0), (0, 1), (-1, 0)])
     return point + distance * steps[heading]
 
@@ -175,6 +185,7 @@ def _ahead(point: Float[np.ndarray, "2"], heading: int, distance: float) -> Floa
 def _stop_signs(tiles: list[Cell], graph: LaneGraph, streets: Streets, height: int) -> list[Road]:
     """Returns the signs to the right of the lanes that enter crossings, one for each heading there."""
     width = streets.lane / streets.tile
+    # All turns from a side share the sign, so one movement for each heading is kept.
     by_heading: dict[Cell, dict[int, Movement]] = {tile: {} for tile in tiles}
     for movement in graph.list_movements():
         if movement.node.tile in by_heading:
@@ -192,9 +203,11 @@ def _drive(
 ) -> list[Log]:
     """Drives cars from random lanes along random turns."""
     movements, successors = graph.list_movements(), graph.list_successors()
+    # A car does not start in the middle of turning back.
     starts = [index for index, movement in enumerate(movements) if movement.turn != BACK]
     if not starts:
         raise no_lane_error()
+    # The tiles where cars start. With one car on each, no two cars start in the same place.
     taken: set[tuple[int, int]] = set()
     logs: list[Log] = []
     for index in rng.permutation(starts).tolist():
@@ -215,15 +228,18 @@ def _follow(
     """Returns the log of a car that starts in the middle of a lane, and takes random turns."""
     parts = [roads[start].points]
     length = _lengths(parts[0])[-1]
+    # The distances from the start of the first lane at each step.
     along = length / 2 + np.arange(STEPS) * STEP * streets.speed
     index = start
+    # Lanes are added until they are longer than the distance at the last step.
     while length <= along[-1]:
         index = int(rng.choice(successors[index]))
-        # A lane starts at the point where the lane before it ends.
+        # A lane starts at the last point of the lane before it, so this point is left out.
         parts.append(roads[index].points[1:])
         length = _lengths(np.concatenate([parts[-2][-1:], parts[-1]]), length)[-1]
     path = np.concatenate(parts)
     lengths = _lengths(path)
+    # The direction of the segment that a car is on gives its heading and its velocity.
     directions = np.diff(path) / np.abs(np.diff(path))
     ahead = directions[np.searchsorted(lengths, along, side="right") - 1]
     return Log(np.interp(along, lengths, path), ahead * streets.speed, np.angle(ahead))

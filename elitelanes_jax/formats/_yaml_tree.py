@@ -15,14 +15,16 @@ from elitelanes_jax._util.types import Plain
 
 _DEEPEST = 64
 _TOO_DEEP = f"expected YAML nested up to {_DEEPEST} levels deep, got more"
-# A map of 1024 x 1024 tiles and 260,000 other values, which take 3 s.
+# The most values of a document: a map of 1024 x 1024 tiles has 2**20 values, and 260,000 are left
+# for other things. They take 3 s.
 _MOST_VALUES = 5 * 2**18
 _TOO_MANY = f"expected YAML of at most {_MOST_VALUES:,} values, got more"
-# The key of tables whose keys the table has too, unless it has its own.
+# The merge key of YAML 1.1. A table takes the entries of the tables under it, except for keys that
+# the table has itself.
 _MERGE = "<<"
-# The most directives: libyaml compares each with all before it.
+# The most directives of a document. Libyaml compares each with all before it.
 _MOST_DIRECTIVES = 16
-# A directive, after any line break of YAML 1.1.
+# A directive begins a line. YAML 1.1 has more line breaks than `re.MULTILINE` knows.
 _DIRECTIVE = re.compile(r"(?:^|[\r\n\x85\u2028\u2029])%TAG\b")
 
 
@@ -43,7 +45,8 @@ def yaml_tree(text: str) -> Plain:
     try:
         return _build(yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
     except (yaml.YAMLError, UnicodeEncodeError) as error:
-        # Libyaml counts from PyYAML 6.0.4 on, and some levels ahead.
+        # From PyYAML 6.0.4 on, libyaml itself counts levels. It reads ahead, so its error may come
+        # first.
         if "maximum nesting depth" in str(error):
             raise InputError(_TOO_DEEP) from None
         raise InputError(
@@ -52,9 +55,11 @@ def yaml_tree(text: str) -> Plain:
 
 
 def _build(events: Iterable[yaml.Event]) -> Plain:
+    # This loop reads one event at a time, because PyYAML's own loader recurses and crashes on deep
+    # nesting.
     documents: list[Plain] = []
     anchors: dict[str, Plain] = {}
-    # Lists and tables, with their items so far.
+    # Lists and tables that have not ended, each with its items. The first entry collects documents.
     opened: list[tuple[Plain, list[Plain]]] = [(None, documents)]
     values = 0
     for event in events:
@@ -73,8 +78,10 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
                 value = anchors[event.anchor]
             case yaml.MappingEndEvent():
                 table, items = opened.pop()
-                # A table that is not filled yet contains this one.
+                # A table gets its entries when it ends, so an outer table is still empty and cannot
+                # be merged.
                 unfilled = [outer for outer, _ in opened] + [table]
+                # Merged keys count too, because merge keys can copy a large table many times.
                 values += _fill(table, items, unfilled)
                 if values > _MOST_VALUES:
                     raise InputError(_TOO_MANY)
@@ -84,15 +91,20 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
                 continue
             case _:
                 continue
+        # A value that belongs to no list or table is a document.
         if documents and len(opened) == 1:
             raise InputError("expected readable YAML of one document, got several")
         values += 1
         if values > _MOST_VALUES:
             raise InputError(_TOO_MANY)
         opened[-1][1].append(value)
+        # An anchor is noted before its list or table is filled. A value may therefore contain
+        # itself.
         if event.anchor is not None:
             anchors[event.anchor] = value
         if isinstance(event, yaml.CollectionStartEvent):
+            # A list collects its own items. A table's items are keys and values, which become
+            # entries later.
             opened.append((value, value if isinstance(value, list) else []))
             if len(opened) > _DEEPEST + 1:
                 raise InputError(_TOO_DEEP)
@@ -109,6 +121,7 @@ def _fill(table: dict[str, Plain], items: list[Plain], unfilled: list[Plain]) ->
         if key in table:
             raise InputError(f"YAML: expected each key once, got {shorten(key, 40)} twice")
         table[key] = value
+    # Merged keys come last, because the table's own keys override them wherever the merge key is.
     if _MERGE not in table:
         return 0
     merged = _tables_of(table.pop(_MERGE), unfilled)

@@ -29,10 +29,12 @@ _SPEED, _YIELD, _PRIORITY = "274", "205", "306"
 # The sign at all entries of a crossing, by right of way.
 _SIGN_FOR_ALL = {"allway_stop": "206", "right_before_left": "102"}
 
-# The phases of a traffic light: the colour, and its length in time steps.
+# The phases of a traffic light: the colour, and its length in time steps of 0.1 s.
 _CYCLE = (("green", 200), ("yellow", 30), ("red", 200), ("redYellow", 30))
+# This cycle is half a cycle ahead, so one axis is green while the other is red.
 _CYCLE_FROM_RED = _CYCLE[2:] + _CYCLE[:2]
 
+# The elements for the successors of an incoming road, by turn.
 _SUCCESSORS = ("successorsRight", "successorsStraight", "successorsLeft")
 
 
@@ -81,14 +83,18 @@ def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
     lanelets = _make_lanelets(lane_graph(road_map.codes, turn_back=True), streets, len(links))
     scenario = _Scenario(first_number=len(lanelets) + 1)
     speed = f"<additionalValue>{streets.speed:.9g}</additionalValue>"
+    # One virtual sign has the speed limit of all lanelets.
     limit = scenario.add_sign(_SPEED, lanelets[0].right[0], speed)
+    # Lanelets are in the order of their tiles, so `groupby` collects those of each tile.
     for tile, across in groupby(lanelets, lambda lanelet: lanelet.movement.node.tile):
         if links[tile] > 2:
             _add_crossing(scenario, list(across), lanelets, rights[tile])
+    # A lanelet names its sign or light, so lanelets are written when all crossings are known.
     elements = _lanelet_elements(lanelets, scenario.rules, links, limit)
     elements += scenario.signs + scenario.lights + scenario.intersections
     goal = _farthest_from(lanelets[0], lanelets)
     elements += [_problem(scenario.next_number(), lanelets[0], goal), "</commonRoad>\n"]
+    # The number of the scenario depends on its content, so the head comes last.
     content = "\n".join(elements)
     return _HEAD.format(number=_number_of(content)) + content
 
@@ -137,7 +143,8 @@ def _make_lanelets(graph: LaneGraph, streets: Streets, height: int) -> list[_Lan
     for number, movement in enumerate(graph.list_movements(), 1):
         left, right = bounds(movement, streets, height)
         if movement.turn == BACK:
-            # The outline of a lanelet must not touch itself.
+            # Both ends of this left bound are the middle of the tile's side. They are moved apart,
+            # because the outline of a lanelet must not touch itself.
             left[[0, -1]] += 1e-5 * (right - left)[[0, -1]]
         lanelets.append(_Lanelet(number, movement, left, right, [], []))
     for lanelet, next_indices in zip(lanelets, graph.list_successors(), strict=True):
@@ -158,12 +165,15 @@ def _add_crossing(
     by_heading: dict[int, list[_Lanelet]] = {}
     for lanelet in across:
         by_heading.setdefault(lanelet.movement.heading, []).append(lanelet)
+    # All numbers are needed first, because the ways into a crossing refer to each other.
     incoming_numbers = {heading: scenario.next_number() for heading in by_heading}
     parts = []
     for heading, turning in by_heading.items():
+        # All turns from a side continue the same lanelets, which end at the crossing.
         entering = turning[0].predecessors
         parts.append(_incoming(heading, turning, incoming_numbers))
         sign = _SIGN_FOR_ALL.get(right_of_way)
+        # At four arms no road gives way, so a crossing with priority has no signs there.
         if right_of_way == "priority" and yielding:
             sign = _YIELD if heading in yielding else _PRIORITY
         if sign is not None:
@@ -184,6 +194,7 @@ def _incoming(heading: int, turning: list[_Lanelet], incoming_numbers: dict[int,
         parts.append(f'<incomingLanelet ref="{number}"/>')
     for lanelet in turning:
         parts.append(f'<{_SUCCESSORS[lanelet.movement.turn]} ref="{lanelet.number}"/>')
+    # Who comes from the right has a heading that is a quarter turn to the left.
     from_right = (heading + 3) % 4
     if from_right in incoming_numbers:
         parts.append(f'<isLeftOf ref="{incoming_numbers[from_right]}"/>')
@@ -205,6 +216,7 @@ def _lanelet_elements(
     elements = []
     for lanelet in lanelets:
         movement = lanelet.movement
+        # The oncoming lanelet enters where this one leaves, and leaves where this one enters.
         way_back = movement.node.tile, (movement.exit + 2) % 4, (movement.heading + 2) % 4
         tile_links = int(links[movement.node.tile])
         rule = rules.get(lanelet.number, "")
@@ -241,7 +253,7 @@ def _farthest_from(start: _Lanelet, lanelets: list[_Lanelet]) -> int:
     queue = [start.number]
     reached = {start.number}
     for number in queue:
-        # The queue grows while it is read.
+        # The queue grows during the loop, until it has all lanelets that can be reached.
         for successor in lanelets[number - 1].successors:
             if successor not in reached:
                 reached.add(successor)

@@ -46,7 +46,7 @@ ROADS = {"straight": NORTH | SOUTH, "curve": SOUTH | EAST, "3way": NORTH | EAST 
 _SIGN_KINDS = [kind for kind in OBJECT_KINDS if kind.startswith("sign_")]
 _SHORT_NAMES = {kind: kind.removeprefix("sign_").lower() for kind in _SIGN_KINDS}
 
-# Signs that the library has no name for.
+# The kinds of signs that the library has no name for.
 _NAMELESS = ("sign_blank", "sign_street_name")
 
 SIGNS = {kind: name for kind, name in _SHORT_NAMES.items() if kind not in _NAMELESS}
@@ -67,7 +67,7 @@ _KIND_OF_SIGN = {name: kind for kind, name in SIGNS.items()}
 _KIND_OF_SIGN |= {name: kind for kind, name in _SHORT_NAMES.items()}
 _KIND_OF_LAYER = {"citizens": "duckie", "vehicles": "duckiebot", "ground_tags": "floor_tag"}
 
-# Texts, because `yaml_tree` keeps all scalars as texts.
+# The values that stand for nothing. They are texts, because `yaml_tree` keeps all scalars as texts.
 _NOTHING = (None, "", "~", "null", "Null", "NULL")
 _METRES = ("m", "metres", "meters")
 _CELL_IN_NAME = re.compile(r"_(-?\d{1,4})_(-?\d{1,4})$")
@@ -89,7 +89,7 @@ class _Pose(NamedTuple):
         """Returns the pose of a child, given in this frame, in the parent of this frame."""
         x = self.x + cos(self.yaw) * child.x - sin(self.yaw) * child.y
         y = self.y + sin(self.yaw) * child.x + cos(self.yaw) * child.y
-        # The remainder, because the sum of several yaws may be infinite.
+        # The angle stays in a full turn, because the sum of several yaws may be infinite.
         yaw = remainder(self.yaw + child.yaw, 2 * pi)
         return _Pose(x, y, yaw)
 
@@ -123,6 +123,8 @@ def read_layers(folder: Path) -> tuple[NDArray[np.int8], tuple[MapObject, ...] |
     tiles = _read_tiles(folder / "tiles.yaml", layers["tiles"], frames)
     corner, readings = check_named(str(folder / "tiles.yaml"), _place_tiles, tiles)
     codes = _as_turned(folder, readings)
+    # An object may be relative to the frame of a tile. That frame is put into the middle of its
+    # tile, even if the file has the corner.
     frames.place_tiles({name: tile.cell for name, tile in tiles.items()})
     objects = _read_objects(folder, layers, frames, corner, codes.shape)
     if not objects:
@@ -134,6 +136,7 @@ def _read_tiles(file: Path, layer: Mapping[str, _Table], frames: "_Frames") -> d
     """Returns the tiles of a layer by their names."""
     tiles: dict[str, _Tile] = {}
     for name, values in layer.items():
+        # A tile needs no frame if its cell is in its values or in its name.
         pose = None
         clockwise = False
         if name in frames:
@@ -165,12 +168,15 @@ def _read_objects(
             if name not in frames:
                 raise InputError(f"{label}: expected a frame of this name in frames.yaml, got none")
             pose = frames.pose(name)
-            # A map object counts from the north-west corner, with y to the south.
+            # The position of a map object is relative to the north-west corner, with y to the
+            # south.
             x = pose.x / frames.size - west
             y = height + south - pose.y / frames.size
             map_object = check_named(label, _read_object, layer, values, x, y, pose.yaw)
             map_object = check_named(label, check_object, map_object, height, width)
             objects_by_frame.setdefault(name, []).append(map_object)
+    # Objects of all layers come in the order of the frames, which is the order in which we write
+    # them.
     objects = []
     for name in layers["frames"]:
         objects += objects_by_frame.get(name, [])
@@ -183,6 +189,7 @@ def _read_layer(folder: Path, name: str) -> dict[str, _Table]:
     if name not in ("frames", "tiles") and not file.exists():
         return {}
     values = check_named(str(file), yaml_tree, read_input(file, _MOST_BYTES, "YAML"))
+    # A layer without entries is written in several ways.
     layer = None
     if isinstance(values, dict) and name in values:
         layer = values[name]
@@ -208,6 +215,7 @@ def _tile_map(folder: Path, layers: Mapping[str, Mapping[str, _Table]]) -> tuple
     if not layers["tiles"]:
         raise InputError(f"{folder / 'tiles.yaml'}: expected tiles, got none")
     names = list(layers["tile_maps"])
+    # Without a layer of tile maps, the names of the tiles begin with the name of the map.
     if not names:
         names = sorted({name.partition("/")[0] for name in layers["tiles"]})
     if len(names) != 1:
@@ -217,6 +225,7 @@ def _tile_map(folder: Path, layers: Mapping[str, Mapping[str, _Table]]) -> tuple
     if "tile_size" not in values:
         return map_name, TILE_SIZE
     sides = values["tile_size"]
+    # A single number is the side of a square.
     if not isinstance(sides, dict):
         sides = {"x": sides}
     label = f"{file}: {map_name}: tile_size"
@@ -244,7 +253,8 @@ class _Frames:
         pose, top = self._climb(name)
         if top == self._root:
             return pose
-        # The frame and its parents lead to the world instead of the map.
+        # The frame and its parents lead to the world instead of the map. The map itself may have a
+        # pose in the world.
         origin = _Pose()
         if self._root in self:
             origin, _ = self._climb(self._root)
@@ -263,7 +273,10 @@ class _Frames:
     def _climb(self, name: str) -> tuple[_Pose, str | None]:
         """Returns the pose of a frame in the frame of the map or in the world, and the map's name or None."""
         pose, frame = _Pose(), name
+        # Each step leads to another frame. With more steps than frames, the frames form a circle.
         for _ in range(len(self._frames) + 1):
+            # The place of a tile is known from its cell, so its frame need not be followed to the
+            # map.
             if frame in self._tiles:
                 return self._tiles[frame].then(pose), self._root
             label = f"{self._file}: {frame}"
@@ -336,6 +349,7 @@ def _read_tile(
     if not isinstance(kind, str) or kind not in ROADS:
         kinds = ", ".join([*ROADS, *GROUNDS])
         raise InputError(f"type: expected one of {kinds}, got {brief(kind, 40)}")
+    # A 4-way tile looks the same in all rotations, so it needs no yaw.
     if kind == "4way":
         return _Tile(cell, 15, 15)
     if pose is None:
@@ -346,6 +360,7 @@ def _read_tile(
         raise InputError(f"expected a yaw at a right angle, got {kind!r} with yaw {pose.yaw:g}")
     if clockwise:
         turns = -turns
+    # Which way the map uses is known only after all its tiles were read.
     library_code = int(rotate_codes(ROADS[kind], turns % 4))
     matrix_code = int(rotate_codes(ROADS_OF_MATRIX[kind], turns % 4))
     return _Tile(cell, library_code, matrix_code)
@@ -353,6 +368,7 @@ def _read_tile(
 
 def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
     """Returns the cell of a tile: of its indices, its position or its name."""
+    # Indices come first, because positions may be at the middle or at the corner of a cell.
     if "i" in values and "j" in values:
         return whole_of(values, "i"), whole_of(values, "j")
     if pose is not None:
@@ -368,8 +384,10 @@ def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
 def _index(position: float, size: float) -> int:
     """Returns the index of a cell, of a position at its middle or at its south-west corner."""
     tiles = position / size
-    # Tiles of a large position may be more than a float can hold.
+    # The quotient of a large position and a small side may be infinite.
     if isfinite(tiles):
+        # A quarter of a tile is added, because rounding errors may put a corner just below its
+        # index.
         index = floor(tiles + 0.25)
         is_corner = abs(tiles - index) <= _NEAR
         is_middle = abs(tiles - index - 0.5) <= _NEAR
@@ -391,6 +409,7 @@ def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
     """Returns the cell of the map's south-west corner, and the codes by both ways of turning tiles."""
     columns = [tile.cell[0] for tile in tiles.values()]
     rows = [tile.cell[1] for tile in tiles.values()]
+    # The map begins at the cell (0, 0), or farther west or south if there are tiles.
     west = min(0, min(columns))
     east = max(columns)
     south = min(0, min(rows))
@@ -401,6 +420,7 @@ def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
         expected = "sides of 1 to 1024 tiles, from i = 0 and j = 0 on"
         got = shorten(f"{width} x {height}")
         raise InputError(f"expected {expected}, got {got}")
+    # Cells without a tile stay empty.
     name_by_cell: dict[Cell, str] = {}
     readings = _Readings(np.zeros((height, width), np.int8), np.zeros((height, width), np.int8))
     for name, tile in tiles.items():
@@ -416,16 +436,19 @@ def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
 
 def _as_turned(folder: Path, readings: _Readings) -> NDArray[np.int8]:
     """Returns the reading that our first line names, or otherwise the reading with fewer loose ends."""
+    # The line is a comment, so `yaml_tree` does not return it.
     text = read_input(folder / "tiles.yaml", _MOST_BYTES, "YAML")
     if text.startswith(TURNED_AS_LIBRARY):
         return readings.library
     if text.startswith(TURNED_AS_MATRIX):
         return readings.matrix
+    # Of two readings with as many loose ends, `min` returns the first one, the library's.
     return min(readings, key=_count_unreturned)
 
 
 def _count_unreturned(codes: NDArray[np.int8]) -> int:
     """Returns the number of connections that no neighbour returns."""
+    # `linked_codes` removes the connections that no neighbour returns.
     return int(CONNECTIONS[codes].sum()) - int(CONNECTIONS[linked_codes(codes)].sum())
 
 
@@ -434,6 +457,7 @@ def _read_object(layer: str, values: _Table, x: float, y: float, angle: float) -
     kind = _kind_of(layer, values)
     height = real_of(values, "height", OBJECT_KINDS[base_kind(kind)].height)
     tag = None
+    # In these layers an id is that of a robot, not of a tag.
     if layer not in ("citizens", "vehicles") and values.get("id") not in _NOTHING:
         tag = whole_of(values, "id")
     return MapObject(kind, x, y, angle, height, tag, values.get("static") not in FALSE)
@@ -447,6 +471,7 @@ def _kind_of(layer: str, values: _Table) -> str:
     if not isinstance(text, str) or text in _NOTHING:
         raise InputError(f"type: expected a kind of object, got {brief(text, 40)}")
     if layer == "traffic_signs":
+        # Maps have several forms of one name: "stop", "sign_stop" and "T-intersection".
         kind = _KIND_OF_SIGN.get(text.lower().replace("-", "_").removeprefix("sign_"), text)
     else:
         kind = text

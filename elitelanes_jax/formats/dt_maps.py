@@ -60,6 +60,7 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str
     size = float(tile_size)
 
     def frame_of_tile(i: int, j: int, yaw: float) -> _Table:
+        # The library has the middle of a tile, in metres.
         return {"relative_to": _MAP, "pose": _pose((i + 0.5) * size, (j + 0.5) * size, yaw)}
 
     layers = _write_layers(source, size, ROADS, frame_of_tile, robot="duckiebot")
@@ -87,12 +88,15 @@ def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dic
     check_roads(source.codes)
     robots = [thing for thing in source.objects or () if thing.kind == "duckiebot"]
     others = [thing for thing in source.objects or () if thing.kind != "duckiebot"]
+    # The Gym environment drives the first robot, so a map needs one.
     if not robots:
         robots = [_robot_on_first_lane(source)]
-    # Robots come first, because an object's index is the number in its name.
+    # Robots come first, because the index of an object is the number in its name, and the first
+    # robot is `vehicle_0`.
     source = replace(source, objects=(*robots, *others))
 
     def frame_of_tile(i: int, j: int, yaw: float) -> _Table:
+        # The Duckiematrix has the south-west corner of a tile, in tiles.
         return {"relative_to": None, "unit": "tiles", "pose": _pose(float(i), float(j), yaw)}
 
     layers = _write_layers(
@@ -105,6 +109,8 @@ def _robot_on_first_lane(road_map: RoadMap) -> MapObject:
     """Returns a robot in the middle of the map's first lane."""
     lane = lane_curves(lane_graph(road_map.codes).list_movements()[0])[0]
     x, y = lane.points(np.array([0.5]))[0].tolist()
+    # Headings are clockwise from north, and angles counter-clockwise from east. In the middle of an
+    # arc half of its turn is done.
     angle = pi / 2 - lane.heading * pi / 2 + lane.curvature * lane.length / 2
     return MapObject("duckiebot", x, y, angle, OBJECT_KINDS["duckiebot"].height)
 
@@ -125,16 +131,18 @@ def _write_layers(
       frame_of_tile: the frame of a tile from its column i, its row j from the south, and its yaw.
       robot: what the frames of robots are named after.
     """
+    # The kind of a tile and its quarter turns, by the code.
     kinds: dict[int, tuple[str, int]] = {}
     for kind, upright_code in roads.items():
         for turns in range(4):
-            # A straight looks the same after half a turn: the fewest turns count.
+            # A straight looks the same after half a turn. `setdefault` keeps the fewest turns.
             kinds.setdefault(rotate_codes(upright_code, turns), (kind, turns))
     rows = len(road_map.codes)
     layers: dict[str, _Table] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}
     layers["frames"][_MAP] = {"relative_to": None, "pose": _pose(0.0, 0.0, 0.0)}
     for (row, i), code in np.ndenumerate(road_map.codes):
+        # Rows of these maps are numbered from the south.
         j = rows - 1 - row
         kind, turns = kinds.get(int(code), ("grass", 0))
         name = f"{_MAP}/tile_{i}_{j}"
@@ -144,7 +152,7 @@ def _write_layers(
         stem = robot if thing.kind == "duckiebot" else thing.kind.removeprefix(OTHER)
         name = f"{_MAP}/{stem}_{index}"
         if name in layers["tiles"]:
-            # The object's kind is other:tile_0 or the like.
+            # An object of the kind "other:tile_0" has the name of a tile.
             name = f"{_MAP}/other_{name.removeprefix(f'{_MAP}/')}"
         layer, values = _entry(thing)
         values["height"] = thing.height
@@ -162,6 +170,7 @@ def _texts(layers: Mapping[str, _Table], version: str | float, turned: str) -> d
     for name, values in layers.items():
         content = {"version": version, name: values}
         texts[name] = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=200)
+    # A comment is no part of the values, so it is put before the YAML text.
     return texts | {"tiles": turned + texts["tiles"]}
 
 

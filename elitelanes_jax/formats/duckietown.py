@@ -30,7 +30,7 @@ TILE_SIZE = 0.585
 GROUNDS = ("grass", "floor", "asphalt", "empty")
 """The kinds of tiles without a road. We write grass."""
 
-# The sides that each kind opens when it faces south.
+# The sides that each kind opens when it faces south, as a code.
 _ROADS = {
     "straight": 10,
     "curve_left": 12,
@@ -47,7 +47,7 @@ def _codes_of_tiles() -> dict[str, int]:
     """Returns the code of each tile that a file may name."""
     codes = {}
     for kind, code in _ROADS.items():
-        # Without a side a kind faces east.
+        # A kind without a side faces east.
         codes[kind] = rotate_codes(code, _TURNS["E"])
         for side, turns in _TURNS.items():
             codes[f"{kind}/{side}"] = rotate_codes(code, turns)
@@ -60,6 +60,7 @@ def _codes_of_tiles() -> dict[str, int]:
 
 _CODE = _codes_of_tiles()
 
+# A code may have several names. We write one of them for each code.
 _WRITTEN_TILES = (
     "straight/N", "straight/E", "4way",
     "curve_left/S", "curve_left/E", "curve_left/N", "curve_left/W",
@@ -106,7 +107,7 @@ def to_duckietown(
     tiles = []
     for row in grid.tolist():
         tiles.append([_TILE_OF_CODE.get(code, "grass") for code in row])
-    # This text is short for a float32 too.
+    # A float32 would be long as a Python number: 0.585 is 0.5849999785423279.
     metres = np.format_float_positional(tile_size, trim="0")
     head = f"tile_size: {metres}\ntiles:\n{_table(tiles)}"
     return head + write_objects(checked_objects, len(grid), float(tile_size))
@@ -166,7 +167,7 @@ def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject]
         return grid, None
     size = values.get("tile_size", TILE_SIZE)
     if isinstance(size, list | dict):
-        # The message of the check would have the whole text.
+        # A list is shortened here, because the message of the check would contain all of it.
         size = brief(size)
     tile_size = check_named("tile_size", real(0.01, 100, unit="metres"), size)
     return grid, read_objects(values["objects"], len(grid), tile_size)
@@ -179,13 +180,14 @@ def _read_tiles(values: Plain, is_one_line: bool) -> Int8[np.ndarray, "H W"]:
         rows = values.get("tiles")
     if rows is None:
         hint = ""
+        # A text of one line may be the name of a file.
         if is_one_line and not isinstance(values, dict):
             hint = "; read_map reads the map of a file"
         expected = 'expected a Duckietown map, {"tiles": [[...], ...]}'
         raise InputError(f'{expected}, got no "tiles"{hint}')
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise InputError(f"tiles: expected rows of kinds of tiles, got {brief(rows)}")
-    # Aliases of YAML may name the same row many times, so the sides are checked first.
+    # With aliases a short text may have very many rows, so the sides are checked before the tiles.
     check_sides(rows)
     codes = []
     for row, tiles in enumerate(rows):
@@ -221,6 +223,8 @@ def without_dead_ends(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
       InputError: for a bad grid.
     """
     grid = np.asarray(check_grid(codes))
+    # A tile with fewer than two links is removed. This may leave a neighbour with fewer than two,
+    # which is removed next.
     links = linked_tiles(grid)
     dead_ends = [tile for tile, neighbours in links.items() if len(neighbours) < 2]
     while dead_ends:

@@ -19,22 +19,24 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.network.checks import check_shape
 
-# Types of components.
+# The numbers of glTF for 32-bit floats and for unsigned 16-bit integers.
 _FLOATS, _SHORTS = 5126, 5123
 
-# Linear, with mipmaps; nothing is repeated beyond the edges.
+# The picture is sampled linearly, with mipmaps. It is not repeated beyond its edges.
 _SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
 _PNG = b"\x89PNG\r\n\x1a\n"
 
-# The corners of a picture, right and down; of the square that shows it, right, up and forwards; and
-# the normals there.
+# The corners of a picture, by (right, down).
 _CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)
+# The corners of the square that shows it, by (right, up, forwards), and the normal at each of them.
 _SQUARE = np.array([(-0.5, 1, 0), (0.5, 1, 0), (0.5, 0, 0), (-0.5, 0, 0)], np.float32)
 _NORMALS = np.array([(0, 0, 1)] * 4, np.float32)
-# The corners are anticlockwise from the front.
+# Two triangles are a square. Their corners are anticlockwise as seen from the front, which is the
+# side that glTF shows.
 _TRIANGLES = np.array([0, 3, 2, 0, 2, 1], np.uint16)
 
-# The accessors, and the views of the buffer, of these four arrays.
+# The indices of these four arrays, both as accessors and as views of the buffer. The views of
+# pictures follow.
 _POSITION, _NORMAL, _PICTURE_POSITION, _INDEX = range(4)
 
 _Vector = tuple[float, float, float]
@@ -89,17 +91,21 @@ def to_gltf(
         )
     standing = check_named("standing", listed(Standing), standing)
     rows, columns = check_shape(shape)
-    # By content, so that equal objects share a picture.
+    # Pictures are keys with their index, because equal objects share a picture.
     pictures = {picture: 0}
     nodes = [_floor(columns * tile_size, rows * tile_size)]
     for item in standing:
         index = pictures.setdefault(item.picture, len(pictures))
         nodes.append(_upright(item, index, tile_size, rows))
     parts = [_SQUARE.tobytes(), _NORMALS.tobytes(), _CORNERS.tobytes(), _TRIANGLES.tobytes()]
+    # The keys of a dictionary are in the order of their indices.
     parts += pictures
     content = _scene(nodes, len(pictures)) | _buffer(parts)
+    # The length of a chunk is a multiple of 4. JSON is filled up with spaces, the buffer with
+    # zeros.
     chunks = _chunk(b"JSON", _padded(json.dumps(content).encode(), b" "))
     chunks += _chunk(b"BIN\0", b"".join(map(_padded, parts)))
+    # The head has the version and the length of the file, with its own 12 bytes.
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
@@ -111,6 +117,7 @@ def _floor(width: float, depth: float) -> _Node:
 def _upright(item: Standing, picture: int, tile_size: float, rows: int) -> _Node:
     """Returns the node of an object that stands on the floor."""
     thing, scale = item.thing, tile_size / TILE_SIZE
+    # Angles are counter-clockwise from east, and z points south.
     east, south = cos(thing.angle), -sin(thing.angle)
     return _Node(
         name=thing.kind,
@@ -128,6 +135,7 @@ def _scene(nodes: list[_Node], pictures: int) -> dict[str, object]:
     placed = []
     for node in nodes:
         axes = [node.right, node.up, node.forwards, node.place]
+        # A matrix has its columns one after the other: three axes and the place.
         matrix = np.column_stack([axes, [0, 0, 0, 1]]).ravel().tolist()
         placed.append({"name": node.name, "mesh": node.picture, "matrix": matrix})
     meshes, materials, textures, images = [], [], [], []
@@ -152,6 +160,7 @@ def _scene(nodes: list[_Node], pictures: int) -> dict[str, object]:
 
 def _buffer(parts: list[bytes]) -> dict[str, object]:
     """Returns the parts of the JSON that say where arrays and pictures are in the binary chunk."""
+    # glTF requires the bounds of positions, and of no other array.
     extent = {"min": _SQUARE.min(axis=0).tolist(), "max": _SQUARE.max(axis=0).tolist()}
     accessors = [
         _accessor(_POSITION, "VEC3", 4) | extent,
@@ -170,6 +179,8 @@ def _buffer(parts: list[bytes]) -> dict[str, object]:
 def _material(index: int) -> dict[str, object]:
     surface = {"baseColorTexture": {"index": index}, "metallicFactor": 0, "roughnessFactor": 1}
     is_floor = index == 0
+    # Objects have transparent pixels, and are seen from behind too. The floor is opaque, and seen
+    # from above alone.
     return {
         "alphaMode": "OPAQUE" if is_floor else "MASK",
         "doubleSided": not is_floor,

@@ -21,9 +21,9 @@ from elitelanes_jax.network.checks import check_grid
 
 # The number of starts, and of goals from each start.
 _STARTS, _GOALS = 10, 10
-# Tasks in a bucket have path lengths that differ by less than this.
+# The range of path lengths in a bucket, as the format defines it.
 _BUCKET = 4
-# The lengths of paths to all of these cells take 4 GB of memory.
+# The most cells of a map. The lengths of the paths to all of them take 4 GB of memory.
 _MOST_CELLS = 2**25
 
 
@@ -53,7 +53,7 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
       InputError: for a bad grid, one without a road, a bad name, or a bad number of cells, or over
         2**25 in all.
     """
-    # Readers of tasks split their lines at spaces of any kind, and know no quotes.
+    # Readers split the lines of tasks at spaces of any kind, and know no quotes.
     if check_named("name", text_name, name).split() != [name]:
         raise InputError(
             f"name: expected a name without spaces, as in MovingAI's tasks, got {shorten(repr(name))}"
@@ -89,8 +89,11 @@ def _road_cells(codes: ArrayLike, cells: int) -> Bool[NDArray, "H W"]:
             f"cells: expected at most {_MOST_CELLS:,} in all, got {links.size * cells**2:,}"
         )
     centres = (np.arange(cells) + 0.5) / cells
+    # Tiles of one code look the same, so each code is computed once and then looked up.
     tiles = on_road(np.arange(16)[:, None, None], centres, centres[:, None])
     height, width = links.shape
+    # The indices (tile row, tile column, cell row, cell column) become (tile row, cell row, tile
+    # column, cell column).
     return np.asarray(tiles[links].swapaxes(1, 2).reshape(height * cells, width * cells))
 
 
@@ -104,11 +107,14 @@ class _Task(NamedTuple):
 
 def _draw_tasks(road: Bool[NDArray, "H W"]) -> list[_Task]:
     """Draws starts and goals, and computes the lengths of their shortest paths; the short ones come first."""
+    # The seed is fixed, so the same map has the same tasks.
     rng = np.random.default_rng(0)
+    # A task has the column first, then the row.
     cells = np.argwhere(road)[:, ::-1].tolist()
     starts = rng.choice(len(cells), min(_STARTS, len(cells)), replace=False)
     tasks = []
     for start, lengths in zip(starts, _path_lengths(road, starts), strict=True):
+        # A goal is in the same part of the network as the start, and is not the start itself.
         reached = np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
         for goal in rng.choice(reached, min(_GOALS, len(reached)), replace=False):
             tasks.append(_Task(float(lengths[goal]), cells[start], cells[goal]))
@@ -120,14 +126,18 @@ def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
+    # The index of each cell of the road among all of them, row by row.
     index = np.cumsum(road).reshape(road.shape) - 1
-    # A border that is not free keeps steps on the map.
+    # Around the map is a border that is not free, so no step leaves the map.
     free = np.pad(road, 1)
     cells = np.argwhere(road)
     steps = []
+    # Four of the eight directions are enough, because the graph is undirected.
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        # The goal of a step, and the cells beside it: for a straight step, its start and its goal.
+        # These cells must all be free: the goal of a step and the two cells beside it. Beside a
+        # straight step they are its start and its goal.
         entered = cells + np.array([[[down, right]], [[down, 0]], [[0, right]]])
+        # The border shifts all indices by 1.
         is_free = free[tuple(np.moveaxis(entered + 1, -1, 0))].all(axis=0)
         starts_of_steps = index[tuple(cells[is_free].T)]
         goals_of_steps = index[tuple(entered[0, is_free].T)]

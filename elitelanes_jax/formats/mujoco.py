@@ -30,8 +30,9 @@ WHEEL_DISTANCE = 0.102
 # The top speed of a wheel in metres a second.
 _TOP_SPEED = 1.2
 
-# The camera above the floor and ahead of the wheels, in metres; its pitch and its upright angle of view.
+# The height of the camera above the floor and its distance ahead of the wheels, in metres.
 _CAMERA_HEIGHT, _CAMERA_FORWARD = 0.108, 0.066
+# The pitch of the camera in radians, and its upright angle of view in degrees.
 _PITCH, _FIELD_OF_VIEW = radians(19.15), 75
 
 _MODEL = """<mujoco model="elitelanes">
@@ -104,9 +105,11 @@ def to_mjcf(
     height, width = check_grid(codes).shape
     lane_offset = check_named("lane_offset", check_lane_offset, lane_offset)
     first_lane = lane_curves(lane_graph(codes).list_movements()[0], lane_offset)[0]
+    # The robot starts in the middle of the lane, with the direction between two points around it.
     before, start, after = first_lane.points(np.array([0.49, 0.5, 0.51]))
     east, north = after[0] - before[0], before[1] - after[1]
     standing = check_named("standing", listed(Standing), standing)
+    # Names in a model must be unique, so each object has its number.
     solids = "".join(
         _solid(item, height, number, tile_size) for number, item in enumerate(standing)
     )
@@ -146,6 +149,7 @@ def _solid(item: Standing, rows: int, number: int, tile_size: float) -> str:
     up = thing.height * scale / 2
     x, y = thing.x * tile_size, (rows - thing.y) * tile_size
     if thing.is_round:
+        # The footprint of a round object is a disc, whose diameter is its length.
         shape = f'type="cylinder" size="{length:.6g} {up:.6g}"'
     else:
         shape = f'type="box" size="{length:.6g} {width:.6g} {up:.6g}"'

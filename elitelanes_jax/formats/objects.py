@@ -45,9 +45,10 @@ class ObjectKind(NamedTuple):
     is_round: bool = False
 
 
-# Heights are those of most objects in duckietown-world's maps, proportions those of its meshes.
-# There a house has 0.5 m, a building 0.6 m and a bus 0.18 m; here they are lower, so that they fit
-# on a tile between signs. Street name signs have the widest one of the manual, 7.2 inches.
+# Heights are those of most objects in duckietown-world's maps, and proportions are those of its
+# meshes. There a house has 0.5 m, a building 0.6 m and a bus 0.18 m. Here they are lower, because
+# they must fit on a tile between signs. Street name signs have the widest size of the manual, 7.2
+# inches.
 _SIGN = ObjectKind(0.18, 0.056, 0.072)
 _SIGNS = (
     "stop", "4_way_intersect", "right_T_intersect", "left_T_intersect", "T_intersect",
@@ -157,6 +158,8 @@ def check_kind(kind: UserValue) -> str:
     if isinstance(kind, str) and _OTHER_KIND.fullmatch(kind):
         return kind
     if not isinstance(kind, str) or kind not in OBJECT_KINDS:
+        # A misspelt kind gets a suggestion. Any other name may be meant as a kind with the prefix
+        # "other:".
         hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
         if not hint and isinstance(kind, str) and _OTHER_KIND.fullmatch(OTHER + kind):
             hint = f"; is it {OTHER}{kind}?"
@@ -168,6 +171,7 @@ def check_kind(kind: UserValue) -> str:
 
 def nearest_view(angles: Iterable[int], angle: float) -> int:
     """Returns the first of the views of an object that are nearest to an angle, all in degrees."""
+    # The difference of two angles is at most half a turn.
     return min(angles, key=lambda view: abs((view - angle + 180) % 360 - 180))
 
 
@@ -216,7 +220,7 @@ def check_object(value: UserValue, height: int, width: int) -> MapObject:
             raise InputError(f"expected the fields {', '.join(fields)}, got {got}")
     kind = check_kind(values["kind"])
     usual = OBJECT_KINDS[base_kind(kind)].height
-    # A kind without a height, such as a tag on the floor, has none.
+    # Tags on the floor have no height, so only 0 fits.
     lowest, highest = (0.001, 10) if usual else (0, 0)
     x = _number("x", values.get("x"), -BEYOND, width + BEYOND, "tiles", slack=_ROUNDED)
     y = _number("y", values.get("y"), -BEYOND, height + BEYOND, "tiles", slack=_ROUNDED)

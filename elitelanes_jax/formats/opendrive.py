@@ -31,7 +31,7 @@ from elitelanes_jax.lanes.curves import Curve, lane_curves
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards, walk_roads
 from elitelanes_jax.lanes.movements import BACK, Movement, lane_graph
 
-# On the equator, on the central meridian of UTM's zone 32.
+# The south-west corner of the grid is on the equator, on the central meridian of UTM's zone 32.
 _GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
 
 
@@ -104,6 +104,7 @@ def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
     roads = _roads(network, signals)
     for movement in movements:
         tile = movement.node.tile
+        # Movements on other tiles are part of the roads between junctions.
         if tile in network.junctions:
             number = network.first_road + len(roads)
             roads.append(_connecting_road(network, number, movement))
@@ -120,15 +121,18 @@ def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
 
 def _make_network(codes: Int8[np.ndarray, "H W"], streets: Streets) -> _Network:
     links = linked_tiles(codes)
+    # Tiles with two links are inside roads. Crossings and dead ends are nodes.
     nodes = {tile for tile in links if len(links[tile]) != 2}
     for path in walk_roads(links, nodes):
-        # No road may lead back to the junction where it starts.
+        # No road may lead back to the junction where it starts. A further junction cuts it in two.
         if path[0] == path[-1]:
             nodes |= {path[0], path[len(path) // 2]}
+    # A tile without links has no road, and so no junction.
     linked_nodes = [tile for tile in sorted(nodes) if links[tile]]
     numbers = {tile: index + 1 for index, tile in enumerate(sorted(nodes))}
     junctions = {tile: numbers[tile] for tile in linked_nodes}
     first_road = max(junctions.values()) + 1
+    # With all junctions known, the roads are walked again.
     paths = walk_roads(links, set(junctions))
     ends: dict[Arrival, _End] = {}
     for number, path in enumerate(paths, first_road):
@@ -156,6 +160,7 @@ def _roads(network: _Network, signals: dict[Arrival, list[Signal]]) -> list[str]
     for number, path in enumerate(network.paths, network.first_road):
         pieces = middle_of_road(path, network.links)
         signs = ""
+        # Who arrives at the first tile drives against the direction of the road, on lane 1.
         for signal in signals[path[0], path[1]]:
             signs += signal_element(signal, 0, 1, streets, height)
         for signal in signals[path[-1], path[-2]]:
@@ -183,7 +188,8 @@ def _connecting_road(network: _Network, number: int, movement: Movement) -> str:
     lanes = f"<center>{_lane(0, 'none', streets)}</center><right>{_lane(-1, 'none', streets, link)}</right>"
     offset = ""
     if movement.turn == BACK:
-        # Its reference line is the half circle along the lane's centre, not the road's middle.
+        # The reference line is the half circle along the centre of the lane, not the middle of the
+        # road.
         offset = f'<laneOffset s="0" a="{streets.lane / 2:.9g}" b="0" c="0" d="0"/>'
     return _element(
         f'name="{movement.name}" id="{number}" junction="{network.junctions[movement.node.tile]}"',
@@ -198,9 +204,12 @@ def _connecting_road(network: _Network, number: int, movement: Movement) -> str:
 def _connecting_pieces(network: _Network, movement: Movement) -> list[Curve]:
     """Returns the line or arc across a junction, from the end of one road to the start of another."""
     if movement.turn == BACK:
+        # The roads already lead to the middle of the tile, so the lines on both sides are left out.
         _, half_circle, _ = lane_curves(movement, network.streets.lane / network.streets.tile / 2)
         return [half_circle]
     links = network.links
+    # Only roads between adjacent crossings lead beyond the border. Dead ends and junctions inside
+    # roads are no crossings.
     is_crossing = len(links[movement.node.tile]) > 2
     return middle_across_tile(
         movement,
@@ -232,21 +241,23 @@ def _rights_at_junctions(
     controllers: list[str] = []
     rights: dict[Cell, list[str]] = {}
     for tile, rule in rules.items():
-        # The arrivals of the road from north to south.
+        # The arrivals of the road between north and south.
         along: list[Arrival] = []
-        # The arrivals of the road from west to east.
+        # The arrivals of the road between west and east.
         beside: list[Arrival] = []
         for neighbour in network.links[tile]:
             axis = along if neighbour[1] == tile[1] else beside
             axis.append((tile, neighbour))
         if rule == "traffic_light":
             rights[tile] = []
+            # Each axis has a controller. The sequence orders the controllers of a junction.
             for sequence, axis in enumerate((beside, along)):
                 place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
                 controllers.append(
                     f"<controller {place}>{_controlled_lights(axis, signals)}</controller>"
                 )
                 rights[tile].append(f'<controller {place} type="0"/>')
+        # Only a crossing of three roads has one that ends there, and gives way.
         elif rule == "priority" and len(network.links[tile]) == 3:
             (low,), high = sorted((along, beside), key=len)
             low_road = network.ends[low].road
@@ -270,6 +281,7 @@ def _controlled_lights(axis: list[Arrival], signals: dict[Arrival, list[Signal]]
 
 def _lane(number: int, mark: str, streets: Streets, link: str = "") -> str:
     """Returns the element of a lane; lane 0 is the line between the directions and has no width."""
+    # These are the values of lane 0.
     kind, color, width = "none", "yellow", ""
     if number != 0:
         kind, color = "driving", "standard"
@@ -303,6 +315,7 @@ def _plan_view(pieces: list[Curve], streets: Streets, height: int) -> str:
     s = 0.0
     for east, south, heading, length, curvature in pieces:
         x, y = east * streets.tile, (height - south) * streets.tile
+        # Headings are clockwise from north, and angles counter-clockwise from east.
         angle = (1 - heading) * math.pi / 2
         metres = length * streets.tile
         place = f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{angle:.12g}" length="{metres:.12g}"'

@@ -16,7 +16,7 @@ from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.network.codes import SIDES
 
-# Tiles from a crossing, from which on signs no longer belong to it.
+# The distance in tiles from which on a sign no longer belongs to a crossing.
 _FAR = 1.5
 
 # The right of way that a sign or a light at a crossing gives.
@@ -26,7 +26,8 @@ _KINDS = {rule: kind for kind, rule in _RULES.items()}
 # The ends of the names of signs that belong to crossings.
 _OF_CROSSINGS = ("_stop", "_yield", "_t_light_ahead", "_intersect")
 
-# Tiles from a sign towards its road: signs beside straight roads are 0.08 outside their tiles.
+# The distance in tiles by which a sign is moved towards its road. Signs beside straight roads are
+# 0.08 outside their tiles.
 _ASIDE = 0.3
 
 # The types of signs in the German road traffic regulations (StVO), and their subtypes.
@@ -88,7 +89,7 @@ def rights_of_way(road_map: RoadMap, streets: Streets) -> dict[Cell, str]:
     for tile, neighbours in linked_tiles(road_map.codes).items():
         if len(neighbours) > 2:
             rules[tile] = streets.right_of_way
-    # Lights last: they overrule signs.
+    # In alphabetical order lights come after signs, which they overrule.
     for sign in sorted(_signs(road_map), key=lambda sign: sign.kind):
         crossing = crossing_of(sign, rules)
         if crossing and sign.kind in _RULES:
@@ -107,10 +108,12 @@ def list_signals(
     street name is at the road that it faces.
     """
     numbers = count(1)
+    # The tiles of each road in the direction of its traffic, by the end where that traffic arrives.
     ways: dict[Arrival, list[Cell]] = {}
     for path in paths:
         ways[path[0], path[1]] = path[::-1]
         ways[path[-1], path[-2]] = path
+    # The ends of roads at each tile, by the heading of who arrives there.
     ends_at: dict[Cell, dict[int, Arrival]] = {}
     for tile, before in ways:
         heading = SIDES.index(side_towards(before, tile))
@@ -123,16 +126,20 @@ def list_signals(
         crossing = crossing_of(sign, rules)
         if sign.kind in _RULES:
             ruled_by_signs.add(crossing)
+        # One light of the map becomes a signal at each end, for the drivers who arrive there.
         if sign.kind == "trafficlight" and crossing:
             for heading, end in ends_at[crossing].items():
                 angle = (1 - heading) * pi / 2
                 signals[end].append(Signal(next(numbers), sign.kind, sign, angle))
             continue
+        # A sign of a crossing belongs to the drivers who read it. The crossing may have no road
+        # with their heading.
         end_at_crossing = None
         if crossing is not None and sign.kind.endswith(_OF_CROSSINGS):
             end_at_crossing = ends_at[crossing].get(heading_of_reader(sign))
         end = end_at_crossing or _end_of_road(sign, passages, middles)
         signals[end].append(Signal(next(numbers), sign.kind, sign, sign.angle + pi))
+    # Crossings whose right of way asks for signs or lights get them if the map has none there.
     for end, signals_there in signals.items():
         kind = _KINDS.get(rules.get(end[0], ""))
         if kind and end[0] not in ruled_by_signs:
@@ -146,6 +153,7 @@ def _passages(ways: dict[Arrival, list[Cell]]) -> list[_Passage]:
     for end, way in ways.items():
         middles = [complex(column + 0.5, -row - 0.5) for row, column in way]
         for index, middle in enumerate(middles):
+            # The first and the last tile of a road have one neighbour on it.
             before, after = max(index - 1, 0), min(index + 1, len(way) - 1)
             ahead = middles[after] - middles[before]
             passages.append(_Passage(middle, ahead / abs(ahead), index == 0, end))
@@ -164,6 +172,7 @@ def _end_of_road(
 
     def gaps(*places: complex) -> Float64[np.ndarray, "N P"]:
         """Returns the distances of places from the tiles of all passages."""
+        # A tile is a square of side 1. The distance of a point inside is 0.
         apart = np.array(places)[:, None] - middles
         beyond_x = np.maximum(abs(apart.real) - 0.5, 0)
         beyond_y = np.maximum(abs(apart.imag) - 0.5, 0)
@@ -173,6 +182,8 @@ def _end_of_road(
         away = gaps(place + _ASIDE * front)
     else:
         away = gaps(place)
+        # A sign on a road belongs to this road. Other signs are moved towards the roads on both
+        # sides.
         if away.min():
             # What is left of the reader comes first, because traffic keeps right.
             left = _ASIDE * 1j * front
@@ -180,6 +191,8 @@ def _end_of_road(
 
     def preference(index: int) -> tuple[float, ...]:
         passage = passages[index]
+        # Of equally near lanes, the best leads most directly against the sign. Then the one nearer
+        # to the first position counts, then the one that has the sign farther to its right.
         against = (-front / passage.ahead).real
         right = (1j * (place - passage.middle) / passage.ahead).real
         return -round(against, 3), away[0, index], -round(right, 3), passage.starts
@@ -200,7 +213,8 @@ def _signs(road_map: RoadMap) -> list[MapObject]:
 def crossing_of(sign: MapObject, crossings: Collection[Cell]) -> Cell | None:
     """Returns the crossing that a sign or a light belongs to, if one is near: of equally near ones, the first."""
     row, column = floor(sign.y), floor(sign.x)
-    # No crossing farther away is nearer than `_FAR`. A large map has too many to measure them all.
+    # Crossings outside this window are at least `_FAR` away. A large map has too many to measure
+    # them all.
     cells = product(range(row - 2, row + 3), range(column - 2, column + 3))
     near = [cell for cell in cells if cell in crossings]
     nearest = min(near, key=lambda tile: _distance(sign, tile), default=None)
@@ -212,6 +226,7 @@ def crossing_of(sign: MapObject, crossings: Collection[Cell]) -> Cell | None:
 def _distance(sign: MapObject, tile: Cell) -> float:
     """Returns the distance in tiles of a light from a tile; of a sign from the far side as its reader sees it."""
     ahead = SIDES[heading_of_reader(sign)]
+    # Signs are on the opposite side of the crossing, half a tile beyond its middle.
     share = 0 if sign.kind == "trafficlight" else 0.5
     x = tile[1] + 0.5 + share * ahead.right
     y = tile[0] + 0.5 + share * ahead.down
@@ -220,12 +235,15 @@ def _distance(sign: MapObject, tile: Cell) -> float:
 
 def heading_of_reader(sign: MapObject) -> int:
     """Returns the heading of who drives towards a sign: 0 north, 1 east, 2 south, 3 west."""
+    # The reader drives against the sign's angle. Headings are clockwise from north, and angles
+    # counter-clockwise from east.
     return round(-1 - sign.angle / (pi / 2)) % 4
 
 
 def signal_element(signal: Signal, s: float, lane: int, streets: Streets, rows: int) -> str:
     """Returns the element of a signal for the drivers of a lane, at the distance `s` from the start of its road."""
     if signal.item is None:
+        # A signal without an object of the map gets a size and a height in proportion to the lane.
         height = width = streets.lane / 4
         above = 0.7 * streets.lane
         place = ""
@@ -237,10 +255,12 @@ def signal_element(signal: Signal, s: float, lane: int, streets: Streets, rows: 
         x, y = item.x * streets.tile, (rows - item.y) * streets.tile
         place = f'<positionInertial x="{x:.9g}" y="{y:.9g}" z="0" hdg="{signal.heading:.9g}"/>'
     if signal.kind == "trafficlight":
+        # OpenDRIVE itself defines this type, a light with three colours.
         about = 'country="OpenDRIVE" type="1000001" subtype="-1" dynamic="yes"'
     else:
         kind, subtype = _TYPES.get(signal.kind, ("-1", "-1"))
         about = f'country="DE" type="{kind}" subtype="{subtype}" dynamic="no"'
+    # A signal is read by those who drive along the road, "+", or against it, "-".
     orientation = "-" if lane > 0 else "+"
     position = f's="{s:.12g}" t="{1.25 * lane * streets.lane:.9g}"'
     size = f'zOffset="{above:.9g}" height="{height:.9g}" width="{width:.9g}"'
