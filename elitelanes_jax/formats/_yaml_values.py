@@ -27,7 +27,8 @@ def real_of(values: Mapping[str, Plain], name: str, default: float | None = None
     """
     value = values.get(name, default)
     with suppress(TypeError, ValueError):
-        # `float` also reads "1_000". The text of a list may be longer than the memory.
+        # `float` would also read "1_000", which is no number here. A list is not made a text,
+        # because the text may be longer than the memory.
         if not isinstance(value, list | dict) and "_" not in str(value):
             number = float(value)
             if isfinite(number):

@@ -37,6 +37,7 @@ def tile_graph(codes: ArrayLike) -> "networkx.Graph":
     graph.add_nodes_from(
         (tile, {"code": int(grid[tile]), "kind": KIND_OF[int(grid[tile])]}) for tile in links
     )
+    # Each link is found at both of its tiles, and added at the first one.
     graph.add_edges_from(
         (tile, other) for tile, others in links.items() for other in others if other > tile
     )

@@ -22,8 +22,8 @@ from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import BACK, TURNS, Movement, lane_graph
 from elitelanes_jax.network.codes import CONNECTIONS
 
-# UTM's constants of the ellipsoid WGS 84. The series end at the third power of _N. The error is under
-# a micrometre up to 7 km from the origin, and under 14 micrometres up to 100 km.
+# These are UTM's constants for the ellipsoid WGS 84. The series end at the third power of _N. The
+# error is under a micrometre up to 7 km from the origin, and under 14 micrometres up to 100 km.
 _N = 1 / (2 * 298.257223563 - 1)
 _RADIUS = 0.9996 * 6378137 / (1 + _N) * (1 + _N**2 / 4 + _N**4 / 64)
 _BETA = (_N / 2 - 2 * _N**2 / 3 + 37 * _N**3 / 96, _N**2 / 48 + _N**3 / 15, 17 * _N**3 / 480)
@@ -76,8 +76,11 @@ def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
     graph = lane_graph(road_map.codes, turn_back=True)
     links = CONNECTIONS[linked_codes(road_map.codes)]
     city = _Map()
+    # Movements are in the order of their tiles, so `groupby` collects those of each tile.
     for tile, movements in groupby(graph.list_movements(), attrgetter("node.tile")):
         is_crossing = bool(links[tile] > 2)
+        # Rules and lanelets refer to each other. Lanelets get their numbers first, then the rules
+        # are added, and the relations of lanelets come last.
         lanelets = [
             _start_lanelet(city, movement, streets, len(links), is_crossing)
             for movement in movements
@@ -94,6 +97,7 @@ def _start_lanelet(
 ) -> _Lanelet:
     """Adds the bounds of a lanelet. On a crossing no tape marks the bounds."""
     left, right = bounds(movement, streets, height)
+    # A movement back leads around the middle of a dead end, where no line is.
     left_kind = "virtual" if is_crossing or movement.turn == BACK else "line_thin"
     right_kind = "virtual" if is_crossing else "line_thin"
     members = [
@@ -134,6 +138,7 @@ def _entries_of(lanelets: list[_Lanelet]) -> dict[int, Complex128[np.ndarray, "2
 
 
 def _add_stop_for_all(city: "_Map", lanelets: list[_Lanelet]) -> None:
+    # Lanelets from one side share a stop line.
     stop_lines = {
         heading: city.add_line(entry, "stop_line")
         for heading, entry in _entries_of(lanelets).items()
@@ -150,6 +155,7 @@ def _add_lights(city: "_Map", lanelets: list[_Lanelet]) -> None:
     for heading, entry in _entries_of(lanelets).items():
         left, right = entry
         stop_line = city.add_line(entry, "stop_line")
+        # The light is beside the lane, from 0.1 to 0.4 of its width to the right of it.
         beside_lane = right + (right - left) * np.array([0.1, 0.4])
         light = city.add_line(beside_lane, "traffic_light", "red_yellow_green")
         members_of_lights[heading] = [
@@ -164,6 +170,7 @@ def _add_lights(city: "_Map", lanelets: list[_Lanelet]) -> None:
 def _add_priority(city: "_Map", lanelets: list[_Lanelet]) -> None:
     """Adds that the road that goes straight on goes first; at four arms there are two such roads, and no rule."""
     yielding = giving_way(lanelet.movement for lanelet in lanelets)
+    # At four arms no road gives way.
     if not yielding:
         return
     members = []
@@ -196,13 +203,15 @@ class _Map:
 
     def add_line(self, points: Complex128[np.ndarray, " P"], kind: str, subtype: str = "") -> int:
         """Adds a line, and returns its number."""
+        # Micrometres are enough, and make points of neighbours equal in spite of rounding errors.
         node_numbers = [self._add_point(point) for point in np.round(points, 6).tolist()]
-        # The direction does not matter: oncoming lanelets share their left bound.
+        # The direction does not matter, because oncoming lanelets share their left bound.
         key = min(tuple(node_numbers), tuple(reversed(node_numbers)))
         if key not in self.lines:
             self.lines[key] = self.next_number()
             nodes = "".join(f'<nd ref="{number}"/>' for number in node_numbers)
             tags = {"type": kind}
+            # A virtual line has no tape, and so no subtype.
             if subtype and kind != "virtual":
                 tags["subtype"] = subtype
             self.ways.append(_element("way", self.lines[key], nodes, tags))
@@ -250,9 +259,15 @@ def _on_earth(
     points: Complex128[np.ndarray, " P"],
 ) -> tuple[Float64[np.ndarray, " P"], Float64[np.ndarray, " P"]]:
     """Returns the latitudes and longitudes of points, in degrees: UTM inverted, by Krüger's series."""
+    # `zeta` is the point on the plane: north as its real part, east as its imaginary part, in
+    # radii.
     zeta = (points.imag + 1j * points.real) / _RADIUS
+    # The first series leads to the transverse Mercator projection of a sphere.
     zeta = zeta - sum(beta * np.sin(2 * j * zeta) for j, beta in enumerate(_BETA, 1))
+    # `chi` is the latitude on that sphere. The second series leads to the latitude on the
+    # ellipsoid.
     chi = np.arcsin(np.sin(zeta.real) / np.cosh(zeta.imag))
     latitudes = chi + sum(delta * np.sin(2 * j * chi) for j, delta in enumerate(_DELTA, 1))
+    # The sphere has the same longitudes, here from the central meridian of zone 32.
     longitudes = np.arctan2(np.sinh(zeta.imag), np.cos(zeta.real))
     return np.degrees(latitudes), 9 + np.degrees(longitudes)

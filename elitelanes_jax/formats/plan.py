@@ -35,16 +35,17 @@ REFERENCE = {
 }
 """The code of each kind of tile without a rotation."""
 
-# The kind and the fewest quarter turns of each code.
+# The kind and the fewest quarter turns of each code. Fewer turns come later here, and override more
+# turns.
 _TILE = {
     rotate_codes(code, turns): (kind, turns)
     for kind, code in REFERENCE.items()
     for turns in (3, 2, 1, 0)
 }
 
-# In metres: the width of a lane, and the length of the tape at a dead end.
+# The width of a lane, and the length of the yellow tape at each entry of a crossing, in metres.
 _LANE, _STUB = 0.21, 0.05
-# From the middle of the road to the middle of its white tape.
+# The distance from the middle of the road to the middle of its white tape, in metres.
 _EDGE = TAPE_WIDTHS["yellow"] / 2 + _LANE + TAPE_WIDTHS["white"] / 2
 
 
@@ -133,6 +134,7 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
         kind, quarter_turns = _TILE[int(codes[row, column])]
         placed.append(PlacedTile(row, column, kind, quarter_turns))
     tiles = {kind: sum(tile.kind == kind for tile in placed) for kind in REFERENCE}
+    # All tiles of a kind have equal tape, however they are turned.
     tape = dict.fromkeys(TAPE_WIDTHS, 0.0)
     for kind, count in tiles.items():
         for strip in tapes_of(kind, 0, size):
@@ -156,14 +158,14 @@ def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tup
     counter-clockwise from the tile in `REFERENCE`.
     """
     half, right = tile_size / 2, tile_size / 2 - TAPE_WIDTHS["yellow"] / 2
-    # The tape along the western side.
+    # Each strip is defined once, and rotated below. This one is the tape along the western side.
     side = Tape("white", ((half - _EDGE, 0.0), (half - _EDGE, tile_size)))
     corner = _arc("white", half - _EDGE, 3, tile_size)
-    # Who comes from the north has the west on the right.
+    # Traffic from the north keeps to the western half.
     stop = Tape("red", ((right - _LANE, TAPE_WIDTHS["red"] / 2), (right, TAPE_WIDTHS["red"] / 2)))
     stub = Tape("yellow", ((half, 0.0), (half, _STUB)))
     middle_line = Tape("yellow", ((half, 0.0), (half, tile_size)))
-    # Strips, with the quarter turns from where they are defined.
+    # Each strip has the quarter turns from where it is defined.
     if kind == "straight":
         strips = [(middle_line, 0), (side, 0), (side, 2)]
     elif kind == "turn":
@@ -199,5 +201,6 @@ def _arc(colour: str, radius: float, pieces: int, tile_size: float) -> Tape:
 def _turned(tape: Tape, quarter_turns: int, tile_size: float) -> Tape:
     points = tape.points
     for _ in range(quarter_turns % 4):
+        # A quarter turn counter-clockwise takes east to north. y points south.
         points = tuple((y, tile_size - x) for x, y in points)
     return tape._replace(points=points)

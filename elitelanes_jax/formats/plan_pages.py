@@ -21,23 +21,24 @@ from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, make_plan, tapes_of
 
 # Lengths on pages are in millimetres.
+# These are the sizes of a page, its margin, and the height of a line.
 _A4, _MARGIN, _LINE = (210.0, 297.0), 14.0, 4.5
-# The sides of a tile of the map, and the side of a tile of the legend.
+# The least and the largest side of a tile of the map, and the side of a tile of the legend.
 _SMALLEST, _LARGEST, _SAMPLE = 14.0, 40.0, 22.0
 _ABOVE_MAP, _BELOW_MAP = _MARGIN + 16, 20.0
 _BESIDE_MAP = 2 * _MARGIN + 16
 _BETWEEN_SAMPLES = 8.0
-# The lines and the columns of a page of the check-list.
+# The number of lines and of columns on a page of the check-list.
 _ROWS, _COLUMNS = 56, 3
-# In tiles: signs may be this far beyond the map.
+# The distance in tiles that signs may be beyond the map.
 _SIGNS_BEYOND = 0.3
 
 _GROUND, _ROAD, _INK, _FAINT = "#f3f5ee", "#c4c8ce", "#1d2026", "#6d737d"
 _STOP, _SIGN, _OTHER_OBJECT = "#c01722", "#1f5fbf", "#3d7a3a"
 _BOX = "\N{BALLOT BOX}"
 _DEGREE = "\N{DEGREE SIGN}"
-# Objects on roads must hide tape and labels, or they disappear. Matplotlib draws lines at 2 and
-# text at 3.
+# These are the layers of matplotlib for objects, arrows and numbers. They must hide tape and
+# labels, which matplotlib draws on the layers 2 and 3.
 _OBJECTS, _ARROWS, _NUMBERS = 4, 5, 6
 
 
@@ -76,12 +77,13 @@ def _draw_plan(plan: Plan, kind: str) -> bytes:
     from matplotlib.backends.backend_pdf import PdfPages
 
     content = io.BytesIO()
-    # The same plan gives the same bytes: no dates, no random names. Text stays text.
+    # The same plan gives the same bytes, so there are no dates and no random names. Text stays
+    # text.
     with (
         rc_context({"svg.hashsalt": "plan", "svg.fonttype": "none", "pdf.fonttype": 42}),
         warnings.catch_warnings(),
     ):
-        # The font draws a box for a character that it lacks.
+        # matplotlib warns of characters that the font lacks, and draws a box for each of them.
         warnings.filterwarnings("ignore", "Glyph .* missing|Matplotlib currently does not support")
         if kind == ".pdf":
             with PdfPages(
@@ -142,11 +144,13 @@ def _arrange_map(plan: Plan, bill: list[list[str]]) -> _MapLayout:
     rows, columns = plan.shape
     edge_tiles = _SIGNS_BEYOND if plan.objects else 0.0
     bill_height = _LINE * (max(map(len, bill)) + 0.5)
+    # Below the map are the bill, the tiles of the legend and their names.
     below = _BELOW_MAP + bill_height + _SAMPLE + 8 + _MARGIN
     fitting_width = (_A4[0] - _BESIDE_MAP) / (columns + 2 * edge_tiles)
     fitting_height = (_A4[1] - _ABOVE_MAP - below) / (rows + 2 * edge_tiles)
     tile = min(max(min(fitting_width, fitting_height), _SMALLEST), _LARGEST)
     edge = edge_tiles * tile
+    # A page grows beyond A4 if the smallest tiles need more room.
     page_width = max(_A4[0], columns * tile + 2 * edge + _BESIDE_MAP)
     depth = rows * tile + 2 * edge
     bill_top = _ABOVE_MAP + depth + _BELOW_MAP
@@ -195,6 +199,7 @@ def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float, edg
     for column in range(columns):
         _write(ax, left + (column + 0.5) * tile, top - edge - 3.5, str(column), ha="center")
         ax.plot([left + column * tile] * 2, [top, bottom], color=_FAINT, lw=0.25, ls=(0, (2, 3)))
+    # The label of a tile becomes smaller with the tile.
     label_size = min(7.0, 0.3 * tile)
     for placed, (kind, turns, x, y) in zip(plan.placed, tiles, strict=True):
         label = f"{placed.row},{placed.column}\n{_tile_name(kind, turns)}"
@@ -202,6 +207,7 @@ def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float, edg
     for number, item in enumerate(plan.objects, 1):
         x, y = left + item.x * tile, top + item.y * tile
         _draw_object(ax, item, number, x, y, tile / plan.tile_size)
+    # Measures are outside the signs that are beyond the map.
     below = bottom + edge + 7
     beside = right + edge + 7
     width, depth = plan.floor
@@ -219,6 +225,8 @@ def _draw_tiles(
     """Draws tiles: kind, quarter turns, and the position of the north-west corner."""
     from matplotlib.collections import LineCollection, PolyCollection
 
+    # All squares are one artist, and so is each layer of tape, because a map may have thousands of
+    # tiles.
     squares = []
     lines: dict[str, list[list[tuple[float, float]]]] = {colour: [] for colour in TAPE_WIDTHS}
     scale = side / tile_size
@@ -228,9 +236,10 @@ def _draw_tiles(
             points = [(x + east * scale, y + south * scale) for east, south in tape.points]
             lines[tape.colour].append(points)
     ax.add_collection(PolyCollection(squares, facecolors=_ROAD, edgecolors=_FAINT, linewidths=0.3))
-    # The length of a dash in widths of the line.
+    # The length of a dash in widths of the line, as matplotlib takes it. A dash is 5 cm.
     dash = 0.05 / TAPE_WIDTHS["yellow"]
-    # The last tape covers the others. White tape on white paper needs an outline.
+    # The tape of a later layer covers that of earlier ones. White tape on white paper needs an
+    # outline, so it is drawn twice.
     dashes = (0, (dash, dash / 2))
     layers: tuple[tuple[str, str, float, Untyped], ...] = (
         ("red", "#d9202c", 0.0, "solid"),
@@ -239,6 +248,7 @@ def _draw_tiles(
         ("white", "#ffffff", 0.0, "solid"),
     )
     for tape_colour, ink, outline, style in layers:
+        # A line of matplotlib has its width in points, 72 to an inch of 25.4 mm.
         points_wide = TAPE_WIDTHS[tape_colour] * scale * 72 / 25.4
         tape_lines = LineCollection(
             lines[tape_colour],
@@ -256,6 +266,7 @@ def _draw_object(
     """Draws the footprint of an object with its number in the check-list, and an arrow the way that it faces."""
     from matplotlib.patches import Circle, Polygon
 
+    # `scale` is in millimetres of the page for each metre.
     half_length = item.footprint[0] * scale / 2
     half_width = item.footprint[1] * scale / 2
     colour = _colour_of(item)
@@ -271,6 +282,7 @@ def _draw_object(
             corner_y = y + length * south + width * east
             points.append((corner_x, corner_y))
         ax.add_patch(Polygon(points, facecolor=colour, lw=0, zorder=_OBJECTS))
+        # The arrow ends 7 cm ahead of the object.
         reach = half_length + 0.07 * scale
         tip = (x + reach * east, y + reach * south)
         _arrow(ax, (x, y), tip, "-|>", colour, zorder=_ARROWS)
@@ -331,6 +343,7 @@ def _bill_of_objects(plan: Plan) -> list[str]:
 def _list_pages(plan: Plan) -> Iterator[Untyped]:
     """Draws the check-list on A4."""
     lines = _check_list(plan)
+    # Lines are cut into columns, and columns into pages.
     columns = [lines[first : first + _ROWS] for first in range(0, len(lines), _ROWS)]
     for first in range(0, len(columns), _COLUMNS):
         page, ax = _page(_A4[0], _A4[1], "Check-list")
@@ -409,6 +422,7 @@ def _page(width: float, height: float, title: str) -> tuple[Untyped, Untyped]:
     """Returns a figure of a page and axes in millimetres from its north-west corner."""
     from matplotlib.figure import Figure
 
+    # A figure has its size in inches.
     page = Figure(figsize=(width / 25.4, height / 25.4), facecolor="white")
     ax = page.add_axes((0, 0, 1, 1))
     ax.set(xlim=(0, width), ylim=(height, 0))

@@ -77,16 +77,20 @@ def to_pufferdrive(
 def _to_binary(traffic: Traffic) -> bytes:
     """Returns PufferDrive's binary: whole numbers and floats of 32 bits, the least byte first."""
     length, width, height = traffic.sides
-    # PufferDrive has no car of its own there, and none to predict.
+    # The head says that PufferDrive has no car of its own here, -1, and none to predict, 0.
     parts = [struct.pack("<4i", -1, 0, len(traffic.logs), len(traffic.roads))]
     for number, log in enumerate(traffic.logs):
+        # The goal of a car is the last position of its log.
         goal = log.position[-1]
         parts.append(struct.pack("<4i", 0, _VEHICLE, number, STEPS))
         parts += [_floats(log.position), _floats(log.velocity), _one_float_each(log.heading)]
+        # All positions of a log are valid.
         parts.append(np.ones(STEPS, "<i4").tobytes())
+        # The last two values are the z of the goal, and 0 for a car that is not an expert.
         parts.append(struct.pack("<6fi", width, length, height, goal.real, goal.imag, 0, 0))
     for number, road in enumerate(traffic.roads):
         parts.append(struct.pack("<4i", 0, _KINDS[road.kind].in_binary, number, len(road.points)))
+        # A road has the fields of a car's size and goal too, without a meaning.
         parts += [_floats(road.points), struct.pack("<6fi", 0, 0, 0, 0, 0, 0, 0)]
     return b"".join(parts)
 

@@ -25,11 +25,13 @@ from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
 
 _FORMAT = "elitelanes map, version 1"
-# A drawn map of 1024 x 1024 tiles has 22 MB.
+# The most bytes of a map file. A drawn map of 1024 x 1024 tiles has 22 MB.
 _MOST_BYTES = 32 * MIB
-# How far a stored share may be from the measured one.
+# The difference up to which a stored metric is that of the codes. Files have shares with few
+# digits.
 _ROUNDED = 1e-3
-# A list of 40,000 maps of 12 x 12 tiles with their metrics has this size.
+# The most bytes of a list of maps. A list of 40,000 maps of 12 x 12 tiles with their metrics has
+# this size.
 _MOST_LISTED = 64 * MIB
 
 
@@ -79,10 +81,12 @@ class RoadMap:
     def __post_init__(self) -> None:
         """Checks all fields; raises `InputError`."""
         codes = np.array(check_grid(self.codes))
-        # A change would contradict the metrics.
+        # A change of the codes would contradict the metrics.
         codes.flags.writeable = False
         height, width = codes.shape
         fields: dict[str, UserValue] = {"codes": codes}
+        # Every field becomes a plain value, so a map made in Python equals the map that its file
+        # gives.
         for name, (fits, expected) in _FIELDS.items():
             value = _plain(getattr(self, name))
             if value is not None and not fits(value):
@@ -100,6 +104,7 @@ class RoadMap:
         if self.objects is not None:
             fields["objects"] = check_objects(self.objects, height, width)
         for name, value in fields.items():
+            # The dataclass is frozen, so fields are set past its own `__setattr__`.
             object.__setattr__(self, name, value)
 
     def save(self, file: str | Path) -> None:
@@ -162,6 +167,7 @@ def _json_lines(value: Plain, indent: str) -> str:
             f"{inner}{json.dumps(key)}: {_json_lines(item, inner)}" for key, item in value.items()
         ]
         return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
+    # Only a list of lists or of objects is spread over lines. Its rows stay on one line each.
     if isinstance(value, list) and value and isinstance(value[0], list | dict):
         lines = [f"{inner}{json.dumps(row)}" for row in value]
         return "[\n" + ",\n".join(lines) + f"\n{indent}]"
@@ -178,6 +184,7 @@ def read_map(file: str | Path) -> RoadMap:
     Raises:
       InputError: if it cannot be read, has over 32 MiB or a bad entry; the message names the file.
     """
+    # `_one_map_of` returns a list of one map.
     (road_map,) = _read(file, _MOST_BYTES, _one_map_of)
     return road_map
 
@@ -208,6 +215,7 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
         return read_maps(sources)
     if isinstance(sources, RoadMap):
         return [sources]
+    # Rows alone are one grid. They would otherwise be read as a list of maps.
     is_single = _dimensions(sources) == 2
     if isinstance(sources, Mapping) or not (is_single or isinstance(sources, Iterable)):
         raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
@@ -239,6 +247,7 @@ def as_map(source: UserValue) -> RoadMap:
 
 
 def _dimensions(value: UserValue) -> int:
+    # A list of `RoadMap` has the dimensions of its codes and one more.
     value = getattr(value, "codes", value)
     if not isinstance(value, list | tuple):
         return getattr(value, "ndim", 0)
@@ -260,7 +269,7 @@ def refresh(road_map: RoadMap, name: str) -> RoadMap:
     metrics = plain_measure(road_map.codes)
     town_features = plain_town(road_map.codes)
     measured = metrics | {feature: value / 1000 for feature, value in town_features.items()}
-    # Whether a code is outside the alphabet depends on the search.
+    # Codes outside the alphabet are not compared, because the alphabet is that of the search.
     del measured["off_alphabet"]
     for metric, value in road_map.metrics.items():
         # The measured coverage is a float32, to which NumPy would convert the stored one.
@@ -296,6 +305,7 @@ def _parse(file: str | Path, most: int, parse: Callable[[Plain], list[RoadMap]])
         return parse(_values_of_json(text, suffix))
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
+    # Python's JSON reader recurses into nested lists.
     except RecursionError:
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
 
@@ -341,7 +351,7 @@ def _values_of_json(text: str, suffix: str) -> Plain:
         if suffix not in ("", ".json") and not text.lstrip().startswith(("{", "[")):
             expected = "a map, JSON or Duckietown's .yaml"
             raise InputError(f"expected {expected}, got {suffix} without JSON") from None
-        # The error of JSON, or of a number with too many digits.
+        # The error is that of JSON, or of a number with more digits than Python converts.
         raise InputError(f"expected a readable JSON file, got: {error}") from None
 
 
@@ -350,6 +360,7 @@ def _one_map_of(values: Plain) -> list[RoadMap]:
 
 
 def _maps_of(values: Plain) -> list[RoadMap]:
+    # Rows alone are no list of maps. `_one_map_of` says what to write instead.
     if not isinstance(values, list) or _are_rows(values):
         return _one_map_of(values)
     return [check_named(f"map {index}", _map_of, item) for index, item in enumerate(values)]
@@ -387,6 +398,7 @@ def _plain(value: UserValue) -> Plain:
 
 def _shown(value: Plain) -> str:
     """Returns a field's value for a message: as JSON has it, or as Python has it if a key is no text."""
+    # JSON cannot have such a key, and would hide it.
     if isinstance(value, dict) and not all(map(_is_text, value)):
         return repr(value)
     return json.dumps(value, default=repr, skipkeys=True)
@@ -429,6 +441,7 @@ def _are_rows(values: Plain) -> bool:
     return (
         isinstance(values, list)
         and len(values) > 0
+        # None is a free cell.
         and _is_table(values, lambda cell: cell is None or _is_number(cell))
     )
 
@@ -460,7 +473,7 @@ def _is_cell(value: Plain) -> bool:
 
 
 def _is_number(value: Plain) -> bool:
-    # `isfinite` fails for whole numbers that are larger.
+    # `isfinite` raises an error for whole numbers above the largest float, so the size is compared.
     return is_real(value) and abs(value) <= sys.float_info.max
 
 
@@ -478,7 +491,7 @@ def _are_two_whole(value: Plain) -> bool:
     return _are_whole(value) and len(value) == 2
 
 
-# The fields of a map beside the codes: a test of the value, and what is expected, for messages.
+# The fields of a map besides its codes: a test of the value, and what is expected, for messages.
 _FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "metrics": (_are_numbers_by_name, "numbers by name"),
     "fitness": (_is_number, "a number"),

@@ -22,6 +22,7 @@ from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Road, Tr
 from elitelanes_jax.formats.streets import Streets, bounds
 from elitelanes_jax.lanes.movements import LaneNode
 
+# MetaDrive's types of what is on a map.
 _KINDS = {
     "lane": "LANE_SURFACE_STREET",
     "road_line": "ROAD_LINE_BROKEN_SINGLE_YELLOW",
@@ -30,9 +31,9 @@ _KINDS = {
 }
 _VEHICLE = "VEHICLE"
 _DATASET = "elitelanes"
-# The version of the format.
+# The scenario names this version of its format.
 _VERSION = "MetaDrive v0.4.3"
-# The protocol of pickles that Python 3.4 and later read.
+# Python 3.4 and later read pickles of this protocol.
 _PROTOCOL = 4
 
 
@@ -66,6 +67,8 @@ def to_scenarionet(
     traffic = make_traffic(source, streets, seed)
     steps = _steps_before_return(traffic.logs[0], streets)
     tracks: dict[str, Plain] = {}
+    # A car gets the next number when it is kept, so the first one is always car 0, which MetaDrive
+    # controls.
     for log in _without_touching(traffic.logs, traffic.sides):
         number = str(len(tracks))
         tracks[number] = _track(number, log, traffic.sides, steps)
@@ -86,7 +89,7 @@ def to_scenarionet(
         "length": steps,
         "metadata": metadata,
         "tracks": tracks,
-        # There are no lights.
+        # The scenarios have no lights.
         "dynamic_map_states": {},
         "map_features": features,
     }
@@ -114,6 +117,7 @@ def index_scenarios(folder: str | Path, files: Iterable[str | Path]) -> dict[str
         if file.name in summary:
             raise InputError(f"files: expected files of different names, got two for {file.name}")
         summary[file.name] = _read_metadata(file)
+        # The index names the folder of each file relative to its own, "" for the same folder.
         place = os.path.relpath(file.parent, folder)
         mapping[file.name] = "" if place == "." else Path(place).as_posix()
     return {"dataset_summary.pkl": _to_pickle(summary), "dataset_mapping.pkl": _to_pickle(mapping)}
@@ -123,21 +127,27 @@ def _steps_before_return(log: Log, streets: Streets) -> int:
     """Returns the steps of a car before it is on a part of the road where it was earlier."""
     distances = np.abs(log.position[:, None] - log.position)
     steps = np.arange(STEPS)
+    # The lengths of the way from each earlier step to each later one.
     driven = (steps[:, None] - steps) * STEP * streets.speed
-    # A car that turns back is at least the width of a lane from where it came.
+    # A car has only just left the last two widths of a lane, so they do not count. A car that turns
+    # back is at least the width of a lane from where it came.
     returns = ((distances < streets.lane / 2) & (driven > 2 * streets.lane)).any(axis=1)
+    # `argmax` is 0 if the car never returns.
     return int(np.argmax(returns)) or STEPS
 
 
 def _without_touching(logs: list[Log], sides: CarSides) -> list[Log]:
     """Returns the logs of cars that never touch one before them. Three circles cover a car."""
     third = sides.length / 3
+    # The circles are around the thirds of a car, and reach their corners.
     apart = 2 * np.hypot(third / 2, sides.width / 2)
     clear_logs: list[Log] = []
     circles_of_logs: list[NDArray[np.complex128]] = []
     for log in logs:
         ahead = np.exp(1j * log.heading)[:, None]
+        # The circles of a log at all steps are complex `[91, 3]`.
         circles = log.position[:, None] + third * np.array([-1, 0, 1]) * ahead
+        # Circles of two cars are compared at the same step.
         gaps = [np.abs(circles[:, :, None] - other[:, None]).min() for other in circles_of_logs]
         if min(gaps, default=np.inf) > apart:
             clear_logs.append(log)
@@ -162,6 +172,7 @@ def _track(number: str, log: Log, sides: CarSides, steps: int) -> dict[str, Plai
 def _features(traffic: Traffic, streets: Streets) -> dict[str, Plain]:
     """Returns what is on the map, by ids that are whole numbers."""
     successors, predecessors = traffic.graph.list_successors(), traffic.graph.list_predecessors()
+    # A sign is for all lanes that start at its node.
     lanes_of: dict[LaneNode, list[str]] = {}
     for index, movement in enumerate(traffic.graph.list_movements()):
         lanes_of.setdefault(movement.node, []).append(str(index))
@@ -177,7 +188,8 @@ def _features(traffic: Traffic, streets: Streets) -> dict[str, Plain]:
             feature["polygon"] = _outline(road, streets, traffic.rows)
             feature["entry_lanes"] = list(map(str, predecessors[index]))
             feature["exit_lanes"] = list(map(str, successors[index]))
-            # Neighbours are lanes to change to: each direction has one lane.
+            # MetaDrive's neighbours are lanes to change to. Each direction has one lane, so there
+            # are none.
             feature |= {"left_neighbor": [], "right_neighbor": []}
             feature["speed_limit_kmh"] = 3.6 * streets.speed
         features[str(index)] = feature
@@ -186,6 +198,7 @@ def _features(traffic: Traffic, streets: Streets) -> dict[str, Plain]:
 
 def _outline(road: Road, streets: Streets, rows: int) -> NDArray[np.float32]:
     left, right = bounds(road.movement, streets, rows)
+    # The polygon goes along the left bound and comes back along the right one.
     return _floats(np.concatenate([left, right[::-1]]), 2)
 
 
@@ -210,6 +223,7 @@ def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
             "valid_length": steps,
             "continuous_valid_length": steps,
         }
+    # A car moves if its way is longer than 1 m.
     moving = sum(car["moving_distance"] > 1 for car in cars.values())
     numbers: dict[str, Plain] = {
         "object_types": [_VEHICLE],
@@ -229,11 +243,12 @@ def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
 class _Pickler(pickle.Pickler):
     """Writes arrays by public names, because NumPy 1 and 2 differ in the private module that NumPy's own way names."""
 
-    # The type is that of the method in the library.
+    # `Any` is the type of this method in the library.
     def reducer_override(self, obj: Any) -> Any:
         if not isinstance(obj, np.ndarray):
             return NotImplemented
-        # An array over a bytearray can be changed. MetaDrive moves positions in place.
+        # MetaDrive changes positions in place. An array over a bytearray allows this, and one over
+        # bytes does not.
         return np.ndarray, (obj.shape, obj.dtype.str, bytearray(obj.tobytes()))
 
 
@@ -241,6 +256,7 @@ class _Unpickler(pickle.Unpickler):
     """Reads the pickles of `_Pickler` alone, so that other files run no code."""
 
     def find_class(self, module: str, name: str) -> type:
+        # Any other name raises a `KeyError`, and nothing is imported.
         return {"numpy.ndarray": np.ndarray, "builtins.bytearray": bytearray}[f"{module}.{name}"]
 
 
@@ -260,5 +276,5 @@ def _read_metadata(file: Path) -> dict[str, Plain]:
         metadata: dict[str, Plain] = _Unpickler(BytesIO(content)).load()["metadata"]
         return metadata | {"ts": metadata["ts"].tolist()}
     except Exception:
-        # What is no pickle raises errors of many kinds.
+        # A file that is no pickle raises errors of many kinds.
         raise InputError(f"{file}: expected a scenario of to_scenarionet") from None

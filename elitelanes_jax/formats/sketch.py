@@ -43,6 +43,8 @@ def draw_svg(grid: ArrayLike) -> str:
     height, width = codes.shape
     # The side of a tile in pixels.
     scale = min(30, 480 / max(height, width))
+    # Each connection is a line from the middle of its tile to a side. Two such lines meet at a
+    # border.
     roads = "".join(
         f"M{column + 0.5} {row + 0.5}l{side.right / 2:g} {side.down / 2:g}"
         for row, column in np.ndindex(height, width)
@@ -52,6 +54,7 @@ def draw_svg(grid: ArrayLike) -> str:
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width * scale:.0f}" '
         f'height="{height * scale:.0f}" fill="none" stroke-linecap="round">'
+        # One path is drawn twice, wide as the road and narrow as the line in its middle.
         f'<path fill="#9cb38a" d="M0 0h{width}v{height}H0z"/><path stroke="#4a4d52" stroke-width=".8" d="{roads}"/>'
         f'<path stroke="#f2c230" stroke-width=".05" d="{roads}"/></svg>'
     )

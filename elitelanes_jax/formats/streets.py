@@ -47,7 +47,7 @@ class Streets(Record):
     def check_together(self) -> None:
         """Checks that a tile has room for two lanes."""
         if self.tile <= 2 * self.lane:
-            # With a tile of the default size, the lane is the argument that somebody gave.
+            # If the tile has its default size, the user changed the lane.
             if self.tile == Streets.tile:
                 raise InputError(
                     f"lane: expected less than half of a tile, {self.tile / 2:g} m, got {self.lane:g} m"
@@ -75,6 +75,7 @@ def giving_way(movements: Iterable[Movement]) -> set[int]:
         headings.add(movement.heading)
         if movement.turn == _STRAIGHT:
             with_straight.add(movement.heading)
+    # Where three roads meet, the one that ends there has no movement straight on.
     return headings - with_straight
 
 
@@ -87,6 +88,8 @@ def bounds(
     """
     lane = streets.lane / streets.tile
     if movement.turn == BACK:
+        # The left bound starts and ends in the middle of the road. Between its ends it is the
+        # outline of the island.
         left = lane_polyline(movement, lane / 20)
         left[[0, -1]] = middle_of_side(movement.node.tile, (movement.heading + 2) % 4)
     else:

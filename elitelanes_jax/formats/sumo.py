@@ -29,12 +29,13 @@ from elitelanes_jax.network.codes import CONNECTIONS
 _SUFFIXES = {"node": ".nod.xml", "edge": ".edg.xml", "connection": ".con.xml"}
 _SETTINGS = {
     "output-file": "{name}.net.xml",
-    # The grid's coordinates are kept.
+    # The network keeps the coordinates of the grid.
     "offset.disable-normalization": "true",
-    # Four digits suit streets as small as Duckietown's.
+    # Four decimals suit streets as small as Duckietown's.
     "precision": "4",
-    # Turns are as sharp as a tile's, without a warning.
+    # The turn of a tile may be as sharp as it is, without a warning.
     "geometry.min-radius": "0",
+    # Roads around a block are no roundabout.
     "roundabouts.guess": "false",
 }
 
@@ -44,6 +45,8 @@ _REFUSED = (",", ":", "\\", "${")
 # SUMO expands these characters in names of files. Their codes are read as the characters.
 _QUOTED = {"%": "%25", "~": "%7e"}
 
+# The angles t of points on a tile, see `_line`, and the number of points before the middle of the
+# tile.
 _ARC = np.linspace(0, math.pi / 2, CHORDS + 1)[:, None]
 _HALF = _ARC.size // 2
 
@@ -90,6 +93,7 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     roads = _roads(grid)
     if not roads:
         raise no_road_error()
+    # The first tile of each road that leaves a node. A connection leads into one of these roads.
     exits: dict[Cell, list[Cell]] = {}
     for road in roads:
         exits.setdefault(road[0], []).append(road[1])
@@ -101,7 +105,7 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
         node = road[0]
         nodes[node] = _node(node, line[0], rules.get(node, "priority"), streets)
         edges.append(_edge(road, line, streets))
-        # Cars turn back only at the end of a road.
+        # Cars turn back only where no other road leaves the node.
         onward = [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
         for tile in onward:
             ends = f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], tile)}"'
@@ -135,6 +139,8 @@ def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]])
 
     def edge_of(node: LaneNode) -> str:
         row, column, heading = node
+        # A node of the lane graph is entered by a step from the tile before. This step is on one
+        # road alone.
         step: tuple[Cell, Cell] | None = None
         if heading in range(4):
             step = LaneNode(row, column, heading).tile_before, (row, column)
@@ -160,7 +166,7 @@ def _file_name(value: UserValue) -> str:
                 f"expected a name without {part}, as in SUMO's settings, got {shorten(repr(name))}"
             )
     quoted = "".join(_QUOTED.get(character, character) for character in name)
-    # SUMO cuts spaces at the start of a name.
+    # SUMO removes spaces at the start of a name, so the first one is written as its code.
     return f"%20{quoted[1:]}" if quoted.startswith(" ") else quoted
 
 
@@ -175,10 +181,12 @@ def _settings(name: str) -> str:
 def _roads(grid: Int8[np.ndarray, "H W"]) -> list[list[Cell]]:
     """Lists the tiles from node to node, of each road in each direction."""
     links = linked_tiles(grid)
+    # A crossing stays a node even if no neighbour returns some of its connections.
     nodes = {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}
     roads = []
     for tiles in walk_roads(links, nodes):
         parts = [tiles]
+        # SUMO has no edge from a node to itself, so this road gets a node halfway.
         if tiles[0] == tiles[-1]:
             middle = len(tiles) // 2
             parts = [tiles[: middle + 1], tiles[middle:]]
@@ -194,19 +202,23 @@ def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, 
     borders, a·(1 - sin t) + b·(1 - cos t) is the quarter circle of a turn, and on a straight, where
     b = -a, the line.
     """
+    # The first and the last tile also need a neighbour on their other side.
     beyond = [_beyond(road[0], road[1], exits), *road, _beyond(road[-1], road[-2], exits)]
     centres = np.array([[column + 0.5, row + 0.5] for row, column in beyond])[:, None]
+    # These are the vectors from the centres of tiles to the borders between them.
     half_steps = np.diff(centres, axis=0) / 2
     from_entry = half_steps[:-1] * (1 - np.sin(_ARC))
     to_exit = half_steps[1:] * (1 - np.cos(_ARC))
     across = centres[1:-1] - from_entry + to_exit
-    # Nodes are in the middle of their tiles.
+    # Nodes are in the middle of their tiles, so the line starts and ends there.
     line = across.reshape(-1, 2)[_HALF:-_HALF]
+    # Tiles share the points on their borders, and each of these points is kept once.
     is_apart = np.hypot(*np.diff(line, axis=0).T) > 1e-9
     line = line[np.append(True, is_apart)]
     pieces = np.diff(line, axis=0)
     x, y = pieces[:-1].T
     next_x, next_y = pieces[1:].T
+    # Inner points of straight lines are left out.
     is_bent = abs(x * next_y - y * next_x) > 1e-9
     return np.asarray(line[[True, *is_bent, True]])
 
@@ -219,8 +231,8 @@ def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
 
 
 def _node(node: Cell, place: complex, kind: str, streets: Streets) -> str:
-    # SUMO's own 4 m for lanes of 3.2 m if there is room, but not up to the tile's border, so that
-    # there is an edge between adjacent crossings.
+    # The radius is SUMO's own, 4 m for lanes of 3.2 m, if there is room. It does not reach the
+    # border of the tile, because adjacent crossings need an edge between them.
     radius = min(1.25 * streets.lane, 0.9 * (streets.tile / 2 - streets.lane))
     return f'id="{_id(node)}" x="{place.real:.4f}" y="{place.imag:.4f}" type="{kind}" radius="{radius:.4f}"'
 

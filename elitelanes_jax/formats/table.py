@@ -50,9 +50,11 @@ def table_to_csv(rows: Sequence[Row]) -> str:
         if "file" in row:
             check_named("file", text_name, row["file"])
     lines: list[str] = []
+    # Columns are in the order in which rows first have them.
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    # The writer quotes texts with characters of its own line end only, and readers end lines at a
-    # carriage return too.
+    # Of line breaks, the writer quotes only those in its own line end. Readers end lines at a
+    # carriage return too, so this line end has both. Afterwards each line ends with a line feed
+    # alone.
     table = csv.DictWriter(SimpleNamespace(write=lines.append), columns, lineterminator="\r\n")
     table.writeheader()
     table.writerows(rows)

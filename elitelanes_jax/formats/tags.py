@@ -33,7 +33,8 @@ SIGN_TAGS: dict[str, tuple[int, ...]] = {
 }
 """The tag numbers of each kind of sign."""
 
-# The name of each tag from 440 on. The number before a name says how many tags in a row have it.
+# The street name of each tag from 440 on, in the order of the tags. The number before a name says
+# how many tags in a row have it.
 _STREETS = """
 2 HERR AVE, 2 DUBOWSKY ST, 2 ASADA AVE, 3 WILLIAMS ST, 3 ROY AVE, 3 HOSOI AVE, 3 CHEN AVE,
 3 PERAIRE ST, 3 KAELBLING ST, 3 IAGNEMMA ST, 3 BREAZEAL ST, 3 TEDRAKE ST, 3 FRAZZOLI ST,

@@ -16,7 +16,7 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.network.checks import check_shape
 
-# The characters that have a meaning in USD's paths of files.
+# The characters that have a meaning in USD's paths of files, or end a line.
 _MEANING = re.compile(r"[@<>\[\]\\\t\n\r]")
 
 _STAGE = """#usda 1.0
@@ -131,6 +131,7 @@ def _solid(item: Standing, rows: int, number: int, tile_size: float) -> str:
     """Returns the box of an object. Its scales are halves, because a cube of USD has sides of length 2."""
     thing, scale = item.thing, tile_size / TILE_SIZE
     length, width = thing.footprint
+    # A name in USD has only letters, digits and underscores, and the number makes it unique.
     return _SOLID.format(
         name=f"{re.sub('[^A-Za-z0-9]', '_', thing.kind)}_{number}",
         colour=item.colour,
