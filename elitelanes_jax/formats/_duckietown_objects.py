@@ -61,7 +61,7 @@ def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> 
         kind = _BLANK if item.kind == _STREET_NAME else item.kind.removeprefix(OTHER)
         x, y, angle = _written_pose(item, rows, tile_size)
         turned = _number(degrees(remainder(angle, 2 * pi)))
-        # duckietown-world accepts no tags of other kinds.
+        # Only signs and floor tags may have tags in duckietown-world.
         has_tag = item.kind == "floor_tag" or item.kind.startswith("sign_")
         # The index makes each name unique.
         lines.append(f"  {_yaml_text(f'{kind}_{index}')}:")

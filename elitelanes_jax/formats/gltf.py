@@ -160,7 +160,7 @@ def _scene(nodes: list[_Node], pictures: int) -> dict[str, object]:
 
 def _buffer(parts: list[bytes]) -> dict[str, object]:
     """Returns the parts of the JSON that say where arrays and pictures are in the binary chunk."""
-    # glTF requires the bounds of positions, and of no other array.
+    # Positions need their bounds in glTF. Other arrays do not.
     extent = {"min": _SQUARE.min(axis=0).tolist(), "max": _SQUARE.max(axis=0).tolist()}
     accessors = [
         _accessor(_POSITION, "VEC3", 4) | extent,

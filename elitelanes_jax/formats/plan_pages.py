@@ -83,7 +83,7 @@ def _draw_plan(plan: Plan, kind: str) -> bytes:
         rc_context({"svg.hashsalt": "plan", "svg.fonttype": "none", "pdf.fonttype": 42}),
         warnings.catch_warnings(),
     ):
-        # matplotlib warns of characters that the font lacks, and draws a box for each of them.
+        # For a character that the font lacks, matplotlib draws a box and warns.
         warnings.filterwarnings("ignore", "Glyph .* missing|Matplotlib currently does not support")
         if kind == ".pdf":
             with PdfPages(

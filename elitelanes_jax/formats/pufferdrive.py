@@ -107,6 +107,7 @@ def _one_float_each(values: NDArray[np.float64]) -> bytes:
 def _to_json(name: str, traffic: Traffic, streets: Streets) -> str:
     successors = traffic.graph.list_successors()
     predecessors = traffic.graph.list_predecessors()
+    # Micrometres are enough, and keep the text short.
     length, width, height = (round(side, 6) for side in traffic.sides)
     objects: list[Plain] = []
     for number, log in enumerate(traffic.logs):
@@ -132,6 +133,7 @@ def _to_json(name: str, traffic: Traffic, streets: Streets) -> str:
             "map_element_id": _KINDS[road.kind].in_json,
             "geometry": _places(road.points),
         }
+        # The ids of lanes are their indices, because lanes come first.
         if road.kind == "lane":
             line["entry_lanes"] = list(predecessors[number])
             line["exit_lanes"] = list(successors[number])
@@ -142,6 +144,7 @@ def _to_json(name: str, traffic: Traffic, streets: Streets) -> str:
         "scenario_id": name,
         "objects": objects,
         "roads": roads,
+        # The map has no traffic lights, no car of PufferDrive's own and none to predict.
         "tl_states": {},
         "metadata": {
             "sdc_track_index": -1,

@@ -54,16 +54,18 @@ class SignFaults(NamedTuple):
 def count_sign_faults(road_map: RoadMap) -> SignFaults:
     """Counts the signs that do not fit the crossings, and the crossings that have none while others have."""
     arms = crossings(road_map.codes)
+    # A crossing without free corners has no room for signs, so it cannot lack them.
     bare = {tile for tile in arms if has_free_corners(road_map.codes, tile)}
     kinds = {*CONTROLS, *TOPOLOGIES, "trafficlight"}
     signs = [item for item in road_map.objects or () if item.kind in kinds]
     wrong = 0
     for sign in signs:
         tile = crossing_of(sign, arms)
+        # Even a wrong sign shows that somebody signed this crossing.
         bare.discard(tile)
         if tile is None or not _fits(sign, arms[tile]):
             wrong += 1
-    # A map may have lights without signs. Then no crossing lacks a sign.
+    # A map may have lights without signs. Then its crossings lack no signs.
     has_signs = any(sign.kind != "trafficlight" for sign in signs)
     return SignFaults(len(signs), wrong, len(arms), len(bare) if has_signs else 0)
 

@@ -26,8 +26,8 @@ from elitelanes_jax.search.parts import evolve_parts, join_evolved_parts
 from elitelanes_jax.search.resolve import Search
 from elitelanes_jax.search.result import Result
 
-# The seconds between two checkpoints, and of the shortest search whose checkpoint is kept while
-# maps are drawn.
+# The seconds between two checkpoints, and the seconds of the shortest search whose checkpoint is
+# kept while maps are drawn.
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
 
 
@@ -92,6 +92,7 @@ def generate_planned(
 ) -> list[RoadMap]:
     """Evolves the maps of a planned run; the other arguments, and the errors, are those of `generate`."""
     out = Path(check_named("out", path, out))
+    # A folder that contains one of these files is not replaced.
     inputs = [*run.spec.inputs, *run.search.inputs]
     with output_folder(
         out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force
@@ -120,15 +121,17 @@ def _evolve(run: PlannedRun, checkpoint: Path) -> Evolved:
     """Evolves the seeds of a run, and keeps the checkpoint if the search was long."""
     spec, search = run.spec, run.search
     start = time.perf_counter()
+    # The key of a seed depends on its index, so a part evolves the same elites as the whole run.
     keys = keys_of_seeds(spec.seed, spec.seed_indices)
     result = evolve_search(search, keys, checkpoint=checkpoint, every=_SECONDS_A_CHECKPOINT)
+    # A short search is repeated instead of kept if the rest of the run fails.
     if result.history.seconds < _WORTH_KEEPING:
         remove(checkpoint)
     speeds = result.history.evaluations_per_second
     return Evolved(
         run=run,
         result=result,
-        # A resumed search has earlier seconds.
+        # The history also has the seconds before a search was resumed.
         seconds=max(time.perf_counter() - start, result.history.seconds),
         speed=round(float(np.median(speeds))) if speeds.size else None,
         device=jax.devices()[0].device_kind,
@@ -162,6 +165,7 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
     """
     spec, search, tiles = evolved.run
     start = time.perf_counter()
+    # A part lacks the elites of other seeds. `merge` chooses among those of all parts.
     choice = None
     if spec.part is None:
         choice = choose_enough(evolved.result, spec.maps, at_most=spec.at_most, seed=spec.seed)
@@ -174,7 +178,9 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
         )
         drawing = Drawing(tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
         maps = write_maps(folder, choice.maps, title, drawing)
+    # The state is left out, because a run is not continued from its folder.
     evolved.result.save(folder / ARCHIVE, state=False, seed=spec.seed)
+    # The choice counts as a part of the search.
     seconds = {"evolve": evolved.seconds + chosen - start, "draw": time.perf_counter() - chosen}
     record = {
         "settings": spec.to_plain(),

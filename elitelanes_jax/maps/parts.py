@@ -62,17 +62,21 @@ def read_and_join_parts(folders: Sequence[Path]) -> Evolved:
     """
     records = [_read_record(folder) for folder in folders]
     identities = [_identity(record) for record in records]
+    # All parts must have the settings of the first one and the installed versions, because the run
+    # is planned again here.
     expected = identities[0] | {"versions": installed_versions()}
     parts = [record["settings"]["part"] for record in records]
     by_index = order_parts(folders, parts, identities, expected)
     count = len(by_index)
     run = plan_run(_read_spec(folders[0], identities[0]["settings"]))
+    # Folders may be in any order. Results are joined in the order of the parts.
     record_by_folder = dict(zip(folders, records, strict=True))
     results = []
     for index, folder in enumerate(by_index, start=1):
         archive = record_by_folder[folder].get("archive")
         results.append(_read_archive(folder, run, (index, count), archive))
     speeds = [record["times"]["evaluations_per_second"] for record in records]
+    # A part without generations has no speed.
     known = [speed for speed in speeds if speed is not None]
     return Evolved(
         run=run,
@@ -121,6 +125,7 @@ def order_parts(
             raise InputError(
                 f"{folder}: expected a part of a {whole} with {name} {mine!r}, got {got!r}"
             )
+        # Two parts may have the same index, if a folder is a copy of another one.
         if index in by_index:
             raise InputError(
                 f"{folder}: expected each part once, got {index}/{count} again, after {by_index[index]}"
@@ -133,6 +138,7 @@ def order_parts(
 
 
 def _read_record(folder: Path) -> dict[str, Plain]:
+    # A part that was interrupted has only a hidden folder.
     if not folder.exists() and has_unfinished(folder):
         raise InputError(
             f"{folder}: expected a complete part, got unfinished work; the same command completes it"
@@ -141,12 +147,14 @@ def _read_record(folder: Path) -> dict[str, Plain]:
         record = read_json(folder / RECORD)
         part = record["settings"]["part"]
         if part is not None:
+            # JSON has a list here, and `parse_part` returns a tuple. Times are checked, because
+            # they are added up.
             record["settings"]["part"] = parse_part(part)
         times = record["times"]
         times["seconds"]["evolve"] = real(0)(times["seconds"]["evolve"])
         times["evaluations_per_second"] = none_or(real(0))(times["evaluations_per_second"])
         complete = {"versions", "tile_set"} <= set(record) and isinstance(record["device"], str)
-    # An InputError is a ValueError.
+    # An `InputError` of the checks is a `ValueError` too.
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         complete = False
     if not complete:
@@ -168,6 +176,7 @@ def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
 def _read_archive(folder: Path, run: PlannedRun, part: tuple[int, int], archive: Plain) -> Result:
     file = folder / ARCHIVE
     result = Result.load(file)
+    # The record and the archive may come from different runs, if somebody copied one of them.
     if result.search != run.search:
         if has_other_alphabet(result.search, run.search):
             raise InputError(
@@ -175,10 +184,11 @@ def _read_archive(folder: Path, run: PlannedRun, part: tuple[int, int], archive:
             )
         raise InputError(f"{file}: expected the search in {RECORD} next to it, got another search")
     seeds = len(run.spec.replace(part=part).seed_indices)
-    # Grids are [seeds, elites, height, width]; the number of elites may be any.
+    # Grids are `[seeds, elites, height, width]`. Any number of elites fits.
     shape, expected = result.elites.grids.shape, (seeds, *run.spec.size)
     if shape[:-3] + shape[-2:] != expected:
         raise InputError("{}: expected {} seeds of {} x {}, got {}".format(file, *expected, shape))
+    # Runs of one search with different seeds almost always differ in these metrics.
     if describe_archive(result) != archive:
         raise InputError(
             f"{file}: expected the archive of the same run as {RECORD} next to it, got another one"

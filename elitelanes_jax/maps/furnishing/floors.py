@@ -13,7 +13,7 @@ from elitelanes_jax.maps.furnishing.space import outline_of
 
 # The fewest rows and columns of a map that a search makes.
 _SMALLEST = 2
-# In tiles: a floor of exactly three tiles has room for three.
+# The tiles that rounding errors may cost. A floor of exactly three tiles has room for three.
 _ROUNDING = 1e-9
 
 
@@ -29,10 +29,13 @@ def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
       InputError: for anything else than metres, or a floor with room for fewer than 2 x 2 tiles.
     """
     metres = real(0, 10_000, unit="metres, a number", exclusive=True)
+    # The order is that of rows and columns.
     sides = check_named("depth", metres, depth), check_named("width", metres, width)
     margin = floor_margin()
     rows, columns = (int((side - 2 * margin) / TILE_SIZE + _ROUNDING) for side in sides)
     if min(rows, columns) < _SMALLEST:
+        # The size in the message is rounded up to millimetres, because a smaller floor would fail
+        # again.
         least = ceil(1000 * (_SMALLEST * TILE_SIZE + 2 * margin)) / 1000
         raise InputError(
             f"floor: expected at least {least:g} x {least:g} m, got {sides[1]:g} x {sides[0]:g} m"
@@ -49,6 +52,7 @@ def floor_margin() -> float:
     """
     crossing, sides = (0, 0), [1, 2, 3]
     objects = [place_light(crossing, corner) for corner in range(4)]
+    # Signs of a crossing with a light differ from those of one without.
     for lit in (set(), {crossing}):
         objects += place_signs({crossing: sides}, {crossing}, "all", lit)
     margin = 0.0

@@ -53,9 +53,11 @@ def furnish(
     seed = check_named("seed", SEED, seed)
     space = Space(road_map.codes)
     tags = Tags(unique=asked.unique_tags)
+    # The user's objects come first. They stay as they are, and all others keep clear of them.
     for thing in check_objects(asked.objects, *road_map.codes.shape):
         space.add(thing)
         tags.use(thing)
+    # Signs and lights have fixed places, so they come before everything that can move.
     _place_controls(space, asked, tags, seed)
     if asked.street_names != "none":
         place_street_names(space, asked.street_names, tags)
@@ -67,17 +69,21 @@ def _place_controls(space: Space, spec: FurnishSpec, tags: Tags, seed: int) -> N
     """Adds the signs and the lights of crossings; raises `InputError` if an object is in the way of one."""
     arms = crossings(space.codes)
     free = [crossing for crossing in arms if has_free_corners(space.codes, crossing)]
+    # Scenery draws from `[seed, 0]` and so on. This stream differs from all of them.
     random = np.random.default_rng([seed, 2**32 - 1])
+    # All numbers are drawn in any case, so another share of lights keeps the corners and the order.
     order = random.permutation(len(free))
     corners = random.integers(4, size=len(free))
     with_light = np.sort(order[: round(spec.lights * len(free))]).tolist()
     controls = []
+    # Where a crossing has a light, its signs say that the light is ahead.
     if spec.signs != "none":
         lit = {free[index] for index in with_light}
         for sign in place_signs(arms, set(free), spec.signs, lit):
             controls.append(tags.give(sign))
     for index in with_light:
         controls.append(place_light(free[index], int(corners[index])))
+    # Signs and lights cannot be moved out of the way of an object of the user.
     for thing in controls:
         if not space.is_clear(thing):
             raise InputError(

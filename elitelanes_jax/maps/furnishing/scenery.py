@@ -18,13 +18,16 @@ Place = tuple[float, float, float]
 
 _Draw = Callable[[list[int], np.random.Generator, float], Place]
 
-# The places that are tried for each object, on average.
+# The number of places that are tried for each object, on average.
 _TRIES = 64
-# So many objects may take longer than a second: 100,000 duckies take minutes.
+# The number of objects from which on a progress bar is shown. So many may take longer than a
+# second, and 100,000 duckies take minutes.
 _MANY = 1000
-# The nearest and the farthest middle of what is beside a road, in tiles from the road's tile.
+# The least and the largest distance from a road's tile to the middle of an object beside it, in
+# tiles.
 _BESIDE = (0.12, 0.3)
 
+# The four directions along the sides of a cell, in radians.
 _QUARTERS = (0.0, pi / 2, pi, -pi / 2)
 
 
@@ -41,7 +44,9 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
     empty_cells = np.count_nonzero(space.codes == 0)
     for index, (name, scenery) in enumerate(_AMOUNTS.items()):
         amount = getattr(spec, name)
+        # A share is one of the cells without road.
         count = round(amount * empty_cells) if amount < 1 else int(amount)
+        # Each amount has a stream of its own, so another number of trees does not move the cones.
         random = np.random.default_rng([seed, index])
         if amount >= 1:
             _check_count(name, scenery, count, space.codes)
@@ -56,13 +61,16 @@ def _check_count(
     name: str, scenery: "_Scenery", count: int, codes: Int8[np.ndarray, "H W"]
 ) -> None:
     """Raises `InputError` if the area has no room for objects: tries for 100,000 would take half an hour."""
+    # At angle 0 the outline is along the axes, so its corners give length and width.
     outline = outline_of(make_object(scenery.kind, 0, 0, 0))
     length = 2 * max(x for x, _ in outline)
     width = 2 * max(y for _, y in outline)
     spots, _ = _spots_of(scenery, codes)
     cells = len(np.unique(spots[:, :2], axis=0))
-    # An object's middle is on the cell of a spot, so the object lies in a square of this side.
+    # The middle of an object is on the cell of a spot, so the object is inside a square of this
+    # side.
     side = 1 + hypot(length, width)
+    # The areas of all objects are at most the area of these squares.
     most = int(cells * side**2 / (length * width))
     if cells and count > most:
         raise InputError(
@@ -75,6 +83,7 @@ def _spots_of(
 ) -> tuple[Int[np.ndarray, "N _"], "_Draw"]:
     """Returns the spots of an amount, and the function that draws a place at a spot."""
     spots = scenery.list_spots(codes)
+    # Without a kerb, objects that belong beside a road are placed anywhere on blocks.
     if len(spots) == 0 and scenery.draw is _draw_beside_road:
         return _list_blocks(codes), _draw_in_block
     return spots, scenery.draw
@@ -94,6 +103,7 @@ def _place(
     if not spots:
         return 0
     placed = 0
+    # By default, work of over a second is shown in a terminal. Fewer objects are never shown.
     shown = None if count >= _MANY else False
     with Progress(f"placing {name}", count, "objects", shown=shown) as bar:
         for _ in range(_TRIES * count):
@@ -114,8 +124,10 @@ def _list_blocks(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 2"]:
 
 def _list_kerbs(codes: Int8[np.ndarray, "H W"]) -> Int[np.ndarray, "N 3"]:
     """Lists the sides of cells without road whose neighbour has one: (row, column, side)."""
+    # Around the map is a border without roads.
     padded = np.pad(codes, 1)
     height, width = codes.shape
+    # Whether the neighbour at each side of each cell has a road.
     roads = [padded[1 + side.down :, 1 + side.right :][:height, :width] > 0 for side in SIDES]
     return np.argwhere((codes == 0)[..., None] & np.stack(roads, axis=-1))
 
@@ -148,6 +160,7 @@ def _draw_beside_road(spot: list[int], random: np.random.Generator, _: float) ->
 def _draw_in_lane(spot: list[int], random: np.random.Generator, lane_offset: float) -> Place:
     """Draws a place in the middle of a lane of a straight tile, in the direction of its traffic."""
     row, column, leads_east = spot
+    # Headings 0 and 2 lead north and south, 1 and 3 lead east and west.
     heading = 2 * int(random.integers(2)) + leads_east
     ahead, right = SIDES[heading], SIDES[(heading + 1) % 4]
     along = random.uniform(-0.5, 0.5)
@@ -186,7 +199,8 @@ def _in_lane(kind: str) -> _Scenery:
     return _Scenery(kind, _list_straights, _draw_in_lane, in_lane=True)
 
 
-# The amounts of a specification, large objects first.
+# The amounts of a specification. Large objects come first, because they find no room between small
+# ones.
 _AMOUNTS = {
     "buildings": _in_block("building"),
     "houses": _in_block("house"),

@@ -22,12 +22,14 @@ from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.maps.furnishing.space import make_object
 from elitelanes_jax.network.codes import CORNERS, SIDES
 
-# From the corner of the crossing, in tiles along both sides of the cell next to it. Signs of
-# human-made maps have 0.04 to 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the
-# second sign clear of the first one.
+# The distances of the first sign, the second sign and a light's stand from the corner of the
+# crossing, in tiles along both sides of the cell next to it. Signs of human-made maps have 0.04 to
+# 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the second sign clear of the first
+# one.
 _NEAR, _SECOND, _STAND = 0.08, 0.2, 0.25
 
-# By the way that is closed, in quarter turns clockwise from straight on: right, back, left.
+# The kind of a topology sign, by the way that is closed. Ways count quarter turns clockwise: 0 is
+# straight on, 1 right, 3 left.
 _TOPOLOGY = {0: "sign_T_intersect", 1: "sign_left_T_intersect", 3: "sign_right_T_intersect"}
 
 TOPOLOGIES = (*_TOPOLOGY.values(), "sign_4_way_intersect")
@@ -83,11 +85,13 @@ def place_light(crossing: Cell, corner: int) -> MapObject:
     """Returns the traffic light of a crossing whose stand is at one of its four corners."""
     down, right = CORNERS[corner]
     x, y = crossing[1] + 0.5 + right * (0.5 + _STAND), crossing[0] + 0.5 + down * (0.5 + _STAND)
+    # The arm points back over the crossing. y points south, but angles are counter-clockwise.
     return make_object("trafficlight", x, y, atan2(down, -right))
 
 
 def topology_sign(sides: list[int], heading: int) -> str:
     """Returns the kind of sign that shows a crossing with these sides to who enters it with a heading."""
+    # A crossing has three or four arms, so at most one way is closed.
     closed = [(side - heading) % 4 for side in range(4) if side not in sides]
     return _TOPOLOGY[closed[0]] if closed else "sign_4_way_intersect"
 
@@ -96,9 +100,11 @@ def _signs_for(crossing: Cell, sides: list[int], heading: int, control: str) -> 
     """Returns the two signs that a driver reads who enters a crossing with a heading."""
     ahead, right = SIDES[heading], SIDES[(heading + 1) % 4]
     topology = topology_sign(sides, heading)
-    # The sign faces back towards the driver. Here y points south.
+    # The sign faces back towards the driver. y points south, but angles are counter-clockwise.
     angle = atan2(ahead.down, -ahead.right)
     signs = []
+    # Both signs are on the opposite side, the topology to the right of the road and the control to
+    # the left.
     for kind, to_right in ((topology, 0.5 + _NEAR), (control, -0.5 - _SECOND)):
         x = crossing[1] + 0.5 + (0.5 + _NEAR) * ahead.right + to_right * right.right
         y = crossing[0] + 0.5 + (0.5 + _NEAR) * ahead.down + to_right * right.down

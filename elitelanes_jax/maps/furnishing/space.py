@@ -27,6 +27,7 @@ def make_object(kind: str, x: float, y: float, angle: float, *, static: bool = T
 def outline_of(thing: MapObject) -> list[Point]:
     """Returns the four corners of an object's footprint, in tiles; of the square around it, if it is round."""
     length, width = (side / 2 / TILE_SIZE for side in thing.footprint)
+    # The directions along and across the object. y points south.
     along, across = (cos(thing.angle), -sin(thing.angle)), (sin(thing.angle), cos(thing.angle))
     steps = [(u * length, v * width) for u, v in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
     return [
@@ -37,6 +38,8 @@ def outline_of(thing: MapObject) -> list[Point]:
 
 def _are_close(rectangle: Sequence[Point], other: Sequence[Point]) -> bool:
     """Returns whether two rectangles overlap or nearly touch along the sides of one of them."""
+    # Two rectangles are apart if their projections on a line along one of their sides are apart.
+    # Two sides of each rectangle are enough.
     for corners in (rectangle, other):
         for index in (0, 1):
             (ax, ay), (bx, by) = corners[index], corners[index + 1]
@@ -55,6 +58,7 @@ class Space:
     def __init__(self, codes: NDArray[np.int8]) -> None:
         self.codes = codes
         self.objects: list[MapObject] = []
+        # The outlines near each cell, so a new object is compared with its neighbours alone.
         self._outlines: dict[Cell, list[list[Point]]] = defaultdict(list)
 
     def place(self, thing: MapObject, *, in_lane: bool = False) -> bool:
@@ -77,6 +81,7 @@ class Space:
         """Adds an object without checking whether it fits."""
         self.objects.append(thing)
         corners = outline_of(thing)
+        # The margin also reaches cells that the object nearly touches.
         for cell in _cells(corners, _CLEARANCE):
             self._outlines[cell].append(corners)
 

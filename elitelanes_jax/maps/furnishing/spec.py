@@ -13,10 +13,11 @@ from elitelanes_jax.formats.objects import MapObject, check_objects, object_valu
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import LONGEST_SIDE
 
+# The largest amount of an object, and the suffixes of files with objects.
 _MOST = 100_000
 _FILES = (".toml", ".json", ".yaml")
 
-# The words that are short for a setting, and its value.
+# Each of these words is short for the setting of its name with this value.
 _WORDS: dict[str, UserValue] = {"signs": "all", "street_names": "all", "unique_tags": True}
 
 
@@ -31,6 +32,7 @@ def _amount(value: UserValue) -> float:
 
 def _own_objects(values: UserValue) -> tuple[MapObject, ...]:
     """Checks objects without a map: their positions are checked again when they are placed."""
+    # The size of the map is not known here, so positions are checked for the largest one.
     return check_objects(values, LONGEST_SIDE, LONGEST_SIDE)
 
 
@@ -96,6 +98,7 @@ class FurnishSpec(Record):
         """
         amounts = {}
         for name, field in self.options().items():
+            # Only amounts have this placeholder in help texts. Objects in lanes need no empty cell.
             if field.metavar != "AMOUNT" or name.startswith("lane_"):
                 continue
             amount = getattr(self, name)
@@ -132,6 +135,7 @@ def parse_furnish(value: UserValue) -> FurnishSpec:
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
         expected = "a FurnishSpec, or words such as signs, all, duckies=6"
         raise InputError(f"expected {expected}, got {shorten(repr(value), 40)}")
+    # A text may be several words, as commands take them.
     words: list[str] = []
     for text in texts:
         for part in split_settings(text):
@@ -141,8 +145,10 @@ def parse_furnish(value: UserValue) -> FurnishSpec:
 
 def _furnish_of(words: Sequence[str]) -> FurnishSpec:
     """Returns what words and settings ask for. Settings override the words, in any order."""
+    # Only `objects` has no placeholder, because it comes from files.
     settings = [name for name, field in FurnishSpec.options().items() if field.metavar]
     spec = EVERYTHING if "all" in words else FurnishSpec()
+    # Words and settings are kept apart until the end, so their order does not matter.
     asked_by_words: dict[str, UserValue] = {}
     asked_by_settings: dict[str, UserValue] = {}
     objects: tuple[MapObject, ...] = ()

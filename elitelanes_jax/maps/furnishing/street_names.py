@@ -20,9 +20,11 @@ from elitelanes_jax.lanes.links import Cell, linked_tiles, walk_roads
 from elitelanes_jax.maps.furnishing.space import Point, Space, make_object
 from elitelanes_jax.network.codes import KIND_OF, SIDES
 
-# Tiles from the middle of a turn, along both sides: between the white tape and the tile's corner.
+# The distance of a sign from the middle of a turn, in tiles along both sides. It is between the
+# white tape and the tile's corner.
 _CORNER = 0.28
-# Tiles from the middle of a straight tile: as far from the road's tile as signs of crossings.
+# The distance of a sign from the middle of a straight tile, in tiles. It is as far from the road's
+# tile as signs of crossings.
 _BESIDE = 0.58
 
 
@@ -36,6 +38,7 @@ class Tags:
 
     def use(self, thing: MapObject) -> None:
         """Notes the tag of one of the user's objects; raises `InputError` if it is in use and tags must be unique."""
+        # All tags of the user are known before a sign gets one.
         if thing.tag is not None:
             if self._unique and self._used[thing.tag]:
                 raise InputError(
@@ -50,6 +53,7 @@ class Tags:
         first one. Raises `InputError` if a number must not be used twice.
         """
         numbers = numbers or SIGN_TAGS[sign.kind]
+        # A number that is not in use is infinitely far away. `max` returns the first of several.
         tag = max(numbers, key=lambda number: self._distance(sign, [number]))
         if self._unique and self._used[tag]:
             name = STREET_NAMES.get(tag, sign.kind)
@@ -68,7 +72,8 @@ class Tags:
             distance = self._distance(signs[0], numbers)
             if len(numbers) >= len(signs):
                 return distance, -len(numbers)
-            # Fewer tags are left than are needed, and the most are best.
+            # The name has fewer tags than are needed. More tags are better here, but any name with
+            # enough tags is better still. No name has 1000 tags.
             return distance, len(numbers) - 1000
 
         numbers = max(STREETS, key=preference)
@@ -92,7 +97,10 @@ def place_street_names(space: Space, which: str, tags: Tags) -> None:
     links = linked_tiles(space.codes)
     nodes = {tile for tile, neighbours in links.items() if len(neighbours) != 2}
     for path in walk_roads(links, nodes):
+        # A ring ends with its first tile, which counts once. Crossings and dead ends have no street
+        # name.
         road = [tile for tile in dict.fromkeys(path) if len(links[tile]) == 2]
+        # Each sign has several places, of which the first one that is clear is used.
         places = _places_of_signs(space.codes, road)
         signs = []
         for alternatives in places:
@@ -120,6 +128,7 @@ def _places_of_signs(codes: Int8[np.ndarray, "H W"], road: list[Cell]) -> list[l
         if KIND_OF[int(codes[tile])] == "turn":
             places.append([_in_the_corner(codes, tile)])
     if road and not places:
+        # Places nearest to the middle of the road come first.
         middle = (len(road) - 1) / 2
         beside: list[MapObject] = []
         for tile in sorted(road, key=lambda tile: abs(road.index(tile) - middle)):
@@ -131,6 +140,7 @@ def _places_of_signs(codes: Int8[np.ndarray, "H W"], road: list[Cell]) -> list[l
 def _in_the_corner(codes: Int8[np.ndarray, "H W"], tile: Cell) -> MapObject:
     """Returns the sign of a turn, in the outer corner of its tile."""
     sides = [side for side in SIDES if codes[tile] & side.bit]
+    # The sum of both open sides points to the inner corner. The sign is opposite, and faces it.
     right = sum(side.right for side in sides)
     down = sum(side.down for side in sides)
     x, y = tile[1] + 0.5 - _CORNER * right, tile[0] + 0.5 - _CORNER * down
@@ -145,7 +155,8 @@ def _beside(codes: Int8[np.ndarray, "H W"], tile: Cell) -> Iterator[MapObject]:
     for side in SIDES:
         if not codes[tile] & side.bit:
             continue
-        # Across the road: a quarter turn from the side that it opens.
+        # This neighbour is across the road, a quarter turn from a side that the tile opens. The
+        # rows down to it are the columns right to that side, and vice versa.
         down, right = side.right, side.down
         row, column = tile[0] + down, tile[1] + right
         is_inside = 0 <= row < height and 0 <= column < width
