@@ -61,7 +61,7 @@ class Format(NamedTuple):
 # card may refuse pictures with sides of over 8192 pixels.
 _SHARP_PX, _MOST_PX, _LEAST_PX = 256, 8192, 16
 
-# `formats` is lazy: a format imports slow modules when it runs.
+# The package `formats` is lazy: a format imports its slow modules when it runs.
 
 
 def without_ends(road_map: RoadMap, dead_ends: str | None = None) -> RoadMap:
@@ -96,6 +96,7 @@ def _duckiematrix(
 
 
 def _without_lanes_of_sdk(road_map: RoadMap) -> list[str]:
+    # Code 15 is the 4-way crossing.
     crossings = np.argwhere(road_map.codes == 15).tolist()
     if not crossings:
         return []
@@ -108,6 +109,7 @@ def _without_lanes_of_sdk(road_map: RoadMap) -> list[str]:
 
 def _streets(measures: Mapping[str, UserValue]) -> formats.Streets:
     named = dict(measures)
+    # Commands call this setting `tile_size`. `Streets` calls it `tile`.
     if "tile_size" in named:
         named["tile"] = named.pop("tile_size")
     return formats.Streets(**named)
@@ -154,11 +156,13 @@ def _floor(
     road_map: RoadMap, tiles: "TileSet | None" = None, tile_px: int | None = None, **size: float
 ) -> tuple[bytes, float, "list[formats.Standing]"]:
     """Returns the picture of a map with its tags, the side of a tile, and the objects that stand on the map."""
+    # Drawing needs OpenCV, which other formats do not wait for.
     from elitelanes_jax.tiles.rendering import png_of, render, stand
 
     if tile_px is None:
         tile_px = max(_LEAST_PX, min(_SHARP_PX, _MOST_PX // max(road_map.codes.shape)))
     objects = road_map.objects or ()
+    # Tags on the floor are part of the picture. Other objects stand on it.
     tags = tuple(thing for thing in objects if not thing.height)
     image = render(replace(road_map, objects=tags), tiles, tile_px=tile_px).image
     return png_of(image), size.get("tile_size", TILE_SIZE), stand(objects)
@@ -211,6 +215,7 @@ FORMATS = {
 LOOP = RoadMap(np.array([[6, 3], [12, 9]], np.int8))
 """A map that every format can hold: an error with it is one of a setting or a missing package."""
 
+# Each format checks the range of its settings itself, so these checks are wide.
 _metres = none_or(real(0, unit="metres, a number", exclusive=True))
 _name = none_or(name)
 
@@ -261,6 +266,7 @@ class FormatOptions(Record):
         """Checks that each setting is one of a format among the names; raises `InputError`."""
         for setting in self.chosen():
             able = [to for to, known in FORMATS.items() if setting in known.takes]
+            # It is enough if one of the formats takes the setting.
             if not set(able) & set(names):
                 expected = f"expected it with {', '.join(able)} alone"
                 raise InputError(f"{setting}: {expected}, got it with {', '.join(names) or 'none'}")

@@ -29,12 +29,14 @@ ARCHIVE = "archive.npz"
 RECORD = "run.json"
 """The file with the settings of a run, a part or a choice."""
 
-# The longer side of a map on the contact sheet, in pixels, and the range of a tile's side.
+# The longer side of a map on the contact sheet in pixels, and the least and the largest side of a
+# tile there.
 _SHEET_PX, _SHEET_TILE_PX = 288, (16, 96)
-# The same of maps with objects: at 72 pixels a tile one can read the signs.
+# The longer side of a map with objects, and the largest side of its tiles. At 72 pixels a tile one
+# can read the signs.
 _SIGNS_PX, _SIGNS_TILE_PX = 1152, 72
 
-# The files of a rendered map. A map with objects also has instances.png.
+# The pictures of a rendered map. A map with objects also has instances.png.
 _PICTURES = tuple(f"{name}.png" for name in ("image", *MASKS, "labels"))
 
 
@@ -72,10 +74,12 @@ def write_maps(
         for index, plain in enumerate(maps):
             furnished.append(check_named(f"furnish: map {index}", place, plain))
         maps = furnished
+    # Objects are placed first, because maps with objects need a larger sheet.
     sheet_px = _choose_sheet_px(maps)
     draw = partial(_draw_map, folder / "maps", drawing, sheet_px)
     with Progress("drawing", len(maps), "maps") as bar:
         calls = [partial(draw, index, plain) for index, plain in enumerate(maps)]
+        # Maps are drawn in several threads. Results are in the order of the maps.
         drawn = side_by_side(calls, workers=count_cores(), ended=lambda _: bar.count())
     road_maps = [road_map for road_map, _ in drawn]
     captions = [_caption(index, road_map) for index, road_map in enumerate(road_maps)]
@@ -106,6 +110,8 @@ def _draw_map(
 ) -> tuple[RoadMap, UInt8[np.ndarray, "_ _ 3"]]:
     """Writes the files of a map; returns the map as drawn, and its picture on the contact sheet."""
     tiles = drawing.tiles
+    # The seed and the index of the map choose the pictures, so the order of the threads does not
+    # matter.
     chosen = choose_tiles(plain.codes, tiles, [drawing.seed, index])
     names = []
     for row in chosen:
@@ -115,6 +121,7 @@ def _draw_map(
     map_folder.mkdir(parents=True)
     write_picture(map_folder, render(plain, tiles, tile_px=drawing.tile_px, chosen=chosen))
     road_map.save(map_folder / "map.json")
+    # The map on the sheet has the same tile pictures, drawn at another size.
     small = render(plain, tiles, tile_px=sheet.tile_px, chosen=chosen).image
     if sheet.has_objects:
         small = pin_signs(small, plain.objects or (), sheet.tile_px)
@@ -131,6 +138,7 @@ def foreign_to_maps(folder: Path) -> str | None:
         return f"no {RECORD}"
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return f"{RECORD} of another program"
+    # These are all files that `generate`, `pick` and `explore` write into such a folder.
     map_files = "|".join(map(re.escape, ["map.json", *_PICTURES, "instances.png"]))
     written = re.compile(
         rf"run\.json|archive\.npz|explore\.html|contact-sheet\.png|maps/\d{{4,}}/({map_files})"

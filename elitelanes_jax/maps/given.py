@@ -73,6 +73,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
     paths, source_maps = _read_sources(sources)
     if not source_maps:
         raise InputError("expected at least one map, got none")
+    # `setdefault` keeps the first map of each form.
     distinct: dict[bytes, _SourceMap] = {}
     forms = road_forms([source_map.road_map.codes for source_map in source_maps])
     for form, source_map in zip(forms, source_maps, strict=True):
@@ -82,7 +83,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
     measured = []
     for index, (file, road_map) in enumerate(distinct.values()):
         name = f"map {index}, in {file}" if file else f"map {index}"
-        # Commands name a map by its file, as they do where they read one map.
+        # A command names a map by its file, as for a single map, if no other map is from this file.
         label = file if file and maps_in_file[file] == 1 else name
         names.append(name)
         measured.append(_measured(road_map, label))
@@ -102,6 +103,7 @@ def _read_sources(sources: UserValue) -> tuple[list[Path], list[_SourceMap]]:
     """Reads all maps of the sources; returns the paths among the sources, and the maps."""
     if isinstance(sources, str | Path):
         sources = [sources]
+    # An array of grids, or a single map, has no paths.
     if not isinstance(sources, list | tuple):
         return [], [_SourceMap("", road_map) for road_map in as_maps(sources)]
     paths = []
@@ -116,8 +118,9 @@ def _read_sources(sources: UserValue) -> tuple[list[Path], list[_SourceMap]]:
         else:
             files.append("")
             values.append(source)
-    # All maps are checked together, so that a message has the index among all.
+    # All maps are checked together, because a message has the index of a map among all.
     road_maps = as_maps(values)
+    # Rows of numbers are one grid. There are more values than maps then, and no files.
     are_rows_of_one_grid = len(road_maps) != len(values)
     if are_rows_of_one_grid:
         files = [""] * len(road_maps)
@@ -139,15 +142,18 @@ def _read_path(source: Path) -> list[_SourceMap]:
 
 def map_files(source: Path) -> list[Path]:
     """Returns the files of maps in a folder, as `parse_given` finds them, or the file itself; raises `InputError`."""
+    # A folder of layers is one map itself.
     if not is_folder(source) or is_layers(source):
         return [source]
     if (source / "pack.json").is_file():
         return sorted((source / "maps").rglob("*.json"))
     files = sorted(source.rglob("map.json"))
+    # A folder of `generate` has JSON files that are no maps, such as its record.
     if not files and not (source / "run.json").exists():
         files = [entry for entry in sorted(source.iterdir()) if _may_be_map(entry)]
     if not files:
         folders = [str(entry) for entry in sorted(source.iterdir()) if _may_have_maps(entry)]
+        # Folders right below may have maps. The message names up to three of them.
         hint = f"; name {list_some(folders, 3)}" if folders else ""
         expected = "a folder with map.json or other files of maps in it"
         raise InputError(f"{source}: expected {expected}, got one without{hint}")
@@ -164,6 +170,7 @@ def _may_have_maps(entry: Path) -> bool:
     try:
         return _may_be_map(entry) or (entry.is_dir() and any(map(_may_be_map, entry.iterdir())))
     except PermissionError:
+        # A folder that cannot be read is not named.
         return False
 
 
@@ -174,7 +181,7 @@ def _announce_unread(source: Path, files: list[Path]) -> None:
         read_paths.update(file.parents)
     unread = []
     for entry in sorted(source.iterdir()):
-        # Editors and version control keep JSON in hidden folders.
+        # Hidden folders of editors and version control have JSON files that are no maps.
         if entry in read_paths or entry.name.startswith("."):
             continue
         if _may_have_maps(entry):
@@ -193,6 +200,7 @@ def _read_dataset(folder: Path) -> list[_SourceMap]:
         raise InputError(
             f"{folder}: expected a whole dataset, got a part; elitelanes merge joins the parts"
         )
+    # Splits and shards divide the samples over files, so they are put back in order.
     by_number: dict[int, _SourceMap] = {}
     for file in sorted(folder.rglob("*.jsonl")):
         lines = read_input(file, 1024 * MIB, "JSON").splitlines()
@@ -202,6 +210,7 @@ def _read_dataset(folder: Path) -> list[_SourceMap]:
                 by_number[number] = _SourceMap(str(file), road_map)
         except (ValueError, RecursionError) as error:
             raise InputError(f"{file}: expected the metadata of a dataset, got: {error}") from None
+    # The shape is part of the key, because grids of different shapes may have the same bytes.
     by_codes: dict[tuple[tuple[int, ...], bytes], _SourceMap] = {}
     for number in sorted(by_number):
         codes = by_number[number].road_map.codes
@@ -230,4 +239,5 @@ def _measured(road_map: RoadMap, name: str) -> RoadMap:
     stored, measured = refreshed.metrics or {}, plain_measure(refreshed.codes)
     if measured.keys() <= stored.keys():
         return refreshed
+    # Stored metrics stay. After `refresh` they agree with the codes.
     return replace(refreshed, metrics=measured | dict(stored))

@@ -35,9 +35,10 @@ from elitelanes_jax.network.plain_metrics import cut_to_roads
 RECORD = "pack.json"
 """The file with the settings of a pack."""
 
-# The end of the names of SUMO's trips.
+# The suffix of the files of SUMO's trips.
 _ROUTES = ".rou.xml"
 
+# The features in the table of a pack's README, if the maps have them.
 _SHOWN = ("tiles", "crossings", "turns", "cyclomatic", "bridges", "dead_ends", "lanes", "trip")
 
 
@@ -85,6 +86,7 @@ def pack(
     """
     spec, out = check_named("spec", instance(PackSpec), spec), Path(check_named("out", path, out))
     settings = spec.formats.loaded()
+    # A bad setting or a missing package raises its error here, before the first map is written.
     for to in spec.to:
         FORMATS[to].files(LOOP, "map", **_settings_of(to, settings))
     tiles = settings.get("tiles")
@@ -95,11 +97,13 @@ def pack(
         "maps": {"number": len(towns), "digest": maps.digest},
         "versions": installed_versions(),
     }
+    # A run is resumed only if all of this is equal.
     identity = {"command": "pack", **about, "tile_set": None if tiles is None else tiles.to_plain()}
     inputs: list[str | Path] = [*maps.paths, *spec.inputs]
     with output_folder(
         out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True
     ) as work:
+        # A file in `kept` makes the next run resume with the files of this one.
         list_of_ids = work.kept / "maps.json"
         write_json(list_of_ids, [town.id for town in towns])
         rows, written = [], []
@@ -109,7 +113,7 @@ def pack(
                     written.append(without_ends(town.road_map, spec.formats.dead_ends))
                     rows.append(_write(spec, town, written[-1], work.files, settings))
                 except InputError as error:
-                    # Nothing is left to resume.
+                    # The same map would fail again, so there is nothing to resume.
                     list_of_ids.unlink()
                     raise InputError(f"niche {town.niche}, {map_name}: {error}") from None
                 bar.count()
@@ -157,12 +161,13 @@ def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
     Niches with maps that are alike, see `group_alike`, are in one split.
     """
     niches = [_name_niche(road_map) for road_map in maps]
-    # People leave any number of empty rows and columns. With these, all small maps in a large grid
-    # would be alike.
+    # Around the roads, people leave any number of empty rows and columns. With these, all small
+    # maps in a large grid would be alike.
     codes = [cut_to_roads(road_map.codes) for road_map in maps]
+    # Maps of one niche, and maps that are alike, are in one group. A group is never divided.
     groups = group_alike(codes, np.unique(niches, return_inverse=True)[1]).tolist()
     counts = Counter(groups)
-    # The number of maps that each split still lacks.
+    # The number of maps that each split still lacks. A split with a share of 0 gets none.
     lacking = {}
     for split, share in zip(SPLITS, spec.split, strict=True):
         if share:
@@ -181,6 +186,7 @@ def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
         neediest = max(lacking, key=lacking.__getitem__)
         groups_of[neediest].append(group)
         lacking[neediest] -= counts[group]
+    # A large group may fill a split beyond its share, and leave others without a group.
     for in_split in groups_of.values():
         if not in_split:
             fullest = max(groups_of.values(), key=len)
@@ -205,6 +211,8 @@ def _shuffle_groups(seed: int, groups: Sequence[int], niches: Sequence[str]) -> 
     """Returns each group once, in an order that depends on the seed and on the niches alone."""
     draws: dict[int, bytes] = {}
     for group, niche in zip(groups, niches, strict=True):
+        # A digest for each niche is used, because random numbers would depend on the order of the
+        # maps. The least digest of its niches is that of a group.
         draw = sha256(f"{seed} {niche}".encode()).digest()
         draws[group] = min(draw, draws.get(group, draw))
     return sorted(draws, key=draws.__getitem__)
@@ -219,12 +227,13 @@ def _write(
     with their tile set.
     """
     graph = lane_graph(town.road_map.codes)
-    # A trip may not lead to a road that the formats lack.
+    # A trip must not lead to a road that the formats lack.
     driven = graph if written is town.road_map else lane_graph(written.codes)
     trips = _trips(spec, town, driven, lane_offset_of(settings.get("tiles")))
     for to in spec.to:
         place = folder / to / town.niche
         files = [place / file for file in FORMATS[to].paths(town.id)]
+        # A resumed run finds these files complete, because each is written in one step.
         if not all(file.exists() for file in files):
             made = FORMATS[to].files(town.road_map, town.id, **_settings_of(to, settings))
             for file, content in zip(files, made, strict=True):
@@ -248,7 +257,8 @@ def _write(
         "lanes": len(graph.edges),
         "trip": round(mean_trip, 3),
     }
-    # A user's feature may have the name of a column, which keeps its own value.
+    # A user's feature may have the name of a column. The second merge keeps the value of the
+    # column, the first one its position.
     return columns | shorten_coverage(town.road_map.metrics or {}) | columns
 
 
@@ -261,6 +271,7 @@ def _write_splits(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> dict[
             niches = {town.niche for town in in_split}
             numbers[split] = {"maps": len(in_split), "niches": len(niches)}
             _write_indices(spec, split, in_split, folder)
+        # Each split has its list, also if it is empty.
         ids = "".join(f"{town.id}\n" for town in in_split)
         write_atomic(folder / "splits" / f"{split}.txt", ids.encode())
     return numbers
@@ -292,18 +303,21 @@ def _trips(
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
+    # The trips of a map depend on its roads and the seed, not on the other maps.
     rng = np.random.default_rng([spec.seed, int(town.id, 16)])
     count = graph.nodes.row.size
     lengths_of_lanes = lane_lengths(lane_offset)[graph.movements.turn]
     ways = csr_array((lengths_of_lanes, graph.edges.T), shape=(count, count))
 
-    # The tables take 128 MB at most.
+    # The cached lengths take 128 MiB, or one table if that is larger. The goals take at most as
+    # much.
     @lru_cache(1 + 2**24 // count)
     def lengths_from(start: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         lengths = dijkstra(ways, indices=start)
         return lengths, np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
 
     trips: list[dict[str, Plain]] = []
+    # A trip starts at a node that a movement leaves.
     for start in rng.choice(np.unique(graph.edges[:, 0]), spec.trips).tolist():
         lengths, goals = lengths_from(start)
         goal = rng.choice(goals)

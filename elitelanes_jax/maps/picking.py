@@ -83,12 +83,14 @@ def pick(
     spec, out = check_named("spec", instance(PickSpec), spec), Path(check_named("out", path, out))
     files = check_named("archives", paths, archives)
     check_unique("archives", "file", map(str, files))
+    # A user may name the folder of a run instead of the archive in it.
     for file in files:
         if file.is_dir():
             raise InputError(f"{file}: expected an archive, such as {file / ARCHIVE}, got a folder")
     tiles = load_tiles(spec.tiles)
     sources = [_read_source(file) for file in files]
     search = _resolve_choice(spec, sources)
+    # An archive is the result of a search and may have taken hours, so it has a switch of its own.
     if force_archive:
         foreign = foreign_to_maps
     else:
@@ -138,6 +140,7 @@ def write_result(
         out, {"command": "pick"}, inputs=inputs, foreign=foreign_to_maps, force=force
     ) as work:
         chosen, record = _write_choice(work.files, spec, sources, search, tiles)
+        # The record has the digest of the archive, so the archive is written first.
         archive = work.files / ARCHIVE
         result.save(archive, state=False)
         _write_record(work.files, spec, [archive], record)
@@ -153,6 +156,7 @@ def _with_seeds(result: Result) -> Result:
     """Adds an axis of seeds to the elites of a single seed."""
     if result.elites.valid.ndim > 1:
         return result
+    # Sources are joined along the seeds, so each needs this axis.
     return replace(result, elites=jax.tree.map(lambda array: array[None], result.elites))
 
 
@@ -179,8 +183,10 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
             raise InputError(
                 f"{source.name}: expected maps of {expected}, as in the first archive, got {got}"
             )
+        # The elites of all archives together may have these codes.
         alphabet.update(search.alphabet)
     settings = first.settings
+    # A range of the choice overrides the range of the search for the same feature.
     ranges = {item.name: item for item in settings.where}
     for item in parse_ranges(map(str, spec.where), settings.features):
         ranges[item.name] = item
@@ -188,7 +194,8 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
     if spec.rules is not None:
         options["rules"] = spec.rules
     if spec.axes is not None:
-        # Other axes also remove the targets.
+        # With targets, example values decide the choice instead of niches. A user who names axes
+        # wants niches, so they also remove the targets.
         axes = resolve_axes(spec.axes, first.shape, settings.features)
         options |= {"axes": axes, "targets": ()}
     return resolve_again(first, options, tuple(sorted(alphabet)))
@@ -196,10 +203,13 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
 
 def _measured(search: Search, sources: Sequence[_Source]) -> list[str]:
     """Returns the maps' features beside metrics: those that the choice uses, and those that all archives have."""
+    # Features that the choice uses must be measured. Town features can be measured again from the
+    # grids.
     used = {axis.metric for axis in search.axes}
     used.update(item.name for item in search.ranges)
     used.update(target.name for target in search.settings.targets)
     used.update(name for name in search.measured if name in TOWN_FEATURES)
+    # A user's feature cannot be measured again here, so all archives must have it.
     for name in search.settings.features:
         if all(name in source.result.search.settings.features for source in sources):
             used.add(name)
@@ -223,12 +233,15 @@ def _write_choice(
     result = replace(sources[0].result, elites=elites, search=search)
     excluded = [np.array(grid, np.int8) for grid in spec.unlike]
     choice = choose_enough(result, spec.maps, at_most=spec.at_most, exclude=excluded, hint=hint)
+    # The joined elites count the runs of all sources. Each becomes the seed and the index in its
+    # own source.
     runs: list[tuple[int, int] | None] = []
     for source in sources:
         for run in range(len(source.result.elites.grids)):
             runs.append(None if source.seed is None else (source.seed, run))
     maps = []
     for road_map in choice.maps:
+        # `Result.choose` sets the seed of every map.
         assert road_map.seed is not None
         maps.append(replace(road_map, seed=runs[road_map.seed[1]]))
     archives = pluralize(len(sources), "archive")
@@ -244,6 +257,7 @@ def _write_record(
     """Writes the record of a choice; an archive in the folder itself is named without its path."""
     listed = []
     for file in archives:
+        # The folder is still a hidden one here, so its path would be wrong later.
         name = file.name if file.parent == folder else str(file)
         listed.append({"file": name, "sha256": sha256(file.read_bytes()).hexdigest()})
     content = {"settings": spec.to_plain(), "archives": listed} | record
@@ -258,13 +272,18 @@ def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> Measure
     for name in Metrics._fields:
         metrics[name] = _stack([getattr(elites.metrics, name) for elites in results])
     allowed = [*tiles.alphabet, *KINDS["end"], *KINDS["empty"]]
+    # The pictures of the maps come from this tile set, so codes outside its alphabet are counted
+    # again.
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
+    # Metrics are stored for all elites. Other features are stored by some archives, and measured
+    # for the rest.
     columns = columns_for((axis.metric for axis in search.axes), _measured(search, sources))
     others = [name for name in columns if name not in metrics]
     measured = []
     for source, elites in zip(sources, results, strict=True):
         measured.append(with_town_features(elites.features, others, elites.grids, source.name))
     features = {name: _stack([values[name] for values in measured]) for name in others}
+    # The bins of the niches are computed again, because the axes may differ from those of a source.
     by_name = metrics | features
     stacked = np.stack([by_name[name] for name in columns], axis=-1).astype(np.int32)
     return MeasuredElites(
@@ -283,6 +302,7 @@ def _stack(arrays: Sequence[AnyArray]) -> AnyArray:
     padded = []
     for array in arrays:
         width = [(0, 0)] * array.ndim
+        # A slot of zeros is not valid, so nothing is chosen from it.
         width[1] = (0, slots - array.shape[1])
         padded.append(np.pad(array, width))
     return np.concatenate(padded)

@@ -12,7 +12,8 @@ from elitelanes_jax.search.resolve import Search, resolve
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
-# A map with at most this much of one of these features may have no crossing.
+# A map may have no crossing if one of these features is at most this value. A single ring, for
+# example, has the cyclomatic number 1.
 _WITHOUT_CROSSING = {"crossings": 0, "crossing_share": 0, "cyclomatic": 1}
 
 
@@ -32,6 +33,7 @@ class PlannedRun(NamedTuple):
     def identity(self) -> dict[str, Plain]:
         """Returns what the search depends on except its budget, plain values for JSON."""
         search = self.search.to_plain()
+        # The budget is left out, because a search resumes with a larger one.
         del search["evaluations"], search["generations"]
         about = {name: getattr(self.spec, name) for name in ("size", "seeds", "seed", "part")}
         return {"command": "generate", **about, "search": search, "versions": installed_versions()}
@@ -58,6 +60,7 @@ def resolve_to_draw(spec: SearchSpec, shape: tuple[int, int], tiles: TileSet) ->
       InputError: if the user's alphabet has other codes than the tile set, or no map can meet the
         constraints.
     """
+    # A search may use fewer codes than the tile set has, but no others.
     missing = set(spec.options.get("alphabet") or ()) - set(tiles.alphabet)
     if missing:
         codes = ", ".join(map(str, tiles.alphabet))
@@ -70,6 +73,7 @@ def resolve_to_draw(spec: SearchSpec, shape: tuple[int, int], tiles: TileSet) ->
 def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
     """Refuses objects for which no map of a search has room, and signs for which some maps have none."""
     settings = search.settings
+    # With `signable=1` all crossings of a map have room for their signs.
     all_signable = any(item.name == "signable" and item.low == 1 for item in search.ranges)
     if (
         furnish.signs == "all"
@@ -81,7 +85,8 @@ def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
             "furnish: expected rules=duckietown, or an inventory and where signable=1, with signs at every crossing, "
             "got neither; signs=possible leaves out crossings that have a road at a corner"
         )
-    # Fixed cells may be empty, or leave free cells empty between them.
+    # A search with fixed cells does not fill all cells: these may be empty, or leave free cells
+    # empty between them.
     if furnish.on_blocks and search.fills_all_cells:
         asked = " ".join(f"{name}={amount:g}" for name, amount in furnish.on_blocks.items())
         raise InputError(

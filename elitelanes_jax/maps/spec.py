@@ -38,11 +38,16 @@ def parse_split(split: UserValue) -> tuple[float, float, float]:
     """Reads the shares of maps for training, validation and test; they sum to 1."""
     parts = split.split() if isinstance(split, str) else split
     try:
+        # Shares may be texts, as commands give them. Unpacking raises an error for more or fewer
+        # than three.
         train, validation, test = map(real(0, 1), parts)
     except InputError:
         raise
+    # An `InputError`, also a `ValueError`, already says which share is wrong, so it is handled
+    # first.
     except (TypeError, ValueError):
         raise InputError(f"expected three shares that sum to 1, got {split!r}") from None
+    # Shares such as 0.7, 0.2 and 0.1 do not sum to exactly 1.
     if abs(train + validation + test - 1) > 1e-6:
         raise InputError(
             f"expected three shares that sum to 1, got {train:g} {validation:g} {test:g}"
@@ -52,11 +57,13 @@ def parse_split(split: UserValue) -> tuple[float, float, float]:
 
 def check_size(size: UserValue) -> tuple[int, int]:
     """Checks the size of maps, (rows, columns) in tiles: numbers, texts of numbers, or a text such as ``6 8``."""
+    # A text may have an x or spaces between the numbers.
     sides = size.lower().replace("x", " ").split() if isinstance(size, str) else size
     try:
         numbers = [whole(0)(side) if isinstance(side, str) else side for side in sides]
         return check_shape(numbers, new=True)
     except InputError as error:
+        # The message must not name an argument of another function.
         raise InputError(str(error).removeprefix("shape: ")) from None
     except TypeError:
         raise InputError(f"expected rows and columns, got {size!r}") from None
@@ -69,7 +76,7 @@ def parse_part(part: UserValue) -> tuple[int, int]:
         index, count = pair
         return whole(1, whole(1)(count))(index), whole(1)(count)
     except (TypeError, ValueError):
-        # An InputError is a ValueError.
+        # An `InputError` is a `ValueError`, and its message would not name the form of a part.
         raise InputError(
             f"expected a part such as 3/10, from 1/10 on, got {shorten(repr(part), 40)}"
         ) from None
