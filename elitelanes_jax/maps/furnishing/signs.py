@@ -22,10 +22,10 @@ from elitelanes_jax.lanes.links import Cell, linked_tiles, side_towards
 from elitelanes_jax.maps.furnishing.space import make_object
 from elitelanes_jax.network.codes import CORNERS, SIDES
 
-# These are distances from the corner of the crossing, in tiles along both sides of the cell next to
-# it: of the first sign, the second sign and the stand of a light. Signs of human-made maps have
-# 0.04 to 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the second sign clear of
-# the first one.
+# These are the distances of the first sign, the second sign and the stand of a light. They are in
+# tiles from the corner of the crossing, along both sides of the cell next to it. Signs of
+# human-made maps have 0.04 to 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the
+# second sign clear of the first one.
 _NEAR, _SECOND, _STAND = 0.08, 0.2, 0.25
 
 # The kind of a topology sign, by the way that is closed. Ways count quarter turns clockwise: 0 is
