@@ -86,13 +86,7 @@ def output_folder(
     missing = [parent for parent in out.parents if not parent.exists()]
     mine = done = False
     try:
-        # The system refuses a name that is too long.
-        with suppress(FileNotFoundError, NotADirectoryError):
-            if (mounted := os.path.ismount(out)) or out.samefile(os.curdir):
-                got = "a mount" if mounted else "the current one"
-                raise InputError(
-                    f"{asked}: expected a folder that can be renamed, got {got}; name a new folder in it"
-                )
+        check_renamable(asked)
         with locked(hidden, asked):
             _settle(hidden, out)
             _check_replaceable(asked, out, inputs, foreign, force)
@@ -120,6 +114,24 @@ def output_folder(
             with suppress(OSError):
                 # A folder with files stays.
                 folder.rmdir()
+
+
+def check_renamable(folder: str | Path) -> None:
+    """Checks that a folder, if it exists, is no mount and not the current folder; raises `InputError`.
+
+    Raises `OSError` for a name that the system refuses, such as one that is too long.
+    """
+    target = Path(os.path.realpath(folder))
+    with suppress(FileNotFoundError, NotADirectoryError):
+        if os.path.ismount(target):
+            got = "a mount"
+        elif target.samefile(os.curdir):
+            got = "the current one"
+        else:
+            return
+        raise InputError(
+            f"{folder}: expected a folder that can be renamed, got {got}; name a new folder in it"
+        )
 
 
 def has_unfinished(out: str | Path) -> bool:

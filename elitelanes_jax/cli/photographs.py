@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from elitelanes_jax._util.checks import FLOOR_SIDE, file_named, folder, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, free_name, never_replacing
-from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax._util.folders import check_renamable, output_folder
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
 from elitelanes_jax.cli.program import say
 from elitelanes_jax.formats.road_map import RoadMap, read_map
@@ -157,8 +157,7 @@ def _check_replaceable(out: Path, *, overwrite: bool) -> None:
         raise InputError(
             f"{out}: expected a folder that is new or empty, got one with files; --overwrite replaces it"
         )
-    if out.samefile(Path.cwd()):
-        raise InputError(f"{out}: expected a folder that can be renamed, got the current one")
+    check_renamable(out)
 
 
 def _has_files(out: Path) -> bool:
@@ -190,7 +189,7 @@ def _cut_photographs(
 
 
 def _nothing_cut_error(photographs: _CutPhotographs, first_file: Path) -> InputError:
-    """Returns the error for photographs of which no tile was cut."""
+    """Returns the error for photographs that gave no tile."""
     refused = photographs.refused()
     if not refused:
         return InputError(f"{first_file}: expected tiles of a sure kind, got none")

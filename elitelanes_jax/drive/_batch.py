@@ -342,13 +342,12 @@ class Batch:
         return actions, observations
 
     def _check_begun(self, name: str) -> None:
-        if not self._begun.any():
-            raise InputError(f"{name}: expected a reset before the first {name}, got none")
-        if not self._begun.all():
-            missing = np.flatnonzero(~self._begun).tolist()
-            raise InputError(
-                f"{name}: expected a reset of environments {missing} before the first {name}, got none"
-            )
+        if self._begun.all():
+            return
+        of_whom = ""
+        if self._begun.any():
+            of_whom = f" of environments {np.flatnonzero(~self._begun).tolist()}"
+        raise InputError(f"{name}: expected a reset{of_whom} before the first {name}, got none")
 
     def _check_actions(self, actions: UserValue) -> np.ndarray:
         """Returns actions as an array of one dtype, so that JAX compiles one program."""

@@ -33,7 +33,7 @@ _SETTINGS = {
     "offset.disable-normalization": "true",
     # Four decimals suit streets as small as Duckietown's.
     "precision": "4",
-    # The turn of a tile may be as sharp as it is, without a warning.
+    # Otherwise netconvert warns that the turns of tiles are sharp.
     "geometry.min-radius": "0",
     # Roads around a block are no roundabout.
     "roundabouts.guess": "false",

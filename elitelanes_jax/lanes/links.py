@@ -83,8 +83,7 @@ def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cel
             if (node, neighbour) in last_steps:
                 continue
             road = [node, neighbour]
-            # A tile between the ends has two links. The road goes on by the one where it did not
-            # come from.
+            # A tile between the ends has two links. The road comes by one and goes on by the other.
             while road[-1] not in ends:
                 road.append(next(tile for tile in links[road[-1]] if tile != road[-2]))
             last_steps.add((road[-1], road[-2]))

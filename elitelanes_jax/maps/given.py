@@ -152,8 +152,11 @@ def map_files(source: Path) -> list[Path]:
     if not files and not (source / "run.json").exists():
         files = [entry for entry in sorted(source.iterdir()) if _may_be_map(entry)]
     if not files:
-        folders = [str(entry) for entry in sorted(source.iterdir()) if _may_have_maps(entry)]
         # Folders right below may have maps. The message names up to three of them.
+        folders = []
+        for entry in sorted(source.iterdir()):
+            if entry.is_dir() and _may_have_maps(entry):
+                folders.append(str(entry))
         hint = f"; name {list_some(folders, 3)}" if folders else ""
         expected = "a folder with map.json or other files of maps in it"
         raise InputError(f"{source}: expected {expected}, got one without{hint}")

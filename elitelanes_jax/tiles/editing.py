@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import MOST_FLOOR_SIDE, is_whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import free_name, write_atomic
-from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax._util.folders import check_renamable, output_folder
 from elitelanes_jax._util.types import Plain, Untyped
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.tiles.files import Layer, read_image
@@ -86,10 +86,7 @@ class HandWork:
         # A copy of the set that the first save replaces.
         self._earlier_set: Path | None = None
         self._saving = Lock()
-        if folder.exists() and folder.resolve() == Path.cwd():
-            raise InputError(
-                f"{folder}: expected a folder that can be renamed, got the current one"
-            )
+        check_renamable(folder)
         is_new = not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
         if is_new and not photographs:
             raise InputError(

@@ -87,3 +87,16 @@ def test_bad_metadata_of_a_dataset_is_named(content, words, tmp_path):
     (tmp_path / "b.jsonl").write_bytes(content)
     with pytest.raises(InputError, match=rf"^{re.escape(str(tmp_path))}.b.jsonl: .*{words}"):
         parse_given(tmp_path)
+
+
+def test_a_folder_without_maps_names_the_folders_that_have_some(tmp_path):
+    run = tmp_path / "run"
+    (run / "maps").mkdir(parents=True)
+    (run / "run.json").write_text("{}")
+    expected = "a folder with map.json or other files of maps in it, got one without"
+    with pytest.raises(InputError, match=f"^.*run: expected {expected}$"):
+        parse_given(run)
+    (run / "run.json").unlink()
+    (run / "maps" / "town.json").write_text(json.dumps({"codes": CODES}))
+    with pytest.raises(InputError, match=f"^.*run: expected {expected}; name .*maps$"):
+        parse_given(run)
