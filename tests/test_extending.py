@@ -443,6 +443,10 @@ def test_what_is_wrong_with_a_problem_is_said(any_types):
     many = Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((40, 5, 4), np.int8))
     with pytest.raises(InputError, match="initial: expected at most 32 grids"):
         annealed_ea(many).init(jax.random.key(0))
+    with pytest.raises(InputError, match=r"initial: expected whole numbers of shape \[N, 5, 4\], got int8 \[3, 0\]"):
+        Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((3, 0), np.int8))
+    none = Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((0, 5, 4), np.int8))
+    assert none.random(jax.random.key(0), 2).shape == (2, 5, 4)
 
 
 @pytest.mark.parametrize("kind", [jnp.int8, jnp.int16])

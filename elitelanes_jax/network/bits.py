@@ -155,7 +155,8 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
 
     Args:
       bits: uint32, any shape.
-      count: 1 to 2**31 - 1, a number or an array that broadcasts against `bits`.
+      count: 0 to 2**31 - 1, a number or an array that broadcasts against `bits`. Where it is 0, so
+        is the result.
 
     Returns:
       int32, of the broadcast shape.

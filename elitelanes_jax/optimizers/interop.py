@@ -154,7 +154,9 @@ class EvosaxTask(NamedTuple):
       init: key -> `EvosaxState`.
       eval: (key, solutions float ``[B, num_dims]``, state) -> (fitness float32 ``[B]``, state,
         metrics). Metrics are ``{"features": int32 [B, F]}``, in the order of
-        `Problem.feature_names`. The key is not used, because the evaluation has no noise.
+        `Problem.feature_names`. The key is not used, because the evaluation has no noise. evosax
+        cannot refuse a grid: a refused one has the highest fitness, 2147483648 or the largest
+        float32.
       sample: key -> a solution float32 ``[num_dims]``, standard normal; all codes are equally
         likely.
       decode: a solution float ``[num_dims]`` -> its grid int8 ``[H, W]``: each cell has the code of
@@ -202,8 +204,11 @@ def evosax_task(problem: Problem) -> EvosaxTask:
         key: Key[Array, ""], solutions: Array, state: EvosaxState
     ) -> tuple[Array, EvosaxState, dict[str, Array]]:
         grids = jax.vmap(decode)(solutions)
-        fitness, features = problem.evaluate(grids)
-        return fitness.astype(jnp.float32), EvosaxState(state.counter + 1), {"features": features}
+        population = evaluate_all(problem, grids)
+        # Means of a strategy need finite numbers, so infinity becomes the largest one.
+        fitness = population.fitness.astype(jnp.float32).clip(None, np.finfo(np.float32).max)
+        metrics = {"features": population.features}
+        return fitness, EvosaxState(state.counter + 1), metrics
 
     return EvosaxTask(
         num_dims=length,

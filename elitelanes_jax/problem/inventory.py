@@ -56,7 +56,8 @@ def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
     """
     if isinstance(inventory, str | Path):
         inventory = split_settings(str(inventory))
-    if isinstance(inventory, list) and len(inventory) == 1 and str(inventory[0]).endswith(".toml"):
+    is_single = isinstance(inventory, list | tuple) and len(inventory) == 1
+    if is_single and str(inventory[0]).endswith(".toml"):
         inventory = read_toml(inventory[0], f"inventory: {inventory[0]}")
     counts = dict(parse_numbers("inventory", COUNTED, inventory, least=0))
     if not any(counts.values()):

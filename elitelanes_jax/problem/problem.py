@@ -250,15 +250,13 @@ def _check_initial(initial: UserValue, shape: tuple[int, int]) -> None:
         array = initial if hasattr(initial, "dtype") else jnp.asarray(initial)
     except (TypeError, ValueError):
         raise InputError(f"expected {expected}, got {shorten(repr(initial))}") from None
-    if not array.size:
-        return
     has_shape = array.ndim == 3 and array.shape[1:] == shape
     if not has_shape or not jnp.issubdtype(array.dtype, jnp.integer):
         raise InputError(f"expected {expected}, got {array.dtype} {list(array.shape)}")
     if isinstance(array, jax.core.Tracer):
         return
     codes = np.asarray(array)
-    if not 0 <= codes.min() <= codes.max() <= 15:
+    if codes.size and not 0 <= codes.min() <= codes.max() <= 15:
         raise InputError(f"expected tile codes 0 to 15, got {codes.min()} to {codes.max()}")
 
 

@@ -131,7 +131,8 @@ def road_problem(
       where: ranges of features, such as ``{"bridges": (0, 3)}``; the distance from them adds to the
         fitness.
       limits: the same as an array that may be traced: the least and the greatest value of each
-        feature and then of each share that follows from them; replaces `where`.
+        feature and then of each share that follows from them, from -2**30 to 2**30, which mean no
+        limit; replaces `where`.
       measured: the names of K features to measure beside the metrics; features of axes and ranges
         may be omitted.
       feature_weights: int ``[K]``, weights of these features in the fitness, in the order of
@@ -146,8 +147,8 @@ def road_problem(
 
     Raises:
       InputError: for a bad shape, alphabet, axis, range, feature, kernel, fitness, cell or initial
-        grid, another number of weights than K, or weights with which a fitness might not fit int32,
-        if they are not traced.
+        grid, limits of another shape or size, another number of weights than K, or weights with
+        which a fitness might not fit int32. The values of traced weights and limits are not checked.
     """
     shape = check_shape(shape, new=True)
     check_named("weights", instance(Weights), weights)
@@ -173,12 +174,15 @@ def road_problem(
     feature_names = columns_for(axis_names, measured, range_names)
     kernels = {name: kernel for name, kernel in features.items() if name in feature_names}
 
-    if ranges and limits is None:
+    limited = len(ranges)
+    if limits is not None:
+        limited = _count_limited(limits, feature_names)
+    elif ranges:
         limits = range_limits(ranges, feature_names)
     if feature_weights is not None:
         feature_weights = _check_feature_weights(feature_weights, measured)
     # No sum of weighted metrics, features and penalties may exceed int32 on any grid.
-    penalty = largest_penalty(len(ranges), feature_names)
+    penalty = largest_penalty(limited, feature_names)
     _check_total(shape, weights, measured, feature_weights, penalty)
     if fitness is not None:
         check_fitness(fitness, shape, feature_names)
@@ -359,6 +363,25 @@ def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyAr
                 f"measured: expected features that may be weighed, got the share {name}"
             )
     return array
+
+
+def _count_limited(limits: AnyArray, feature_names: Sequence[str]) -> int:
+    """Checks limits of columns; returns how many columns they limit, 0 if the limits are traced."""
+    shape = (2, len(feature_names) + len(SHARES))
+    if np.shape(limits) != shape:
+        expected, got = list(shape), list(np.shape(limits))
+        raise InputError(f"limits: expected shape {expected}, got {got}")
+    if isinstance(limits, jax.core.Tracer):
+        return 0
+    lower, upper = np.asarray(limits)
+    least = min(lower.min(), upper.min())
+    most = max(lower.max(), upper.max())
+    if least < -LARGEST or most > LARGEST:
+        # The difference of a feature and its limit must fit int32.
+        expected_values = f"{-LARGEST:,} to {LARGEST:,}"
+        raise InputError(f"limits: expected {expected_values}, got {least:,} to {most:,}")
+    is_limited = (lower > -LARGEST) | (upper < LARGEST)
+    return int(np.count_nonzero(is_limited))
 
 
 def _check_total(

@@ -126,6 +126,13 @@ def test_refused_grids_have_the_worst_score(refused):
     np.testing.assert_array_equal(np.isneginf(fitness), bad)
     objective, _ = ribs_evaluate(problem)(np.asarray(grids).reshape(8, -1))
     np.testing.assert_array_equal(objective < -2e9, bad)
+    task = evosax_task(problem)
+    solutions = jax.vmap(task.sample)(jax.random.split(jax.random.key(1), 8))
+    bad = np.array([oracle(task.decode(solution))["turns"] > 9 for solution in solutions])
+    assert bad.any() and not bad.all()
+    fitness = np.asarray(task.eval(jax.random.key(0), solutions, task.init(jax.random.key(0)))[0])
+    np.testing.assert_array_equal(fitness > 2e9, bad)
+    assert np.isfinite(fitness).all()
 
 
 @pytest.mark.parametrize("dtype", [jnp.int16, jnp.float32])

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, measure
+from elitelanes_jax import InputError, Weights, measure, road_problem
 from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.network.metrics import stack_metrics
 from elitelanes_jax.problem import SHARES
@@ -171,3 +171,21 @@ def test_a_range_of_a_share_between_thousandths_costs_nothing_within():
     where = [Range("straight_share", Fraction(3333, 10_000), None)]
     assert satisfies(oracle(grid), where)
     assert penalty(stack_metrics(measure(grid)), where, grid.shape) == 0
+
+
+def test_limits_count_in_the_largest_fitness_and_are_checked():
+    columns = len(METRIC_NAMES) + len(SHARES)
+    limits = range_limits(parse_ranges({"bridges": (2**20, None)}), METRIC_NAMES)
+    weights = Weights(constant=2**31 - 10**6)
+    for options in ({"where": {"bridges": (2**20, None)}}, {"limits": limits}, {"limits": jnp.asarray(limits)}):
+        with pytest.raises(InputError, match="weights: "):
+            road_problem((4, 4), weights=weights, **options)
+    unlimited = range_limits((), METRIC_NAMES)
+    assert road_problem((4, 4), weights=weights, limits=unlimited).evaluate(jnp.zeros((1, 4, 4), jnp.int8))
+    assert jax.jit(lambda limits: road_problem((4, 4), limits=limits).evaluate(jnp.zeros((1, 4, 4), jnp.int8)))(limits)
+    with pytest.raises(InputError, match=rf"limits: expected shape \[2, {columns}\], got \[2, 3\]"):
+        road_problem((4, 4), limits=jnp.zeros((2, 3), jnp.int32))
+    far = limits.copy()
+    far[0, 0] = -(2**31)
+    with pytest.raises(InputError, match="limits: expected -1,073,741,824 to 1,073,741,824, got -2,147,483,648 to "):
+        road_problem((4, 4), limits=far)

@@ -34,6 +34,7 @@ def test_an_inventory_can_be_written_in_many_ways(given, tmp_path):
     assert parse_inventory(given) == tuple(SHELF.items())
     (tmp_path / "shelf.toml").write_text("straight = 20\nturn = 10\ncrossing3 = 4\n")
     assert parse_inventory(tmp_path / "shelf.toml") == parse_inventory([str(tmp_path / "shelf.toml")])
+    assert parse_inventory((str(tmp_path / "shelf.toml"),)) == tuple(SHELF.items())
     assert parse_inventory(tmp_path / "shelf.toml") == tuple(SHELF.items())
 
 
