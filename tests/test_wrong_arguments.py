@@ -148,6 +148,7 @@ WRONG = {
     "camera: row: expected one of rows, columns": lambda: DatasetSpec(camera={"row": 48}),
     "transforms: luck: expected one of": lambda: DatasetSpec(transforms={"luck": 1}),
     "action: expected two numbers, shape (2,), got shape (3,)": lambda: drive_by([0, 0, 0]),
+    "action: expected real numbers, got complex64": lambda: drive_by(np.array([1j, 0], np.complex64)),
     "action: expected one whole number, got shape (2,)": lambda: RoadNav.step(
         *begin(RoadNav, RoadNavParams), np.array([0, 0]), RoadNavParams(levels())
     ),
@@ -318,9 +319,11 @@ WRONG = {
     "search: expected a function of task, generator, got one of ()": lambda: run_search(TASK, lambda: None, 1),
     "what: mine: expected maps, grids or files of maps, got None": lambda: collect({"mine": None}),
     "what: mine: no-run: no such file or directory": lambda: collect({"mine": "no-run"}),
-    "colours: expected a Colour for road, red, yellow, got {'road': 1}": lambda: propose_masks(
-        np.zeros((4, 4, 3), np.uint8), {"road": 1}
-    ),
+    **{
+        "colours: expected three ranges, of hue, saturation and value, for road, red, yellow, got "
+        f"{colours!r}": lambda colours=colours: propose_masks(np.zeros((4, 4, 3), np.uint8), colours)
+        for colours in ({"road": 1}, {"road": (), "red": (), "yellow": ()})
+    },
     "what: expected one Result, or several by name, got a list of them": lambda: explore(
         [found(), found()], "page.html"
     ),

@@ -354,6 +354,8 @@ def _step(
     action = jnp.asarray(action)
     if action.shape != (2,):
         raise InputError(f"action: expected two numbers, shape (2,), got shape {action.shape}")
+    if jnp.iscomplexobj(action):
+        raise InputError(f"action: expected real numbers, got {action.dtype}")
     # The rewards and the metrics use the same results many times.
     moved, events = once(lambda: _move(key, state, action, params))
     success, off_road, d, phi = events.success, events.off_road, moved["d"], moved["phi"]

@@ -147,7 +147,9 @@ def make_rides(
         raise no_lane_error()
     levels = make_levels(level_key, codes[None], count, least=nearest, most=furthest)
     lane_offset = LANE_OFFSET if tiles is None else tiles.lane_offset
-    params = LaneDriveParams(levels, lane_offset=lane_offset)
+    # In a narrow lane the usual distance of the start from its centre would leave the lane.
+    start_d = min(LaneDriveParams.start_d, lane_offset)
+    params = LaneDriveParams(levels, lane_offset=lane_offset, start_d=start_d)
     # Without a camera the driver observes its lane, and no picture is rendered.
     camera = getattr(policy, "camera", None)
     if camera is not None:
@@ -303,6 +305,7 @@ def trails(
     Raises:
       InputError: for a map that the tiles cannot draw (see `render`), or rides on another map.
     """
+    check_named("tiles", instance(TileSet), tiles)
     road_map = _map_of(rides, source)
     picture = render(road_map, tiles, tile_px=tile_px, chosen=chosen).image.copy()
     goals = _goals(rides.levels, tiles.lane_offset)
@@ -313,6 +316,7 @@ def trails(
 
 def _map_of(rides: Rides, source: UserValue) -> RoadMap:
     """Returns the map of rides; raises `InputError` if the rides are on another one."""
+    check_named("rides", instance(Rides), rides)
     road_map = as_map(source)
     # Levels have links alone, so the map is compared without other connections.
     driven_codes = np.asarray(rides.levels.grid)
@@ -345,6 +349,7 @@ def film(
       InputError: at the call, for a map that the tiles cannot draw (see `render`), a ride that does
         not exist, or rides on another map.
     """
+    check_named("tiles", instance(TileSet), tiles)
     check_named("rides", instance(Rides), rides)
     index = check_named("index", whole(0, len(rides.steps) - 1), index)
     road_map = _map_of(rides, source)

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.checks import check_named, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.tiles._light import even_light
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
@@ -79,16 +80,25 @@ def parse_colour(text: str) -> Colour:
     match = re.fullmatch(r"\s*,\s*".join([r"(\d{1,3})\.\.(\d{1,3})"] * 3), text.strip(), re.ASCII)
     limits = [int(number) for number in match.groups()] if match else []
     pairs = list(zip(limits[::2], limits[1::2], strict=True))
-    # A range of hues may wrap around.
-    is_upside_down = any(low > high for low, high in pairs[1:])
-    # Without a match there are no pairs.
-    is_too_large = any(max(pair) > top for pair, top in zip(pairs, _TOP, strict=False))
-    if not match or is_upside_down or is_too_large:
+    if not _is_colour(pairs):
         raise InputError(
             f"expected H..H,S..S,V..V with hues 0 to 179, saturations and values 0 to 255, such as "
             f"{COLOURS['red']}, got {text[:40]!r}"
         )
     return Colour(*pairs)
+
+
+def _is_colour(ranges: UserValue) -> bool:
+    """Returns whether a value is three ranges of whole numbers, of hue, saturation and value."""
+    if not isinstance(ranges, tuple | list) or len(ranges) != len(_TOP):
+        return False
+    for limits, top in zip(ranges, _TOP, strict=True):
+        if not isinstance(limits, tuple | list) or len(limits) != 2:
+            return False
+        if not all(is_whole(limit) and 0 <= limit <= top for limit in limits):
+            return False
+    # Only a range of hues may wrap around.
+    return all(low <= high for low, high in ranges[1:])
 
 
 @name_wrong_arguments
@@ -110,12 +120,10 @@ def propose_masks(
     image = check_named("image", check_picture, image)
     if image.shape[0] != image.shape[1]:
         raise InputError(f"image: expected a square picture, got {size_of(image)} pixels")
-    if not isinstance(colours, Mapping) or not all(
-        isinstance(colours.get(name), tuple) for name in COLOURS
-    ):
-        raise InputError(
-            f"colours: expected a Colour for {', '.join(COLOURS)}, got {shorten(repr(colours))}"
-        )
+    is_mapping = isinstance(colours, Mapping)
+    if not is_mapping or not all(_is_colour(colours.get(name)) for name in COLOURS):
+        expected = f"three ranges, of hue, saturation and value, for {', '.join(COLOURS)}"
+        raise InputError(f"colours: expected {expected}, got {shorten(repr(colours))}")
     size = image.shape[0]
     fine = _disc(size * _CLEAN)
     # In one light, a colour has one range on all photographs. The median removes noise and keeps

@@ -380,7 +380,8 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
 
     Returns:
       uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow
-      and labels. Index ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
+      and labels. Index ``4·t + q`` is tile t, turned counter-clockwise by q quarters. The arrays are
+      read-only: all calls with the same tiles and size share them.
 
     Raises:
       InputError: for anything else than a tile set, or a size that is not a whole number from 1 on.
@@ -396,7 +397,10 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
         drawn = {name: mask * np.uint8(255) for name, mask in masks.items()}
         for name, layer in (drawn | {"image": _resize(tile.image, size), "labels": labels}).items():
             layers.setdefault(name, []).extend(np.rot90(layer, turns) for turns in range(4))
-    return {name: np.stack(rotated) for name, rotated in layers.items()}
+    scaled = {name: np.stack(rotated) for name, rotated in layers.items()}
+    for layer in scaled.values():
+        layer.flags.writeable = False
+    return scaled
 
 
 def show_paved(tiles: TileSet, chosen: NDArray[np.int_], tile_px: int) -> NDArray[np.bool_]:

@@ -1,6 +1,7 @@
 """Rides to look at: trails lie on the lanes, a film has a frame for each step, the command writes whole files."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -46,12 +47,15 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
 
 
 def test_a_film_is_checked_at_the_call(drawn_tiles):
-    """Faults once came with the first frame."""
-    rides = make_rides(GRID, 1, seconds=2 / 30)
+    """A generator would find faults with its first frame. A start fits any lane."""
+    rides = make_rides(GRID, 1, seconds=2 / 30, tiles=replace(drawn_tiles, lane_offset=0.02))
     for call, message in (
         (lambda: film(GRID.T, drawn_tiles, rides), "rides: expected rides on the map, got rides on another one"),
         (lambda: film(GRID, drawn_tiles, "rides"), "rides: expected Rides, got 'rides'"),
         (lambda: film(GRID, drawn_tiles, rides, 1), "index: expected a whole number, 0 to 0, got 1"),
+        (lambda: film(GRID, 5, rides), "tiles: expected TileSet, got 5"),
+        (lambda: trails(GRID, 5, rides), "tiles: expected TileSet, got 5"),
+        (lambda: trails(GRID, drawn_tiles, 5), "rides: expected Rides, got 5"),
     ):
         with pytest.raises(InputError, match=f"^{message}$"):
             call()

@@ -9,7 +9,16 @@ from folders import read_picture
 from elitelanes_jax import InputError, RoadMap, render, repair, rotate
 from elitelanes_jax.formats import map_to_json
 from elitelanes_jax.formats.road_map import Drawn
-from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles, overlay, write_picture
+from elitelanes_jax.tiles import (
+    LABEL_COLOURS,
+    LABELS,
+    TileSet,
+    choose_tiles,
+    default_tiles,
+    overlay,
+    scale_tiles,
+    write_picture,
+)
 from elitelanes_jax.tiles.rendering import recall_choice
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
@@ -84,6 +93,12 @@ def test_thin_lines_stay_at_every_size(drawn_tiles):
         for name in ("road", "red", "yellow"):
             share, expected = (getattr(picture, name).mean() / 255 for picture in (small, large))
             assert 0.6 * expected < share < 1.6 * expected, (name, size)
+
+
+def test_a_caller_cannot_change_the_tiles_of_another(drawn_tiles):
+    for layer in scale_tiles(drawn_tiles, 16).values():
+        with pytest.raises(ValueError, match="read-only"):
+            layer[0] = 0
 
 
 def test_variants_are_drawn_at_random_and_the_same_every_time(drawn_tiles):
