@@ -22,7 +22,7 @@ from elitelanes_jax.drive._camera import Sight, look_around
 from elitelanes_jax.drive._distances import NO_WAY
 from elitelanes_jax.drive._environment import Environment, Transition, checks_first
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
-from elitelanes_jax.drive._objects import Objects, touches
+from elitelanes_jax.drive._objects import Objects, stands_on, touches
 from elitelanes_jax.drive.lanes import (
     Pose,
     lane_curvature,
@@ -199,6 +199,8 @@ class LaneDriveInfo(NamedTuple):
 
 # The distances ahead at which the curvature is observed, in tiles.
 _AHEAD = (0.0, 0.25, 0.5)
+# The places, evenly along the lane of a tile, at which a start that touches no object is sought.
+_START_PLACES = 8
 
 # A function that returns the code and the ways of the tile at a row and a column.
 _Reader = Callable[[Array, Array], tuple[Array, Array]]
@@ -214,7 +216,7 @@ _Parts = dict[str, Pytree]
 def _reset(
     key: Key[Array, ""], params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
-    """Starts on a level drawn uniformly from ``params.levels``; the key is consumed."""
+    """Starts on a level drawn uniformly from ``params.levels``, as `reset_to_level` does; the key is consumed."""
     levels = params.levels
 
     def draw() -> tuple[Array, _Parts]:
@@ -223,7 +225,8 @@ def _reset(
         # Single tiles are read from the batch, because otherwise the level's whole map would be
         # copied.
         read = partial(_at, (levels.grid, levels.ways), index)
-        return index, _start(bits, _at(levels.start, index), read, params)
+        objects = _at(levels.objects, index)
+        return index, _start(bits, _at(levels.start, index), read, objects, params)
 
     index, start = once(draw)
     return _begin(_at(levels, index), start, params)
@@ -237,11 +240,17 @@ def _reset(
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
-    """Puts the robot on the start of a level, at rest, near the middle of its lane; the key is consumed."""
+    """Puts the robot on the start of a level, at rest, near the middle of its lane; the key is consumed.
+
+    If it would touch an object there, it starts at the first of 8 places along the lane of its tile
+    where it touches none, and stays if there is none.
+    """
     read = partial(_at, (level.grid, level.ways))
-    return _begin(
-        level, once(lambda: _start(_reset_bits(key, params), level.start, read, params)), params
-    )
+
+    def draw() -> _Parts:
+        return _start(_reset_bits(key, params), level.start, read, level.objects, params)
+
+    return _begin(level, once(draw), params)
 
 
 def _reset_bits(key: Array, params: LaneDriveParams) -> Array:
@@ -253,7 +262,9 @@ def _at(tree: Pytree, *index: Array) -> Pytree:
     return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
 
 
-def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) -> _Parts:
+def _start(
+    bits: Array, node: LaneNode, read: _Reader, objects: Objects | None, params: LaneDriveParams
+) -> _Parts:
     # A share needs 16 bits. One word has two of them.
     along, beside, turned = (
         (word & 0xFFFF).astype(jnp.float32) / 2**16 for word in (bits[1], bits[1] >> 16, bits[2])
@@ -262,8 +273,11 @@ def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) 
     turn = _choose_turn(bits[-1], read, node, params)
     movement = Movement(*node, turn)
     # The robot starts in the first half of its tile.
-    s = along * lane_length(turn, params.lane_offset) / 2
+    length = lane_length(turn, params.lane_offset)
+    s = along * length / 2
     d = rounded((2 * beside - 1) * params.start_d)
+    if objects is not None:
+        s = _find_free_place(s, length, d, movement, objects, params)
     phi = rounded((2 * turned - 1) * params.start_phi)
     pose = lane_point(movement, s, d, params.lane_offset)
     return {
@@ -274,6 +288,28 @@ def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) 
         "phi": jnp.asarray(phi, jnp.float32),
         "s": s,
     }
+
+
+def _find_free_place(
+    s: Array,
+    length: Array,
+    d: Array,
+    movement: Movement,
+    objects: Objects,
+    params: LaneDriveParams,
+) -> Array:
+    """Returns the first of a few places along a lane, from `s` on, where the robot touches no object.
+
+    After the end of the lane the search goes on at its start. Returns `s` if no place is free.
+    """
+    # `s` is a product, and is rounded before the sum as `rounded` says; the first place is `s` itself.
+    steps = rounded(length * (np.arange(1, _START_PLACES, dtype=np.float32) / _START_PLACES))
+    further = rounded(s) + steps
+    further = jnp.where(further < length, further, further - length)
+    places = jnp.concatenate([s[None], further])
+    poses = lane_point(movement, places, d, params.lane_offset)
+    is_free = ~jax.vmap(partial(stands_on, objects, radius=params.robot.width / 2))(poses)
+    return places[jnp.argmax(is_free)]
 
 
 def _begin(

@@ -348,6 +348,15 @@ def _turn(east: Array, south: Array, turn: tuple[Array, Array]) -> tuple[Array, 
     return east * cosine - south * sine, east * sine + south * cosine
 
 
+def stands_on(objects: Objects, pose: Pose, radius: Numeric) -> Bool[Array, ""]:
+    """Returns whether a disc, of a radius in metres, touches an object's disc where it stands."""
+    # Squares are compared, because a root for each object takes most of the time.
+    to_east, to_south = (objects.x - pose.x) * TILE, (objects.y - pose.y) * TILE
+    reach = objects.radius + radius
+    is_near = to_east**2 + to_south**2 <= reach**2
+    return ((objects.radius > 0) & is_near).any()
+
+
 def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[Array, ""]:
     """Returns whether a disc touches an object's disc anywhere on an arc, of less than half a turn, between two poses.
 

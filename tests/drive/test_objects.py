@@ -98,6 +98,26 @@ def test_a_disc_is_touched_where_a_point_of_the_arc_is_within_reach():
     assert 5 < sum(outcomes) < len(outcomes) - 5
 
 
+def test_a_robot_starts_beside_an_object_that_is_in_its_place():
+    road, settings = RoadMap(TOWN), {"count": 1, "task": "lane", "start_d": 0.0}
+    keys = jax.random.split(jax.random.key(0), 64)
+    poses = {}
+    _, params = make("LaneDrive", road, **settings)
+    start = LaneDrive.reset(keys[0], params)[1].pose
+    on_the_start = MapObject("cone", float(start.x), float(start.y), 0.0, 0.08)
+    far = on_the_start._replace(x=-0.9, y=-0.9)
+    for name, thing in (("none", None), ("far", far), ("near", on_the_start)):
+        _, params = make("LaneDrive", replace(road, objects=thing and (thing,)), **settings)
+        poses[name] = jax.vmap(lambda key, params=params: LaneDrive.reset(key, params)[1])(keys).pose
+    np.testing.assert_allclose(poses["far"], poses["none"], atol=1e-6)
+    gaps = {name: np.hypot(pose.x - on_the_start.x, pose.y - on_the_start.y) * TILE for name, pose in poses.items()}
+    reach = on_the_start.radius + 0.15 / 2
+    touched = gaps["none"] <= reach
+    assert touched[0] and not touched.all()
+    assert (gaps["near"] > reach).all()
+    np.testing.assert_allclose(gaps["near"][~touched], gaps["none"][~touched], atol=1e-6)
+
+
 @pytest.mark.parametrize("collision", ["terminate", "cost"])
 def test_lane_drive_ends_or_pays_where_an_object_is_touched(collision):
     road, settings = RoadMap(TOWN), {"count": 1, "task": "lane", "start_d": 0.0, "start_phi": 0.0}
