@@ -228,7 +228,7 @@ def test_a_function_is_known_by_what_it_computes(name, tmp_path):
             run(**of_factor(name, 3), **options)
 
 
-@pytest.mark.parametrize("other", ["fitness", "moves"])
+@pytest.mark.parametrize("other", ["moves", pytest.param("fitness", marks=pytest.mark.slow)])
 def test_a_feature_is_known_by_what_it_computes_beside_another_function_of_its_name(other):
     name, options = "fitness", {"fitness": lambda usual: usual, "preset": "paper"}
     if other == "moves":
@@ -279,7 +279,9 @@ def test_functions_are_traced_a_few_times():
         calls |= dict.fromkeys(calls, 0)
 
 
-@pytest.mark.parametrize("worst", [np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize(
+    "worst", [np.nan, *(pytest.param(worst, marks=pytest.mark.slow) for worst in (np.inf, -np.inf))]
+)
 def test_a_fitness_that_is_nowhere_finite_is_a_warning(worst):
     options = {"seeds": 2, "method": "ea", "preset": "paper", "generations": 2}
     words = (

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -111,12 +112,17 @@ def test_no_private_part_of_jax_is_used():
                 own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls", "os", "sys", "np")
                 of_tuples = ("_asdict", "_fields", "_replace", "_make", "_field_defaults")
                 documented = node.attr in of_tuples
-                of_package = node.attr in PRIVATE_NAMES
+                of_package = node.attr in private_names()
                 assert own or documented or of_package, f"{name}: {ast.unparse(node)}"
 
 
-def defined_privately():
+@cache
+def private_names():
     """The private names that the package itself defines."""
+    return {name for name in defined_names() if name.startswith("_")}
+
+
+def defined_names():
     for file in MODULES.values():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
@@ -125,9 +131,6 @@ def defined_privately():
                 yield node.attr
             elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
                 yield node.target.id
-
-
-PRIVATE_NAMES = {name for name in defined_privately() if name.startswith("_")}
 
 
 def test_shapes_belong_to_classes_of_arrays():
