@@ -214,10 +214,13 @@ class Programs:
         Calls with equal numbers share one copy. Otherwise each program would copy them, which takes
         a millisecond.
         """
-        if self._last_numbers is None or self._last_numbers[0] != fingerprint:
-            numbers = jax.device_put(tuple(jax.tree.leaves(setup)))
-            self._last_numbers = fingerprint, numbers
-        return self._last_numbers[1]
+        # Searches in other threads may replace the attribute at any time, so it is read once.
+        last_numbers = self._last_numbers
+        if last_numbers is not None and last_numbers[0] == fingerprint:
+            return last_numbers[1]
+        numbers = jax.device_put(tuple(jax.tree.leaves(setup)))
+        self._last_numbers = fingerprint, numbers
+        return numbers
 
     def prepare(self, *, starts: bool, generations: int, counts: bool = True) -> None:
         """Compiles the programs for a run of some generations that are missing, side by side.
