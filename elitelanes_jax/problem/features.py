@@ -119,12 +119,13 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
     if features is None and isinstance(name, str):
         return name
     known = tuple(dict.fromkeys([*FEATURES, *TOWN_FEATURES, *(features or ())]))
-    if name not in known:
+    # A comparison of an array with texts raises an error of NumPy.
+    if not isinstance(name, str) or name not in known:
         raise InputError(
             f"{source}: expected a metric, or a share such as straight_share, got {shorten(repr(name), 40)}"
             f"{suggest(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
         )
-    return str(name)
+    return name
 
 
 def check_features(features: UserValue) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ def parse_numbers(
             raise InputError(f"{expected}, got {shorten(repr(pair))}") from None
         if isinstance(name, str):
             name = name.strip()
-        if name not in names:
+        if not isinstance(name, str) or name not in names:
             raise InputError(f"{expected}, got {shorten(repr(name), 40)}{suggest(name, names)}")
         checked.append((name, check_named(f"{option} {name}", check, number)))
     check_unique(option, "name", [name for name, _ in checked])

@@ -60,7 +60,7 @@ def ask_for_method(
 
     Raises:
       InputError: for a configuration or an optimiser of the wrong type, both, or the configuration
-        of another method or preset than the one in `options`.
+        of another method than the one in `options`.
     """
     config, optimizer = extensions.config, extensions.optimizer
     if optimizer is not None:
@@ -87,9 +87,6 @@ def ask_for_method(
         raise InputError(
             f"config: expected one of {options['method']}, got {type(config).__name__}"
         )
-    if options.get("preset", preset) != preset:
-        got = shorten(repr(options["preset"]), 40)
-        raise InputError(f"preset: expected none with a config, which replaces it, got {got}")
     return spec.replace(method=method, preset=preset)
 
 

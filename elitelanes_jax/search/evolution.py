@@ -194,6 +194,7 @@ def _evolve_in_pool(
     search: Search, keys: SearchKeys, extensions: Extensions, pool: Pool, progress: bool | None
 ) -> Result:
     """Runs a search on an executor's workers."""
+    check_named("progress", none_or(flag), progress)
     # The module of the parts imports this one.
     from elitelanes_jax.search.parts import evolve_parts, join_evolved_parts
 
