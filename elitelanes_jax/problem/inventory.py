@@ -72,6 +72,7 @@ def within_inventory(
     for kind, count in inventory:
         name, most = COUNTED[kind], Fraction(count)
         asked = ranges.get(name, Range(name, None, None))
+        # The user may ask for fewer tiles than there are.
         if asked.high is not None:
             most = min(asked.high, most)
         ranges[name] = Range(name, asked.low, most)

@@ -114,6 +114,7 @@ def apply_fitness(
     """
     names = arguments_of(fitness)
 
+    # The user's function takes a single grid. `jax.vmap` applies it to P grids.
     def apply_to_grid(grid: Array, row: Array, usual: Array) -> Array:
         feature_values, all_names = with_shares(row, feature_names)
         known = {
