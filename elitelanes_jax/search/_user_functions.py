@@ -62,8 +62,8 @@ def ask_for_method(
       InputError: for a configuration or an optimiser of the wrong type, both, or the configuration
         of another method than the one in `options`.
     """
-    # A configuration or an optimiser of the call overrides a method of the specification, which may
-    # come from a style or an earlier result. It must not override an argument of the same call.
+    # A configuration replaces the method of a specification, which may come from an earlier result,
+    # but not another method in the same call.
     config, optimizer = extensions.config, extensions.optimizer
     if optimizer is not None:
         if not callable(optimizer):
