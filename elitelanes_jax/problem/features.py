@@ -88,6 +88,7 @@ def with_shares(
 
     Returns int32 ``[..., F + S]``, of the same library, and the F + S names.
     """
+    # NumPy and JAX share the functions that are needed here, so one text serves both.
     xp = features.__array_namespace__()
     column = {name: index for index, name in enumerate(feature_names)}
     arrays = [features]
@@ -96,6 +97,7 @@ def with_shares(
         if part not in column or not column.keys() >= set(whole):
             continue
         total = sum(features[..., column[name]] for name in whole)
+        # A grid without tiles has shares of 0.
         values = SHARE_UNIT * features[..., column[part]] // xp.maximum(total, 1)
         arrays.append(values[..., None])
         names.append(share)

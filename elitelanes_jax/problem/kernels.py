@@ -112,6 +112,7 @@ def apply_fitness(
 
     Returns float32 ``[P]``, or int32 ``[P]`` with size 2**30 for an integer out of range.
     """
+    # The function gets only the arguments that it names.
     names = arguments_of(fitness)
 
     # The user's function takes a single grid. `jax.vmap` applies it to P grids.

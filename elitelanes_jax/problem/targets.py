@@ -80,6 +80,8 @@ class SupportPoints:
 
     def losses(self) -> Float[np.ndarray, " M"]:
         """Returns the energy distance after choosing each candidate, up to a constant."""
+        # If n maps are chosen, a candidate adds 2 / (n + 1) times this to the energy distance.
+        # Rounding makes equal candidates tie, also if the last bits of their sums differ.
         return np.round(self._to_examples - self._to_chosen / (self._count + 1), 9)
 
     def choose(self, index: int) -> None:
