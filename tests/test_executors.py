@@ -282,6 +282,11 @@ def test_what_is_no_executor_is_refused(case, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_wrong_progress_is_named_with_an_executor_too():
+    with pytest.raises(InputError, match="^progress: expected True or False, got 'never'"):
+        evolve(0, (4, 4), seeds=2, spec=SEARCH, executor=OneByOne(), progress="never")
+
+
 def test_one_key_alone_is_refused():
     import jax
 

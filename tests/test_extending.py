@@ -479,3 +479,15 @@ def test_a_state_that_cannot_be_saved_is_refused_before_the_search(tmp_path):
 def test_a_step_evaluates_a_whole_number_of_grids(wrong, got):
     with pytest.raises(InputError, match=f"optimizer: evaluations_per_step: expected a whole number, 1 or more, {got}"):
         evolve(0, (4, 4), seeds=1, optimizer=lambda problem: ea(problem)._replace(evaluations_per_step=wrong))
+
+
+def test_what_a_fitness_reads_may_change_beside_an_optimizer():
+    """An optimiser is traced once, but the fitness that it minimises is another one after the change."""
+    added = 0
+    options = {"optimizer": ea, "fitness": lambda usual: usual + added, "generations": 1}
+    before = evolve(jax.random.key(0), SHAPE, **options)
+    added = 1
+    after = evolve(jax.random.key(0), SHAPE, **options)
+    np.testing.assert_array_equal(before.elites.fitness + 1, after.elites.fitness)
+    with pytest.raises(InputError, match="other options or functions"):
+        evolve(jax.random.key(0), SHAPE, **options, state=before.state)

@@ -93,12 +93,14 @@ def insert(
     # Grids that are offered to K niches make K rounds, which contend together.
     rounds = niche.reshape(prod(niche.shape[:-1]), niche.shape[-1])
     niche, fitness = rounds.reshape(-1), finite_or_vacant(jnp.tile(found.fitness, len(rounds)))
+    # A minimum is the same in any order of writing, so the scatter may write a niche many times.
     lowest = archive.fitness.at[niche].min(fitness)
     # A grid contends for its niche if no grid offered to the niche is better. Of those that
     # contend, the first one wins.
     contends = fitness == lowest[niche]
     if not accept_equal:
         contends &= fitness < archive.fitness[niche]
+    # Grids that do not contend take an index beyond the batch, which wins nowhere.
     niches, batch = archive.fitness.size, jnp.arange(niche.size, dtype=jnp.int32)
     first = (
         jnp.full(niches, batch.size, jnp.int32)

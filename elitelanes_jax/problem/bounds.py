@@ -177,6 +177,7 @@ class FeatureBounds(NamedTuple):
 
 def find_bounds(shape: tuple[int, int], certain: Mapping[str, int]) -> FeatureBounds:
     """Finds bounds of the metrics of a set of repaired grids; `certain` has the metrics with one value on all grids."""
+    # An inventory counts crossings by their number of sides, which no metric does.
     largest = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), prod(shape))
     intervals = {name: (0, most) for name, most in largest.items()}
     bounds = FeatureBounds(shape, intervals, tuple(_inequalities(shape)))
@@ -241,6 +242,8 @@ def _least_tiles(where: Iterable[Range], shape: tuple[int, int]) -> list[_Inequa
     for item in where:
         if item.name in ("box_share", "box_fill"):
             least_shares.append(item.low or 0)
+    # The share of the box in the grid, times the share of the tiles in the box, is the share of the
+    # tiles in the grid. One of them alone bounds nothing.
     if len(least_shares) < 2:
         return []
     least_tiles = ceil(prod(least_shares) * prod(shape))
@@ -280,6 +283,8 @@ def check_feasible(
     lacking_kinds: list[str] = []
     if alphabet is not None:
         codes = set(alphabet)
+        # The first row with roads begins and ends with a turn, because its ends have no tiles beside
+        # and above them. So does the last row: every map has all four turns.
         missing_turns = set(KINDS["turn"]) - codes
         if missing_turns:
             expected = f"alphabet: expected the turns {KINDS['turn']}, which every map has"
@@ -324,6 +329,8 @@ def _check_connectable(fix: FixedCells, filled: bool) -> None:
     `filled` says whether each free cell needs one; a free cell without any neighbour to link stays
     empty.
     """
+    # The largest possible network has a road in every free cell to all its neighbours. Cells that
+    # it cannot connect are connected on no map.
     is_fixed = fix.fixed
     ways = _ways(np.where(is_fixed, fix.grid, NORTH | EAST | SOUTH | WEST))
     # A free cell without neighbours to link stays empty.
@@ -428,6 +435,7 @@ def _read_sum(text: str, constants: Mapping[str, int]) -> tuple[dict[str, int], 
     """Reads a sum of metrics times their factors, and of numbers."""
     factors: dict[str, int] = {}
     number = 0
+    # A term such as "2 edges" or "AREA components" is a product of words, with a metric at the end.
     for operator, term in re.findall(r"([+-]?) ?([\w ]*\w)", text):
         factor = -1 if operator == "-" else 1
         metric = None
@@ -460,6 +468,7 @@ def _inequalities_of_range(item: Range) -> list[_Inequality]:
     for limit, sign in ((item.low, 1), (item.high, -1)):
         if limit is None:
             continue
+        # A limit of N / D for part / whole is D part >= N whole, which has whole numbers alone.
         factors = {part: sign * limit.denominator}
         for name in whole:
             factors[name] = factors.get(name, 0) - sign * limit.numerator
@@ -477,6 +486,7 @@ def _narrowed(bounds: FeatureBounds) -> FeatureBounds:
     intervals = dict(bounds.intervals)
     for _ in range(_MOST_ROUNDS):
         before = dict(intervals)
+        # What one inequality narrows, others narrow further in this round or in the next.
         for inequality in bounds.inequalities:
             _narrow_by(inequality, intervals)
         _limit_edges(intervals)

@@ -230,6 +230,7 @@ def _to_python(value: UserValue) -> UserValue:
 def _check_numbers(source: str, axis: Axis) -> None:
     """Checks the numbers of an axis. Errors begin with `source`."""
     bins, width, start, target = axis.bins, axis.width, axis.start, axis.target
+    # Comparisons come after this, because a field of a record may be of any type.
     are_whole = is_whole(bins) and is_whole(width) and is_whole(start)
     if not are_whole or bins < 1 or width < 0:
         got = ", ".join(

@@ -88,6 +88,7 @@ def with_shares(
 
     Returns int32 ``[..., F + S]``, of the same library, and the F + S names.
     """
+    # NumPy and JAX share the functions that are needed here, so one text serves both.
     xp = features.__array_namespace__()
     column = {name: index for index, name in enumerate(feature_names)}
     arrays = [features]
@@ -96,6 +97,7 @@ def with_shares(
         if part not in column or not column.keys() >= set(whole):
             continue
         total = sum(features[..., column[name]] for name in whole)
+        # A grid without tiles has shares of 0.
         values = SHARE_UNIT * features[..., column[part]] // xp.maximum(total, 1)
         arrays.append(values[..., None])
         names.append(share)
@@ -119,12 +121,13 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
     if features is None and isinstance(name, str):
         return name
     known = tuple(dict.fromkeys([*FEATURES, *TOWN_FEATURES, *(features or ())]))
-    if name not in known:
+    # A comparison of an array with texts raises an error of NumPy.
+    if not isinstance(name, str) or name not in known:
         raise InputError(
             f"{source}: expected a metric, or a share such as straight_share, got {shorten(repr(name), 40)}"
             f"{suggest(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
         )
-    return str(name)
+    return name
 
 
 def check_features(features: UserValue) -> tuple[str, ...]:

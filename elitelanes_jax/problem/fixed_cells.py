@@ -123,6 +123,7 @@ def _check_sides(name: str, codes: Int[np.ndarray, "H W"]) -> None:
     """
     height, width = codes.shape
     for side in SIDES:
+        # The padding has no roads, so a road that leaves the grid is not returned.
         beside = np.pad(codes, 1)[1 + side.down :, 1 + side.right :][:height, :width]
         wrong = np.argwhere((codes >= 0) & (codes & side.bit > 0) & (beside & side.opposite == 0))
         for row, column in wrong.tolist():

@@ -41,7 +41,7 @@ def parse_numbers(
             raise InputError(f"{expected}, got {shorten(repr(pair))}") from None
         if isinstance(name, str):
             name = name.strip()
-        if name not in names:
+        if not isinstance(name, str) or name not in names:
             raise InputError(f"{expected}, got {shorten(repr(name), 40)}{suggest(name, names)}")
         checked.append((name, check_named(f"{option} {name}", check, number)))
     check_unique(option, "name", [name for name, _ in checked])
@@ -73,6 +73,7 @@ def within_inventory(
     for kind, count in inventory:
         name, most = COUNTED[kind], Fraction(count)
         asked = ranges.get(name, Range(name, None, None))
+        # The user may ask for fewer tiles than there are.
         if asked.high is not None:
             most = min(asked.high, most)
         ranges[name] = Range(name, asked.low, most)

@@ -112,8 +112,10 @@ def apply_fitness(
 
     Returns float32 ``[P]``, or int32 ``[P]`` with size 2**30 for an integer out of range.
     """
+    # The function gets only the arguments that it names.
     names = arguments_of(fitness)
 
+    # The user's function takes a single grid. `jax.vmap` applies it to P grids.
     def apply_to_grid(grid: Array, row: Array, usual: Array) -> Array:
         feature_values, all_names = with_shares(row, feature_names)
         known = {

@@ -110,6 +110,8 @@ class Problem:
                 height, width = shape
                 got = shorten(repr(self.fixed))
                 raise InputError(f"fixed: expected bool [{height}, {width}], got {got}")
+        # The features may have any names, so axes are checked against these names instead of the
+        # known features.
         axes: tuple[Axis, ...] = ()
         if not _is_empty(self.axes):
             axes = resolve_axes(self.axes, shape, None)

@@ -81,6 +81,7 @@ def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[
 
     As an array, ranges can be traced, so that other ranges need no compilation.
     """
+    # Columns without a range get limits that no value exceeds.
     names = [*feature_names, *SHARES]
     lower = np.full(len(names), -LARGEST, np.int32)
     upper = np.full(len(names), LARGEST, np.int32)
@@ -218,8 +219,10 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction | None:
     """Returns a limit as an exact number; None for no limit."""
     if limit is None:
         return None
+    # The text of a float has the digits that the user wrote: 0.3 is three tenths exactly.
     text = str(limit)
     try:
+        # Python would read 1_000 as a number.
         if "_" in text:
             raise ValueError
         # An exponent is read by `float`, because Fraction("1e99999999") would fill the memory.

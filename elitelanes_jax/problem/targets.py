@@ -64,9 +64,9 @@ class SupportPoints:
     ) -> None:
         values = np.array([item.values for item in examples]).T
         # A feature without any spread, in the examples and in the candidates, keeps its own unit.
-        scale = values.std(axis=0)
+        scale = _spread(values)
         if len(features):
-            scale = np.where(scale > 0, scale, features.std(axis=0))
+            scale = np.where(scale > 0, scale, _spread(features))
         scale = np.where(scale > 0, scale, 1)
         self._points = features / scale
         total = np.zeros(len(features))
@@ -80,6 +80,8 @@ class SupportPoints:
 
     def losses(self) -> Float[np.ndarray, " M"]:
         """Returns the energy distance after choosing each candidate, up to a constant."""
+        # If n maps are chosen, a candidate adds 2 / (n + 1) times this to the energy distance.
+        # Rounding makes equal candidates tie, also if the last bits of their sums differ.
         return np.round(self._to_examples - self._to_chosen / (self._count + 1), 9)
 
     def choose(self, index: int) -> None:
@@ -89,6 +91,12 @@ class SupportPoints:
 
     def _distances(self, point: Float[np.ndarray, " D"]) -> Float[np.ndarray, " M"]:
         return np.linalg.norm(self._points - point, axis=1)
+
+
+def _spread(values: Float[np.ndarray, "N D"]) -> Float[np.ndarray, " D"]:
+    """Returns the standard deviation of each column; 0 if its values are equal."""
+    # The mean of three times 0.1 is not 0.1, so the deviation of equal values may be 1e-17.
+    return np.where(np.ptp(values, axis=0) > 0, values.std(axis=0), 0)
 
 
 def _example_values(pair: UserValue, features: Collection[str]) -> ExampleValues:

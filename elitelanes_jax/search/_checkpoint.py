@@ -65,6 +65,7 @@ class Checkpoint:
     def save(self, result: Result) -> None:
         """Writes the result so far. A kill leaves the result before."""
         started_writing = time.monotonic()
+        # The settings come first, because a result without settings could be that of any search.
         if not self.kept:
             write_json(self.folder / _SETTINGS, self._identity)
         result.save(self.folder / _RESULT)

@@ -49,6 +49,7 @@ def divide(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
     on_processor = all(device.platform == "cpu" for device in devices)
     if not on_processor:
         return list(devices)
+    # Each device takes as many parts as it needs to keep each part small.
     rounds = -(-rows // (_MOST_ROWS * len(devices)))
     return list(devices) * rounds
 
@@ -89,6 +90,7 @@ def _to_numpy(array: Pytree) -> Pytree:
 def join(parts: Sequence[Pytree], rows: int) -> Pytree:
     """Joins the parts that `cut` made to arrays ``[rows, ...]``, for the default device."""
     default_device = jax.local_devices()[0]
+    # A single part on the default device needs no copy: it has no repeated rows.
     if len(parts) == 1:
         leaves = jax.tree.leaves(parts[0])
         devices = [getattr(array, "device", default_device) for array in leaves]

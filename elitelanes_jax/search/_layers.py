@@ -41,6 +41,7 @@ def naming_origins(origins: Mapping[str, str]) -> Iterator[None]:
     try:
         yield
     except InputError as error:
+        # A message starts with the name of an option, and for a range with "where 'NAME=".
         subject = re.match(r"(\w+)(?: '(\w+)=)?", str(error))
         origin = None
         if subject is not None:
@@ -57,6 +58,7 @@ def merge_layers(spec: SearchSpec) -> Merged:
       InputError: for a wrong option of the style, or example maps without roads.
     """
     user_features = spec.options.get("features", ())
+    # The user's layer is last, because later layers override earlier ones.
     layers: list[Mapping[str, UserValue]] = [spec.options]
     origins: dict[str, str] = {}
     if spec.options.get("like"):
@@ -69,6 +71,7 @@ def merge_layers(spec: SearchSpec) -> Merged:
         options = check_named(origin, check_options, style.options, user_features, NOT_OF_STYLES)
         layers.insert(0, options)
         origins = dict.fromkeys(_names_in(options), origin) | origins
+    # What the user gave as well is the user's.
     for name in _names_in(spec.options):
         origins.pop(name, None)
 
@@ -91,6 +94,7 @@ def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserVa
     """
     merged: dict[str, UserValue] = {}
     for layer in layers:
+        # This comes first, so that a layer with both options keeps its own.
         for name, other in _DISCARDS.items():
             if layer.get(name) is not None:
                 merged.pop(other, None)

@@ -1,7 +1,22 @@
 """The three programs of a search, which start it, advance it, and collect its elites.
 
-Each is compiled once in a process. They are also exported to disk, so that a later process neither
-traces nor lowers them; see `_stored_programs`.
+| program | from | to | runs on |
+|---|---|---|---|
+| start | numbers, keys | states of generation 0 | one part of the seeds |
+| advance | numbers, keys, states, first, last | states after `last`, a report per generation | one part |
+| collect | numbers, states | elites with their metrics, states | all seeds |
+
+Numbers are the leaves of a `Setup`: weights, limits and rates. Because they are arguments, searches
+that differ in the values of numbers and keys, or in length, run the same programs. `find_programs`
+keeps these `Programs` for later calls, by the structure of the setup.
+
+A program goes through four forms. `_exportable` makes a function that JAX can trace. `_export`
+traces it, or reads the trace from a file. `_lower` makes the compiler's input for one device.
+`_compile` compiles it at a level of optimisation. A program that JAX has compiled is called with the
+shapes that it was compiled for: the number of seeds in a part, or all seeds.
+
+Programs of searches without functions of the user are also exported to disk, so that a later
+process neither traces nor lowers them; see `_stored_programs`.
 """
 
 import gc
@@ -58,6 +73,7 @@ _MOST_SEARCHES = 64
 
 _START, _ADVANCE, _COLLECT = "start", "advance", "collect"
 
+# A thread that traces one thing may trace another on the way: the facts need the states.
 _tracing_lock = RLock()
 
 _with_jit = jax.disable_jit(False)
@@ -65,7 +81,13 @@ _with_jit = jax.disable_jit(False)
 
 
 class ProgramKey(NamedTuple):
-    """What distinguishes the compiled programs of one search."""
+    """What distinguishes the compiled programs of one search.
+
+    Attributes:
+      program: start, advance or collect.
+      device: the device that runs the program.
+      level: the level of optimisation, see `_compiling`.
+    """
 
     program: str
     device: jax.Device
@@ -145,8 +167,9 @@ class Programs:
         self._single = single
         self._floats = floats
         self._part_rows, part_count = part_rows(len(keys), devices)
+        # Several parts on one device share its programs.
         self._devices = list(dict.fromkeys(devices[:part_count]))
-        # The cells that this process has evaluated.
+        # The cells that this process has evaluated with these programs.
         self._evaluated_cells = 0
         self._compiled: dict[ProgramKey, Callable[..., Pytree]] = {}
         self._exports: dict[str, jax.export.Exported] = {}
@@ -155,6 +178,7 @@ class Programs:
         self._last_numbers: tuple[int, tuple[Array, ...]] | None = None
         self._file: Path | None = None
         self._stored: StoredPrograms | None = None
+        # The name of a file has a digest of the package's sources. The user's sources are unknown.
         if folder is not None and not setup.has_user_functions():
             shapes = [(leaf.shape, str(leaf.dtype)) for leaf in self._numbers]
             shapes.append((keys.shape, str(keys.dtype)))
@@ -186,6 +210,8 @@ class Programs:
     def _trace_facts(self) -> SearchFacts:
         evaluations_per_step = first_generation = 0
 
+        # An optimiser can only be made from numbers. This function is traced with their shapes
+        # alone. The facts do not depend on numbers, and leave the function as variables.
         def read_optimizer(setup: Setup) -> None:
             nonlocal evaluations_per_step, first_generation
             optimizer = setup.make_optimizer()
@@ -194,6 +220,7 @@ class Programs:
             first_generation = optimizer.first_generation
 
         jax.eval_shape(read_optimizer, jax.tree.unflatten(self._structure, self._numbers))
+        # The first axis is that of the seeds in a part.
         leaves = jax.tree.leaves(self._state_tree)
         states = tuple((leaf.shape[1:], leaf.dtype) for leaf in leaves)
         return SearchFacts(evaluations_per_step, first_generation, states)
@@ -214,10 +241,13 @@ class Programs:
         Calls with equal numbers share one copy. Otherwise each program would copy them, which takes
         a millisecond.
         """
-        if self._last_numbers is None or self._last_numbers[0] != fingerprint:
-            numbers = jax.device_put(tuple(jax.tree.leaves(setup)))
-            self._last_numbers = fingerprint, numbers
-        return self._last_numbers[1]
+        # Searches in other threads may replace the attribute at any time, so it is read once.
+        last_numbers = self._last_numbers
+        if last_numbers is not None and last_numbers[0] == fingerprint:
+            return last_numbers[1]
+        numbers = jax.device_put(tuple(jax.tree.leaves(setup)))
+        self._last_numbers = fingerprint, numbers
+        return numbers
 
     def prepare(self, *, starts: bool, generations: int, counts: bool = True) -> None:
         """Compiles the programs for a run of some generations that are missing, side by side.
@@ -237,6 +267,7 @@ class Programs:
             program_keys += [self._choose(_ADVANCE, device, cells) for device in self._devices]
         if starts:
             program_keys += [self._choose(_START, device, cells) for device in self._devices]
+        # This program runs once for each result, so it counts as one that evaluates no cells.
         program_keys.append(self._choose(_COLLECT, jax.local_devices()[0], 0))
         missing_keys = [key for key in program_keys if key not in self._compiled]
         if missing_keys:
@@ -314,12 +345,14 @@ class Programs:
 
     def _lower(self, key: ProgramKey) -> jax.stages.Lowered:
         """Lowers a program for a device."""
-        # Arrays for the default device are not bound to it, see `_devices._put`.
+        # Arguments on the default device are not bound to it, see `_devices._put`, and the program
+        # has to expect them as they come.
         sharding = None
         if key.device != jax.local_devices()[0]:
             sharding = jax.sharding.SingleDeviceSharding(key.device)
         with _tracing():
             if self._file is None:
+                # Without a file, an export would only add a second lowering.
                 program = self._exportable(key.program)
             else:
                 # JAX finds what an earlier process compiled of the same export.
@@ -342,6 +375,7 @@ class Programs:
                 # JAX raises errors of any type.
                 assert self._file is not None
                 announce_refused(self._file, error)
+                # `_store` then replaces the file.
                 self._stored = None
         if program not in self._exports:
             export_program = export.export(self._exportable(program))
@@ -355,6 +389,8 @@ class Programs:
         if self._stored is not None and set(self._exports) <= set(self._stored.exports):
             return
         exports = {program: bytes(export.serialize()) for program, export in self._exports.items()}
+        # A search that continues a state does not start, so its file may lack a program that another
+        # search adds.
         if self._stored is not None:
             exports = dict(self._stored.exports) | exports
         self._stored = StoredPrograms(self.facts.to_plain(), exports)
@@ -402,6 +438,7 @@ def find_programs(
     whether the user's functions compute with floats.
     """
     numbers, structure = jax.tree.flatten(setup)
+    # The cache of `_find` compares its arguments, so they are hashable and hold no arrays.
     shapes = tuple((leaf.shape, leaf.dtype) for leaf in numbers)
     return _find(
         structure,
@@ -434,7 +471,10 @@ def _find(
 
 
 # JAX keeps what it traced of a program as long as the program is kept here. The structures are
-# those of a setup and of the optimiser's state; numbers are the leaves of a setup.
+# those of a setup and of the optimiser's state; numbers are the leaves of a setup. Arguments and
+# results are tuples of arrays, because JAX cannot serialise an export with types of this package.
+# Each program keeps unused arguments, so that all take the same numbers, whatever their optimiser
+# reads.
 
 
 @lru_cache(maxsize=_MOST_SEARCHES)

@@ -122,4 +122,5 @@ def make_setup(
 
 
 def _as_scalar(number: float) -> np.generic:
+    # Programs are found by the dtypes of their numbers, which Python's numbers lack.
     return np.int32(number) if is_whole(number) else np.float32(number)

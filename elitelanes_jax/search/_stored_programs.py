@@ -103,6 +103,8 @@ def _digest_sources() -> str:
 
 def load(file: Path) -> StoredPrograms | None:
     """Reads a file; returns None if there is none. Announces a damaged file, and returns None."""
+    # A file has a digest of all that follows, a line of JSON with the facts and the sizes of the
+    # exports, and the exports.
     try:
         content = file.read_bytes()
         digest, (head, body) = content[:32], content[32:].split(b"\n", 1)
@@ -118,6 +120,7 @@ def load(file: Path) -> StoredPrograms | None:
     for name, size in facts.pop("sizes").items():
         exports[name] = body[start : start + size]
         start += size
+    # The time of the last use decides which files are removed.
     with suppress(OSError):
         # The file may belong to another user.
         os.utime(file)

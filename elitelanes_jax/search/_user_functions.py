@@ -1,7 +1,7 @@
 """The functions and configurations of a user: how they are checked, and how a changed function is recognised."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from inspect import unwrap
 from typing import NamedTuple
@@ -62,6 +62,8 @@ def ask_for_method(
       InputError: for a configuration or an optimiser of the wrong type, both, or the configuration
         of another method than the one in `options`.
     """
+    # A configuration replaces the method of a specification, which may come from an earlier result,
+    # but not another method in the same call.
     config, optimizer = extensions.config, extensions.optimizer
     if optimizer is not None:
         if not callable(optimizer):
@@ -166,14 +168,30 @@ def _name_of(factory: Factory) -> str:
 def digest_functions(setup: Setup) -> dict[str, Digest]:
     """Returns the digests of the user's functions, by name, because an edited function keeps its name.
 
-    They are traced at every call, because a global or an attribute that a function reads may have
-    changed. A fitness or a move whose name a feature has too is named by its kind as well, such as
-    "move zigzag".
+    Features, a fitness and moves are traced at every call, because a global or an attribute that a
+    function reads may have changed. An optimiser is traced again only if one of these computes
+    something else; its digest covers them. A fitness or a move whose name a feature has too is
+    named by its kind as well, such as "move zigzag".
     """
+    digests = _digest_kernels(setup)
     if setup.factory is not None:
-        leaves, structure = jax.tree.flatten(setup)
+        # Without these digests, the cache would return the digest of a fitness as it was.
+        digits = [(name, digest.digits) for name, digest in digests.items()]
+        leaves, structure = jax.tree.flatten(replace(setup, digests=tuple(digits)))
         numbers = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
         return {"optimizer": _digest_optimizer(structure, numbers, settings_of_thread())}
+    assert setup.config is not None
+    grid = jax.ShapeDtypeStruct(setup.problem.shape, jnp.int8)
+    for name, move in user_moves(setup.config).items():
+        bits = jax.ShapeDtypeStruct((move.bits,), jnp.uint32)
+        if name in digests:
+            name = f"move {name}"
+        digests[name] = Digest(*digest(move.apply, bits, grid, grid))
+    return digests
+
+
+def _digest_kernels(setup: Setup) -> dict[str, Digest]:
+    """Returns the digests of the user's features and fitness, by name."""
     problem = setup.problem
     grid = jax.ShapeDtypeStruct(problem.shape, jnp.int8)
     digests = {name: Digest(*digest(kernel, grid)) for name, kernel in problem.kernels}
@@ -184,12 +202,6 @@ def digest_functions(setup: Setup) -> dict[str, Digest]:
         fitness = partial(apply_fitness, problem.fitness, problem.feature_names)
         name = "user fitness" if "fitness" in digests else "fitness"
         digests[name] = Digest(*digest(fitness, grids, features, usual))
-    assert setup.config is not None
-    for name, move in user_moves(setup.config).items():
-        bits = jax.ShapeDtypeStruct((move.bits,), jnp.uint32)
-        if name in digests:
-            name = f"move {name}"
-        digests[name] = Digest(*digest(move.apply, bits, grid, grid))
     return digests
 
 

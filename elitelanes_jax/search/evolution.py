@@ -1,4 +1,18 @@
-"""One call from a key to evolved road networks."""
+"""One call from a key to evolved road networks.
+
+`evolve` takes these steps:
+
+1. `resolve` completes what the user asks for to a `Search`, and checks it.
+2. `plan_run` finds the three programs of the search, see `_programs`, and divides the seeds among
+   devices.
+3. `_evolve` makes the states of generation 0, or takes those of an earlier result or checkpoint.
+4. `_advance` runs the generations in compiled calls of about 0.2 seconds. Each call changes the
+   states, and adds a piece to the history.
+5. `Run.result` collects the elites from the states.
+
+Steps 3 and 4 keep the seeds in parts of equal size, one for each call of a program on a device.
+Step 5 joins the parts.
+"""
 
 import time
 import zlib
@@ -149,6 +163,7 @@ def evolve(
       NotEnoughMemoryError: a `MemoryError`, if the search does not fit into the free memory.
     """
     shape = check_shape(shape, new=True)
+    # Functions are no options: a specification is plain, so it has only the names of the features.
     kernels = check_kernels(features, shape)
     extensions = Extensions(
         config=config,
@@ -194,6 +209,7 @@ def _evolve_in_pool(
     search: Search, keys: SearchKeys, extensions: Extensions, pool: Pool, progress: bool | None
 ) -> Result:
     """Runs a search on an executor's workers."""
+    check_named("progress", none_or(flag), progress)
     # The module of the parts imports this one.
     from elitelanes_jax.search.parts import evolve_parts, join_evolved_parts
 
@@ -201,6 +217,7 @@ def _evolve_in_pool(
     # compare their functions with the digests.
     first_key = keys._replace(data=keys.data[:1])
     functions = plan_run(search, first_key, extensions, choose_devices(1)).setup.digests
+    # Workers get the resolved search, therefore they read no files of the user.
     results = evolve_parts(search, keys, pool, extensions, functions=functions, progress=progress)
     return join_evolved_parts(results)
 
@@ -227,6 +244,7 @@ def evolve_search(
     if checkpoint is None:
         return _evolve(run, generation, states, None, progress)
     folder = Path(check_named("checkpoint", path, checkpoint))
+    # A state that cannot be saved is refused here. The first checkpoint may be a minute away.
     check_can_save(run.programs.states)
     with locked(folder, folder):
         file = Checkpoint(folder, _identity(run, generation), every)
@@ -245,6 +263,8 @@ def compile_search(search: Search, keys: SearchKeys) -> None:
     run = plan_run(search, keys, Extensions(), choose_devices())
     facts = run.programs.facts
     _check_memory(run.programs.memory, len(keys.data), search.shape)
+    # This is the number that `_evolve` prepares for, because it decides how far the programs are
+    # optimised. The evaluations are counted there, when they are made.
     generations = search.steps(facts.evaluations_per_step) + 1 - facts.first_generation
     run.programs.prepare(starts=True, generations=generations, counts=False)
 
@@ -272,10 +292,11 @@ class Run:
       config: the configuration of the method; None for the user's own optimiser.
       setup: the setup of the programs.
       keys: the keys of all seeds.
-      fingerprint: uint32, of the setup and the keys.
+      fingerprint: uint32, a checksum of the setup and the keys. Only a state with the same one can
+        be continued.
       programs: the programs of the search.
       numbers: the numbers of the setup, on the default device.
-      devices: the devices of the parts of the seeds.
+      devices: the device of each part of the seeds; a device comes as often as it has parts.
       workers: the number of parts that run side by side.
     """
 
@@ -298,6 +319,7 @@ class Run:
     ) -> list[T]:
         """Calls a program with the device and the arguments of each part; returns the results in order."""
         calls = []
+        # With fewer seeds than devices, there are fewer parts than devices.
         for device, part in zip(self.devices, arguments, strict=False):
             calls.append(partial(program, device, self.numbers, *part))
         return side_by_side(calls, workers=self.workers)
@@ -305,10 +327,13 @@ class Run:
     def result(self, states: Sequence[States], histories: Sequence[History], first: int) -> Result:
         """Returns the result of the generations after `first`; states by device, a history for each stretch."""
         elites, inner = self.programs.collect(self.numbers, join(states, self.seeds))
+        # A search without generations has no histories, but its history has an axis of seeds too.
         history = History.joined([History.empty(self.seeds), *histories])
+        # The empty history has int32. Joined with it, a fitness of float32 becomes float64.
         history = history._replace(best_fitness=history.best_fitness.astype(elites.fitness.dtype))
         generation = np.array(first + history.generation.size, np.int32)
         if self.keys.single:
+            # `collect` has removed the axis of seeds from the other arrays.
             history = history._replace(
                 best_fitness=history.best_fitness[0],
                 elite_count=history.elite_count[0],
@@ -321,7 +346,7 @@ class Run:
 def plan_run(
     search: Search, keys: SearchKeys, extensions: Extensions, devices: Sequence[jax.Device]
 ) -> Run:
-    """Checks the user's functions, and finds the programs of a search."""
+    """Checks the user's functions, and finds the programs of a search. Compiles nothing."""
     check_extensions(search, extensions)
     config = find_config(search, extensions)
     setup = make_setup(
@@ -332,11 +357,13 @@ def plan_run(
         kernels=extensions.kernels,
         fitness=extensions.fitness,
     )
+    # With the digests in its structure, the setup of an edited function finds other programs.
     digests = digest_functions(setup)
     digits = [(name, digest.digits) for name, digest in digests.items()]
     setup = replace(setup, digests=tuple(digits))
     uses_floats = any(digest.uses_floats for digest in digests.values())
-    # The bits of keys of other kinds depend on the whole batch.
+    # Seeds can be divided only if a seed draws the same bits alone and among others. The bits of
+    # keys of other kinds depend on the whole batch.
     is_one_part = len(keys.data) == 1 or keys.kind != THREEFRY
     if is_one_part:
         devices = [devices[0]]
@@ -344,6 +371,8 @@ def plan_run(
     else:
         devices_of_parts = divide(devices, len(keys.data))
     programs = find_programs(setup, keys.data, keys.single, devices_of_parts, uses_floats)
+    # The budget and the devices are not part of the fingerprint, so both may change when a run is
+    # continued.
     fingerprint = zlib.crc32(_describe(setup).encode() + keys.data.tobytes())
     return Run(
         search=name_what_makes(search, config, extensions),
@@ -368,17 +397,21 @@ def _evolve(
     run: Run, first: int, inner: States | None, checkpoint: Checkpoint | None, progress: bool | None
 ) -> Result:
     """Runs a search from generation `first`, or from its checkpoint; `inner` is None at generation 0."""
+    # The budget counts from the user's state. A checkpoint is an earlier part of the same budget.
     last = first + run.search.steps(run.programs.facts.evaluations_per_step)
     generation = first
     histories: list[History] = []
     if checkpoint is not None:
         earlier = checkpoint.load()
         if earlier is not None:
+            # A checkpoint is a later state of the same run, therefore it replaces the user's state.
             generation, inner = _restore(earlier.state, run)
             _check_budget(run, checkpoint, generation, last)
             histories.append(_with_seed_axis(earlier.history))
+    # A complete checkpoint is not written again.
     was_complete = bool(histories) and generation == last
-    # The number of histories that belong to `states`.
+    # The number of histories that belong to `states`. An interruption may come after a history was
+    # added and before its states are assigned.
     count = len(histories)
     height, width = run.search.shape
     label = f"{run.search.optimizer} {height}x{width}"
@@ -386,7 +419,7 @@ def _evolve(
         states: list[States] | None = None
         if inner is None:
             _check_memory(run.programs.memory, run.seeds, run.search.shape)
-            # -1 if the first step is generation 0.
+            # This is -1 if generation 0 is a step of its own, which evaluates the initial grids.
             generation = run.programs.facts.first_generation - 1
         else:
             states = cut(inner, run.devices)
@@ -402,6 +435,7 @@ def _evolve(
                 if checkpoint is not None and checkpoint.is_due():
                     checkpoint.save(run.result(states, histories, first))
         except KeyboardInterrupt:
+            # Before its evaluation in generation 0, no grid is an elite.
             has_no_grids = generation < 0 and not count
             if states is None or has_no_grids:
                 raise
@@ -491,6 +525,8 @@ def _free_memory_of_device() -> int:
 def _identity(run: Run, first: int) -> dict[str, Plain]:
     """Returns all that a search depends on except its budget, plain values for JSON."""
     options = run.search.to_plain()
+    # A larger budget extends a search. The options of a style are in the others, so its name does
+    # not matter.
     del options["evaluations"], options["generations"], options["style"]
     config = None
     if run.config is not None:
@@ -521,6 +557,7 @@ def _restore(state: Pytree, run: Run) -> tuple[int, States]:
     arrays = [jnp.asarray(leaf) for leaf in jax.tree.leaves(state.inner)]
     if run.keys.single:
         arrays = [array[None] for array in arrays]
+    # The fingerprint alone would accept a state whose arrays were cut or converted.
     state_kinds = [(array.shape, array.dtype) for array in arrays]
     run_kinds = [(leaf.shape, leaf.dtype) for leaf in run.programs.states]
     if int(state.fingerprint) != int(run.fingerprint) or state_kinds != run_kinds:
@@ -545,12 +582,15 @@ def _advance(
     """Runs the generations after `generation` call by call; yields states by device and the history, seeds first."""
     keys_by_part = cut(run.keys.data, run.devices)
     per_step = run.programs.facts.evaluations_per_step
+    # The number of generations of a call. The first call measures the speed. Each later call has as
+    # many generations as fit into `_SECONDS_A_CALL`.
     stretch = MOST_GENERATIONS // 2
     while generation < last:
         count = min(stretch, last - generation)
         arguments = []
         for keys, part_states in zip(keys_by_part, states, strict=True):
             arguments.append((keys, part_states, generation + 1, generation + count))
+        # `Programs.advance` waits for its results, so this is the time of the generations.
         began = time.perf_counter()
         advanced = run.on_parts(run.programs.advance, arguments)
         seconds = time.perf_counter() - began
@@ -573,6 +613,7 @@ def _advance(
         )
         yield states, history
         fitting = count * _SECONDS_A_CALL / seconds
+        # A call that was fast by chance may no more than double the next one.
         stretch = int(min(max(fitting, 1), 2 * stretch, MOST_GENERATIONS))
 
 

@@ -108,6 +108,8 @@ def _warn_of_equal_seeds(results: Sequence[Result]) -> None:
     for index, result in enumerate(results):
         batch = _with_seeds(result)
         grids, fitness = np.asarray(batch.elites.grids), np.asarray(batch.elites.fitness)
+        # The digests of a result are compared after all are made, because two seeds of one result
+        # had different keys, or `evolve` has warned of them.
         digests = []
         for seed, history in enumerate(batch.history.best_fitness):
             arrays = grids[seed].tobytes() + fitness[seed].tobytes() + history.tobytes()

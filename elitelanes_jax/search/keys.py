@@ -64,6 +64,7 @@ def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
         raise InputError(
             f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}"
         )
+    # One key becomes an array of one key, so that later steps always have an axis of seeds.
     data = np.asarray(jax.random.key_data(key))
     data = data.reshape(-1, data.shape[-1])
     repeated = len(data) - len(np.unique(data, axis=0))

@@ -80,6 +80,7 @@ def evolve_parts(
     seeds = len(keys.data)
     count = pool.parts_for(-(-seeds // _SEEDS_A_PART), seeds)
     slices = [part_of(seeds, index, count) for index in range(count)]
+    # The name of a part has the number of parts, because other divisions give it other seeds.
     parts: dict[int, EvolvedPart] = {}
     for index in range(count):
         kept = None if folder is None else _load(folder / f"{index + 1}-of-{count}", search)

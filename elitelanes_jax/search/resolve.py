@@ -128,6 +128,7 @@ def resolve(
     if settings.alphabet is None:
         settings = replace(settings, alphabet=alphabet)
     search = replace(_complete(settings, shape), inputs=spec.inputs)
+    # A message about a range that the user did not write says where the range comes from.
     origins = dict(merged.origins)
     for item in search.ranges:
         if item not in settings.where:
@@ -202,7 +203,9 @@ def _split_large(plain: Plain) -> tuple[dict[str, Plain], Plain]:
 def _spec_of_settings(settings: Settings) -> SearchSpec:
     options = settings.values()
     if settings.style is not None:
+        # The settings have the options of the style already, so it keeps its name alone.
         options["style"] = Style(settings.style, {})
+    # Settings always have evaluations, but a specification refuses two budgets.
     if settings.generations is not None:
         del options["evaluations"]
     return SearchSpec(**options)
@@ -233,6 +236,7 @@ def with_ranges(search: Search, ranges: Sequence[Range]) -> Search:
     range_by_name = {item.name: item for item in search.ranges}
     range_by_name |= {item.name: item for item in ranges}
     settings = replace(search.settings, where=tuple(range_by_name.values()))
+    # The niches of the elites stay those of the search that found them.
     return replace(_complete(settings, search.shape), axes=search.axes)
 
 
@@ -248,6 +252,7 @@ def _complete(settings: Settings, shape: tuple[int, int]) -> Search:
     if settings.inventory is not None:
         ranges = within_inventory(settings.where, settings.inventory)
     measured = _measured(settings, ranges)
+    # Rules and an inventory leave cells empty, which a repair that fills would not allow.
     fills = settings.fill
     if fills is None:
         fills = settings.rules is None and settings.inventory is None
@@ -342,6 +347,8 @@ def _check_shape(search: Search, shape_name: str) -> None:
                 f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}"
             )
     penalty = largest_penalty(len(search.ranges), (*METRIC_NAMES, *search.measured))
+    # If the user gave weights, the message names them. Otherwise the grid is too large for the
+    # default weights, and the message says which size fits.
     try:
         check_weights(search.weights, shape, penalty + largest_addend(settings.weights, shape))
     except InputError:

@@ -221,6 +221,7 @@ class Result:
         """
         if not ranges:
             return self
+        # A range may name a feature that the search did not measure.
         search = with_ranges(self.search, ranges)
         elites = self.elites
         names = [item.name for item in search.ranges]
@@ -247,6 +248,7 @@ class Result:
     def __repr__(self) -> str:
         """Returns the search and its elites, in a few lines."""
         fitness = self.elites.fitness
+        # While JAX traces or maps over a result, its leaves have no numbers to show.
         if not hasattr(fitness, "__array__") or isinstance(fitness, jax.core.Tracer):
             return f"Result(elites={self.elites!r}, search={self.search!r})"
         valid = np.asarray(self.elites.valid)
@@ -301,8 +303,10 @@ class Result:
         file = check_named("path", file_named(".npz"), path)
         seed = check_named("seed", none_or(SEED), seed)
         arrays = _arrays_of(self.elites, self.history)
+        # Only functions of the user make grids that are refused. `load_with_seed` adds zeros.
         if not arrays[_REFUSED].any():
             del arrays[_REFUSED]
+        # `load` reads the axes from the settings. These names are for readers that know NumPy alone.
         arrays["axes"] = np.array([axis.metric for axis in self.search.axes])
         if state:
             arrays |= _state_arrays(self.state)
@@ -341,6 +345,7 @@ class Result:
 def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     """Returns what `Result.load` returns, and the seed that is noted in the file, or None."""
     settings, arrays = unpack(check_named("path", checked_path, path))
+    # Each step continues the message with what is wrong, so that the file is named once.
     try:
         stored = _read_settings(settings, arrays)
         state = _read_state(arrays)
@@ -349,6 +354,7 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
         arrays.setdefault(
             _REFUSED, np.zeros_like(arrays.get("history.elite_count", np.empty(0, np.int32)))
         )
+        # The state is taken out before, because only its optimiser knows the shapes of its arrays.
         _check_arrays(arrays, stored.search)
     except InputError as error:
         raise InputError(
@@ -466,6 +472,7 @@ def _read_settings(settings: Plain, arrays: Mapping[str, np.ndarray]) -> _Stored
 
 def _parse_settings(settings: Plain, shape: tuple[int, int]) -> _Stored:
     search = search_from_plain(settings["search"], shape)
+    # The file has the axes of its niches, whatever axes the preset has in this version.
     axes = parse_axes(settings["axes"], search.settings.features)
     config = None
     if search.settings.method != CUSTOM:
@@ -497,6 +504,8 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
             state_arrays[name.removeprefix(_STATE)] = arrays.pop(name)
     if not state_arrays:
         return NO_STATE
+    # Two of the arrays are no leaves. The leaves are read by their index, because a file may have
+    # its arrays in any order.
     leaf_names = [f"inner.{index}" for index in range(len(state_arrays) - 2)]
     if set(state_arrays) != {"generation", "fingerprint", *leaf_names}:
         raise InputError("a file with an incomplete state")
@@ -510,6 +519,7 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
 
 def _check_arrays(arrays: Mapping[str, np.ndarray], search: Search) -> None:
     """Checks names, dtypes and shapes against each other and a search; error messages continue "got"."""
+    # The first array with an axis determines its size, and all later arrays have to agree.
     sizes = {"D": len(search.axes)}
     has_seeds = arrays.get("grids", np.empty(0)).ndim == 4
     kinds = _ARRAYS | {f"{_FEATURE}{name}": _FEATURE_KIND for name in search.measured}
@@ -526,6 +536,7 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], search: Search) -> None:
     unknown = set(arrays) - set(kinds)
     if unknown:
         raise InputError(f"a file with {min(unknown)}, which no result has")
+    # In a table of JAX, a wrong code would find another tile without an error.
     grids = arrays["grids"]
     has_codes = 0 <= grids.min() <= grids.max() <= 15
     if not has_codes or max(grids.shape[-2:]) > LONGEST_SIDE:

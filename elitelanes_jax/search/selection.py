@@ -118,11 +118,14 @@ def choose_maps(
         elites = jax.tree.map(lambda array: array[None], elites)
     valid = np.asarray(elites.valid)
     metrics = {name: values.ravel() for name, values in elites.by_name().items()}
+    # The fitness only steers towards the constraints. An elite may violate them, so each elite is
+    # checked exactly.
     useful, rejected = without_flaws(valid.ravel(), metrics, search)
     in_ranges = satisfies(metrics, search.ranges)
     rejected[_OUTSIDE] = int((useful & ~in_ranges).sum())
     useful &= in_ranges
 
+    # A search for maps like examples may find the examples themselves.
     examples = [np.array(grid, np.int8) for grid in search.settings.like]
     exclude = [*exclude, *examples]
     grids = np.asarray(elites.grids).reshape(-1, *elites.grids.shape[-2:])
@@ -143,11 +146,13 @@ def choose_maps(
             if pursuit
             else _spread(candidates.points[group], candidates.seeds[group])
         )
+        # Maps of the second group have to differ from those of the first.
         before = [*exclude, *candidates.grids[chosen]]
         indices = _choose(
             order, candidates.grids[group], count - len(chosen), before, min_difference
         )
         chosen += group[indices].tolist()
+    # Candidates are the fittest first, so within a niche the index sorts by fitness.
     chosen.sort(key=lambda index: (*candidates.bins[index], index))
 
     reasons = {words: number for words, number in rejected.items() if number}
@@ -193,6 +198,7 @@ class _Candidates(NamedTuple):
         axes = search.axes
         descriptor = np.asarray(elites.descriptor).reshape(-1, len(axes))[indices]
         bins = np.asarray(niche_bins(descriptor, axes))
+        # No bin is -1, which stands for an axis without a target.
         targets = np.array([-1 if axis.target is None else axis.target for axis in axes])
         return _Candidates(
             grids=np.asarray(elites.grids).reshape(-1, *elites.grids.shape[-2:])[indices],
@@ -237,6 +243,7 @@ def without_flaws(
     """
     rejected: Counter[str] = Counter()
     useful = valid.copy()
+    # An elite that violates several constraints counts once, so that the numbers add up.
     for name, right, words in map_constraints(search.settings.rules, filled=search.fills_all_cells):
         if name not in metrics:
             raise InputError(f"metrics: expected {name}, got {', '.join(metrics) or 'none'}")
@@ -252,6 +259,7 @@ def _distinct(
     """Returns the indices of useful elites, fittest first, without copies of each other and of excluded maps."""
     excluded = set(road_forms(exclude))
     distinct: dict[bytes, int] = {}
+    # The sort is stable, so among equally fit elites the first seed and slot come first.
     order = np.flatnonzero(useful)[np.argsort(fitness[useful], kind="stable")]
     for index, form in zip(order.tolist(), road_forms(grids[order]), strict=True):
         if form not in excluded:
@@ -289,10 +297,12 @@ def _choose(
     chosen: list[int] = []
     if count <= 0:
         return chosen
-    # From the most similar chosen map; under 0 for the chosen maps.
+    # The difference of each map from the most similar map that is chosen or excluded. Chosen maps
+    # get -1, so that no share chooses them again.
     difference = roads.least_differences(before, largest)
     for share in shares:
         while len(chosen) < count and (difference >= share).any():
+            # The order reads the differences after each map, so they are updated in place.
             for index in islice(order(difference, share), count - len(chosen)):
                 chosen.append(index)
                 np.minimum(difference, roads.differences(grids[index], largest), out=difference)
@@ -314,6 +324,7 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
         waiting: dict[bytes, list[int]] = {}
         for index in np.flatnonzero(difference >= share).tolist():
             waiting.setdefault(points[index].tobytes(), []).append(index)
+        # Maps are the fittest first, so the first map of a list stands for its point.
         lists = list(waiting.values())
         first = [indices[0] for indices in lists]
         for point in _farthest(points[first]):
@@ -332,6 +343,7 @@ def _follow(pursuit: SupportPoints, group: NDArray[np.int_]) -> _Round:
     """Orders the maps of a group by the targets; among equal ones the first comes first."""
 
     def order(difference: NDArray[np.float64], share: float) -> Iterator[int]:
+        # Each map changes the losses of all others, so a round yields a single map.
         index = int(np.argmin(np.where(difference >= share, pursuit.losses()[group], np.inf)))
         pursuit.choose(int(group[index]))
         yield index
@@ -347,4 +359,5 @@ def _farthest(points: NDArray[np.float64]) -> Iterator[int]:
         indices.append(int(np.argmax(distance)))
         yield indices[-1]
         distance = np.minimum(distance, np.linalg.norm(points - points[indices[-1]], axis=1))
+        # Every distance is greater than -1, so no point is yielded twice.
         distance[indices] = -1

@@ -36,7 +36,7 @@ Grids = tuple[tuple[tuple[int, ...], ...], ...]
 
 def check_method(method: UserValue) -> str:
     """Checks the name of a method: one of `METHODS`, or `CUSTOM`, which only results have."""
-    if method == CUSTOM and isinstance(method, str):
+    if isinstance(method, str) and method == CUSTOM:
         return method
     return one_of(*METHODS)(method)
 

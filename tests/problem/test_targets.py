@@ -89,3 +89,17 @@ def test_features_with_equal_targets_are_measured_by_the_candidates():
     assert int(np.argmin(SupportPoints(unlike, targets).losses())) == 1
     assert SupportPoints(np.full((3, 2), 5.0), targets).losses().tolist() == pytest.approx([np.hypot(3, 2)] * 3)
     assert SupportPoints(np.empty((0, 2)), targets).losses().size == 0
+
+
+def test_equal_examples_are_measured_in_deviations_of_the_candidates():
+    """The standard deviation of three times 0.1 is 1e-17 in floats. In such units no other feature would count."""
+    features = np.array([[0.1001, 5.0], [0.11, 1.0], [0.9, 1.0]])
+    equal = (0.1, 0.1, 0.1)
+    points = SupportPoints(features, [ExampleValues("box_fill", equal), ExampleValues("loops_per_tile", (1.0,) * 3)])
+    assert np.argmin(points.losses()) == 1
+    # Candidates may be equal too.
+    points = SupportPoints(
+        np.array([[0.1, 5.0], [0.1, 1.0], [0.1, 3.0]]),
+        [ExampleValues("box_fill", (0.3, 0.3, 0.3)), ExampleValues("loops_per_tile", (1.0,) * 3)],
+    )
+    assert np.argmin(points.losses()) == 1 and points.losses().max() < 10

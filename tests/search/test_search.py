@@ -337,9 +337,12 @@ def test_a_search_inside_a_transformation_is_refused_with_what_to_do(transform):
             {"method": "map-elites", "config": EvolutionConfig()},
             "config: expected one of map-elites, got Evolution",
         ),
+        ({"method": np.array([1, 2])}, r"method: expected one of map-elites, .*, got array\(\[1, 2\]\)"),
         ({"config": 3}, "config: expected one of AnnealedMapElitesConfig, .*, got int"),
         ({"generations": 2.5}, "generations: expected a whole number, 0 or more, got 2.5"),
         ({"weights": Weights(bridges=0.1)}, "weights bridges: expected a whole number, .* got 0.1"),
+        ({"axes": [Axis(np.array([1, 2]), 3)]}, "axes array.*: expected a metric, or a share"),
+        ({"weights": [(np.array([1, 2]), 3)]}, "weights: expected NAME=N with one of .*, got array"),
         ({"rules": "duckietown", "fill": True}, "fill: expected none with the rules of duckietown"),
         ({"weights": {"bridges": 2**30}}, "weights: expected a fitness within int32 for every grid of 5 x 6"),
         (

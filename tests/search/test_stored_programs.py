@@ -19,10 +19,12 @@ import numpy as np
 import pytest
 from compiled_programs import forget_programs
 
+from elitelanes_jax import ea
 from elitelanes_jax._util.progress import reporting
 from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax.search import _compiling, _programs, _stored_programs
-from elitelanes_jax.search._programs import ProgramKey
+from elitelanes_jax.search._programs import ProgramKey, Programs
+from elitelanes_jax.search._setup import make_setup
 from elitelanes_jax.search._stored_programs import StoredPrograms, find_file, find_folder, load, save
 from elitelanes_jax.search.evolution import compile_search, evolve
 from elitelanes_jax.search.keys import keys_of_seeds
@@ -379,3 +381,20 @@ def test_processes_that_start_at_once_and_are_killed_leave_no_wrong_file(tmp_pat
         assert end(start(cache)) == expected
         for file in (cache / "exported").iterdir():
             assert file.name.startswith(".") or load(file) is not None
+
+
+def test_searches_in_threads_keep_their_own_numbers():
+    """Searches that share programs also share their latest numbers, which another thread may replace at any time."""
+
+    class Interleaved(Programs):
+        def __setattr__(self, name, value):
+            super().__setattr__(name, value)
+            if name == "_last_numbers" and value is not None and value[0] == 1:
+                self.put_numbers([np.float32(20)], 2)
+
+    keys = keys_of_seeds(0, range(2)).data
+    setup = make_setup(
+        resolve(SearchSpec(method="ea"), SHAPE), None, "threefry2x32", factory=ea, kernels={}, fitness=None
+    )
+    programs = Interleaved(setup, keys, False, jax.local_devices()[:1], False, None)
+    assert [float(number) for number in programs.put_numbers([np.float32(10)], 1)] == [10]
