@@ -1,4 +1,7 @@
-"""Optimisers on one convention (see `Optimizer`): each is a factory that takes a problem and a configuration."""
+"""Optimisers on one convention, see `Optimizer`.
+
+Each optimiser comes from a factory that takes a problem and a configuration.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,6 @@
-"""The tuned EA, PSO and GWO: annealed chains on islands. They differ in the mates whose blocks a chain copies.
+"""The tuned EA, PSO and GWO: annealed chains on islands.
+
+The methods differ in the mates whose blocks a chain copies.
 
 In the EA a chain is a parent with one offspring a step, and its mate is any grid of its island. The
 swarms move through the space of networks instead of a space of real numbers: a pull towards a good
@@ -41,7 +43,9 @@ from elitelanes_jax.problem.problem import Problem
 @pytree
 @dataclass(frozen=True)
 class AnnealedPsoConfig(Record):
-    """Options of the tuned PSO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may map over the numbers.
+    """Options of the tuned PSO; the defaults are its preset `tuned`.
+
+    A pytree: `jax.vmap` may map over the numbers.
 
     Attributes:
       annealing: options of the particles; each knows the particles of its island.
@@ -66,7 +70,9 @@ class AnnealedPsoConfig(Record):
 @pytree
 @dataclass(frozen=True)
 class AnnealedGwoConfig(Record):
-    """Options of the tuned GWO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may map over the numbers.
+    """Options of the tuned GWO; the defaults are its preset `tuned`.
+
+    A pytree: `jax.vmap` may map over the numbers.
 
     Attributes:
       annealing: options of the wolves; each island is a pack.

@@ -57,7 +57,9 @@ _REFIT = 25
 @pytree
 @dataclass(frozen=True)
 class AnnealedMapElitesConfig(Record):
-    """Options; the defaults are the preset `tuned`. A pytree: `jax.vmap` may map over the numbers that are not static.
+    """Options of the tuned MAP-Elites; the defaults are the preset `tuned`.
+
+    A pytree: `jax.vmap` may map over the numbers that are not static.
 
     Attributes:
       annealing: options of the chains; each is an island of its own. Cycles do not grow; their
@@ -103,7 +105,8 @@ class AnnealedMapElitesState(NamedTuple):
       cycles: the current cycles.
       archives: one archive for each group of isolated chains, then the archive of all chains, end
         to end.
-      cooling: arrays ``[C]``, the step of each chain within its cycle; -1 while no grid is evaluated.
+      cooling: arrays ``[C]``, the step of each chain within its cycle; -1 while no grid is
+        evaluated.
     """
 
     chains: Population
@@ -185,7 +188,11 @@ class _Method:
         return self.groups.archive_of_all(state.archives)
 
     def _first_grids(self, key: Array) -> Int8[Array, "C H W"]:
-        """Returns the problem's initial grids, and after them grown towns or random grids that are not repaired."""
+        """Returns the grids that the chains start from.
+
+        The problem's initial grids come first. Grown towns, or random grids that are not repaired,
+        follow.
+        """
         grids = self.problem.random_unrepaired(key, self.count)
         if not self.starts_from_towns:
             return grids
@@ -245,7 +252,11 @@ class _Method:
     def _draw_mates(
         self, bits: StepBits, cycle_bits: CycleBits, cycles: Cycle, state: AnnealedMapElitesState
     ) -> Int8[Array, "C H W"]:
-        """Draws a mate for each chain: with a probability an elite near its goal, otherwise a grid of its island."""
+        """Draws a mate for each chain.
+
+        With probability `elite_mate` it is an elite near the chain's goal, otherwise a grid of its
+        island.
+        """
         each = self.config.annealing.chains_on(self.problem.shape)
         islanders = island_mates(bits.mate, state.chains.grids, each)
         return self.groups.draw_mates(
@@ -266,7 +277,10 @@ class _Method:
         mates: Int8[Array, "C H W"],
         state: AnnealedMapElitesState,
     ) -> Population:
-        """Varies, repairs and evaluates each chain's grid; a cycle that begins gets its first grid instead."""
+        """Varies, repairs and evaluates the grid of each chain.
+
+        A chain that begins a cycle gets the first grid of the cycle instead of a varied one.
+        """
         grids = state.chains.grids
         varied = self._vary(bits, temperature, cycles.restarts, grids, mates)
         # Grids that are not evaluated yet are their own children. They are accepted, because the
@@ -290,7 +304,10 @@ class _Method:
         chains: Population,
         children: Population,
     ) -> Bool[Array, " C"]:
-        """Returns which children replace their chain's grid, by the fitness that the chain pursues."""
+        """Returns which children replace the grid of their chain.
+
+        Their fitness is the one that the chain pursues.
+        """
         before = _pursued_fitness(self.problem, cycles, chains)
         after = _pursued_fitness(self.problem, cycles, children)
         return metropolis_accepts(bits.accept, temperature, before, after)
@@ -306,11 +323,11 @@ class _Method:
         grids: Int8[Array, "C H W"],
         mates: Int8[Array, "C H W"],
     ) -> Variation:
-        """Makes a move from each chain's grid: a refitted strip for half of the chains, a random move for the others.
+        """Makes a move from the grid of each chain.
 
-        Chains form pairs, and the colder chain of each pair makes the strip. So every step computes
-        each kind of move for half of the chains. If each chain drew for itself, both kinds would be
-        computed for all.
+        Half of the chains get a refitted strip, and the others a random move. Chains form pairs,
+        and the colder chain of each pair makes the strip. So every step computes each kind of move
+        for half of the chains. If each chain drew for itself, both kinds would be computed for all.
         """
 
         @jax.vmap
@@ -358,7 +375,10 @@ def _starts_from_towns(config: AnnealedMapElitesConfig, shape: tuple[int, int]) 
 
 
 def _random_move(problem: Problem, config: AnnealedMapElitesConfig) -> Move:
-    """Returns the random move; on small grids with windows that are refitted, unless their weight is given."""
+    """Returns the random move of the chains.
+
+    On small grids it also refits windows, unless the configuration has a weight for that move.
+    """
     moves = config.annealing.moves
     if problem.shape[0] * problem.shape[1] <= SMALL and moves.refit is None:
         moves = replace(moves, refit=_REFIT)
@@ -376,7 +396,11 @@ def _strip(problem: Problem) -> Move:
 def _pairs(
     chains: tuple[Array, ...], half: int
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
-    """Divides arrays of chains into the first and the second chains of all pairs, and the chain that is left over."""
+    """Divides arrays of chains into pairs.
+
+    Returns the first chains of all pairs, the second chains of all pairs, and the chain that is
+    left over from an odd number.
+    """
     first = tuple(array[:half] for array in chains)
     second = tuple(array[half : 2 * half] for array in chains)
     unpaired = tuple(array[2 * half :] for array in chains)

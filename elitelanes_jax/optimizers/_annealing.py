@@ -1,10 +1,11 @@
-"""Annealing on islands: chains of grids that accept a worse grid with a probability that falls during each cycle.
+"""Annealing on islands: chains of grids that sometimes accept a worse grid.
 
-Kirkpatrick, Gelatt and Vecchi, "Optimization by simulated annealing", 1983. The chains of an island
-copy parts of each other's grids. Islands exchange nothing, so that they keep different grids. A
-cycle cools from hot to cold. Then all chains restart from random grids, and the next cycle is half
-as long again. So for every size of grid some cycle has about the right length, and the budget need
-not be known in advance.
+The probability that a chain accepts a worse grid falls during each cycle: Kirkpatrick, Gelatt and
+Vecchi, "Optimization by simulated annealing", 1983. The chains of an island copy parts of each
+other's grids. Islands exchange nothing, so that they keep different grids. A cycle cools from hot
+to cold. Then all chains restart from random grids, and the next cycle is half as long again. So for
+every size of grid some cycle has about the right length, and the budget need not be known in
+advance.
 """
 
 from dataclasses import dataclass
@@ -95,7 +96,10 @@ class AnnealingConfig(Record):
         return self.chains or (1 if shape[0] * shape[1] <= SMALL else _CHAINS)
 
     def first_cycle(self, shape: tuple[int, int]) -> Numeric:
-        """Returns the steps of the first cycle on grids of a shape: an int, or an array if `cycle` is one."""
+        """Returns the number of steps of the first cycle on grids of a shape.
+
+        The number is an int, or an array if `cycle` is an array.
+        """
         if self.cycle is None:
             # These are 640 steps at 8 x 8, where shorter and longer cycles are worse
             # (experiments/search/moves.md).
@@ -155,9 +159,10 @@ def metropolis_accepts(
     before: Real[Array, "..."],
     after: Real[Array, "..."],
 ) -> Bool[Array, "..."]:
-    """Returns whether a chain replaces a grid of fitness `before` by a grid of fitness `after`: Metropolis' rule.
+    """Returns whether a chain replaces its grid by another one, by Metropolis' rule.
 
-    A grid that is not worse is always accepted. A grid that is worse by d is accepted with
+    The fitness of the chain's grid is `before`, and the fitness of the other grid is `after`. A
+    grid that is not worse is always accepted. A grid that is worse by d is accepted with
     probability exp(-d / temperature), a refused grid only instead of another refused one. The
     temperature is in sixteenths of a unit.
     """
@@ -213,7 +218,9 @@ def island_mates(
 
 
 def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> Int8[Array, "H W"]:
-    """Makes a random grid of the problem's alphabet from 32 random bits, to be repaired in raster order.
+    """Makes a random grid of the problem's alphabet from 32 random bits.
+
+    The grid is to be repaired in raster order.
 
     Every step of the tuned EA makes one for each chain. It is cheap, and since all seeds of a run
     are one computation, a branch would almost always be computed.

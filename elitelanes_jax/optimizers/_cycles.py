@@ -1,6 +1,7 @@
-"""The cycles of annealed chains that pursue niches: the goal, the start and the mates of each chain.
+"""The cycles of annealed chains that pursue niches.
 
-Half of the chains are isolated. They form groups, and a group knows only the elites that it found.
+A cycle of a chain has a goal, a start and mates. Half of the chains are isolated. They form groups,
+and a group knows only the elites that it found.
 """
 
 from typing import NamedTuple
@@ -64,7 +65,9 @@ class Cycle(NamedTuple):
 
 
 class Groups(NamedTuple):
-    """The archives of the groups of isolated chains and the archive of all chains, end to end; static.
+    """The archives of the groups of isolated chains, then the archive of all chains; static.
+
+    The archives are end to end in one array.
 
     Attributes:
       niches: the N niches of each archive.
@@ -92,7 +95,10 @@ class Groups(NamedTuple):
     def insert(
         self, archives: Population, niche: Int32[Array, " C"], grids: Population
     ) -> Population:
-        """Offers each chain's grid to the archive that the chain knows, and to the archive of all chains."""
+        """Offers each chain's grid to two archives.
+
+        One is the archive that the chain knows, the other is the archive of all chains.
+        """
         indices = jnp.stack([niche + self.first, niche + self.last])
         return insert(archives, indices, grids, accept_equal=self.accept_equal)
 

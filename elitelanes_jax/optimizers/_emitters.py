@@ -1,7 +1,8 @@
-"""Emitters: the niche that is the goal of a chain for one cycle, and the penalised fitness that leads to it.
+"""Emitters: the goals of chains, and the penalised fitness that leads to them.
 
-A chain with a goal is an improvement emitter (Fontaine et al., "Covariance matrix adaptation for
-the rapid illumination of behavior space", 2020) that anneals instead of adapting a distribution.
+A goal is the niche that a chain pursues for one cycle. A chain with a goal is an improvement
+emitter (Fontaine et al., "Covariance matrix adaptation for the rapid illumination of behavior
+space", 2020) that anneals instead of adapting a distribution.
 """
 
 from typing import NamedTuple
@@ -51,7 +52,10 @@ def penalise_distance(
     goal: Int32[ArrayLike, "... D"],
     penalty: Int32[ArrayLike, "..."],
 ) -> Real[Array, "..."]:
-    """Adds a penalty to a fitness for each bin between a grid's niche and the goal; it may differ between axes."""
+    """Adds a penalty to a fitness for each bin between a grid's niche and the goal.
+
+    The penalty may differ between axes.
+    """
     total = (jnp.abs(bins - jnp.asarray(goal)) * penalty).sum(axis=-1, dtype=jnp.int32)
     return fitness + total.astype(fitness.dtype)
 
@@ -62,7 +66,10 @@ def nearest_elite(
     goal: Int32[Array, "*P D"],
     penalty: Int32[ArrayLike, "..."],
 ) -> Int32[Array, "*P"]:
-    """Returns the index of the elite with the lowest penalised fitness; vacant niches rank after all elites."""
+    """Returns the index of the elite with the lowest penalised fitness.
+
+    Vacant niches rank after all elites.
+    """
     penalised = penalise_distance(jnp.minimum(fitness, _FAR), bins, goal[..., None, :], penalty)
     return penalised.argmin(axis=-1).astype(jnp.int32)
 
@@ -86,7 +93,11 @@ def draw_goal(
     filled: Bool[Array, " N"],
     vacant_probability: Real[ArrayLike, ""],
 ) -> Int32[Array, " D"]:
-    """Draws the bins of a goal in all target bins: a reachable vacant niche, with a probability, or a filled niche."""
+    """Draws the bins of a goal that is in all target bins.
+
+    With probability `vacant_probability` the goal is a vacant niche, if one is reachable. Otherwise
+    the goal is a filled niche.
+    """
     near, kept = reachable(niches, filled), filled & niches.targeted
     # Until a niche in all target bins is filled, any filled niche gives the bins on the free axes.
     kept = jnp.where(kept.any(), kept, jnp.where(filled.any(), filled, niches.targeted))

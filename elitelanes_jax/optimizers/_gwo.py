@@ -32,7 +32,9 @@ _LONGEST_HORIZON = 2**15 - 1
 @pytree
 @dataclass(frozen=True)
 class GwoConfig(Record):
-    """Options; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over `perturbation` and `horizon`.
+    """Options of grey wolf optimisation; the defaults are the preset `paper`.
+
+    A pytree: `jax.vmap` may map over `perturbation` and `horizon`.
 
     Attributes:
       wolves: the number of wolves, and of grids that a step evaluates, at least 2; static, a size

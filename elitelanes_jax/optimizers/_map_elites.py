@@ -1,4 +1,7 @@
-"""MAP-Elites: the evolutionary loop with an archive (paper, algorithm "Evolutionary Algorithm with MAP-Elites")."""
+"""MAP-Elites: the evolutionary loop with an archive.
+
+The algorithm is the paper's "Evolutionary Algorithm with MAP-Elites".
+"""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -29,7 +32,9 @@ from elitelanes_jax.problem.problem import Problem
 @pytree
 @dataclass(frozen=True)
 class MapElitesConfig(Record):
-    """Options; the defaults are the preset `paper`. Parents from the archive are the preset `standard`. A pytree.
+    """Options of MAP-Elites; the defaults are the preset `paper`.
+
+    The preset `standard` draws parents from the archive. A pytree.
 
     Attributes:
       loop: options of the evolutionary loop.
@@ -60,10 +65,10 @@ class MapElitesState(NamedTuple):
 @name_wrong_arguments
 @runs_jax
 def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:
-    """Makes MAP-Elites on the problem's descriptor space. The first population is also inserted into the archive.
+    """Makes MAP-Elites on the problem's descriptor space.
 
-    The problem has at least one axis; otherwise `InputError` is raised. The default configuration
-    is the preset `paper`.
+    The first population is also inserted into the archive. The problem has at least one axis;
+    otherwise `InputError` is raised. The default configuration is the preset `paper`.
     """
     check_arguments(problem, config, MapElitesConfig)
     loop = config.loop

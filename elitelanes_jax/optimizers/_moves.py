@@ -42,7 +42,10 @@ from elitelanes_jax.optimizers._windows import valid_windows
 
 
 def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
-    """Checks moves of the user; returns them sorted by name, so that results do not depend on their order."""
+    """Checks moves of the user and returns them sorted by name.
+
+    Therefore results do not depend on the order of the moves.
+    """
     # The default of a field has to be immutable, so an empty tuple means no moves.
     if isinstance(moves, tuple) and not moves:
         moves = {}
@@ -76,10 +79,11 @@ def _check_user_move(name: str, value: UserValue) -> tuple[AnyArray, Move]:
 @pytree
 @dataclass(frozen=True)
 class MoveWeights(Record):
-    """The weights of the moves, from which `random_move` draws one; a pytree that `jax.vmap` may map over.
+    """The weights of the moves, from which `random_move` draws one.
 
-    A weight is a whole number; a move is drawn with probability weight / sum of all weights. The
-    defaults were measured (experiments/search/moves.md).
+    A pytree: `jax.vmap` may map over the weights. A weight is a whole number; a move is drawn with
+    probability weight / sum of all weights. The defaults were measured
+    (experiments/search/moves.md).
 
     Attributes:
       link: weight of `toggle_link`.
@@ -216,7 +220,10 @@ def toggle_corner() -> Move:
 
 @name_wrong_arguments
 def toggle_outline() -> Move:
-    """Toggles the links along the outline of a rectangle of at least 2 x 2 tiles; all sizes are equally likely."""
+    """Toggles the links along the outline of a rectangle of at least 2 x 2 tiles.
+
+    All sizes are equally likely.
+    """
     return _move({_plan_outline: 1})
 
 
@@ -246,16 +253,20 @@ def mirror_block() -> Move:
 
 @name_wrong_arguments
 def slide_lines() -> Move:
-    """Rotates the rows between two rows, or the columns between two columns, by one, in either direction."""
+    """Rotates the rows between two rows, or the columns between two columns, by one.
+
+    Both directions are equally likely.
+    """
     return _move({_plan_slide: 1})
 
 
 @name_wrong_arguments
 def transplant(*, displaced: bool = False) -> Move:
-    """Copies a block of the mate after rotating or mirroring the mate: one of the eight symmetries of a square.
+    """Copies a block of the mate after rotating or mirroring the mate.
 
-    A grid that is not square is rotated by half turns only. A `displaced` block comes from another
-    position in the same rows or in the same columns.
+    The mate is transformed by one of the eight symmetries of a square. A grid that is not square is
+    rotated by half turns only. A `displaced` block comes from another position in the same rows or
+    in the same columns.
     """
     plan = _plan_displaced_transplant if displaced else _plan_transplant
     return _move({plan: 1})
@@ -263,10 +274,11 @@ def transplant(*, displaced: bool = False) -> Move:
 
 @name_wrong_arguments
 def refit_window(*, empty: bool = True) -> Move:
-    """Replaces a window of 3 x 3 tiles by another valid window that has the same links to the tiles around it.
+    """Replaces a window of 3 x 3 tiles by another valid window.
 
-    The windows come from a table, are about equally likely, and may have `empty` cells. If no
-    other window fits, the grid does not change.
+    Both windows have the same links to the tiles around them. The windows come from a table, are
+    about equally likely, and may have `empty` cells. If no other window fits, the grid does not
+    change.
     """
     return _move({_plan_refit: 1}, empty=empty)
 
@@ -293,11 +305,11 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
 
 @name_wrong_arguments
 def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
-    """Makes a move, then with the given probability the same change again, rotated by half a turn around the centre.
+    """Makes a move, then with the given probability the same change again, rotated.
 
-    A grid that is symmetric under half a turn stays symmetric, unless repair fills or the move
-    changes the tile at the centre of a grid with odd sides. One step then replaces two steps with a
-    worse grid in between.
+    The change is rotated by half a turn around the centre of the grid. A grid that is symmetric
+    under half a turn stays symmetric, unless repair fills or the move changes the tile at the
+    centre of a grid with odd sides. One step then replaces two steps with a worse grid in between.
     """
 
     @runs_jax
@@ -317,7 +329,9 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move) -> Move:
 
 
 class _Change(NamedTuple):
-    """The change that a move makes, as whole numbers, so that a move is drawn before any tile is computed.
+    """The change that a move makes, as whole numbers.
+
+    A move is therefore drawn before any tile is computed.
 
     Attributes:
       first: the northernmost row and the westernmost column of a rectangle of tiles.
@@ -367,10 +381,11 @@ class _Draws:
 
     @cached_property
     def block(self) -> tuple[Int32[Array, " 2"], Int32[Array, " 2"]]:
-        """The first and the last row and column of a block: two rows and two columns, independent, in order.
+        """The first row and column, and the last row and column, of a block.
 
-        With probability 1/8 a side is at the grid's edge instead, so that half a network, rotated
-        or mirrored, completes another half.
+        Two rows and two columns are drawn independently and sorted. With probability 1/8 a side is
+        at the grid's edge instead, so that half a network, rotated or mirrored, completes another
+        half.
         """
         ends = randint(self.bits[:4].reshape(2, 2), self.shape[:, None])
         # The lowest bits, on which `randint` hardly depends, draw the edges.
@@ -409,7 +424,10 @@ def _move(
     *,
     empty: bool = True,
 ) -> Move:
-    """Makes one of the plans or moves, drawn in proportion to its weight; for `empty` see `refit_window`."""
+    """Makes one of the plans or moves, drawn in proportion to its weight.
+
+    For `empty` see `refit_window`.
+    """
     # Moves of weight 0 are not computed.
     weights_by_plan = {
         plan: weight for plan, weight in weights.items() if not _is_never_drawn(weight)
@@ -545,7 +563,10 @@ def _apply_change(
 def _copy(
     change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]
 ) -> Int8[Array, "H W"]:
-    """Returns for each tile the transformed tile that a copy would write there, also outside the rectangle."""
+    """Returns for each tile the transformed tile that a copy would write there.
+
+    Tiles outside the rectangle are included.
+    """
     flipped = change.how & _FLIPPED > 0
     mirrored = change.how & _MIRRORED > 0
     transposed = change.how & _TRANSPOSED > 0
@@ -571,7 +592,10 @@ def _copy(
 def _source_indices(
     change: _Change, axis: int, length: int, *, backwards: AnyArray, cyclic: AnyArray
 ) -> Int32[Array, " length"]:
-    """Returns the row that each row is copied from, or the column that each column is copied from."""
+    """Returns the index of the row or column that each row or column is copied from.
+
+    The indices are those of rows for `axis` 0, and of columns for `axis` 1.
+    """
     indices = np.arange(length, dtype=np.int32)
     first, last = change.first[axis], change.last[axis]
     sources = change.offset[axis] + jnp.where(backwards, -indices, indices)
@@ -700,7 +724,10 @@ def _plan_refit(draws: _Draws) -> _Change:
 
 
 def _plan_mate_block(draws: _Draws, offset: Int[ArrayLike, " 2"]) -> _Change:
-    """Plans to copy a block from the mate, transformed, from `offset` rows below and columns to the right."""
+    """Plans to copy a block from the mate, transformed.
+
+    Without a transformation, each tile comes from `offset` rows below it and columns to its right.
+    """
     height, width = draws.shape
     # Transposing changes the shape, so only a square grid draws its bit.
     symmetry_bits = 7 if height == width else 3

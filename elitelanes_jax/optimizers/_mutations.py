@@ -1,8 +1,9 @@
-"""Mutations: functions from a grid to a changed grid and its dirty mask (paper, section "Mutation Operators").
+"""Mutations: functions from a grid to a changed grid and its dirty mask.
 
-A `Move` changes a few tiles and marks them dirty. Neighbouring tiles need not match afterwards:
-`repair` lets the dirty tiles decide over their neighbours. A move takes its randomness as random
-bits. One draw then serves a whole generation, and a move is a plain function that can be repeated.
+The mutations are those of the paper's section "Mutation Operators". A `Move` changes a few tiles
+and marks them dirty. Neighbouring tiles need not match afterwards: `repair` lets the dirty tiles
+decide over their neighbours. A move takes its randomness as random bits. One draw then serves a
+whole generation, and a move is a plain function that can be repeated.
 """
 
 from collections.abc import Callable
@@ -81,7 +82,10 @@ def change_tile(alphabet: tuple[int, ...]) -> Move:
 
 
 def insert_crossing(alphabet: tuple[int, ...]) -> Move:
-    """Changes one random tile to a crossing of the alphabet, each equally likely; the tile may stay the same."""
+    """Changes one random tile to a crossing of the alphabet, each equally likely.
+
+    The tile stays the same if the drawn crossing is its code.
+    """
     crossings = jnp.array([code for code in alphabet if code in CROSSINGS], jnp.int8)
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
@@ -96,11 +100,12 @@ def paper_mutation(
     tile_rate: Real[ArrayLike, ""] = 0.7,
     crossing_rate: Real[ArrayLike, ""] = 0.5,
 ) -> Move:
-    """Makes the paper's two mutations in turn, each with its probability (table "Algorithm-specific parameters").
+    """Makes the paper's two mutations in turn, each with its probability.
 
-    For an alphabet without crossings, returns the first one alone. The paper's base configuration
-    also has a "mutation rate 0.3", which is not used because its role is unclear: as a probability
-    per tile it fits the paper's results worst.
+    The probabilities are those of the paper's table "Algorithm-specific parameters". For an
+    alphabet without crossings, returns the first one alone. The paper's base configuration also has
+    a "mutation rate 0.3", which is not used because its role is unclear: as a probability per tile
+    it fits the paper's results worst.
     """
     mutations = [(change_tile(alphabet), tile_rate)]
     if set(alphabet) & set(CROSSINGS):

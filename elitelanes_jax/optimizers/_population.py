@@ -32,7 +32,9 @@ _Tree = TypeVar("_Tree")
 @pytree
 @dataclass(frozen=True)
 class EvolutionConfig(Record):
-    """Options of the loop; the defaults are the paper's. A pytree: `jax.vmap` may map over the rates.
+    """Options of the evolutionary loop; the defaults are the paper's.
+
+    A pytree: `jax.vmap` may map over the rates.
 
     Attributes:
       population: mu, the number of survivors of a generation; static, a size of arrays.
@@ -74,7 +76,10 @@ def random_population(problem: Problem, key: Key[Array, ""], count: int) -> Popu
 def tournament(
     bits: UInt32[Array, "count size"], population: Population
 ) -> Int8[Array, "count H W"]:
-    """Chooses parents from a sorted population: each is the best of its competitors, drawn with replacement."""
+    """Chooses parents from a sorted population.
+
+    Each parent is the best of its competitors, which are drawn with replacement.
+    """
     # The population is sorted, so the best competitor has the lowest index.
     drawn = randint(bits, population.fitness.size)
     return population.grids[drawn.min(axis=1)]
@@ -92,7 +97,10 @@ def breed(
 
 
 def survivors(config: EvolutionConfig, parents: Population, offspring: Population) -> Population:
-    """Returns the next population, sorted, best first; among equal grids parents come first, then earlier offspring."""
+    """Returns the next population, sorted, best first.
+
+    Among grids of equal fitness parents come first, then earlier offspring.
+    """
     both = (offspring,) if config.survivors == "comma" else (parents, offspring)
     return truncate(*both, count=config.population)
 
@@ -100,9 +108,10 @@ def survivors(config: EvolutionConfig, parents: Population, offspring: Populatio
 @name_wrong_arguments
 @runs_jax
 def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimizer:
-    """Makes an evolutionary algorithm for a problem; its state is the `Population`, sorted, best first.
+    """Makes an evolutionary algorithm for a problem.
 
-    The default configuration is the preset `paper`.
+    Its state is the `Population`, sorted, best first. The default configuration is the preset
+    `paper`.
     """
     check_arguments(problem, config, EvolutionConfig)
     mutation = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
@@ -153,7 +162,8 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
     )
     if not (is_real and jnp.issubdtype(kinds[1], jnp.integer)):
         raise InputError(
-            f"evaluate: expected a fitness of real numbers and features of whole numbers, got {kinds[0]} and {kinds[1]}"
+            "evaluate: expected a fitness of real numbers and features of whole numbers, "
+            f"got {kinds[0]} and {kinds[1]}"
         )
     # A number that does not fit int32 refuses its grid, because a conversion would change the
     # number.
@@ -192,7 +202,10 @@ def unevaluated(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
 
 
 def select(which: Bool[Array, " P"], new: _Tree, old: _Tree) -> _Tree:
-    """Returns a record of arrays ``[P, ...]``: row i of `new` if `which[i]` is True, otherwise row i of `old`."""
+    """Returns row i of `new` if `which[i]` is True, otherwise row i of `old`.
+
+    The arrays of both records have the shape ``[P, ...]``.
+    """
     return jax.tree.map(
         lambda a, b: jnp.where(which.reshape(-1, *(1,) * (a.ndim - 1)), a, b), new, old
     )
@@ -206,7 +219,10 @@ def concatenate(*records: _Tree) -> _Tree:
 @name_wrong_arguments
 @runs_jax
 def truncate(*populations: Population, count: int) -> Population:
-    """Returns the `count` best grids of several populations, sorted, best first; equal grids keep their order."""
+    """Returns the `count` best grids of several populations, sorted, best first.
+
+    Grids of equal fitness keep their order.
+    """
     if not populations:
         raise InputError("populations: expected at least one, got none")
     check_named("count", whole(0), count)

@@ -1,9 +1,10 @@
-"""Particle swarm optimisation over tile probabilities (paper, section "Particle Swarm Optimization").
+"""Particle swarm optimisation over tile probabilities.
 
-A particle has a position and a velocity for every tile and every code that the tile may have. Tiles
-are drawn from the softmax of the velocities, and the grid is repaired. Positions and velocities are
-fixed-point numbers: unlike those of floats, sums and products of whole numbers are the same on
-every machine and in every batch.
+The method is that of the paper's section "Particle Swarm Optimization". A particle has a position
+and a velocity for every tile and every code that the tile may have. Tiles are drawn from the
+softmax of the velocities, and the grid is repaired. Positions and velocities are fixed-point
+numbers: unlike those of floats, sums and products of whole numbers are the same on every machine
+and in every batch.
 """
 
 from dataclasses import dataclass
@@ -39,7 +40,9 @@ _FARTHEST_PULL, _FARTHEST = 32 * UNIT, 2**29
 @pytree
 @dataclass(frozen=True)
 class PsoConfig(Record):
-    """Options; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over all but `particles`.
+    """Options of particle swarm optimisation; the defaults are the preset `paper`.
+
+    A pytree: `jax.vmap` may map over all options except `particles`.
 
     Attributes:
       particles: the number of particles, and of grids that a step evaluates; static, a size of

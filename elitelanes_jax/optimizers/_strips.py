@@ -33,7 +33,11 @@ _STATES, _SHOWN = 4**LINES, 5
 _BITS, _NONE = 4 * LINES, -1
 
 _FORTH = np.array([0b0011, 0b0001, 0b1100, 0b0100, 0b1000])
-"""The labels on an eastern or southern side: no link, a turn without link, a link, a turn's and a crossing's link."""
+"""The labels that each index of `_shown` offers on an eastern or southern side.
+
+In order, the side shows: no link, a turn without a link, a link, the link of a turn, the link of a
+crossing.
+"""
 _BACK = np.array([0b0011, 0b0010, 0b1100, 0b1000, 0b0100])
 
 
@@ -50,7 +54,10 @@ _EAST, _SOUTH, _WEST, _NORTH = (_shown(side) for side in (EAST, SOUTH, WEST, NOR
 
 
 class StripTables(NamedTuple):
-    """All columns and states that fit. "around" is what the tiles above and below a column show, 5 x above + below.
+    """All columns and states that fit.
+
+    The first axis of four tables is what the tiles above and below a column show, 5 x above +
+    below.
 
     Attributes:
       before: the states west of a column if the states east of it are these eight bits, ``[25 * 8 *
@@ -220,10 +227,11 @@ def _refitted(
     *,
     empty: bool,
 ) -> tuple[Int32[Array, ""], Int32[Array, " N"]]:
-    """Draws a valid filling of the columns `west` to `east` of a strip, whose tiles include the lines above and below.
+    """Draws a valid filling of the columns `west` to `east` of a strip.
 
-    If `differs`, `west` moves to the west until a column can show something else to the east, and
-    the filling differs from the present one.
+    `tiles` are those of the strip and of the lines above and below it. If `differs`, `west` moves
+    to the west until a column can show something else to the east, and the filling differs from the
+    present one.
 
     Returns `west`, and columns as in `StripTables`; the same as before if there is no filling.
     """

@@ -60,7 +60,10 @@ def valid_windows(height: int, width: int, *, empty: bool) -> WindowTable:
 
 
 def _fitting(forth: int, back: int) -> Bool[np.ndarray, "16 16"]:
-    """Returns which pairs of codes may be neighbours, the second on the side `forth` of the first."""
+    """Returns which pairs of codes may be neighbours.
+
+    The second code is on the side `forth` of the first.
+    """
     one, other = np.indices((16, 16))
     turns, crossings = (
         np.isin([one, other], codes).all(axis=0) for codes in (KINDS["turn"], CROSSINGS)

@@ -19,7 +19,9 @@ from elitelanes_jax.problem.problem import Problem
 
 
 class Info(NamedTuple):
-    """What a step reports. It is not carried to the next step: the state has what a step needs of the past.
+    """What a step reports.
+
+    It is not carried to the next step, because the state has what a step needs of the past.
 
     Attributes:
       best_fitness: the lowest fitness among the elites after the step.
@@ -35,7 +37,11 @@ class Info(NamedTuple):
 
 
 def check_arguments(problem: Problem, config: Record, kind: type[Record]) -> None:
-    """Checks the arguments of a factory: a problem, and a configuration of its kind with single numbers."""
+    """Checks the arguments of a factory.
+
+    The problem is a `Problem`. The configuration is of its kind and has single numbers instead of
+    arrays.
+    """
     check_named("problem", instance(Problem), problem)
     check_named("config", instance(kind), config)
     for path, value in jax.tree.leaves_with_path(config):
@@ -52,8 +58,9 @@ def count_refused(evaluated: Population) -> Int32[Array, ""]:
 class Optimizer(NamedTuple):
     """One algorithm on one problem.
 
-    Keys are consumed. A step is one generation and depends on its key and the state alone. Steps are therefore the body
-    of a scan, and `jax.vmap` over keys runs many seeds at once. `run` does both::
+    Keys are consumed. A step is one generation and depends on its key and the state alone. Steps
+    are therefore the body of a scan, and `jax.vmap` over keys runs many seeds at once. `run` does
+    both::
 
         optimizer = ea(road_problem((12, 12)))
 
@@ -90,7 +97,10 @@ class Optimizer(NamedTuple):
         evaluations_per_step: int,
         init_unevaluated: Callable[..., Pytree] | None = None,
     ) -> "Optimizer":
-        """Makes an optimiser that runs under any settings of JAX, and on sharded batches of seeds."""
+        """Makes an optimiser that runs under any settings of JAX.
+
+        It also runs on sharded batches of seeds.
+        """
         init, step, elites = (
             runs_jax(divide_batches(function)) for function in (init, step, elites)
         )
@@ -98,5 +108,8 @@ class Optimizer(NamedTuple):
 
     @property
     def first_generation(self) -> int:
-        """The first generation that `start` leaves to a step: 0 if that evaluates the initial grids, otherwise 1."""
+        """The first generation that `start` leaves to a step.
+
+        It is 0 if a step evaluates the initial grids, otherwise 1.
+        """
         return 1 if self.init_unevaluated is None else 0

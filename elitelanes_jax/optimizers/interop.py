@@ -53,7 +53,8 @@ def qdax_scoring_fn(
         _check_genotypes(problem, genotypes)
         population = evaluate_all(problem, genotypes)
         bins = niche_bins(problem.descriptor(population.features), problem.axes)
-        # The fitness of a refused grid may be the largest int32, which is finite. So -inf replaces it.
+        # The fitness of a refused grid may be the largest int32, which is finite. So -inf replaces
+        # it.
         negative_fitness = (-population.fitness).astype(jnp.float32)
         fitness = jnp.where(population.valid, negative_fitness, -jnp.inf)
         return fitness, bins.astype(jnp.float32), {"features": population.features}
@@ -81,10 +82,10 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
 @name_wrong_arguments
 @runs_jax
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
-    """Returns centroids, float32 ``[N, D]``, that give QDax the same niches, in the order of `niche_index`.
+    """Returns centroids, float32 ``[N, D]``, that give QDax the same niches.
 
-    They are whole numbers, so that distances are exact and only the niche's own centroid is
-    nearest.
+    They are in the order of `niche_index`. They are whole numbers, so that distances are exact and
+    only the niche's own centroid is nearest.
     """
     if not axes:
         raise InputError("axes: expected at least one, got none")
@@ -99,7 +100,9 @@ def qdax_moves(
 ) -> tuple[
     Callable[[Array, Key[Array, ""]], Array], Callable[[Array, Array, Key[Array, ""]], Array]
 ]:
-    """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): a random move, then repair.
+    """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5).
+
+    Each makes a random move and repairs the grid.
 
     Args:
       problem: whose repair follows each move.
@@ -220,7 +223,9 @@ def evosax_task(problem: Problem) -> EvosaxTask:
 
 
 def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
-    """Returns arguments for pyribs's `GridArchive` (pyribs 0.12) that make its cells our niches, in the same order.
+    """Returns arguments for pyribs's `GridArchive` (pyribs 0.12).
+
+    With them, the cells of the archive are our niches, in the same order.
 
     Returns:
       ``solution_dim``, H·W; ``dims``, the bins of each axis; and ``ranges``, from the start of the

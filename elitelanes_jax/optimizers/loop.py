@@ -25,7 +25,9 @@ from elitelanes_jax.problem.archive import Population
 @name_wrong_arguments
 @runs_jax
 def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
-    """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on `seed` and its index alone.
+    """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1.
+
+    Each key depends on `seed` and its index alone.
 
     Key i is ``fold_in(key(seed, impl="threefry2x32"), i)``, whatever kind of key JAX is set to
     make. `indices` are those of the keys; or their number K, for the first K. Raises `InputError`
@@ -88,14 +90,21 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
 
 @runs_jax
 def start(optimizer: Optimizer, keys: Key[Array, " S"]) -> Pytree:
-    """Returns states for keys ``[S]``, arrays ``[S, ...]``, from which `Optimizer.first_generation` can be run."""
+    """Returns the states of runs before their first step, arrays ``[S, ...]``.
+
+    The keys are ``[S]``. The first generation to run from these states is
+    `Optimizer.first_generation`.
+    """
     init = optimizer.init_unevaluated or optimizer.init
     states = over_seeds(lambda key: init(fold_in(key, 0)), keys)
     return check_state(states)
 
 
 def over_seeds(function: Callable[..., Pytree], *trees: Pytree) -> Pytree:
-    """Maps a function over the first axis of arrays, for `vmap`; one seed alone takes a quarter less time to trace."""
+    """Maps a function over the first axis of arrays, with `vmap` for several seeds.
+
+    One seed alone takes a quarter less time to trace without `vmap`.
+    """
     if jax.tree.leaves(trees)[0].shape[0] > 1:
         return jax.vmap(function)(*trees)
     result = function(*jax.tree.map(lambda array: array[0], trees))
@@ -113,12 +122,13 @@ def advance(
     *,
     most: int,
 ) -> tuple[Pytree, Info]:
-    """Runs the generations `first` to `last`, both included; a run begins with `Optimizer.first_generation`.
+    """Runs the generations `first` to `last`, both included.
 
-    Generation i of a seed depends on ``fold_in(key, i)`` and the state before it alone. Therefore
-    generations 1 to 200 equal 1 to 100 and then 101 to 200, bit for bit. With JAX's default kind of
-    key, a seed's result does not depend on other seeds. `first` and `last` may be traced: one
-    compiled call serves every part of every run.
+    A run begins with `Optimizer.first_generation`. Generation i of a seed depends on
+    ``fold_in(key, i)`` and the state before it alone. Therefore generations 1 to 200 equal 1 to 100
+    and then 101 to 200, bit for bit. With JAX's default kind of key, a seed's result does not
+    depend on other seeds. `first` and `last` may be traced: one compiled call serves every part of
+    every run.
 
     Returns the states, and an `Info` of arrays ``[most, S]``. Only the first `last` - `first` + 1
     rows have a meaning; if `last` is less than `first`, no generation is run. `most` is static.
@@ -158,7 +168,10 @@ def check_state(state: Pytree) -> Pytree:
 
 
 def check_elites(elites: UserValue, shape: tuple[int, int], features: int) -> Population:
-    """Returns the elites of an optimiser for grids of a shape; raises `InputError` if they do not fit."""
+    """Returns the elites of an optimiser for grids of a shape.
+
+    Raises `InputError` if they do not fit.
+    """
     check_named("optimizer: elites", instance(Population), elites)
     slots = np.shape(elites.fitness)[:1]
     grids, fitness, columns = (jnp.asarray(array) for array in elites)
@@ -175,7 +188,10 @@ def check_elites(elites: UserValue, shape: tuple[int, int], features: int) -> Po
 
 
 def _check_step(state: Pytree, outcome: UserValue) -> None:
-    """Raises `InputError` unless a step returned a state like the one that it took, and an `Info` of scalars."""
+    """Raises `InputError` unless a step returned a state and an `Info` of scalars.
+
+    The state has the structure, shapes and dtypes of the state that the step took.
+    """
     if not _is_state_and_info(outcome):
         got = repr(outcome)
         if isinstance(outcome, tuple):

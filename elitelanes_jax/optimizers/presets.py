@@ -95,10 +95,10 @@ R = TypeVar("R", bound=Record)
 
 @name_wrong_arguments
 def make_optimizer(problem: Problem, config: Config) -> Optimizer:
-    """Returns the optimiser that a configuration belongs to, such as `annealed_ea` for an `AnnealingConfig`.
+    """Returns the optimiser that a configuration belongs to.
 
-    Raises `InputError` for anything else than the configuration of a method, such as one of
-    `PRESETS`.
+    It is `annealed_ea` for an `AnnealingConfig`, for example. Raises `InputError` for anything else
+    than the configuration of a method, such as one of `PRESETS`.
     """
     _check_config(config)
     return _FACTORIES[type(config)](problem, config)
@@ -111,11 +111,15 @@ def _check_config(config: UserValue) -> None:
 
 
 def with_moves(config: Config, moves: UserValue) -> Config:
-    """Returns a configuration with other moves, see `MoveWeights.with_moves`; raises `InputError` if it has none."""
+    """Returns a configuration with other moves, see `MoveWeights.with_moves`.
+
+    Raises `InputError` if the configuration has no moves.
+    """
     annealing = _annealing(config)
     if annealing is None:
         raise InputError(
-            f"moves: expected a method with moves, such as preset tuned, got {type(config).__name__}"
+            "moves: expected a method with moves, such as preset tuned, "
+            f"got {type(config).__name__}"
         )
     annealing = annealing.replace(moves=annealing.moves.with_moves(moves))
     if isinstance(config, AnnealingConfig):
@@ -132,7 +136,10 @@ def user_moves(config: Config) -> dict[str, Move]:
 
 
 def _annealing(config: Config) -> AnnealingConfig | None:
-    """Returns the options of annealing, which have the moves; None for a method without annealing."""
+    """Returns the options of annealing, which have the moves.
+
+    Returns None for a method without annealing.
+    """
     annealing = getattr(config, "annealing", config)
     return annealing if isinstance(annealing, AnnealingConfig) else None
 
@@ -152,7 +159,10 @@ def find_preset(config: Config) -> tuple[str, str, bool]:
 
 
 def config_to_plain(config: Config) -> dict[str, Plain]:
-    """Returns the type and the fields of a configuration, plain values for JSON; a move of the user is its weight."""
+    """Returns the type and the fields of a configuration, plain values for JSON.
+
+    A move of the user becomes its weight.
+    """
 
     def plain(fields: list[tuple[str, Plain]]) -> dict[str, Plain]:
         values = dict(fields)
@@ -166,7 +176,9 @@ def config_to_plain(config: Config) -> dict[str, Plain]:
 
 
 def config_from_plain(plain: Plain) -> Config | None:
-    """Returns the configuration that `config_to_plain` described, or None if it has moves of the user.
+    """Returns the configuration that `config_to_plain` described.
+
+    Returns None if the configuration has moves of the user.
 
     Raises `InputError` for an unknown type, a missing or unknown field, or a wrong value.
     """
@@ -189,7 +201,10 @@ def _has_user_moves(fields: Mapping[str, Plain]) -> bool:
 
 
 def _from_plain(default: R, plain: Plain) -> R:
-    """Returns a record of the kind of `default` from its plain fields, which may be records in turn."""
+    """Returns a record of the kind of `default` from its plain fields.
+
+    The fields may be records in turn.
+    """
     names = default.options()
     if not isinstance(plain, Mapping) or set(plain) != set(names):
         raise InputError(f"config: expected {', '.join(names)}, got {shorten(repr(plain))}")
