@@ -1,11 +1,12 @@
-"""The planar dual of a grid's road graph: the faces into which roads divide the plane, and their consequences.
+"""The faces into which the roads of a grid divide the plane, and counts from them.
 
-A grid's road graph is drawn in the plane, on the lattice of tiles. Its dual lives on the lattice of
-corner points between tiles. Two neighbouring corners belong to the same face if no road runs
-between them, and all corners on the border belong to the outer face.
+The faces are the planar dual of the grid's road graph. A grid's road graph is drawn in the plane,
+on the lattice of tiles. Its dual lives on the lattice of corner points between tiles. Two
+neighbouring corners belong to the same face if no road runs between them, and all corners on the
+border belong to the outer face.
 
-    tile --- tile     tile     tile       a road between two tiles separates the two corners beside it;
-         .       .        .               without one, both corners belong to the same face
+    tile --- tile     tile     tile     a road between two tiles separates the corners beside it;
+         .       .        .             without one, both corners belong to the same face
     tile     tile --- tile     tile
 
 Once the faces are labelled, Euler's formula gives these counts exactly, without a spanning tree or
@@ -52,7 +53,9 @@ _OUTER = 0
 
 
 class Links(NamedTuple):
-    """The links of a grid, each a road between two neighbouring tiles, as vectors ``[size]`` of its layout.
+    """The links of a grid, as vectors ``[size]`` of its layout.
+
+    A link is a road between two neighbouring tiles.
 
     Attributes:
       east: whether the tile and its eastern neighbour are linked.
@@ -101,20 +104,22 @@ def find_faces(layout: PaddedLayout, padded: Int8[Array, " padded"], links: Link
 
 
 def label_faces(layout: PaddedLayout, padded: Int8[Array, " padded"]) -> UInt[Array, " padded"]:
-    """Labels the corners of one grid by their face: 0 for the outer face, another label for each inner face.
+    """Labels the corners of one grid by their face.
 
-    Labels are less than the length of the padded vector.
+    The outer face has the label 0, and each inner face has another label. Labels are less than the
+    length of the padded vector.
     """
     return _label_faces.bind(padded, layout=layout)
 
 
 @cache
 def _initial_labels(layout: PaddedLayout) -> np.ndarray:
-    """Returns the label that each corner starts with, on the padded layout: unique and rising, or the outer face's.
+    """Returns the label that each corner of the padded layout starts with.
 
-    Up to 254 inner corners (16 x 16 tiles) have labels 1, 2, 3 and so on, so that a label fits a
-    byte and a sweep is cheapest. In larger grids the label is the corner's index, so that a label
-    leads to its corner.
+    The labels of inner corners are unique and rising. All other corners have the label of the outer
+    face. Up to 254 inner corners (16 x 16 tiles) have labels 1, 2, 3 and so on, so that a label
+    fits a byte and a sweep is cheapest. In larger grids the label is the corner's index, so that a
+    label leads to its corner.
     """
     indices = np.arange((layout.height + 2) * layout.stride)
     rows, columns = indices // layout.stride, indices % layout.stride
@@ -127,11 +132,11 @@ def _initial_labels(layout: PaddedLayout) -> np.ndarray:
 
 
 class _Arrangement(NamedTuple):
-    """How the grids of a batch lie in one array of cells. Empty rows at both ends give every corner its neighbours.
+    """How the grids of a batch lie in one array of cells.
 
-    Laid end to end, as one long vector, grids suit the caches of a processor. Laid side by side,
-    with the cells of a grid far apart, they suit a GPU, whose threads read four neighbouring
-    numbers at once.
+    Empty rows at both ends give every corner its neighbours. Laid end to end, as one long vector,
+    grids suit the caches of a processor. Laid side by side, with the cells of a grid far apart,
+    they suit a GPU, whose threads read four neighbouring numbers at once.
     """
 
     layout: PaddedLayout
@@ -175,7 +180,10 @@ class _Arrangement(NamedTuple):
         return cells.reshape(shape)
 
     def store(self, cells: Pytree) -> Pytree:
-        """Makes XLA for GPUs store arrays, instead of computing them again for each use or copying them."""
+        """Makes XLA for GPUs store arrays.
+
+        Otherwise XLA would compute them again for each use, or copy them.
+        """
         return lax.optimization_barrier(cells) if self.beside else cells
 
     def named_corners(self, labels: Array) -> tuple[Array, ...]:
@@ -197,7 +205,10 @@ def _extend(cells: Array, before: int, after: int) -> Array:
 def _label(
     padded: Int8[Array, "*B padded"], *, layout: PaddedLayout, beside: bool
 ) -> UInt[Array, "*B padded"]:
-    """Labels the corners of grids on a layout, all grids together: a corner's label is the least one of its face."""
+    """Labels the corners of grids on a layout, all grids together.
+
+    The label of a corner is the least label of its face.
+    """
     arrangement = _Arrangement(layout, beside)
     initial = arrangement.initial
     if 0 in padded.shape[:-1]:
@@ -214,10 +225,10 @@ def _label(
 
 
 class _Walls(NamedTuple):
-    """For each link of a tile the value `closed`, elsewhere 0: a road is a wall between the corners beside it.
+    """The value `closed` for each link of a tile, and 0 elsewhere.
 
-    `find_links` finds the same links in each grid. With walls made from those, a search takes 1.1
-    times as long.
+    A road is a wall between the two corners beside it. `find_links` finds the same links in each
+    grid. With walls made from those, a search takes 1.1 times as long.
 
     Attributes:
       east: the walls along the links to the east.
@@ -243,7 +254,10 @@ def _find_walls(arrangement: _Arrangement, codes: Array) -> _Walls:
 
 
 def _far_walls(arrangement: _Arrangement, walls: _Walls) -> _Walls:
-    """Returns walls between corners `_FAR` steps apart: there is one if a wall cuts any of these steps."""
+    """Returns walls between corners `_FAR` steps apart.
+
+    There is a wall if any of these steps crosses a wall.
+    """
 
     def any_wall(walls: Array, step: int) -> Array:
         # The wall at a cell cuts the last step. The walls at the cells behind it cut the steps
@@ -263,8 +277,9 @@ def _far_walls(arrangement: _Arrangement, walls: _Walls) -> _Walls:
 def _sweep(
     arrangement: _Arrangement, labels: Array, walls: _Walls, into: Array, steps: int
 ) -> Array:
-    """Gives each corner the least label among its own and those of corners some steps away without a wall between.
+    """Gives each corner the least label among its own and those of four corners.
 
+    The four corners are `steps` steps away, in each direction. Corners behind a wall do not count.
     Writes to `into`, whose both ends are those of `labels`: they belong to the outer face and do
     not change. With another array than `labels`, XLA computes the sweep in place and in one pass.
     """
@@ -291,7 +306,9 @@ def _sweep(
 
 
 def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple[Array, Array]:
-    """Sweeps to and fro between two arrays until they are equal; labels that name corners `_PATIENCE` times at most.
+    """Sweeps to and fro between two arrays until they are equal.
+
+    If labels name corners, it stops after about `_PATIENCE` sweeps.
 
     Every other sweep goes `_FAR` steps, because corridors mostly run straight. The longest corridor
     of a batch then takes two thirds as many sweeps.
@@ -326,11 +343,12 @@ def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple
 def _hook_and_jump(
     arrangement: _Arrangement, labels: Array, walls: _Walls, changing: Array
 ) -> Array:
-    """Passes each better label to the corner that the old label names, then follows every label once.
+    """Passes better labels on along the corners that labels name.
 
-    Each round shortens a corridor by a factor, so that the longest spiral takes about log(corners)
-    rounds: the idea of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu,
-    2020).
+    Each better label goes to the corner that the old label names. Then every corner follows its
+    label once. Each round shortens a corridor by a factor, so that the longest spiral takes about
+    log(corners) rounds: the idea of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad
+    and Hu, 2020).
     """
 
     def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -45,7 +45,10 @@ THREEFRY = "threefry2x32"
 
 
 def default_draws() -> AbstractContextManager[None]:
-    """Makes `jax.random` draw the same in its block, whatever the setting `jax_threefry_partitionable` is."""
+    """Makes `jax.random` draw the same bits in its block under all settings.
+
+    The setting is `jax_threefry_partitionable`.
+    """
     draws: AbstractContextManager[None] = jax.threefry_partitionable(True)
     return draws
 
@@ -59,7 +62,10 @@ def seed_key(seed: int) -> Key[Array, ""]:
 @name_wrong_arguments
 @runs_jax
 def random_bits(key: Key[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:
-    """Draws uint32 ``[*shape]``, the same bits as `jax.random.bits` by default; the key is consumed."""
+    """Draws uint32 ``[*shape]``, by default the same bits as `jax.random.bits`.
+
+    The key is consumed.
+    """
     return _random_bits(key, shape=shape)
 
 
@@ -92,13 +98,19 @@ def split(key: Key[Array, ""], count: int = 2) -> Key[Array, " count"]:
 
 
 def uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Float32[Array, "..."]:
-    """Returns the same numbers in [0, 1) as `jax.random.uniform` by default; the key is consumed."""
+    """Returns the same numbers in [0, 1) as `jax.random.uniform` does by default.
+
+    The key is consumed.
+    """
     with default_draws():
         return jax.random.uniform(key, shape, jnp.float32)
 
 
 def normal(key: Key[Array, ""], shape: tuple[int, ...]) -> Float32[Array, "..."]:
-    """Returns the same normally distributed numbers as `jax.random.normal` by default; the key is consumed."""
+    """Returns the same normally distributed numbers as `jax.random.normal` by default.
+
+    The key is consumed.
+    """
     with default_draws():
         return jax.random.normal(key, shape, jnp.float32)
 
@@ -112,11 +124,11 @@ def _is_threefry(key: Key[Array, ""]) -> bool:
 def threefry(
     key: UInt32[Array | np.ndarray, "2 ..."], counters: UInt32[Array | np.ndarray, "..."]
 ) -> tuple[UInt32[Array | np.ndarray, "..."], UInt32[Array | np.ndarray, "..."]]:
-    """Encrypts the pairs (0, counter) with a key, by Threefry-2x32 with 20 rounds (Salmon et al. 2011).
+    """Encrypts the pairs (0, counter) with a key, by Threefry-2x32.
 
-    Takes arrays of JAX or of NumPy; the two numbers of the key broadcast against the counters.
-    JAX's own function is a loop over the rounds. Without a loop it compiles in half the time, and
-    takes 0.6 times as long.
+    The cipher has 20 rounds (Salmon et al. 2011). Takes arrays of JAX or of NumPy; the two numbers
+    of the key broadcast against the counters. JAX's own function is a loop over the rounds. Without
+    a loop it compiles in half the time, and takes 0.6 times as long.
     """
     # The constant and the rotations are those of the article.
     schedule = (key[0], key[1], key[0] ^ key[1] ^ np.uint32(0x1BD11BDA))
@@ -141,7 +153,10 @@ def random_bits16(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Array, "
 
 
 def symmetric_uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Array, "..."]:
-    """Draws int32 ``[*shape]`` uniformly from -1 to 1 in units of 1 / `UNIT`; the key is consumed."""
+    """Draws int32 ``[*shape]`` uniformly from -1 to 1, in units of 1 / `UNIT`.
+
+    The key is consumed.
+    """
     # A division of 2**16 by 8 leaves 2 * `UNIT` numbers.
     return random_bits16(key, shape) // 8 - UNIT
 
@@ -149,9 +164,10 @@ def symmetric_uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Arra
 @name_wrong_arguments
 @runs_jax
 def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[Array, "..."]:
-    """Returns a whole number in [0, count) from 32 random bits, each with probability 1 / count within 2**-32.
+    """Returns a whole number in [0, count) from 32 random bits.
 
-    It is the upper half of the 64-bit product of the bits and the count, in 32-bit arithmetic.
+    Each number has probability 1 / count, within 2**-32. The result is the upper half of the 64-bit
+    product of the bits and the count, in 32-bit arithmetic.
 
     Args:
       bits: uint32, any shape.
@@ -186,7 +202,9 @@ def random_grids(
     *,
     alphabet: Iterable[int] = ROAD_ALPHABET,
 ) -> Int8[Array, "count H W"]:
-    """Draws every tile uniformly from an alphabet, independently of its neighbours; `repair` links them.
+    """Draws every tile uniformly from an alphabet, independently of its neighbours.
+
+    `repair` then links the tiles.
 
     Args:
       key: consumed. With JAX's default key type grid i depends on the key and i alone, not on
@@ -219,9 +237,10 @@ def _random_grids(
 def bernoulli(
     bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]
 ) -> Bool[Array, "..."]:
-    """Returns True with a probability, from the upper 24 of 32 random bits: never for 0, always for 1.
+    """Returns True with a probability, from the upper 24 of 32 random bits.
 
-    The probability broadcasts against the bits.
+    The result is never True for probability 0, and always True for probability 1. The probability
+    broadcasts against the bits.
     """
     drawn, limit = align(
         (jnp.asarray(bits) >> 8).astype(jnp.float32), 2**24 * jnp.asarray(probability, jnp.float32)
@@ -230,17 +249,19 @@ def bernoulli(
 
 
 def exponential(bits: UInt32[Array, "..."]) -> Int32[Array, "..."]:
-    """Returns an exponentially distributed number of mean 1 from 32 random bits, in units of 1 / `UNIT`, at most 8.4.
+    """Returns an exponentially distributed number of mean 1 from 32 random bits.
 
-    It is one of 2048 equally likely quantiles.
+    The number is in units of 1 / `UNIT`, and at most 8.4. It is one of 2048 equally likely
+    quantiles.
     """
     return take(_QUANTILES, bits >> 21)
 
 
 def categorical(bits: UInt32[Array, "..."], logits: Int32[Array, "K ..."]) -> Int32[Array, "..."]:
-    """Returns a whole number in [0, K) from 32 random bits, with the probabilities of a softmax, within 1 / 10,000.
+    """Returns a whole number in [0, K) from 32 random bits, by a softmax.
 
-    The logits int32 ``[K, ...]`` are in units of 1 / `UNIT`; K is at most 31.
+    The probabilities are those of the softmax of the logits, within 1 / 10,000. The logits int32
+    ``[K, ...]`` are in units of 1 / `UNIT`; K is at most 31.
     """
     # The largest logit becomes 0, and its weight 2**26. So the sum of 31 weights fits int32.
     weights = _exponential_of(logits - logits.max(axis=0, keepdims=True))

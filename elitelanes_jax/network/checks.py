@@ -49,7 +49,9 @@ def check_sides(rows: list[list[UserValue]]) -> None:
 
 
 def check_grid(grid: AnyArray) -> AnyArray:
-    """Checks a grid; returns it as an int8 array ``[H, W]``, of JAX if it is an array of JAX, otherwise of NumPy.
+    """Checks a grid and returns it as an int8 array ``[H, W]``.
+
+    The result is an array of JAX if the grid is one, otherwise an array of NumPy.
 
     A record with a grid in its field ``codes``, such as a `RoadMap`, is also accepted. Under
     `jax.jit` and `jax.vmap` codes are unknown and not checked; a code outside 0..15 gives
@@ -64,7 +66,8 @@ def check_grid(grid: AnyArray) -> AnyArray:
     grid = getattr(grid, "codes", grid)
     if isinstance(grid, str | PurePath):
         raise InputError(
-            f"grid: expected rows of tile codes, got {str(grid)!r}; read_map reads the map of a file"
+            f"grid: expected rows of tile codes, got {str(grid)!r}; "
+            "read_map reads the map of a file"
         )
     try:
         array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
@@ -72,7 +75,8 @@ def check_grid(grid: AnyArray) -> AnyArray:
         raise InputError("grid: expected rows of one length, got rows of several") from None
     if np.ma.is_masked(grid):
         raise InputError(
-            "grid: expected a tile code in each cell, got a masked array; grid.filled(0) empties such cells"
+            "grid: expected a tile code in each cell, got a masked array; "
+            "grid.filled(0) empties such cells"
         )
     if array.ndim != 2:
         hint = "; give one grid, or batch a kernel with jax.vmap" if array.ndim == 3 else ""
@@ -87,6 +91,7 @@ def check_grid(grid: AnyArray) -> AnyArray:
         if codes.min() < 0 or codes.max() > 15:
             row, column = np.argwhere((codes < 0) | (codes > 15))[0]
             raise InputError(
-                f"grid: expected tile codes 0 to 15, got {codes[row, column]} at row {row}, column {column}"
+                f"grid: expected tile codes 0 to 15, got {codes[row, column]} "
+                f"at row {row}, column {column}"
             )
     return array.astype(np.int8)

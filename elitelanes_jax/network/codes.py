@@ -1,6 +1,7 @@
-"""Tile codes: one number per tile, with a bit for each side that the tile connects to (NumPy constants).
+"""Tile codes: one number per tile, with a bit for each side that the tile connects to.
 
-A code is ``8·N + 4·E + 2·S + 1·W`` (paper, section "Tile-Based Road Network Representation").
+All constants are of NumPy. A code is ``8·N + 4·E + 2·S + 1·W`` (paper, section "Tile-Based Road
+Network Representation").
 """
 
 from collections.abc import Iterable
@@ -94,7 +95,10 @@ def rotate_codes(codes: AnyArray, quarter_turns: int = 1) -> AnyArray:
 
 
 def exchange_sides(codes: AnyArray, one: int, other: int) -> AnyArray:
-    """Exchanges two sides of codes of any shape, such as east and west for a mirror image; `one` is the higher bit."""
+    """Exchanges two sides of codes of any shape, such as east and west for a mirror image.
+
+    `one` is the higher bit of the two.
+    """
     # Each of the two bits moves to the position of the other one.
     shift = one.bit_length() - other.bit_length()
     return codes & (15 ^ one ^ other) | (codes & one) >> shift | (codes & other) << shift

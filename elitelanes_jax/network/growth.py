@@ -1,5 +1,6 @@
-"""Grows towns: a ring of road, then streets across its blocks and bends in its streets, all by Duckietown's rules.
+"""Grows towns that keep Duckietown's rules.
 
+A town begins as a ring of road. Then streets are added across its blocks, and bends in its streets.
 A street leads straight across a block, from one straight road to another. A bend moves a stretch of
 a straight road aside. Both leave empty cells between roads, and tiles between crossings and other
 crossings or turns. A grown town is therefore in one piece, has no dead ends, and keeps the rules,
@@ -127,7 +128,10 @@ def _mirror(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "
 def _street(
     codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]
 ) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
-    """Adds a street that runs south at a random position; returns whether there is one, and the codes."""
+    """Adds a street that runs south at a random position.
+
+    Returns whether there is such a position, and the codes.
+    """
     # Straight tiles on both sides keep the new crossing away from turns and crossings. Empty cells
     # on both sides keep the street away from other roads.
     along, free = (_with_sides(codes == code) for code in (_ALONG, 0))
@@ -151,7 +155,10 @@ def _street(
 def _bend(
     codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]
 ) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
-    """Moves a stretch of a road south at a random position; returns whether there is one, and the codes."""
+    """Moves a stretch of a road south at a random position.
+
+    Returns whether there is such a position, and the codes.
+    """
     side = len(codes)
     wide, far = 2 + randint(bits[2], _WIDEST - 1), 1 + randint(bits[3], _FARTHEST)
     rows, columns = _indices(codes)

@@ -51,12 +51,13 @@ def road_forms(grids: _Grids) -> list[bytes]:
 
 @name_wrong_arguments
 def difference(grid: AnyArray, other: AnyArray) -> float:
-    """Returns the share of tiles in which two grids differ, at the position where they are most alike.
+    """Returns the share of tiles in which two grids differ.
 
-    One grid's roads are laid on the other's at every position, rotated and mirrored in all eight
-    ways. In each way, the cells with different codes are counted; a tile on an empty cell differs
-    too. The least count is divided by the number of cells of the larger grid, empty cells at its
-    border included. The share is 0 if and only if the roads are the same.
+    The grids are compared at the position where they are most alike. One grid's roads are laid on
+    the other's at every position, rotated and mirrored in all eight ways. In each way, the cells
+    with different codes are counted; a tile on an empty cell differs too. The least count is
+    divided by the number of cells of the larger grid, empty cells at its border included. The share
+    is 0 if and only if the roads are the same.
 
     Raises `InputError` for a bad grid.
     """
@@ -71,10 +72,11 @@ def difference(grid: AnyArray, other: AnyArray) -> float:
 
 
 def group_alike(grids: _Grids, labels: NDArray[np.int_] | None = None) -> NDArray[np.int_]:
-    """Assigns checked grids to groups, int ``[grids]``, such that no two grids of different groups are `ALIKE`.
+    """Assigns checked grids to groups, int ``[grids]``.
 
-    Two grids that are alike are in one group, and so are two that a chain of such pairs joins. With
-    `labels`, an int for each grid, grids with equal labels are in one group too.
+    No two grids of different groups are `ALIKE`. Two grids that are alike are in one group, and so
+    are two that a chain of such pairs joins. With `labels`, an int for each grid, grids with equal
+    labels are in one group too.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -151,23 +153,28 @@ class RoadSet:
             self._groups.append(group)
 
     def differences(self, grid: _Grid, below: float) -> NDArray[np.float64]:
-        """Returns the `difference` of each grid of the set from a checked grid, float64 ``[grids]``.
+        """Returns the `difference` of each grid of the set from a checked grid.
 
-        Differences of `below` or more are not computed; infinity is returned for these.
+        The result is float64 ``[grids]``. Differences of `below` or more are not computed; infinity
+        is returned for these.
         """
         return self.least_differences([grid], below)
 
     def least_differences(self, grids: _Grids, below: float) -> NDArray[np.float64]:
-        """Returns the least difference of each grid of the set from some checked grids; see `differences`."""
+        """Returns the least difference of each grid of the set from some checked grids.
+
+        See `differences`.
+        """
         shares = np.full(self._size, np.inf)
         pairs = self.pairs(grids, below)
         np.minimum.at(shares, pairs.second, pairs.difference)
         return shares
 
     def pairs(self, grids: _Grids, below: float) -> Pairs:
-        """Returns all pairs of some checked grids and the grids of the set whose `difference` is less than `below`.
+        """Returns the pairs whose `difference` is less than `below`.
 
-        The pairs are in no particular order.
+        A pair has one of some checked grids and one grid of the set. The pairs are in no particular
+        order.
         """
         found = [Pairs(np.zeros(0, int), np.zeros(0, int), np.zeros(0))]
         for indices, boxes in _by_box(grids):
@@ -195,10 +202,11 @@ class RoadSet:
 
 
 def _least_difference(kinds: NDArray[np.int32], others: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Returns in how many cells grids differ at least, int32 ``[N, M]``, by the tiles of each kind ``[kinds, N or M]``.
+    """Returns a lower bound of the number of cells in which grids differ.
 
-    Kinds do not change when a grid is moved, rotated or mirrored. The surplus of either grid in any
-    kind differs.
+    The bound is int32 ``[N, M]``. It follows from the numbers of tiles of each kind, ``[kinds, N]``
+    and ``[kinds, M]``. Kinds do not change when a grid is moved, rotated or mirrored. The surplus
+    of either grid in any kind differs.
     """
     more = np.zeros((kinds.shape[1], others.shape[1]), np.int32)
     fewer = np.zeros_like(more)
@@ -212,7 +220,9 @@ def _least_difference(kinds: NDArray[np.int32], others: NDArray[np.int32]) -> ND
 def _count_differing(
     group: _Group, boxes: NDArray[np.int8], near: NDArray[np.bool_], below: float
 ) -> tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int32]]:
-    """Counts the cells in which boxes ``[N, H, W]`` differ from the grids of a group, at the most similar position.
+    """Counts the cells in which boxes ``[N, H, W]`` differ from the grids of a group.
+
+    Each pair is compared at the position where it is most similar.
 
     Args:
       group: a group of M grids.
@@ -245,7 +255,9 @@ def _count_differing(
 def _compare(
     group: _Group, images: NDArray[np.int8], near: NDArray[np.bool_], below: float
 ) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int32]]]:
-    """Compares images ``[4 N, H, W]``, four for each of N boxes in order, with a group at all positions.
+    """Compares images of boxes with the grids of a group at all positions.
+
+    The images are ``[4 N, H, W]``, four for each of N boxes in order.
 
     Yields the indices of boxes, the indices in the group, and the numbers of cells that differ: for
     each position where a pair differs in less than `below` cells.
@@ -286,7 +298,10 @@ def _compare(
 
 
 def _count_inside(road: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.int_]:
-    """Counts the tiles in a box of `shape` at every position in images ``[N, H, W]``, by image, row and column."""
+    """Counts the tiles in a box of `shape` at every position in images ``[N, H, W]``.
+
+    The axes of the result are image, row and column.
+    """
     height, width = shape
     # A summed-area table gives the count of any box by four look-ups.
     sums = np.pad(road, ((0, 0), (1, 0), (1, 0))).cumsum(axis=1).cumsum(axis=2)
@@ -323,7 +338,10 @@ def _box(grid: _Grid) -> _Grid:
 
 
 def _by_box(grids: _Grids) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int8]]]:
-    """Yields grids by their size and the box around their roads: the indices ``[N]``, and the boxes ``[N, H, W]``."""
+    """Yields grids by their size and the size of the box around their roads.
+
+    Each item is the indices ``[N]`` of the grids, and their boxes ``[N, H, W]``.
+    """
     boxes = [_box(grid) for grid in grids]
     by_size: dict[tuple[int, ...], list[int]] = {}
     for index, box in enumerate(boxes):

@@ -53,9 +53,9 @@ def stack_metrics(metrics: Metrics) -> Int32[Array, "... M"]:
 
 
 def unstack_metrics(features: Int32[Array, "... F"], cells: int) -> Metrics:
-    """Returns `Metrics` of arrays ``[...]`` from the columns of `stack_metrics`, for grids of `cells` cells.
+    """Returns `Metrics` of arrays ``[...]`` from the columns of `stack_metrics`.
 
-    Further columns are ignored.
+    The grids have `cells` cells. Further columns are ignored.
     """
     columns = dict(zip(METRIC_NAMES, jnp.moveaxis(features, -1, 0), strict=False))
     return Metrics(**columns, coverage=_coverage(columns["tiles"], cells))
@@ -172,10 +172,11 @@ def _outside_alphabet(
 def _odd_numbers(
     straight: Bool[Array, " size"], step: int, longest: int, dtype: type
 ) -> Int[Array, " size"]:
-    """Returns 1, 3, 5, ... along each run of straight tiles and 0 elsewhere; the sum over a run of L is L².
+    """Returns 1, 3, 5, ... along each run of straight tiles and 0 elsewhere.
 
-    The length of the run up to each tile is found in rounds that double its reach: a tile that has
-    counted `reach` straight tiles adds the count of the tile that many steps back.
+    The sum over a run of L is L². The length of the run up to each tile is found in rounds that
+    double its reach: a tile that has counted `reach` straight tiles adds the count of the tile that
+    many steps back.
     """
     length = straight.astype(dtype)
     reach = 1

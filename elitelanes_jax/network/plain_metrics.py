@@ -1,4 +1,7 @@
-"""The metrics and some town features of one grid in NumPy alone: importing JAX takes longer than measuring a grid."""
+"""The metrics and some town features of one grid in NumPy alone.
+
+Importing JAX takes longer than measuring a grid.
+"""
 
 from collections.abc import Iterable
 
@@ -78,7 +81,10 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
 
 
 def count_tiles(grids: Int8[np.ndarray, "_ H W"]) -> dict[str, Real[np.ndarray, "..."]]:
-    """Counts many grids at once: the metrics of `plain_measure` that depend on single tiles and links."""
+    """Counts many grids at once.
+
+    The counts are metrics of `plain_measure` that depend on single tiles and links.
+    """
     connections = CONNECTIONS[grids]
     north, east = grids & NORTH > 0, grids & EAST > 0
     south, west = grids & SOUTH > 0, grids & WEST > 0
@@ -98,7 +104,10 @@ def count_tiles(grids: Int8[np.ndarray, "_ H W"]) -> dict[str, Real[np.ndarray, 
 
 
 def cut_to_roads(grid: AnyArray) -> AnyArray:
-    """Returns the smallest box that contains all tiles of a NumPy grid; a grid without tiles is returned whole."""
+    """Returns the smallest box that contains all tiles of a NumPy grid.
+
+    A grid without tiles is returned whole.
+    """
     rows, columns = np.flatnonzero(grid.any(axis=1)), np.flatnonzero(grid.any(axis=0))
     if rows.size == 0:
         return grid
@@ -106,7 +115,10 @@ def cut_to_roads(grid: AnyArray) -> AnyArray:
 
 
 def plain_town(grid: AnyArray) -> dict[str, int]:
-    """Measures the town features of one grid ``[H, W]`` that need no blocks and streets, as `measure_town` does."""
+    """Measures the town features of one grid ``[H, W]`` that need no blocks and streets.
+
+    The numbers are those of `measure_town`.
+    """
     codes = cut_to_roads(np.asarray(check_grid(grid)))
     metrics, road = plain_measure(codes), codes > 0
     tiles = max(metrics["tiles"], 1)

@@ -13,11 +13,12 @@ if TYPE_CHECKING:
 
 
 class Metrics(NamedTuple):
-    """The metrics of one network, int32 scalars, `coverage` a float32; or arrays ``[...]`` of many networks.
+    """The metrics of one network, or of many networks.
 
-    The graph's nodes are the non-empty tiles, its edges the links: neighbouring tiles that both
-    connect to each other. A connection that the neighbour does not return, or that leaves the grid,
-    is unmatched. Letters are the paper's (section "Evaluation Metrics").
+    They are int32 scalars, `coverage` a float32; or arrays ``[...]`` for many networks. The graph's
+    nodes are the non-empty tiles, its edges the links: neighbouring tiles that both connect to each
+    other. A connection that the neighbour does not return, or that leaves the grid, is unmatched.
+    Letters are the paper's (section "Evaluation Metrics").
 
     Attributes:
       components: connected components (CO).
@@ -74,7 +75,10 @@ METRIC_NAMES = Metrics._fields[:-1]
 
 
 def largest_metrics(shape: tuple[int, int]) -> dict[str, int]:
-    """Returns an upper bound of each metric in `METRIC_NAMES` on grids ``(height, width)``, by name."""
+    """Returns an upper bound of each metric in `METRIC_NAMES`, by name.
+
+    The bounds are those on grids ``(height, width)``.
+    """
     height, width = shape
     area, pairs = height * width, 2 * height * width - height - width
     # Most metrics count cells, and some count pairs of cells.
@@ -151,9 +155,10 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
 
 
 def largest_side(weights: Weights, more: int = 0) -> int:
-    """Returns the longest side of a square grid whose fitness always fits int32; 0 if the weights are too large.
+    """Returns the longest side of a square grid whose fitness always fits int32.
 
-    Ranges and other features add at most `more` in size.
+    The result is 0 if the weights are too large. Ranges and other features add at most `more` in
+    size.
     """
     fits = [
         side
@@ -252,7 +257,10 @@ TOWN_RATIOS = (
 
 
 def features_without_gaps(shape: tuple[int, int]) -> dict[str, int]:
-    """Returns the features that are equal on all grids ``(height, width)`` without empty cells, by name."""
+    """Returns the features that are equal on all grids without empty cells, by name.
+
+    The grids have the shape ``(height, width)``.
+    """
     border, length = (
         1000 * cells_on_border(shape) // (shape[0] * shape[1]),
         1000 * max(shape) // min(shape),

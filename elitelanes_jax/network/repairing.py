@@ -1,4 +1,7 @@
-"""Repair: makes neighbours return every connection, none across the border (paper, "Constraint Repair")."""
+"""Repair: makes neighbours return every connection, and removes those across the border.
+
+The method is that of the paper's section "Constraint Repair".
+"""
 
 from collections.abc import Callable
 from functools import cache, partial
@@ -138,7 +141,10 @@ def _mender(cells: PackedCells, fill: bool) -> Callable[..., UInt32[Array, " N"]
 
 
 def _at_other_end(cells: PackedCells, masks: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
-    """Returns, for the links to the east and south of each cell, the mask of the neighbour there."""
+    """Returns the mask of the neighbour at the other end of two links of each cell.
+
+    The links are those to the east and to the south.
+    """
     return cells.following(masks, 1) & _EAST | cells.following(masks, cells.width) & _SOUTH
 
 

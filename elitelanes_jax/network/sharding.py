@@ -84,10 +84,10 @@ def _on_shards(
     *,
     leaves_others: bool = False,
 ) -> R:
-    """Calls a function of a batch on each device, with the device's part of the arguments that are batched.
+    """Calls a function of a batch on each device.
 
-    `rows` is the axis of the batch in each result, `leaves_others` says whether the function
-    divides a batch further.
+    Each device gets its part of the arguments that are batched. `rows` is the axis of the batch in
+    each result, `leaves_others` says whether the function divides a batch further.
     """
     mesh_axis = _mesh_axis_of_batch(args, batched)
     if mesh_axis is None and leaves_others:
@@ -123,7 +123,10 @@ def _on_shards(
 
 
 def _mesh_axis_of_batch(args: tuple[Pytree, ...], batched: Pytree) -> Pytree:
-    """Returns the axis of the mesh, or the axes, that the batch is sharded over; None if it is whole."""
+    """Returns the axis of the mesh, or the axes, that the batch is sharded over.
+
+    Returns None if the batch is whole.
+    """
     leaves = jax.tree.leaves(args)
     for leaf, has_axis in zip(leaves, jax.tree.leaves(batched), strict=True):
         if not has_axis:

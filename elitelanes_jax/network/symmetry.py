@@ -36,9 +36,9 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
 
 @name_wrong_arguments
 def mirror(grid: AnyArray) -> AnyArray:
-    """Mirrors a grid of codes ``[H, W]`` east to west, as `numpy.fliplr` does; returns int8 ``[H, W]``.
+    """Mirrors a grid of codes ``[H, W]`` east to west, as `numpy.fliplr` does.
 
-    Raises `InputError` for a bad grid.
+    Returns int8 ``[H, W]``. Raises `InputError` for a bad grid.
     """
     with transfers():
         return _mirrored(check_grid(grid))
@@ -46,9 +46,9 @@ def mirror(grid: AnyArray) -> AnyArray:
 
 @name_wrong_arguments
 def canonical_form(grid: AnyArray) -> bytes:
-    """Returns bytes that are equal for a grid and its rotations and mirror images, and differ for other grids.
+    """Returns bytes that are equal for a grid and its rotations and mirror images.
 
-    Raises `InputError` for a bad grid.
+    The bytes of other grids differ. Raises `InputError` for a bad grid.
     """
     return next(canonical_forms(np.asarray(check_grid(grid), np.int8)[None]))
 
@@ -66,7 +66,10 @@ def canonical_forms(grids: Int8[np.ndarray, "B H W"]) -> Iterator[bytes]:
 
 
 def images_of(grids: AnyArray) -> list[AnyArray]:
-    """Returns the eight rotations and mirror images of checked grids ``[..., H, W]``, the grids themselves first."""
+    """Returns the eight rotations and mirror images of checked grids ``[..., H, W]``.
+
+    The first image is the grids themselves.
+    """
     images = []
     for image in (grids, _mirrored(grids)):
         for _ in range(4):

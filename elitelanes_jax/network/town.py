@@ -1,4 +1,7 @@
-"""The features of a town: blocks, streets, outline, symmetry, repetition and detours of one grid, as whole numbers."""
+"""The features of a town, as whole numbers.
+
+They describe the blocks, streets, outline, symmetry, repetition and detours of one grid.
+"""
 
 from functools import partial
 
@@ -97,7 +100,10 @@ def _least(numbers: Int32[Array, " N"]) -> Int32[Array, ""]:
 
 
 def _thousandths(part: Int[Array, ""], whole: Int[Array, ""]) -> Int32[Array, ""]:
-    """Returns floor(1000 · part / whole), 0 if the whole is 0; digit by digit, as the product may not fit int32."""
+    """Returns floor(1000 · part / whole), or 0 if the whole is 0.
+
+    The division goes digit by digit, because the product may not fit int32.
+    """
     rest, whole = part.astype(jnp.uint32), jnp.maximum(whole, 1).astype(jnp.uint32)
     result = rest // whole
     for _ in range(3):
@@ -124,7 +130,10 @@ def _label_faces(
 def _block_areas(
     east: Bool[Array, "H w"], south: Bool[Array, "h W"]
 ) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
-    """Returns the area of each inner face, 0 for labels without a face, and the number of inner faces."""
+    """Returns the area of each inner face, and the number of inner faces.
+
+    The area is 0 for a label without a face.
+    """
     layout = PaddedLayout(east.shape[0], south.shape[1])
     labels = _label_faces(layout, east, south)
     # The area of a block is its number of corners. The outer face, which is the first one, is no
@@ -136,7 +145,10 @@ def _block_areas(
 def _street_lengths(
     east: Bool[Array, "H w"], south: Bool[Array, "h W"]
 ) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
-    """Returns the number of links of each street, 0 for labels without a street, and the number of streets."""
+    """Returns the number of links of each street, and the number of streets.
+
+    The number of links is 0 for a label without a street.
+    """
     height, width = east.shape[0], south.shape[1]
     to_east, to_south = east.astype(jnp.int8), south.astype(jnp.int8)
     links = jnp.zeros((height, width), jnp.int8).at[:, :-1].add(to_east).at[:, 1:].add(to_east)
@@ -172,7 +184,11 @@ def _street_lengths(
 def _box(
     tile: Bool[Array, "H W"],
 ) -> tuple[tuple[Array, Array, Array, Array], Int32[Array, ""], Int32[Array, ""]]:
-    """Returns the first and last row and column with tiles, and the box's height and width, 0 without tiles."""
+    """Returns the ends of the box around all tiles, and the box's height and width.
+
+    The ends are the first and last row, and the first and last column, with tiles. Without tiles,
+    height and width are 0.
+    """
     ends = []
     for cells in (tile.any(axis=1), tile.any(axis=0)):
         ends += [
@@ -191,7 +207,10 @@ def _box(
 def _most_alike(
     tile: Bool[Array, "H W"], box: tuple[Array, Array, Array, Array]
 ) -> Int32[Array, ""]:
-    """Returns the largest number of cells of the box that agree with a mirror image or half turn of it."""
+    """Returns the largest number of cells of the box that agree with an image of it.
+
+    The images are two mirror images and the half turn.
+    """
     north, south, west, east = box
     rows, columns = np.arange(tile.shape[0]), np.arange(tile.shape[1])
     inside = ((rows >= north) & (rows <= south))[:, None] & ((columns >= west) & (columns <= east))[
@@ -208,7 +227,10 @@ def _most_alike(
 
 
 def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
-    """Counts the tiles whose neighbourhood of 3 x 3 cells equals that of another tile; outside, cells are empty."""
+    """Counts the tiles whose neighbourhood of 3 x 3 cells equals that of another tile.
+
+    Cells outside the grid are empty.
+    """
     height, width = grid.shape
     padded = jnp.pad(grid, 1).astype(jnp.uint32)
     around = [
@@ -244,7 +266,11 @@ def _signable(
 
 
 def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array, ""]:
-    """Returns `mean_detour`: extends the tiles that each tile reaches link by link, until a round adds none."""
+    """Returns the `mean_detour` of a grid with these links.
+
+    Each round extends the tiles that each tile reaches by one link. The rounds end when one adds no
+    tile.
+    """
     height, width = east.shape[0], south.shape[1]
     cells = height * width
     start = jnp.eye(cells, dtype=bool).reshape(cells, height, width)

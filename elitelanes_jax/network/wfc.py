@@ -1,9 +1,9 @@
-"""Wave Function Collapse (paper, section "Wave Function Collapse for Road Networks"), in NumPy alone.
+"""Wave Function Collapse in NumPy alone.
 
-Each cell has a domain: the codes that it may still take, as the bits of a number. In each step the
-cell with the smallest domain takes one of its codes at random. Codes that no longer fit are removed
-from the neighbours' domains, and so on outwards. An empty domain is a contradiction: the grid
-starts again.
+The method is that of the paper's section "Wave Function Collapse for Road Networks". Each cell has
+a domain: the codes that it may still take, as the bits of a number. In each step the cell with the
+smallest domain takes one of its codes at random. Codes that no longer fit are removed from the
+neighbours' domains, and so on outwards. An empty domain is a contradiction: the grid starts again.
 
 Many grids are collapsed together, with their cells end to end in one vector. Guard cells, whose
 domain never changes, surround each grid, so that a neighbour is a shift and nothing passes from
@@ -211,7 +211,10 @@ def _start(
 def _propagate(
     rules: _Rules, cells: Domains, changed: NDArray[np.int_], stride: int
 ) -> NDArray[np.int_]:
-    """Removes, in place, the codes that changed cells no longer allow; returns the cells with empty domains."""
+    """Removes, in place, the codes that changed cells no longer allow.
+
+    Returns the cells with empty domains.
+    """
     steps = np.array([[-stride], [1], [stride], [-1]])
     empty = [changed[:0]]
     while changed.size:

@@ -1,4 +1,7 @@
-"""Arithmetic, control flow and layouts whose form suits XLA. Gains were measured on one core of a CPU at 12 x 12."""
+"""Arithmetic, control flow and layouts whose form suits XLA.
+
+Gains were measured on one core of a CPU at 12 x 12.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
@@ -48,11 +51,12 @@ def multiply(value: Int32[Array, "..."], factor: Int32[Array, "..."]) -> Int32[A
 
 @jax.custom_jvp
 def rounded(product: Float[ArrayLike, "..."]) -> Float32[Array, "..."]:
-    """Rounds a float32 product towards 0 to 23 of its 24 bits, so that every program adds the same number to a sum.
+    """Rounds a float32 product towards 0 to 23 of its 24 bits.
 
-    Compilers turn a product and a sum into one instruction, which does not round the product. They
-    do so in one program and not in another. They cannot do so if bits of the product are changed
-    first. The derivative is that of the product.
+    Therefore every program adds the same number to a sum. Compilers turn a product and a sum into
+    one instruction, which does not round the product. They do so in one program and not in another.
+    They cannot do so if bits of the product are changed first. The derivative is that of the
+    product.
     """
     bits = lax.bitcast_convert_type(jnp.asarray(product, jnp.float32), jnp.int32)
     return lax.bitcast_convert_type(bits & -2, jnp.float32)
@@ -116,12 +120,12 @@ mlir.register_lowering(_materialize, mlir.lower_fun(_store, multiple_results=Fal
 
 
 def once(compute: Callable[[], _Tree]) -> _Tree:
-    """Returns the result of `compute`, a pytree of arrays, for use in compiled code; XLA computes it once.
+    """Returns the result of `compute`, which XLA computes once in compiled code.
 
-    XLA for processors fuses arithmetic into each of its uses, so that many uses of a long formula
-    repeat it. It never fuses into a branch. Therefore this is a branch that is always taken, which
-    the barrier hides from XLA. GPUs have no barrier, so that XLA removes the branch, because a GPU
-    waits for the processor whenever it checks a condition.
+    The result is a pytree of arrays. XLA for processors fuses arithmetic into each of its uses, so
+    that many uses of a long formula repeat it. It never fuses into a branch. Therefore this is a
+    branch that is always taken, which the barrier hides from XLA. GPUs have no barrier, so that XLA
+    removes the branch, because a GPU waits for the processor whenever it checks a condition.
 
     `materialize` does the same for the small arrays of a search, within batches. It fills and
     copies each array before: 6 us for 120 x 160 numbers.
@@ -208,10 +212,12 @@ def _(axis_size: int, batched: list[bool], values: Array, indices: Array) -> tup
 
 
 class PaddedLayout(NamedTuple):
-    """The layout of a grid as one vector, so that every neighbour is a shift of a long contiguous vector.
+    """The layout of a grid as one vector, in which every neighbour is a shift.
 
-    Each row of the grid ends in one empty guard cell, and an empty row is above and below the grid. Beyond the border a
-    tile then sees an empty cell, and no kernel needs a special case::
+    Each shift is a long contiguous vector.
+
+    Each row of the grid ends in one empty guard cell, and an empty row is above and below the grid.
+    Beyond the border a tile then sees an empty cell, and no kernel needs a special case::
 
         . . . . .        . is empty padding; a row of W tiles has the stride W + 1
         a b c d .
@@ -268,12 +274,12 @@ _SHIFTS = np.arange(_CELLS, dtype=np.uint32)[None] * _BITS
 
 
 class PackedCells(NamedTuple):
-    """The layout of a grid with eight cells in a word, four bits each: the bits of a code, or masks of sides.
+    """The layout of a grid with eight cells in a word, four bits each.
 
-    The cells form one long vector, row by row. After the last row there are empty cells, at least
-    one more than a row has. Many grids can then be joined to one vector, every neighbour is a shift
-    of it, and what a shift brings in from the next grid is empty. A step on all cells takes a few
-    operations on few words.
+    The bits of a cell are its code, or a mask of sides. The cells form one long vector, row by row.
+    After the last row there are empty cells, at least one more than a row has. Many grids can then
+    be joined to one vector, every neighbour is a shift of it, and what a shift brings in from the
+    next grid is empty. A step on all cells takes a few operations on few words.
     """
 
     height: int
@@ -294,7 +300,10 @@ class PackedCells(NamedTuple):
         return cells[: self.height * self.width].reshape(self.height, self.width)
 
     def following(self, words: UInt32[Array, " M"], cells: int) -> UInt32[Array, " M"]:
-        """Returns for each cell the cell that many positions later, of one grid or of several joined grids."""
+        """Returns for each cell the cell that is `cells` positions later.
+
+        The words are those of one grid, or of several joined grids.
+        """
         # The eight cells of a result come from two neighbouring words.
         step, bits = divmod(cells * _BITS, 32)
         ahead = jnp.pad(words, (0, step + 1))
@@ -304,7 +313,10 @@ class PackedCells(NamedTuple):
         return near >> bits | far << (32 - bits) if bits else near
 
     def preceding(self, words: UInt32[Array, " M"], cells: int) -> UInt32[Array, " M"]:
-        """Returns for each cell the cell that many positions earlier, of one grid or of several joined grids."""
+        """Returns for each cell the cell that is `cells` positions earlier.
+
+        The words are those of one grid, or of several joined grids.
+        """
         # The eight cells of a result come from two neighbouring words.
         step, bits = divmod(cells * _BITS, 32)
         behind = jnp.pad(words, (step + 1, 0))
