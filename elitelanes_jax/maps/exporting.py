@@ -65,7 +65,10 @@ _SHARP_PX, _MOST_PX, _LEAST_PX = 256, 8192, 16
 
 
 def without_ends(road_map: RoadMap, dead_ends: str | None = None) -> RoadMap:
-    """Returns a map, if asked for without roads that lead nowhere; raises `InputError` if it has no others."""
+    """Returns a map, without roads that lead nowhere if `dead_ends` asks for it.
+
+    Raises `InputError` if all roads of the map lead nowhere.
+    """
     if dead_ends is None:
         return road_map
     codes = formats.without_dead_ends(road_map.codes)
@@ -102,8 +105,9 @@ def _without_lanes_of_sdk(road_map: RoadMap) -> list[str]:
         return []
     row, column = crossings[0]
     return [
-        f"duckietown-sdk 0.2.0 has no lanes on 4-way tiles, here {len(crossings)}, the first at row {row}, column "
-        f"{column}; generate --where crossings4=0..0 makes maps without them"
+        f"duckietown-sdk 0.2.0 has no lanes on 4-way tiles, here {len(crossings)}, "
+        f"the first at row {row}, column {column}; "
+        "generate --where crossings4=0..0 makes maps without them"
     ]
 
 
@@ -155,7 +159,10 @@ def lane_offset_of(tiles: "TileSet | None") -> float:
 def _floor(
     road_map: RoadMap, tiles: "TileSet | None" = None, tile_px: int | None = None, **size: float
 ) -> tuple[bytes, float, "list[formats.Standing]"]:
-    """Returns the picture of a map with its tags, the side of a tile, and the objects that stand on the map."""
+    """Returns the picture of a map, the side of a tile, and the objects on the map.
+
+    The picture shows the tags on the floor. The objects are those that stand on the map.
+    """
     # Drawing needs OpenCV, which other formats do not wait for.
     from elitelanes_jax.tiles.rendering import png_of, render, stand
 
@@ -226,7 +233,8 @@ class FormatOptions(Record):
 
     Attributes:
       tile_size: side of a tile; by default 0.585, as Duckietown has it, or 30 for networks
-      dead_ends: grass: remove roads that lead nowhere, in the formats of Duckietown, which refuse them by default
+      dead_ends: grass: remove roads that lead nowhere, in the formats of Duckietown, which refuse
+        them by default
       lane: width of a network's lanes; by default 3.2
       speed: limit in a network, in metres a second; by default 8.33
       right_of_way: at a network's crossings: allway_stop (the default), priority,
@@ -251,9 +259,9 @@ class FormatOptions(Record):
         return {key: value for key, value in self.values().items() if value is not None}
 
     def loaded(self) -> dict[str, UserValue]:
-        """Returns the chosen settings with the tile set in place of its folder, so that all maps have equal tiles.
+        """Returns the chosen settings with the tile set in place of its folder.
 
-        Raises `InputError` for a bad tile set.
+        Therefore all maps have equal tiles. Raises `InputError` for a bad tile set.
         """
         settings = self.chosen()
         if self.tiles is not None:

@@ -1,4 +1,7 @@
-"""What does not fit in a map that somebody drew or changed by hand: roads that end, and signs of other crossings."""
+"""What does not fit in a map that somebody drew or changed by hand.
+
+The faults are roads that end, and signs of other crossings.
+"""
 
 from typing import NamedTuple
 
@@ -52,7 +55,10 @@ class SignFaults(NamedTuple):
 
 
 def count_sign_faults(road_map: RoadMap) -> SignFaults:
-    """Counts the signs that do not fit the crossings, and the crossings that have none while others have."""
+    """Counts the signs that do not fit the crossings, and the crossings without signs.
+
+    Crossings without signs count if other crossings have signs.
+    """
     arms = crossings(road_map.codes)
     # A crossing without free corners has no room for signs, so it cannot lack them.
     bare = {tile for tile in arms if has_free_corners(road_map.codes, tile)}
@@ -71,7 +77,10 @@ def count_sign_faults(road_map: RoadMap) -> SignFaults:
 
 
 def _wrong_signs(road_map: RoadMap) -> list[str]:
-    """Says how many signs do not fit the crossings, and how many crossings have none while others have."""
+    """Says how many signs do not fit the crossings, and how many crossings have no signs.
+
+    Crossings without signs count if other crossings have signs.
+    """
     faults = count_sign_faults(road_map)
     parts = []
     if faults.wrong:
@@ -85,7 +94,11 @@ def _wrong_signs(road_map: RoadMap) -> list[str]:
 
 
 def _fits(sign: MapObject, sides: list[int]) -> bool:
-    """Returns whether a driver reads a sign at the end of an arm of its crossing, and it shows that crossing."""
+    """Returns whether a sign fits its crossing.
+
+    A driver at the end of an arm of the crossing has to read it, and it has to show that crossing.
+    A traffic light always fits.
+    """
     if sign.kind == "trafficlight":
         return True
     heading = heading_of_reader(sign)

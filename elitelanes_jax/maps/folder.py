@@ -1,4 +1,7 @@
-"""The files of a folder of maps: each map with its picture and its masks, and a sheet with all of them."""
+"""The files of a folder of maps.
+
+Each map has a picture and masks, and a sheet shows all maps.
+"""
 
 import re
 from collections.abc import Sequence
@@ -59,9 +62,10 @@ class Drawing(NamedTuple):
 def write_maps(
     folder: Path, maps: Sequence[RoadMap], title: str, drawing: Drawing
 ) -> list[RoadMap]:
-    """Writes each map to its own folder, ``maps/0000`` and so on, and the contact sheet; returns the maps as drawn.
+    """Writes each map to its own folder, and the contact sheet; returns the maps as drawn.
 
-    The maps have one size, and metrics. Raises `InputError` if the objects do not fit on a map.
+    The folders are ``maps/0000`` and so on. The maps have one size, and metrics. Raises
+    `InputError` if the objects do not fit on a map.
     """
     if drawing.furnish is not None:
         place = partial(
@@ -162,7 +166,8 @@ def _caption(index: int, road_map: RoadMap) -> tuple[str, ...]:
     metrics = road_map.metrics or {}
     lines = [
         f"{index:04d}   fitness {road_map.fitness}",
-        f"cyclomatic {metrics['cyclomatic']}, crossings {metrics['crossings']}, bridges {metrics['bridges']}",
+        f"cyclomatic {metrics['cyclomatic']}, crossings {metrics['crossings']}, "
+        f"bridges {metrics['bridges']}",
         f"adjacent: crossings {metrics['adjacent_crossings']}, turns {metrics['adjacent_turns']}; "
         f"straight {metrics['straight_score']}",
     ]

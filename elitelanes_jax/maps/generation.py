@@ -1,4 +1,7 @@
-"""From a specification to a folder of road maps: the search, the chosen maps, their files, and the run's record."""
+"""From a specification to a folder of road maps.
+
+The folder has the chosen maps of a search, their files, and the run's record.
+"""
 
 import time
 from pathlib import Path
@@ -90,7 +93,10 @@ def generate(
 def generate_planned(
     run: PlannedRun, out: str | Path, *, force: bool = False, pool: Pool | None = None
 ) -> list[RoadMap]:
-    """Evolves the maps of a planned run; the other arguments, and the errors, are those of `generate`."""
+    """Evolves the maps of a planned run.
+
+    The other arguments, and the errors, are those of `generate`.
+    """
     out = Path(check_named("out", path, out))
     # A folder that contains one of these files is not replaced.
     inputs = [*run.spec.inputs, *run.search.inputs]
@@ -139,9 +145,10 @@ def _evolve(run: PlannedRun, checkpoint: Path) -> Evolved:
 
 
 def _evolve_on(pool: Pool, run: PlannedRun, folder: Path) -> Evolved:
-    """Evolves the seeds of a run on an executor's workers, and keeps the parts if the search was long.
+    """Evolves the seeds of a run on an executor's workers.
 
-    The seconds are the sum over the parts, as in `merge`.
+    The parts are kept if the search was long. The seconds are the sum over the parts, as in
+    `merge`.
     """
     keys = keys_of_seeds(run.spec.seed, run.spec.seed_indices)
     parts = evolve_parts(run.search, keys, pool, folder=folder)
@@ -174,7 +181,8 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
     if choice is not None:
         title = (
             f"{pluralize(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, "
-            f"{search.settings.method}, {pluralize(spec.seeds, 'seed')}, {_budget(search)}, seed {spec.seed}"
+            f"{search.settings.method}, {pluralize(spec.seeds, 'seed')}, {_budget(search)}, "
+            f"seed {spec.seed}"
         )
         drawing = Drawing(tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
         maps = write_maps(folder, choice.maps, title, drawing)

@@ -48,7 +48,8 @@ class GivenMaps:
         if self.left_out:
             total = pluralize(len(self.maps) + self.left_out, "map")
             announce(
-                f"{self.left_out} of {total} left out: the same as another one when moved, rotated or mirrored"
+                f"{self.left_out} of {total} left out: "
+                "the same as another one when moved, rotated or mirrored"
             )
 
     @property
@@ -60,7 +61,9 @@ class GivenMaps:
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
-    """Reads maps, and measures metrics that are missing; raises `InputError`, which names a bad file or folder.
+    """Reads maps, and measures metrics that are missing.
+
+    Raises `InputError`, which names a bad file or folder.
 
     The sources are one map or several, as `as_maps` takes them; or folders, whose maps are those of
     a dataset or a pack, or all files ``map.json`` in them, or without any the files ``.json``,
@@ -141,7 +144,10 @@ def _read_path(source: Path) -> list[_SourceMap]:
 
 
 def map_files(source: Path) -> list[Path]:
-    """Returns the files of maps in a folder, as `parse_given` finds them, or the file itself; raises `InputError`."""
+    """Returns the files of maps in a folder, as `parse_given` finds them.
+
+    For a file, returns the file itself. Raises `InputError` for a folder without maps.
+    """
     # A folder of layers is one map itself.
     if not is_folder(source) or is_layers(source):
         return [source]
@@ -222,7 +228,10 @@ def _read_dataset(folder: Path) -> list[_SourceMap]:
 
 
 def _read_sample(line: str) -> tuple[int, RoadMap]:
-    """Reads the number and the map of a sample in a line of metadata; raises `ValueError` for other lines."""
+    """Reads the number and the map of a sample in a line of metadata.
+
+    Raises `ValueError` for other lines.
+    """
     sample = parse_json(line)
     if not isinstance(sample, dict) or not is_whole(sample.get("number")):
         raise InputError(f"expected a sample with a number, got {shorten(line)}")

@@ -1,4 +1,7 @@
-"""From maps to a pack: their files for other programs by niche, splits with held-out niches, and trips to drive."""
+"""From maps to a pack for other programs and for learning.
+
+A pack has the maps' files by niche, splits with held-out niches, and trips to drive.
+"""
 
 import json
 from collections import Counter
@@ -130,7 +133,10 @@ def pack(
 
 
 def _announce_limits(spec: PackSpec, written: Sequence[RoadMap]) -> None:
-    """Says for each format how many maps have a part that its programs cannot use, and which part the first one has."""
+    """Says for each format how many maps have a part that its programs cannot use.
+
+    The message describes the part that the first of these maps has.
+    """
     for to in spec.to:
         limits = []
         for road_map in written:
@@ -156,9 +162,10 @@ def _settings_of(to: str, settings: Mapping[str, UserValue]) -> dict[str, UserVa
 
 
 def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
-    """Assigns whole niches to splits, in a random order: each to the split that lacks most maps; none stays empty.
+    """Assigns whole niches to splits, in a random order.
 
-    Niches with maps that are alike, see `group_alike`, are in one split.
+    Each niche goes to the split that lacks most maps. No split stays empty. Niches with maps that
+    are alike, see `group_alike`, are in one split.
     """
     niches = [_name_niche(road_map) for road_map in maps]
     # Around the roads, people leave any number of empty rows and columns. With these, all small
@@ -176,7 +183,10 @@ def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Town]:
         distinct_niches = len(set(niches))
         got = f"{distinct_niches} in all"
         if distinct_niches > len(counts):
-            got += f", in {pluralize(len(counts), 'group')} with maps that differ in less than {100 * ALIKE:g} %"
+            got += (
+                f", in {pluralize(len(counts), 'group')} with maps that differ in "
+                f"less than {100 * ALIKE:g} %"
+            )
         hint = "; a split of 1 0 0 trains on all"
         raise InputError(
             f"split: expected a niche for each of {len(lacking)} splits, got {got}{hint}"
@@ -221,10 +231,10 @@ def _shuffle_groups(seed: int, groups: Sequence[int], niches: Sequence[str]) -> 
 def _write(
     spec: PackSpec, town: _Town, written: RoadMap, folder: Path, settings: Mapping[str, UserValue]
 ) -> dict[str, Plain]:
-    """Writes the files of a map, those of formats only if one does not exist; returns its row of the table.
+    """Writes the files of a map; returns its row of the table.
 
-    `written` is the map as formats without dead ends have it. `settings` are those of all formats,
-    with their tile set.
+    The files of a format are written only if one of them does not exist. `written` is the map as
+    formats without dead ends have it. `settings` are those of all formats, with their tile set.
     """
     graph = lane_graph(town.road_map.codes)
     # A trip must not lead to a road that the formats lack.
@@ -263,7 +273,10 @@ def _write(
 
 
 def _write_splits(spec: PackSpec, towns: Sequence[_Town], folder: Path) -> dict[str, Plain]:
-    """Writes the list of each split and its indices; returns the numbers of its maps and niches, if it has any."""
+    """Writes the list of each split and its indices.
+
+    Returns the numbers of maps and niches of each split that has maps.
+    """
     numbers: dict[str, Plain] = {}
     for split in SPLITS:
         in_split = [town for town in towns if town.split == split]
@@ -299,7 +312,10 @@ def _node(trip: Mapping[str, Plain], end: str) -> LaneNode:
 def _trips(
     spec: PackSpec, town: _Town, graph: LaneGraph, lane_offset: float = LANE_OFFSET
 ) -> list[dict[str, Plain]]:
-    """Draws starts and goals between the tiles, with the exact length of the shortest way, in tiles."""
+    """Draws starts and goals between the tiles.
+
+    Each trip has the exact length of the shortest way, in tiles.
+    """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
@@ -340,16 +356,20 @@ def _card(
     lines = [
         "# A pack of road maps",
         "",
-        f"{len(rows):,} maps of a miniature city, and {spec.trips} trips on each. Made by Elite Lanes JAX {version}.",
+        f"{len(rows):,} maps of a miniature city, and {spec.trips} trips on each. "
+        f"Made by Elite Lanes JAX {version}.",
         "",
     ]
     lines += _table_of_splits(about["splits"], rows)
     lines += [
         "",
-        "The numbers are the least, the median and the largest of the split. `lanes` counts ways across a tile. "
-        "`trip` is a map's mean trip, in tiles. No niche is in two splits. Maps of two splits differ in at least "
-        f"{100 * ALIKE:g} % of their tiles, even if they are moved, rotated or mirrored. Empty rows and columns "
-        "around the roads do not count as tiles. A map's id is the same for all maps with the same roads.",
+        "The numbers are the least, the median and the largest of the split. "
+        "`lanes` counts ways across a tile. `trip` is a map's mean trip, in tiles. "
+        "No niche is in two splits. "
+        f"Maps of two splits differ in at least {100 * ALIKE:g} % of their tiles, "
+        "even if they are moved, rotated or mirrored. "
+        "Empty rows and columns around the roads do not count as tiles. "
+        "A map's id is the same for all maps with the same roads.",
         "",
         "| file | content |",
         "|---|---|",
@@ -370,8 +390,9 @@ def _card(
         f"| `{RECORD}` | settings and versions |",
         f"| `{SUMS}` | checksums: `sha256sum -c {SUMS}` |",
         "",
-        "A trip starts where a tile is entered and ends where another one is: row, column, and heading, 0 north, "
-        "1 east, 2 south, 3 west. Its length is measured along the lanes' centres, "
+        "A trip starts where a tile is entered and ends where another one is: "
+        "row, column, and heading, 0 north, 1 east, 2 south, 3 west. "
+        "Its length is measured along the lanes' centres, "
         f"{lane_offset:g} tile right of the middle of the road. Nobody turns back.",
         "",
         f"Settings: `{json.dumps(about['settings'])}`",
@@ -381,7 +402,10 @@ def _card(
 
 
 def _table_of_splits(splits: Mapping[str, Plain], rows: Sequence[Mapping[str, Plain]]) -> list[str]:
-    """Returns the lines of a table with a column for each split: its maps, its niches, and what was measured."""
+    """Returns the lines of a table with a column for each split.
+
+    The rows are its maps, its niches, and what was measured.
+    """
     parts = {name: [row for row in rows if row["split"] == name] for name in splits}
     lines = [
         _table_row("", parts),

@@ -29,9 +29,10 @@ _EXPECTED = "expected a part of a run, made by elitelanes generate --part"
 def merge(
     parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False
 ) -> list[RoadMap]:
-    """Joins the parts of a run, and writes the folder that `generate` writes without parts, byte for byte.
+    """Joins the parts of a run, and writes the folder that `generate` writes without parts.
 
-    In ``run.json`` the seconds are the sum over the parts, and the speed is their median.
+    The files are the same, byte for byte, except for the times: in ``run.json`` the seconds are the
+    sum over the parts, and the speed is their median.
 
     Args:
       parts: folders, in any order.
@@ -128,7 +129,8 @@ def order_parts(
         # Two parts may have the same index, if a folder is a copy of another one.
         if index in by_index:
             raise InputError(
-                f"{folder}: expected each part once, got {index}/{count} again, after {by_index[index]}"
+                f"{folder}: expected each part once, "
+                f"got {index}/{count} again, after {by_index[index]}"
             )
         by_index[index] = folder
     missing = [f"{index}/{count}" for index in range(1, count + 1) if index not in by_index]
@@ -141,7 +143,8 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     # A part that was interrupted has only a hidden folder.
     if not folder.exists() and has_unfinished(folder):
         raise InputError(
-            f"{folder}: expected a complete part, got unfinished work; the same command completes it"
+            f"{folder}: expected a complete part, got unfinished work; "
+            "the same command completes it"
         )
     try:
         record = read_json(folder / RECORD)
@@ -180,7 +183,8 @@ def _read_archive(folder: Path, run: PlannedRun, part: tuple[int, int], archive:
     if result.search != run.search:
         if has_other_alphabet(result.search, run.search):
             raise InputError(
-                f"{folder}: expected a part for the tile set {run.tiles.name!r}, got one for another set"
+                f"{folder}: expected a part for the tile set {run.tiles.name!r}, "
+                "got one for another set"
             )
         raise InputError(f"{file}: expected the search in {RECORD} next to it, got another search")
     seeds = len(run.spec.replace(part=part).seed_indices)

@@ -56,10 +56,10 @@ def pick(
     force: bool = False,
     force_archive: bool = False,
 ) -> list[RoadMap]:
-    """Chooses maps among the elites of earlier searches, and writes them to a new folder, whole or not at all.
+    """Chooses maps among the elites of earlier searches, and writes them to a new folder.
 
-    From the archive of one search it chooses the same maps as `generate` with the same number of
-    maps.
+    The folder is written whole or not at all. From the archive of one search it chooses the same
+    maps as `generate` with the same number of maps.
 
     Args:
       spec: the specification of the choice.
@@ -112,7 +112,9 @@ def pick(
 def write_result(
     result: Result, out: str | Path, maps: int = 16, *, force: bool = False, **options: UserValue
 ) -> list[RoadMap]:
-    """Writes the folder that `generate` writes: chosen maps with pictures and masks, a sheet, and the archive.
+    """Writes the folder that `generate` writes.
+
+    It has chosen maps with pictures and masks, a sheet, and the archive.
 
     Args:
       result: the result of `evolve`.
@@ -161,7 +163,10 @@ def _with_seeds(result: Result) -> Result:
 
 
 def _foreign_or_archive(folder: Path) -> str | None:
-    """Returns the first file in a folder that `generate` and `pick` did not write, or its archive, or None."""
+    """Returns the first file in a folder that `generate` and `pick` did not write.
+
+    If there is none, returns the folder's archive with a reason, or None without an archive.
+    """
     foreign = foreign_to_maps(folder)
     if foreign is None and (folder / ARCHIVE).exists():
         return f"{ARCHIVE}, which pick does not write again; force_archive=True replaces it too"
@@ -202,7 +207,10 @@ def _resolve_choice(spec: PickSpec, sources: Sequence[_Source]) -> Search:
 
 
 def _measured(search: Search, sources: Sequence[_Source]) -> list[str]:
-    """Returns the maps' features beside metrics: those that the choice uses, and those that all archives have."""
+    """Returns the maps' features besides metrics.
+
+    They are those that the choice uses, and those that all archives have.
+    """
     # Features that the choice uses must be measured. Town features can be measured again from the
     # grids.
     used = {axis.metric for axis in search.axes}
@@ -224,7 +232,10 @@ def _write_choice(
     tiles: TileSet,
     hint: str | None = None,
 ) -> tuple[list[RoadMap], dict[str, Plain]]:
-    """Chooses maps among all sources, and writes them; returns them and the entries of the record about the choice."""
+    """Chooses maps among all sources, and writes them.
+
+    Returns the maps and the entries of the record about the choice.
+    """
     elites = _join(sources, search, tiles)
     size = "{} x {} tiles".format(*search.shape)
     announce(
@@ -297,7 +308,10 @@ def _join(sources: Sequence[_Source], search: Search, tiles: TileSet) -> Measure
 
 
 def _stack(arrays: Sequence[AnyArray]) -> AnyArray:
-    """Joins arrays ``[S, N, ...]`` along the seeds, padded with zeros to the largest number of slots N."""
+    """Joins arrays ``[S, N, ...]`` along the seeds.
+
+    Arrays are padded with zeros to the largest number of slots N.
+    """
     slots = max(array.shape[1] for array in arrays)
     padded = []
     for array in arrays:

@@ -1,4 +1,7 @@
-"""From a specification to a planned run: the tiles are read and the search is resolved, before JAX is imported."""
+"""From a specification to a planned run, before JAX is imported.
+
+The tiles are read, and the search is resolved.
+"""
 
 from typing import NamedTuple
 
@@ -71,7 +74,10 @@ def resolve_to_draw(spec: SearchSpec, shape: tuple[int, int], tiles: TileSet) ->
 
 
 def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
-    """Refuses objects for which no map of a search has room, and signs for which some maps have none."""
+    """Refuses objects for which no map of a search has room.
+
+    Also refuses signs for which some maps have no room.
+    """
     settings = search.settings
     # With `signable=1` all crossings of a map have room for their signs.
     all_signable = any(item.name == "signable" and item.low == 1 for item in search.ranges)
@@ -82,16 +88,18 @@ def check_furnishable(furnish: FurnishSpec, search: Search) -> None:
         and not _lacks_crossings(search)
     ):
         raise InputError(
-            "furnish: expected rules=duckietown, or an inventory and where signable=1, with signs at every crossing, "
-            "got neither; signs=possible leaves out crossings that have a road at a corner"
+            "furnish: expected rules=duckietown, or an inventory and where signable=1, "
+            "with signs at every crossing, got neither; "
+            "signs=possible leaves out crossings that have a road at a corner"
         )
     # A search with fixed cells does not fill all cells: these may be empty, or leave free cells
     # empty between them.
     if furnish.on_blocks and search.fills_all_cells:
         asked = " ".join(f"{name}={amount:g}" for name, amount in furnish.on_blocks.items())
         raise InputError(
-            f"furnish: expected rules=duckietown or a style such as town with {asked}, got a search whose maps have no "
-            "cells without road; a share below 1 places as many as fit"
+            f"furnish: expected rules=duckietown or a style such as town with {asked}, "
+            "got a search whose maps have no cells without road; "
+            "a share below 1 places as many as fit"
         )
 
 

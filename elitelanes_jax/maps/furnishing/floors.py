@@ -1,4 +1,7 @@
-"""The size of the largest map that a floor has room for, with the signs and lights that stand beside its roads."""
+"""The size of the largest map that a floor has room for.
+
+The floor also has room for the signs and lights that stand beside the map's roads.
+"""
 
 from functools import cache
 from math import ceil
@@ -19,7 +22,9 @@ _ROUNDING = 1e-9
 
 @name_wrong_arguments
 def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
-    """Returns the rows and columns of the largest map of tiles of 0.585 m for a floor, with `floor_margin` around it.
+    """Returns the rows and columns of the largest map for a floor.
+
+    The map has tiles of 0.585 m, and `floor_margin` around it.
 
     Args:
       width: the width of the floor, metres from west to east.

@@ -66,7 +66,10 @@ def furnish(
 
 
 def _place_controls(space: Space, spec: FurnishSpec, tags: Tags, seed: int) -> None:
-    """Adds the signs and the lights of crossings; raises `InputError` if an object is in the way of one."""
+    """Adds the signs and the lights of crossings.
+
+    Raises `InputError` if an object is in the way of one.
+    """
     arms = crossings(space.codes)
     free = [crossing for crossing in arms if has_free_corners(space.codes, crossing)]
     # Scenery draws from `[seed, 0]` and so on. This stream differs from all of them.
@@ -87,6 +90,7 @@ def _place_controls(space: Space, spec: FurnishSpec, tags: Tags, seed: int) -> N
     for thing in controls:
         if not space.is_clear(thing):
             raise InputError(
-                f"objects: expected none in the way of {thing.kind} at x {thing.x:g}, y {thing.y:g}, got one"
+                f"objects: expected none in the way of {thing.kind} "
+                f"at x {thing.x:g}, y {thing.y:g}, got one"
             )
         space.add(thing)

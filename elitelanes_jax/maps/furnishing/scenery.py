@@ -60,7 +60,10 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
 def _check_count(
     name: str, scenery: "_Scenery", count: int, codes: Int8[np.ndarray, "H W"]
 ) -> None:
-    """Raises `InputError` if the area has no room for objects: tries for 100,000 would take half an hour."""
+    """Raises `InputError` if the area has no room for objects.
+
+    Without this check, tries for 100,000 objects would take half an hour.
+    """
     # At angle 0 the outline is along the axes, so its corners give length and width.
     outline = outline_of(make_object(scenery.kind, 0, 0, 0))
     length = 2 * max(x for x, _ in outline)

@@ -40,7 +40,10 @@ CONTROLS = ("sign_stop", "sign_t_light_ahead")
 
 
 def crossings(codes: NDArray[np.int8]) -> dict[Cell, list[int]]:
-    """Returns the sides, as indices of `SIDES`, by which each crossing is linked, in the order of rows."""
+    """Returns the sides by which each crossing is linked, as indices of `SIDES`.
+
+    The crossings are in the order of rows.
+    """
     arms = {}
     for tile, neighbours in linked_tiles(codes).items():
         if len(neighbours) > 2:
@@ -49,7 +52,10 @@ def crossings(codes: NDArray[np.int8]) -> dict[Cell, list[int]]:
 
 
 def has_free_corners(codes: NDArray[np.int8], crossing: Cell) -> bool:
-    """Returns whether the four cells diagonally next to a crossing have no road or are outside the map."""
+    """Returns whether no cell diagonally next to a crossing has a road.
+
+    Cells outside the map have none.
+    """
     height, width = codes.shape
     for down, right in CORNERS:
         row, column = crossing[0] + down, crossing[1] + right
@@ -61,11 +67,12 @@ def has_free_corners(codes: NDArray[np.int8], crossing: Cell) -> bool:
 def place_signs(
     arms: Mapping[Cell, list[int]], free: set[Cell], which: str, lit: set[Cell]
 ) -> list[MapObject]:
-    """Returns the signs of all crossings, without tags: for each stop line the topology, then the control.
+    """Returns the signs of all crossings, without tags.
 
-    `arms` has the sides of the roads at each crossing. The crossings in `lit` have traffic lights.
-    Crossings that are not `free`, because a road is at a corner, are left out if `which` is
-    "possible", and raise `InputError` if it is "all".
+    Each stop line has the topology sign first, then the control sign. `arms` has the sides of the
+    roads at each crossing. The crossings in `lit` have traffic lights. Crossings that are not
+    `free`, because a road is at a corner, are left out if `which` is "possible", and raise
+    `InputError` if it is "all".
     """
     signs = []
     for crossing, sides in arms.items():
@@ -75,8 +82,9 @@ def place_signs(
                 signs += _signs_for(crossing, sides, (side + 2) % 4, control)
         elif which == "all":
             raise InputError(
-                f"signs: expected no roads at the four corners of each crossing, got one at row {crossing[0]}, column "
-                f"{crossing[1]}; signs=possible leaves such crossings out"
+                "signs: expected no roads at the four corners of each crossing, "
+                f"got one at row {crossing[0]}, column {crossing[1]}; "
+                "signs=possible leaves such crossings out"
             )
     return signs
 
@@ -90,7 +98,10 @@ def place_light(crossing: Cell, corner: int) -> MapObject:
 
 
 def topology_sign(sides: list[int], heading: int) -> str:
-    """Returns the kind of sign that shows a crossing with these sides to who enters it with a heading."""
+    """Returns the kind of sign that shows a crossing with these sides.
+
+    The sign is for a driver who enters the crossing with a heading.
+    """
     # A crossing has three or four arms, so at most one way is closed.
     closed = [(side - heading) % 4 for side in range(4) if side not in sides]
     return _TOPOLOGY[closed[0]] if closed else "sign_4_way_intersect"

@@ -1,4 +1,7 @@
-"""Where an object fits: footprints on the cells without road, and objects that keep clear of each other."""
+"""Where an object fits on a map.
+
+Footprints of objects are on the cells without road, and objects keep clear of each other.
+"""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -25,7 +28,10 @@ def make_object(kind: str, x: float, y: float, angle: float, *, static: bool = T
 
 
 def outline_of(thing: MapObject) -> list[Point]:
-    """Returns the four corners of an object's footprint, in tiles; of the square around it, if it is round."""
+    """Returns the four corners of an object's footprint, in tiles.
+
+    If the object is round, they are the corners of the square around it.
+    """
     length, width = (side / 2 / TILE_SIZE for side in thing.footprint)
     # The directions along and across the object. y points south.
     along, across = (cos(thing.angle), -sin(thing.angle)), (sin(thing.angle), cos(thing.angle))
@@ -62,7 +68,10 @@ class Space:
         self._outlines: dict[Cell, list[list[Point]]] = defaultdict(list)
 
     def place(self, thing: MapObject, *, in_lane: bool = False) -> bool:
-        """Adds an object if it fits: off all roads unless it is in a lane, and clear of the other objects."""
+        """Adds an object if it fits; returns whether it fits.
+
+        An object fits if it is off all roads, or in a lane, and clear of the other objects.
+        """
         fits = (in_lane or all(map(self._is_free, _cells(outline_of(thing))))) and self.is_clear(
             thing
         )

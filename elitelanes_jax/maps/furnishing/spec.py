@@ -186,7 +186,8 @@ def _read_objects(file: str) -> tuple[MapObject, ...]:
         if not objects:
             # It may be meant as another map to furnish.
             raise InputError(
-                f"{file}: expected objects to place, got a map without any (a call furnishes one map)"
+                f"{file}: expected objects to place, got a map without any "
+                "(a call furnishes one map)"
             )
         return objects
     values = read_toml(file, file)

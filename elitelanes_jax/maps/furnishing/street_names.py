@@ -1,9 +1,10 @@
-"""Street name signs, by the appearance specification of Duckietown's operation manual; and the tags of all signs.
+"""Street name signs, and the tags of all signs.
 
-"Street Name Signs", Placement: every segment of road has at least one sign, and every turn has one.
-Signs are outside the driving region, and never perpendicular to the road. In the figures the sign
-of a turn is in the outer corner of its tile and faces the middle. The sign of a straight road is at
-the middle of a tile's side and faces the road.
+The signs follow the appearance specification of Duckietown's operation manual, "Street Name Signs",
+Placement: every segment of road has at least one sign, and every turn has one. Signs are outside
+the driving region, and never perpendicular to the road. In the figures the sign of a turn is in the
+outer corner of its tile and faces the middle. The sign of a straight road is at the middle of a
+tile's side and faces the road.
 """
 
 from collections import defaultdict
@@ -37,20 +38,25 @@ class Tags:
         self._used: dict[int, list[Point]] = defaultdict(list)
 
     def use(self, thing: MapObject) -> None:
-        """Notes the tag of one of the user's objects; raises `InputError` if it is in use and tags must be unique."""
+        """Notes the tag of one of the user's objects.
+
+        Raises `InputError` if the tag is in use and tags must be unique.
+        """
         # All tags of the user are known before a sign gets one.
         if thing.tag is not None:
             if self._unique and self._used[thing.tag]:
                 raise InputError(
-                    f"unique_tags: expected each tag of your own objects once, got {thing.tag} twice"
+                    "unique_tags: expected each tag of your own objects once, "
+                    f"got {thing.tag} twice"
                 )
             self._used[thing.tag].append((thing.x, thing.y))
 
     def give(self, sign: MapObject, numbers: Sequence[int] | None = None) -> MapObject:
-        """Returns a sign with the first tag number that is not in use, of `numbers` or of all of its kind.
+        """Returns a sign with the first tag number that is not in use.
 
-        If all are in use, it gets the number whose nearest use is farthest away; of several, the
-        first one. Raises `InputError` if a number must not be used twice.
+        The number is one of `numbers`, or of all numbers of the sign's kind. If all are in use, the
+        sign gets the number whose nearest use is farthest away; of several, the first one. Raises
+        `InputError` if a number must not be used twice.
         """
         numbers = numbers or SIGN_TAGS[sign.kind]
         # A number that is not in use is infinitely far away. `max` returns the first of several.
@@ -62,10 +68,10 @@ class Tags:
         return sign._replace(tag=tag)
 
     def name_street(self, signs: Sequence[MapObject]) -> list[MapObject]:
-        """Returns the signs of a road with tags of one street name; raises `InputError` as `give` does.
+        """Returns the signs of a road with tags of one street name.
 
-        The name is one whose nearest use is farthest away, and among unused names the one with the
-        fewest tags that are enough.
+        Raises `InputError` as `give` does. The name is one whose nearest use is farthest away, and
+        among unused names the one with the fewest tags that are enough.
         """
 
         def preference(numbers: Sequence[int]) -> tuple[float, int]:
@@ -80,7 +86,10 @@ class Tags:
         return [self.give(sign, numbers) for sign in signs]
 
     def _distance(self, sign: MapObject, numbers: Sequence[int]) -> float:
-        """Returns the distance from a sign to the nearest use of some numbers; infinity if none is in use."""
+        """Returns the distance from a sign to the nearest use of some numbers.
+
+        The distance is infinity if no number is in use.
+        """
         nearest = inf
         for number in numbers:
             for place in self._used[number]:
@@ -89,10 +98,11 @@ class Tags:
 
 
 def place_street_names(space: Space, which: str, tags: Tags) -> None:
-    """Adds the street name signs of all roads between crossings. All signs of a road have the same name.
+    """Adds the street name signs of all roads between crossings.
 
-    Signs that do not fit are left out if `which` is "possible". Raises `InputError` for "all" if
-    one does not fit, and if tags must be unique and there are not enough.
+    All signs of a road have the same name. Signs that do not fit are left out if `which` is
+    "possible". Raises `InputError` for "all" if one does not fit, and if tags must be unique and
+    there are not enough.
     """
     links = linked_tiles(space.codes)
     nodes = {tile for tile, neighbours in links.items() if len(neighbours) != 2}
@@ -110,8 +120,9 @@ def place_street_names(space: Space, which: str, tags: Tags) -> None:
         if len(signs) < len(places) and which == "all":
             row, column = road[0]
             raise InputError(
-                f"street_names: expected room for a sign at each turn and road, got none at the road from row {row}, "
-                f"column {column}; street_names=possible leaves such signs out"
+                "street_names: expected room for a sign at each turn and road, "
+                f"got none at the road from row {row}, column {column}; "
+                "street_names=possible leaves such signs out"
             )
         if signs:
             for sign in tags.name_street(signs):
@@ -148,7 +159,10 @@ def _in_the_corner(codes: Int8[np.ndarray, "H W"], tile: Cell) -> MapObject:
 
 
 def _beside(codes: Int8[np.ndarray, "H W"], tile: Cell) -> Iterator[MapObject]:
-    """Returns signs on the cells beside a straight tile that have no road or are outside the map."""
+    """Returns signs on the cells beside a straight tile.
+
+    These cells have no road, or are outside the map.
+    """
     if codes[tile] not in (5, 10):
         return
     height, width = codes.shape
