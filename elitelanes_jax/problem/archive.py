@@ -47,7 +47,10 @@ class Population(NamedTuple):
 
 @name_wrong_arguments
 def vacant_fitness(dtype: np.dtype) -> float:
-    """Returns the fitness of vacant slots and refused grids: infinity for floats, otherwise the largest int32."""
+    """Returns the fitness of vacant slots and refused grids.
+
+    It is infinity for floats, otherwise the largest int32.
+    """
     return np.inf if jnp.issubdtype(dtype, jnp.floating) else VACANT
 
 
@@ -128,7 +131,8 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
     """Raises what `insert` raises for what is offered to an archive."""
     if np.shape(niche)[-1:] != found.fitness.shape:
         raise InputError(
-            f"niche: expected {len(found.fitness)} indices, one for each grid, got {list(np.shape(niche))}"
+            f"niche: expected {len(found.fitness)} indices, one for each grid, "
+            f"got {list(np.shape(niche))}"
         )
     if not isinstance(niche, jax.core.Tracer) and np.size(niche):
         lowest, highest, niches = np.min(niche), np.max(niche), archive.fitness.size
@@ -138,7 +142,8 @@ def _check_offer(archive: Population, niche: Int32[Array, "*K P"], found: Popula
             )
     if found.fitness.dtype != archive.fitness.dtype:
         raise InputError(
-            f"found: expected a fitness of {archive.fitness.dtype}, as in the archive, got {found.fitness.dtype}"
+            f"found: expected a fitness of {archive.fitness.dtype}, as in the archive, "
+            f"got {found.fitness.dtype}"
         )
     for part in ("grids", "features"):
         expected, got = list(getattr(archive, part).shape[1:]), list(getattr(found, part).shape[1:])

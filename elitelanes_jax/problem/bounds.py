@@ -1,8 +1,9 @@
-"""Bounds that hold for the metrics of every map of a size, found from inequalities before any search.
+"""Bounds that hold for the metrics of every map of a size.
 
-Each metric has an interval. Inequalities between metrics narrow the intervals until nothing
-changes: Euler's formula, the sides at which tiles meet, the number of cells and of pairs of cells.
-No map has a value outside its interval; a value inside need not occur.
+The bounds are found from inequalities before any search. Each metric has an interval. Inequalities
+between metrics narrow the intervals until nothing changes: Euler's formula, the sides at which
+tiles meet, the number of cells and of pairs of cells. No map has a value outside its interval; a
+value inside need not occur.
 """
 
 import re
@@ -176,7 +177,10 @@ class FeatureBounds(NamedTuple):
 
 
 def find_bounds(shape: tuple[int, int], certain: Mapping[str, int]) -> FeatureBounds:
-    """Finds bounds of the metrics of a set of repaired grids; `certain` has the metrics with one value on all grids."""
+    """Finds bounds of the metrics of a set of repaired grids.
+
+    `certain` has the metrics with one value on all grids.
+    """
     # An inventory counts crossings by their number of sides, which no metric does.
     largest = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), prod(shape))
     intervals = {name: (0, most) for name, most in largest.items()}
@@ -189,10 +193,10 @@ def find_bounds(shape: tuple[int, int], certain: Mapping[str, int]) -> FeatureBo
 
 
 def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> None:
-    """Checks that the bounds do not rule out a map in all ranges; `maps` is how the message calls the maps.
+    """Checks that the bounds do not rule out a map in all ranges.
 
-    The `InputError` names the first range that contradicts the bounds or the ranges before it, and
-    states the bound.
+    `maps` is how the message calls the maps. The `InputError` names the first range that
+    contradicts the bounds or the ranges before it, and states the bound.
     """
     # Each range is checked against the bounds and the ranges before it, and then narrows the
     # bounds.
@@ -237,7 +241,10 @@ def _crossings_of_signable(item: Range, bounds: FeatureBounds) -> list[_Inequali
 
 
 def _least_tiles(where: Iterable[Range], shape: tuple[int, int]) -> list[_Inequality]:
-    """Returns a least number of tiles: the least box around a town, times the least part of it that has tiles."""
+    """Returns a least number of tiles.
+
+    The least box around a town, times the least part of it that has tiles, gives this number.
+    """
     least_shares = []
     for item in where:
         if item.name in ("box_share", "box_fill"):
@@ -276,15 +283,16 @@ def check_feasible(
     filled: bool = True,
     alphabet: Iterable[int] | None = None,
 ) -> None:
-    """Checks that the bounds do not rule out all maps that satisfy some constraints. Some contradictions are missed.
+    """Checks that the bounds do not rule out all maps that satisfy some constraints.
 
-    `filled` says whether every free cell has a road. The `InputError` states the bound.
+    Some contradictions are missed. `filled` says whether every free cell has a road. The
+    `InputError` states the bound.
     """
     lacking_kinds: list[str] = []
     if alphabet is not None:
         codes = set(alphabet)
-        # The first row with roads begins and ends with a turn, because its ends have no tiles beside
-        # and above them. So does the last row: every map has all four turns.
+        # The first row with roads begins and ends with a turn, because its ends have no tiles
+        # beside and above them. So does the last row: every map has all four turns.
         missing_turns = set(KINDS["turn"]) - codes
         if missing_turns:
             expected = f"alphabet: expected the turns {KINDS['turn']}, which every map has"
@@ -319,7 +327,8 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
         for name in RULES[rules].forbidden:
             if metrics[name]:
                 raise InputError(
-                    f"fix: expected cells that keep the rules of {rules}, got {name} {metrics[name]}"
+                    f"fix: expected cells that keep the rules of {rules}, "
+                    f"got {name} {metrics[name]}"
                 )
 
 
@@ -376,7 +385,10 @@ def _cut_dead_ends(ways: dict[_Cell, set[_Cell]], dead_ends: list[_Cell]) -> Non
 
 
 def _reachable(ways: Mapping[_Cell, set[_Cell]], start: _Cell) -> set[_Cell]:
-    """Returns the cells that a road from a cell can reach; empty if the cell itself can have no road."""
+    """Returns the cells that a road from a cell can reach.
+
+    There are none if the cell itself can have no road.
+    """
     reached: set[_Cell] = set()
     ahead = [start]
     while ahead:
@@ -482,7 +494,10 @@ def _with_inequalities(bounds: FeatureBounds, more: Iterable[_Inequality]) -> Fe
 
 
 def _narrowed(bounds: FeatureBounds) -> FeatureBounds:
-    """Narrows the intervals until nothing changes, in at most `_MOST_ROUNDS`; raises `_ContradictionError`."""
+    """Narrows the intervals until nothing changes, in at most `_MOST_ROUNDS`.
+
+    Raises `_ContradictionError`.
+    """
     intervals = dict(bounds.intervals)
     for _ in range(_MOST_ROUNDS):
         before = dict(intervals)
@@ -496,7 +511,10 @@ def _narrowed(bounds: FeatureBounds) -> FeatureBounds:
 
 
 def _narrow_by(inequality: _Inequality, intervals: dict[str, tuple[int, int]]) -> None:
-    """Narrows the interval of each metric to what the inequality allows if all other terms are largest."""
+    """Narrows the interval of each metric in an inequality.
+
+    An interval keeps what the inequality allows if all other terms are largest.
+    """
     factors, least = inequality
     largest_terms = {}
     for name, factor in factors.items():
@@ -518,7 +536,10 @@ def _narrow_by(inequality: _Inequality, intervals: dict[str, tuple[int, int]]) -
 
 
 def _limit_edges(intervals: dict[str, tuple[int, int]]) -> None:
-    """Limits the edges by the tiles: a square has the most pairs of neighbours (Harary and Harborth, 1976)."""
+    """Limits the edges by the tiles.
+
+    A square has the most pairs of neighbours (Harary and Harborth, 1976).
+    """
     _, tiles = intervals["tiles"]
     most_edges = 0
     if tiles:

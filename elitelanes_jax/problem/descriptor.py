@@ -1,4 +1,7 @@
-"""The descriptor space: axes, each a feature in bins, whose cells are niches (paper, "Behavior Descriptors")."""
+"""The descriptor space: axes, each a feature in bins, whose cells are niches.
+
+The space is that of the paper's section "Behavior Descriptors".
+"""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -32,7 +35,9 @@ _AXIS_TEXT = re.compile(f"([^:]*):({_WHOLE})(?::({_WHOLE}))?", re.DOTALL)
 
 
 class Axis(NamedTuple):
-    """One axis of the descriptor space: a feature in bins of equal width. The first and the last bin are open.
+    """One axis of the descriptor space: a feature in bins of equal width.
+
+    The first and the last bin are open.
 
     Attributes:
       metric: the name of the feature.
@@ -71,9 +76,10 @@ def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
 
 @name_wrong_arguments
 def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
-    """Returns the paper's space with narrower bins, and with each flag's favourable value as its target.
+    """Returns the paper's space with narrower bins and with targets.
 
-    At 12 x 12 bins of the cyclomatic number have width 1: 0 to 23, and 24 or more.
+    The target of each flag is its favourable value. At 12 x 12 bins of the cyclomatic number have
+    width 1: 0 to 23, and 24 or more.
     """
     cyclomatic, *flags = paper_axes(shape)
     width = default_width("cyclomatic", cyclomatic.bins, shape)
@@ -117,7 +123,10 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
 def resolve_axes(
     axes: UserValue, shape: tuple[int, int], features: Collection[str] | None = ()
 ) -> tuple[Axis, ...]:
-    """Reads axes as `parse_axes` does, and replaces width 0 by the default width on grids of a shape."""
+    """Reads axes as `parse_axes` does, and fills in default widths.
+
+    Width 0 is replaced by the default width on grids of a shape.
+    """
     resolved = []
     for axis in parse_axes(axes, features):
         width = axis.width or default_width(axis.metric, axis.bins, shape)
@@ -128,15 +137,19 @@ def resolve_axes(
 def compute_descriptor(
     features: AnyArray, feature_names: Sequence[str], axes: tuple[Axis, ...]
 ) -> AnyArray:
-    """Returns the values of the axes' features, int32 ``[..., D]``, from features ``[..., F]`` of NumPy or JAX."""
+    """Returns the values of the axes' features, int32 ``[..., D]``.
+
+    The features are ``[..., F]`` of NumPy or JAX.
+    """
     return select_features(features, feature_names, [axis.metric for axis in axes])
 
 
 @name_wrong_arguments
 def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
-    """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]`` of NumPy or JAX.
+    """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]``.
 
-    Raises `InputError` for no axes, another shape, or descriptors that are not whole numbers.
+    The arrays are of NumPy or JAX. Raises `InputError` for no axes, another shape, or descriptors
+    that are not whole numbers.
     """
     check_named("axes", listed(Axis), axes)
     if not axes:
@@ -145,7 +158,8 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
         if axis.bins < 1 or axis.width < 1:
             got = f"{axis.bins} of width {axis.width}"
             raise InputError(
-                f"axes {axis.metric!r}: expected at least one bin, of a width of at least 1, got {got}"
+                f"axes {axis.metric!r}: expected at least one bin, of a width of at least 1, "
+                f"got {got}"
             )
     if np.shape(descriptor)[-1:] != (len(axes),):
         raise InputError(
@@ -172,7 +186,10 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
 
 @name_wrong_arguments
 def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
-    """Returns the index of the niche, int32 ``[...]``, of descriptors ``[..., D]``; the last axis varies fastest."""
+    """Returns the index of the niche, int32 ``[...]``, of descriptors ``[..., D]``.
+
+    The last axis varies fastest.
+    """
     bins = niche_bins(descriptor, axes)
     with transfers():
         niche = bins[..., 0]

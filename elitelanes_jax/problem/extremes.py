@@ -1,4 +1,7 @@
-"""The meaning of each feature, its range on maps of 12 x 12 tiles, and maps with its smallest and largest value."""
+"""The meaning of each feature, its range, and maps with its smallest and largest value.
+
+The range and the maps are those of 12 x 12 tiles.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -30,7 +33,10 @@ Each line is a map, in rows with one hexadecimal digit per tile.
 
 
 def features_of(grid: Int8[np.ndarray, "H W"]) -> dict[str, float]:
-    """Returns the metrics and shares of one grid ``[H, W]``, in the order of `FEATURES`; shares are parts of 1."""
+    """Returns the metrics and shares of one grid ``[H, W]``, in the order of `FEATURES`.
+
+    Shares are parts of 1.
+    """
     features: dict[str, float] = dict(plain_measure(grid))
     for share, (part, parts_of_whole) in SHARES.items():
         whole = sum(features[name] for name in parts_of_whole)
@@ -58,14 +64,18 @@ def feature_range(name: str) -> tuple[float, float]:
     """
     if check_feature("name", name) in TOWN_FEATURES:
         raise InputError(
-            f"name: expected a metric or a share, got {name!r}, a town feature, whose range is not known"
+            f"name: expected a metric or a share, got {name!r}, a town feature, "
+            "whose range is not known"
         )
     values = [features[name] for _, features in _measured()]
     return min(values), max(values)
 
 
 def extreme_maps(name: str) -> tuple[Int8[np.ndarray, "H W"], Int8[np.ndarray, "H W"]]:
-    """Returns a map int8 ``[12, 12]`` with the smallest value of a feature, and one with the largest."""
+    """Returns a map with the smallest value of a feature, and one with the largest.
+
+    The maps are int8 ``[12, 12]``.
+    """
     # This call checks the name.
     feature_range(name)
     smallest, _ = min(_measured(), key=lambda measured: measured[1][name])
@@ -109,7 +119,10 @@ def _town_range_text(name: str) -> str:
 
 
 def value_text(value: float) -> str:
-    """Returns the text of a metric's or share's value: whole numbers in full, others with three digits."""
+    """Returns the text of a metric's or share's value.
+
+    Whole numbers are in full, and others have three digits.
+    """
     if isinstance(value, float):
         return f"{value:.3g}"
     return str(value)

@@ -56,7 +56,10 @@ _USUAL = {
 }
 
 LARGEST_FITNESS = 2**29
-"""The largest size of a user's fitness, or weighted sum of features, so that penalties fit int32 too."""
+"""The largest size of a user's fitness, or of a weighted sum of features.
+
+With this limit, sums with penalties fit int32 too.
+"""
 
 
 def is_share(name: str) -> bool:
@@ -72,7 +75,10 @@ def feature_unit(name: str) -> int:
 
 
 def columns_for(*groups: Iterable[str]) -> tuple[str, ...]:
-    """Returns the columns that contain the features in all groups: the metrics, then the other features, each once."""
+    """Returns the columns that contain the features in all groups.
+
+    The metrics come first, then the other features, each once.
+    """
     columns = dict.fromkeys(METRIC_NAMES)
     for names in groups:
         for name in names:
@@ -84,9 +90,10 @@ def columns_for(*groups: Iterable[str]) -> tuple[str, ...]:
 def with_shares(
     features: AnyArray, feature_names: Sequence[str]
 ) -> tuple[AnyArray, tuple[str, ...]]:
-    """Adds a column for each share that follows from the metrics, to features int32 ``[..., F]`` of NumPy or JAX.
+    """Adds a column for each share that follows from the metrics.
 
-    Returns int32 ``[..., F + S]``, of the same library, and the F + S names.
+    The features are int32 ``[..., F]`` of NumPy or JAX. Returns int32 ``[..., F + S]``, of the same
+    library, and the F + S names.
     """
     # NumPy and JAX share the functions that are needed here, so one text serves both.
     xp = features.__array_namespace__()
@@ -107,7 +114,10 @@ def with_shares(
 def select_features(
     features: AnyArray, feature_names: Sequence[str], selected: Sequence[str]
 ) -> AnyArray:
-    """Returns the columns of the selected features, int32 ``[..., D]``, of NumPy or JAX; computes those of shares."""
+    """Returns the columns of the selected features, int32 ``[..., D]``, of NumPy or JAX.
+
+    Computes the columns of shares.
+    """
     if not set(selected) <= set(feature_names):
         features, feature_names = with_shares(features, feature_names)
     return features[..., np.array([feature_names.index(name) for name in selected], int)]
@@ -124,8 +134,8 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
     # A comparison of an array with texts raises an error of NumPy.
     if not isinstance(name, str) or name not in known:
         raise InputError(
-            f"{source}: expected a metric, or a share such as straight_share, got {shorten(repr(name), 40)}"
-            f"{suggest(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
+            f"{source}: expected a metric, or a share such as straight_share, "
+            f"got {shorten(repr(name), 40)}{suggest(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
         )
     return name
 
@@ -165,7 +175,10 @@ def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
 
 
 def largest_addend(weights: Iterable[tuple[str, int]], shape: tuple[int, int]) -> int:
-    """Returns an upper bound of the size of what weighted features other than metrics add to the fitness."""
+    """Returns an upper bound of the size of what weighted features add to the fitness.
+
+    Metrics are left out.
+    """
     largest = 0
     has_users_features = False
     for name, weight in weights:

@@ -134,5 +134,8 @@ def _check_sides(name: str, codes: Int[np.ndarray, "H W"]) -> None:
                 got = f"one that leaves it to the {position}"
             else:
                 expected = "fixed neighbours to agree"
-                got = f"a road to the {position} that row {next_row}, column {next_column} does not return"
+                got = (
+                    f"a road to the {position} that row {next_row}, column {next_column} "
+                    "does not return"
+                )
             raise InputError(f"{name}: expected {expected}, got {got}")

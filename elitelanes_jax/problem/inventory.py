@@ -49,10 +49,10 @@ def parse_numbers(
 
 
 def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
-    """Reads the number of tiles of each kind, as `parse_numbers` does; a kind that is not named has none.
+    """Reads the number of tiles of each kind, as `parse_numbers` does.
 
-    The inventory may also be the path of a file that ends in ``.toml``, with lines such as
-    ``straight = 20``.
+    A kind that is not named has no tile. The inventory may also be the path of a file that ends in
+    ``.toml``, with lines such as ``straight = 20``.
     """
     if isinstance(inventory, str | Path):
         inventory = split_settings(str(inventory))
@@ -68,7 +68,10 @@ def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
 def within_inventory(
     where: Iterable[Range], inventory: Iterable[tuple[str, int]]
 ) -> tuple[Range, ...]:
-    """Returns ranges with the upper limits that an inventory sets: a map needs at most the tiles that there are."""
+    """Returns ranges with the upper limits that an inventory sets.
+
+    A map needs at most the tiles that there are.
+    """
     ranges = {item.name: item for item in where}
     for kind, count in inventory:
         name, most = COUNTED[kind], Fraction(count)

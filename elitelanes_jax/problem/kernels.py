@@ -54,7 +54,10 @@ _SCALAR = "an integer or float scalar"
 
 
 def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
-    """Checks that the user's features are functions that JAX can trace to an integer scalar on grids of a shape."""
+    """Checks that the user's features are functions that JAX can trace.
+
+    On grids of a shape, each function returns an integer scalar.
+    """
     if features is None:
         return {}
     if not isinstance(features, Mapping):
@@ -79,7 +82,10 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
 def check_fitness(
     fitness: UserValue, shape: tuple[int, int], feature_names: Sequence[str]
 ) -> Fitness:
-    """Checks that JAX can trace a fitness of the user, with arguments that `Fitness` lists, to a scalar."""
+    """Checks that JAX can trace a fitness of the user to a scalar.
+
+    The arguments of the fitness are among those that `Fitness` lists.
+    """
     if not callable(fitness):
         expected = "a function of metrics, features, grid or usual"
         raise InputError(f"fitness: expected {expected}, got {shorten(repr(fitness))}")
@@ -223,7 +229,10 @@ def _apply_kernel(name: str, kernel: Kernel, grid: Int8[Array, "H W"]) -> AnyArr
 
 
 def _as_array(expected: str, value: UserValue) -> AnyArray:
-    """Returns a user's value as an array; whole numbers of NumPy as they are, because JAX would cut off upper bits."""
+    """Returns a user's value as an array.
+
+    Whole numbers of NumPy stay as they are, because JAX would cut off upper bits.
+    """
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "iu":
         return value
     try:
@@ -256,7 +265,10 @@ def arguments_of(fitness: Fitness) -> tuple[str, ...]:
 def _trace_shapes(
     expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct
 ) -> Pytree:
-    """Returns the shapes and dtypes that a user's function returns; errors of JAX become an `InputError`."""
+    """Returns the shapes and dtypes that a user's function returns.
+
+    Errors of JAX become an `InputError`.
+    """
     try:
         return jax.eval_shape(function, *arguments)
     except (jax.errors.JAXTypeError, jax.errors.JAXIndexError) as error:
@@ -266,7 +278,10 @@ def _trace_shapes(
 
 
 def _described(result: Pytree, batch: int = 0) -> str:
-    """Returns the dtype and shape of a result without its first `batch` axes, or the text of another result."""
+    """Returns the dtype and shape of a result without its first `batch` axes.
+
+    For a result that is no array, returns its text.
+    """
     if not hasattr(result, "dtype"):
         return shorten(repr(result), 60)
     return f"{result.dtype} of shape {result.shape[batch:]}"

@@ -48,9 +48,9 @@ class Evaluation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The grids of a search, their evaluation and their niches. `road_problem` makes the paper's problem.
+    """The grids of a search, their evaluation and their niches.
 
-    Your own problem needs only the first two fields.
+    `road_problem` makes the paper's problem. Your own problem needs only the first two fields.
 
     Attributes:
       shape: (height, width) of the grids, each at least 2.
@@ -166,7 +166,9 @@ class Problem:
         )
 
     def random(self, key: Key[Array, ""], count: int) -> Int8[Array, "count H W"]:
-        """Returns repaired grids for a run to start from: the initial ones, then random ones; the key is consumed.
+        """Returns repaired grids for a run to start from.
+
+        The initial grids come first, then random ones. The key is consumed.
 
         Raises:
           InputError: for more initial grids than `count`.
@@ -183,7 +185,10 @@ class Problem:
         return draw(key)
 
     def random_unrepaired(self, key: Key[Array, ""], count: int) -> Int8[Array, "count H W"]:
-        """Returns the grids of `random` before their repair; those that are `drawn` are repaired in raster order."""
+        """Returns the grids of `random` before their repair.
+
+        Grids that are `drawn` are repaired in raster order.
+        """
         grids = random_grids(key, count, self.shape, alphabet=self.alphabet)
         if self.initial is None:
             return grids
@@ -204,7 +209,10 @@ class Problem:
         return np.arange(count) >= initial_count
 
     def repair_raster(self, grid: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
-        """Repairs a grid whose tiles are all new: each tile decides over those after it, row by row."""
+        """Repairs a grid whose tiles are all new.
+
+        Each tile decides over those after it, row by row.
+        """
         return self.repair(grid, raster=True)
 
     @runs_jax
@@ -229,7 +237,10 @@ def _is_empty(axes: UserValue) -> bool:
 
 
 def _check_axes_are_features(axes: tuple[Axis, ...], names: tuple[str, ...]) -> None:
-    """Checks that the metric of each axis is a column of the features, or a share that follows from the columns."""
+    """Checks that the metric of each axis is a feature of the problem.
+
+    It is a column of the features, or a share that follows from the columns.
+    """
     known = set(names)
     for share, (part, whole) in SHARES.items():
         if part in names and set(whole) <= set(names):
@@ -268,7 +279,10 @@ def _to_alphabet(
     dirty: Bool[Array, "H W"] | None = None,
     raster: Bool[ArrayLike, ""] = False,
 ) -> Int8[Array, "H W"]:
-    """Replaces each code outside the alphabet by one of its K codes, the one at index code mod K."""
+    """Replaces each code outside the alphabet by one of its K codes.
+
+    Code c becomes the one at index c mod K.
+    """
     if set(alphabet) == set(range(16)):
         return grid
     code_by_code = list(range(16))

@@ -51,7 +51,9 @@ class Range(NamedTuple):
 
 
 def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tuple[Range, ...]:
-    """Reads ranges from texts such as ``crossings=6..10``, ``bridges=0``, ``straight_share=0.3..``, or a mapping.
+    """Reads ranges from texts or a mapping.
+
+    Texts are such as ``crossings=6..10``, ``bridges=0`` or ``straight_share=0.3..``.
 
     Args:
       where: texts, or one text with spaces between ranges; or a mapping of names to numbers, texts
@@ -77,9 +79,10 @@ def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tup
 
 
 def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[np.ndarray, "2 C"]:
-    """Returns the lower and upper limits of all columns of `with_shares`, int32 ``[2, C]``, shares in thousandths.
+    """Returns the lower and upper limits of all columns of `with_shares`, int32 ``[2, C]``.
 
-    As an array, ranges can be traced, so that other ranges need no compilation.
+    Limits of shares are in thousandths. As an array, ranges can be traced, so that other ranges
+    need no compilation.
     """
     # Columns without a range get limits that no value exceeds.
     names = [*feature_names, *SHARES]
@@ -100,10 +103,10 @@ def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[
 def range_penalty(
     features: AnyArray, feature_names: Sequence[str], limits: AnyArray, shape: tuple[int, int]
 ) -> AnyArray:
-    """Returns the penalty for the distance from the ranges: 480 for each unit, 0 for a network in all ranges.
+    """Returns the penalty for the distance from the ranges.
 
-    A unit is 1 of a whole number, the share of one cell, or the gain of one more tile in a long
-    straight.
+    The penalty is 480 for each unit, and 0 for a network in all ranges. A unit is 1 of a whole
+    number, the share of one cell, or the gain of one more tile in a long straight.
 
     Takes features int32 ``[..., F]`` of NumPy or JAX, and limits as `range_limits` returns them,
     which may be traced. Returns int32 ``[...]`` of the same library, at most `largest_penalty`.
@@ -155,7 +158,10 @@ def largest_penalty(ranges: int, feature_names: Sequence[str]) -> int:
 
 
 def _most_units(columns: int) -> int:
-    """Returns the most units of distance in one column that count, so that all columns together fit 32 bits."""
+    """Returns the most units of distance in one column that count.
+
+    With this limit, all columns together fit 32 bits.
+    """
     return LARGEST // (_STEEPNESS * columns)
 
 

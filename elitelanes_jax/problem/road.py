@@ -1,4 +1,7 @@
-"""The paper's problem: road networks of one size, and all that distinguishes one such problem from another."""
+"""The paper's problem: road networks of one size.
+
+The module has all that distinguishes one such problem from another.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -148,7 +151,8 @@ def road_problem(
     Raises:
       InputError: for a bad shape, alphabet, axis, range, feature, kernel, fitness, cell or initial
         grid, limits of another shape or size, another number of weights than K, or weights with
-        which a fitness might not fit int32. The values of traced weights and limits are not checked.
+        which a fitness might not fit int32. The values of traced weights and limits are not
+        checked.
     """
     shape = check_shape(shape, new=True)
     check_named("weights", instance(Weights), weights)
@@ -284,7 +288,10 @@ def _weigh(
 
 
 def _weighed_columns(road: RoadProblem) -> slice | Int[np.ndarray, " K"]:
-    """Returns the columns of the `measured` features; as a slice if they are in order, so that XLA gathers nothing."""
+    """Returns the columns of the `measured` features.
+
+    If the columns are in order, they are a slice, so that XLA gathers nothing.
+    """
     if road.measured == road.feature_names[len(METRIC_NAMES) :]:
         return slice(len(METRIC_NAMES), None)
     return _columns(road, road.measured)
@@ -353,7 +360,8 @@ def _check_feature_weights(weights: UserValue, measured: Sequence[str]) -> AnyAr
     if array.shape != (len(measured),):
         got = f"shape {[*array.shape]}"
         raise InputError(
-            f"feature_weights: expected {len(measured)} numbers, one for each of measured, got {got}"
+            f"feature_weights: expected {len(measured)} numbers, one for each of measured, "
+            f"got {got}"
         )
     if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
         raise InputError(f"feature_weights: expected whole numbers, got {array.dtype}")
@@ -391,7 +399,10 @@ def _check_total(
     feature_weights: AnyArray | None,
     penalty: int,
 ) -> None:
-    """Checks that a fitness with these weights and a penalty fits int32; traced weights are unknown."""
+    """Checks that a fitness with these weights and a penalty fits int32.
+
+    Traced weights are unknown, and are not checked.
+    """
     if isinstance(feature_weights, jax.core.Tracer):
         return
     if any(isinstance(weight, jax.core.Tracer) for weight in weights):
@@ -413,7 +424,10 @@ def _check_total(
 def _sum_exceeds(
     most: int, values: Int32[Array, "... K"], weights: Int32[Array, " K"]
 ) -> Bool[Array, "..."]:
-    """Returns whether the sizes of weighted values add up to over `most`, at most 2**29; exact, in 32 bits."""
+    """Returns whether the sizes of weighted values add up to over `most`.
+
+    The limit `most` is at most 2**29. The result is exact, although it is computed in 32 bits.
+    """
     values, weights = align(values, weights)
     sizes = jnp.abs(weights).astype(jnp.uint32)
     # Each value is limited to the least one whose addend exceeds `most`. So addends fit 32 bits.

@@ -53,9 +53,10 @@ _ALWAYS = (
 
 
 def map_constraints(rules: str | None, *, filled: bool) -> tuple[Constraint, ...]:
-    """Returns the constraints that every map satisfies; a grid is counted under the first one that it violates.
+    """Returns the constraints that every map satisfies.
 
-    `filled` says whether every cell of a map has a road, unless rules leave cells empty.
+    A grid is counted under the first constraint that it violates. `filled` says whether every cell
+    of a map has a road, unless rules leave cells empty.
     """
     constraints = list(_ALWAYS)
     if rules is not None:
