@@ -130,7 +130,10 @@ def _named_maps(file: Path) -> list[tuple[str, RoadMap]]:
 
 
 def _announce_lost_tiles(runs: Sequence[ShownRun]) -> None:
-    """Says that the tile set of the first run with a tile set of its own is not where its record says."""
+    """Says that a tile set is not where the record of its run says.
+
+    The run is the first one with a tile set of its own.
+    """
     for run in runs:
         tiles = setting(run, "tiles")
         if tiles:
@@ -157,7 +160,10 @@ def _run_folders(folder: Path) -> list[Path]:
 
 
 def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
-    """Returns the folder of a run's tile set, or None if no folder has a set of the recorded name; see `collect`."""
+    """Returns the folder of a run's tile set, see `collect`.
+
+    Returns None if no folder has a set of the recorded name.
+    """
     tiles, recorded = setting(run, "tiles"), run.record.get("tile_set")
     if not isinstance(tiles, str):
         return None

@@ -66,13 +66,19 @@ class _Blob:
         return {"array": [dtype, start, len(content) // np.dtype(dtype).itemsize]}
 
     def add_codes(self, grids: NDArray[np.int8]) -> dict[str, Plain]:
-        """Adds tile codes, two per byte, the first in the lower half; returns the table that represents them."""
+        """Adds tile codes, two per byte, the first in the lower half.
+
+        Returns the table that represents them.
+        """
         flat = grids.reshape(-1).astype(np.uint8)
         flat = np.pad(flat, (0, flat.size % 2))
         return self.add(flat[::2] | flat[1::2] << 4, "uint8") | {"codes": grids.size}
 
     def add_json(self, values: Plain) -> dict[str, Plain]:
-        """Adds values as the bytes of their JSON, which pack well; returns the table that represents them."""
+        """Adds values as the bytes of their JSON, which pack well.
+
+        Returns the table that represents them.
+        """
         return self.add(
             np.frombuffer(json.dumps(values, separators=(",", ":")).encode(), np.uint8), "uint8"
         )
@@ -125,7 +131,10 @@ def _run_values(run: ShownRun, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
 def _map_values(
     elite: int, name: str, road_map: RoadMap, tiles: TileSet, blob: _Blob
 ) -> dict[str, Plain]:
-    """Returns a chosen map: its elite, its objects, and its tile pictures as indices times 4 plus quarter turns."""
+    """Returns a chosen map: its elite, its objects, and its tile pictures.
+
+    A tile picture is its index times 4, plus its quarter turns.
+    """
     chosen = recall_choice(road_map, tiles)
     pictures = None
     if chosen is not None:
@@ -173,7 +182,10 @@ def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
 
 
 def _layers(tiles: TileSet, tile_px: int) -> list[dict[str, Plain]]:
-    """Returns each tile's picture as PNG, and its masks as bits of grey values, 1 road, 2 red, 4 yellow."""
+    """Returns each tile's picture as PNG, and its masks.
+
+    The masks are bits of grey values: 1 road, 2 red, 4 yellow.
+    """
     layers = scale_tiles(tiles, tile_px)
     pictures: list[dict[str, Plain]] = []
     for upright in range(0, 4 * len(tiles.pictures), 4):
@@ -185,7 +197,10 @@ def _layers(tiles: TileSet, tile_px: int) -> list[dict[str, Plain]]:
 
 
 def _object_values() -> dict[str, Plain]:
-    """Returns the size of each kind of object, the tag numbers of signs, and the pictures of objects from above."""
+    """Returns the size of each kind of object, the tag numbers of signs, and pictures.
+
+    The pictures show objects from above.
+    """
     by_kind: dict[str, Plain] = {}
     for kind, pictures in load_objects().kinds.items():
         by_kind[kind] = []

@@ -111,10 +111,10 @@ def from_result(result: "Result", name: str) -> ShownRun:
 
 
 def _has_usual_fitness(result: "Result") -> bool:
-    """Returns whether the fitness of a result is the weighted sum of features plus the penalty of ranges.
+    """Returns whether the fitness of a result is the usual one.
 
-    A result does not say whether a user gave the fitness, so the function computes the sum and
-    compares it.
+    The usual fitness is the weighted sum of features plus the penalty of ranges. A result does not
+    say whether a user gave the fitness, so the function computes the sum and compares it.
     """
     elites = result.elites
     search = result.search
@@ -133,7 +133,10 @@ def _has_usual_fitness(result: "Result") -> bool:
 
 
 def _floors(search: "Search") -> dict[int, int] | None:
-    """Returns the certified optima of flawless networks by cyclomatic number, if they apply to a search."""
+    """Returns the certified optima of flawless networks by cyclomatic number.
+
+    Returns None if they do not apply to a search.
+    """
     height, width = search.shape
     track = "A" if search.fills else "B"
     size = f"{height}x{width}{track}"

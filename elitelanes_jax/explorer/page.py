@@ -59,7 +59,10 @@ def page_of(payload: Payload) -> str:
     """Returns the text of the page. Its policy forbids the browser all requests."""
     script, style = static_text("explorer.js"), static_text("explorer.css")
     allowed = base64.b64encode(sha256(script.encode()).digest()).decode()
-    policy = f"default-src 'none'; script-src 'sha256-{allowed}'; style-src 'unsafe-inline'; img-src data: blob:"
+    policy = (
+        f"default-src 'none'; script-src 'sha256-{allowed}'; "
+        "style-src 'unsafe-inline'; img-src data: blob:"
+    )
     # A name that is not UTF-8.
     title = str(payload.values["title"] or "maps").encode(errors="replace").decode()
     return (
