@@ -35,8 +35,8 @@ class Format(NamedTuple):
       takes: the settings of `FormatOptions` that it has.
       limits: map -> what of the map the programs that read the format cannot use.
       prefix: the prefix of the names of the files.
-      catalogue: (folder, the files of all maps in it) -> more files of the folder by name; None for a
-        format without.
+      catalogue: (folder, the files of all maps in it) -> more files of the folder by name; None for
+        a format without.
     """
 
     suffixes: tuple[str, ...]

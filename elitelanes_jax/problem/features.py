@@ -135,7 +135,8 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
     if not isinstance(name, str) or name not in known:
         raise InputError(
             f"{source}: expected a metric, or a share such as straight_share, "
-            f"got {shorten(repr(name), 40)}{suggest(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
+            f"got {shorten(repr(name), 40)}{suggest(name, known)} "
+            f"(elitelanes metrics explains all: {', '.join(known)})"
         )
     return name
 

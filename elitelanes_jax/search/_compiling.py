@@ -32,9 +32,10 @@ _unknown_options: set[str] = set()
 
 
 def least_level(platform: str, cells: int) -> int:
-    """Returns the level of optimisation for a number of evaluated cells: the highest one on a GPU or TPU.
+    """Returns the level of optimisation for a number of evaluated cells.
 
-    For a GPU, level 0 compiles in four fifths of the time of level 2.
+    On a GPU or TPU it is the highest level. For a GPU, level 0 compiles in four fifths of the time
+    of level 2.
     """
     return bisect_left(_MOST_CELLS, cells) if platform == "cpu" else LEVELS - 1
 

@@ -1,4 +1,7 @@
-"""Spreads the seeds of a search over all local devices: the cores of the processor, GPUs, TPU cores."""
+"""Spreads the seeds of a search over all local devices.
+
+The devices are the cores of the processor, GPUs, or cores of a TPU.
+"""
 
 from collections.abc import Sequence
 from itertools import cycle, islice
@@ -45,7 +48,10 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
 
 
 def divide(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
-    """Returns the devices for `cut`, so that no part on a processor has more than `_MOST_ROWS` rows."""
+    """Returns the devices for `cut`.
+
+    No part on a processor has more than `_MOST_ROWS` rows.
+    """
     on_processor = all(device.platform == "cpu" for device in devices)
     if not on_processor:
         return list(devices)
@@ -55,7 +61,10 @@ def divide(devices: Sequence[jax.Device], rows: int) -> list[jax.Device]:
 
 
 def part_rows(rows: int, devices: Sequence[jax.Device]) -> tuple[int, int]:
-    """Returns the number of rows in each part that `cut` makes of `rows` rows, and the number of parts."""
+    """Returns the number of rows in each part that `cut` makes, and the number of parts.
+
+    `rows` is the number of rows of all parts.
+    """
     size = -(-rows // len(devices))
     return size, -(-rows // size)
 
@@ -81,7 +90,10 @@ def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
 
 
 def _to_numpy(array: Pytree) -> Pytree:
-    """Returns an array of NumPy, whose indexing compiles nothing; but NumPy has no arrays of keys."""
+    """Returns an array of NumPy, whose indexing compiles nothing.
+
+    An array of keys stays one of JAX, because NumPy has no such arrays.
+    """
     if _is_key(array):
         return array
     return np.asarray(array)

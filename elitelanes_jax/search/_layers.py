@@ -1,4 +1,7 @@
-"""Merges the layers of a search's options: the style's, those that follow from example maps, and the user's."""
+"""Merges the layers of a search's options.
+
+The layers are the options of the style, those that follow from example maps, and the user's.
+"""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,7 +40,10 @@ class Merged(NamedTuple):
 
 @contextmanager
 def naming_origins(origins: Mapping[str, str]) -> Iterator[None]:
-    """Puts the origin in front of an error in its block about an option that the user did not give."""
+    """Puts the origin in front of an error about an option that the user did not give.
+
+    The error is raised in the block of this context.
+    """
     try:
         yield
     except InputError as error:
@@ -52,7 +58,10 @@ def naming_origins(origins: Mapping[str, str]) -> Iterator[None]:
 
 
 def merge_layers(spec: SearchSpec) -> Merged:
-    """Merges the options of a specification over those of its example maps, and these over its style's.
+    """Merges the options of a specification, of its example maps and of its style.
+
+    Options of the specification override those of the example maps, which override those of the
+    style.
 
     Raises:
       InputError: for a wrong option of the style, or example maps without roads.
@@ -125,7 +134,10 @@ def _without_large(layer: Mapping[str, UserValue]) -> dict[str, UserValue]:
 
 
 def _names_in(layer: Mapping[str, UserValue]) -> set[str]:
-    """Returns the names of the options in a layer, also those for large maps, and "where NAME" for each range."""
+    """Returns the names of the options in a layer.
+
+    Options for large maps are included, and "where NAME" for each range.
+    """
     large = layer.get("large") or {}
     names = {*layer, *large}
     for options in (layer, large):

@@ -12,8 +12,8 @@ keeps these `Programs` for later calls, by the structure of the setup.
 
 A program goes through four forms. `_exportable` makes a function that JAX can trace. `_export`
 traces it, or reads the trace from a file. `_lower` makes the compiler's input for one device.
-`_compile` compiles it at a level of optimisation. A program that JAX has compiled is called with the
-shapes that it was compiled for: the number of seeds in a part, or all seeds.
+`_compile` compiles it at a level of optimisation. A program that JAX has compiled is called with
+the shapes that it was compiled for: the number of seeds in a part, or all seeds.
 
 Programs of searches without functions of the user are also exported to disk, so that a later
 process neither traces nor lowers them; see `_stored_programs`.
@@ -77,7 +77,10 @@ _START, _ADVANCE, _COLLECT = "start", "advance", "collect"
 _tracing_lock = RLock()
 
 _with_jit = jax.disable_jit(False)
-"""Runs JAX's `jit` whatever the setting `jax_disable_jit` is. Without it JAX refuses to run compiled programs."""
+"""Runs JAX's `jit` whatever the setting `jax_disable_jit` is.
+
+Without `jit` JAX refuses to run compiled programs.
+"""
 
 
 class ProgramKey(NamedTuple):
@@ -127,7 +130,8 @@ def _tracing() -> Iterator[None]:
     Threads that trace at once take turns, and all their programs come late. Tracing makes many
     lasting objects; the collector takes a tenth of the time to look through them. The user's
     functions draw as by default, so that a search can be continued under other settings of JAX.
-    Without `jit` JAX would write every generation into the program, which then compiles for minutes.
+    Without `jit` JAX would write every generation into the program, which then compiles for
+    minutes.
     """
     with _tracing_lock, default_draws(), jax.disable_jit(False):
         collects = gc.isenabled()
@@ -236,10 +240,10 @@ class Programs:
         return sum(leaf.size * leaf.dtype.itemsize for leaf in self.states)
 
     def put_numbers(self, setup: Setup, fingerprint: int) -> tuple[Array, ...]:
-        """Puts the numbers of a setup on the default device; `fingerprint` differs for other numbers.
+        """Puts the numbers of a setup on the default device.
 
-        Calls with equal numbers share one copy. Otherwise each program would copy them, which takes
-        a millisecond.
+        `fingerprint` differs for other numbers. Calls with equal numbers share one copy. Otherwise
+        each program would copy them, which takes a millisecond.
         """
         # Searches in other threads may replace the attribute at any time, so it is read once.
         last_numbers = self._last_numbers
@@ -290,7 +294,10 @@ class Programs:
         first: int,
         last: int,
     ) -> tuple[States, Info]:
-        """Runs the generations `first` to `last` of the seeds of a part, see `loop.advance`; waits for the end."""
+        """Runs the generations `first` to `last` of the seeds of a part.
+
+        Waits for the end. See `loop.advance`.
+        """
         program = self._program(_ADVANCE, device)
         results = program(numbers, keys, states, np.int32(first), np.int32(last))
         states, (best_fitness, elite_count, refused) = jax.block_until_ready(results)
@@ -308,7 +315,11 @@ class Programs:
         return jax.tree.unflatten(structure, leaves), states
 
     def _choose(self, program: str, device: jax.Device, cells: int) -> ProgramKey:
-        """Returns the key of the compiled program to run: of the highest level that is there, if that is enough."""
+        """Returns the key of the compiled program to run.
+
+        The program has the highest level that is compiled, if that level is high enough. Otherwise
+        the key has the least level that is enough.
+        """
         if program == _START:
             level = least_level_of_start(device.platform, cells)
         else:
@@ -389,15 +400,18 @@ class Programs:
         if self._stored is not None and set(self._exports) <= set(self._stored.exports):
             return
         exports = {program: bytes(export.serialize()) for program, export in self._exports.items()}
-        # A search that continues a state does not start, so its file may lack a program that another
-        # search adds.
+        # A search that continues a state does not start, so its file may lack a program that
+        # another search adds.
         if self._stored is not None:
             exports = dict(self._stored.exports) | exports
         self._stored = StoredPrograms(self.facts.to_plain(), exports)
         save(self._file, self._stored)
 
     def _exportable(self, program: str) -> Jitted:
-        """Returns a program that JAX can trace, whose arguments and results are tuples of arrays."""
+        """Returns a program that JAX can trace.
+
+        Its arguments and results are tuples of arrays.
+        """
         if program == _START:
             return _start_program(self._structure)
         states = jax.tree.structure(self._state_tree)
@@ -432,10 +446,11 @@ def _shape_on(
 def find_programs(
     setup: Setup, keys: KeyData, single: bool, devices: Sequence[jax.Device], floats: bool = False
 ) -> Programs:
-    """Returns the programs of a search: those of an earlier call if there was one of the same shapes.
+    """Returns the programs of a search.
 
-    `single` says whether there was one key alone. The devices share the seeds. `floats` says
-    whether the user's functions compute with floats.
+    They are those of an earlier call if there was one of the same shapes. `single` says whether
+    there was one key alone. The devices share the seeds. `floats` says whether the user's functions
+    compute with floats.
     """
     numbers, structure = jax.tree.flatten(setup)
     # The cache of `_find` compares its arguments, so they are hashable and hold no arrays.
@@ -521,7 +536,10 @@ def _advance_program(structure: Pytree, state_structure: Pytree) -> Jitted:
 
 @lru_cache(maxsize=_MOST_SEARCHES)
 def _collect_program(structure: Pytree, state_structure: Pytree, single: bool) -> Jitted:
-    """Returns the program from states to the leaves of elites, and the states; without the axis of a single seed."""
+    """Returns the program from states to the leaves of elites, and the states.
+
+    The results have no axis of seeds if there is a single seed.
+    """
 
     def collect_all(numbers: Sequence[Array], states: States) -> tuple[tuple[Array, ...], States]:
         setup: Setup = jax.tree.unflatten(structure, numbers)

@@ -1,4 +1,7 @@
-"""What the programs of a search are made from: static parts that decide the programs, and numbers, their arguments."""
+"""What the programs of a search are made from: static parts and numbers.
+
+The static parts decide the programs, and the numbers are their arguments.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -33,7 +36,9 @@ _STATIC = {"static": True}
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """The problem and the method of a search; a pytree. Searches of equal structure share compiled programs.
+    """The problem and the method of a search; a pytree.
+
+    Searches of equal structure share compiled programs.
 
     Attributes:
       problem: the problem of the search.

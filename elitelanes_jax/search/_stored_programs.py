@@ -1,8 +1,9 @@
-"""Exported programs of a search in a file: a later process loads them instead of tracing and lowering again.
+"""Exported programs of a search in a file.
 
-The name of a file is a digest of all that its programs depend on, so any change leads to another
-file. A file that cannot be read is replaced. The files are next to JAX's own cache of compiled
-programs, if that is in use. There JAX finds the compiled form of a loaded program.
+A later process loads them instead of tracing and lowering again. The name of a file is a digest of
+all that its programs depend on, so any change leads to another file. A file that cannot be read is
+replaced. The files are next to JAX's own cache of compiled programs, if that is in use. There JAX
+finds the compiled form of a loaded program.
 """
 
 import json
@@ -43,7 +44,11 @@ class StoredPrograms(NamedTuple):
 
 
 def find_folder() -> Path | None:
-    """Returns the folder of the files; None if JAX keeps no compiled programs now, or not on one processor alone."""
+    """Returns the folder of the files, or None.
+
+    There is none if JAX keeps no compiled programs at present, or if the search is not on one
+    processor alone.
+    """
     folder = jax.config.values.get("jax_compilation_cache_dir")
     if (
         not folder
@@ -73,7 +78,10 @@ def find_file(folder: Path, *parts: Plain) -> Path | None:
 
 
 def settings_of_thread() -> tuple[tuple[str, Plain], ...]:
-    """Returns the names and values of JAX's settings, except those of its cache; they may differ between threads."""
+    """Returns the names and values of JAX's settings, except those of its cache.
+
+    The settings may differ between threads.
+    """
     names = sorted(name for name in jax.config.values if "_cache" not in name)
     return tuple((name, getattr(jax.config, name, None)) for name in names)
 

@@ -1,4 +1,7 @@
-"""The functions and configurations of a user: how they are checked, and how a changed function is recognised."""
+"""The functions and configurations of a user.
+
+They are checked, and a changed function is recognised.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -24,7 +27,9 @@ from elitelanes_jax.search.spec import SearchSpec
 
 @dataclass(frozen=True, kw_only=True)
 class Extensions:
-    """What a user adds to a search beside its options, checked. The fields are arguments of `evolve`.
+    """What a user adds to a search besides its options, checked.
+
+    The fields are arguments of `evolve`.
 
     Attributes:
       config: a configuration in place of the preset's, or None.
@@ -51,7 +56,9 @@ class Digest(NamedTuple):
 def ask_for_method(
     spec: SearchSpec, options: Mapping[str, UserValue], extensions: Extensions
 ) -> SearchSpec:
-    """Returns a specification that asks for the method of a configuration, or for any method beside an optimiser.
+    """Returns a specification that asks for the method of a configuration.
+
+    With an optimiser of the user, the specification asks for any method.
 
     Args:
       spec: the specification with the options of the call.
@@ -93,7 +100,10 @@ def ask_for_method(
 
 
 def _check_plain_numbers(argument: str, config: Config) -> None:
-    """Checks that a configuration has no arrays, which results could not be compared by or saved with."""
+    """Checks that a configuration has no arrays.
+
+    Results whose configuration has arrays could not be compared or saved.
+    """
     if any(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(config)):
         raise InputError(f"{argument}: expected plain numbers, got an array in {config}")
 
@@ -124,7 +134,9 @@ def check_extensions(search: Search, extensions: Extensions) -> None:
 
 
 def find_config(search: Search, extensions: Extensions) -> Config | None:
-    """Returns the configuration of a search: the user's, or the preset's, with the user's moves; None for an optimiser.
+    """Returns the configuration of a search, with the user's moves.
+
+    The configuration is the user's, or the preset's. For an optimiser of the user it is None.
 
     Raises:
       InputError: for moves of a method that has none, or weights of moves that are arrays.
@@ -166,12 +178,13 @@ def _name_of(factory: Factory) -> str:
 
 
 def digest_functions(setup: Setup) -> dict[str, Digest]:
-    """Returns the digests of the user's functions, by name, because an edited function keeps its name.
+    """Returns the digests of the user's functions, by name.
 
-    Features, a fitness and moves are traced at every call, because a global or an attribute that a
-    function reads may have changed. An optimiser is traced again only if one of these computes
-    something else; its digest covers them. A fitness or a move whose name a feature has too is
-    named by its kind as well, such as "move zigzag".
+    They are needed because an edited function keeps its name. Features, a fitness and moves are
+    traced at every call, because a global or an attribute that a function reads may have changed.
+    An optimiser is traced again only if one of these computes something else; its digest covers
+    them. A fitness or a move whose name a feature has too is named by its kind as well, such as
+    "move zigzag".
     """
     digests = _digest_kernels(setup)
     if setup.factory is not None:

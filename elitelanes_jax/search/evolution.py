@@ -317,7 +317,10 @@ class Run:
     def on_parts(
         self, program: Callable[..., T], arguments: Sequence[tuple[Pytree, ...]]
     ) -> list[T]:
-        """Calls a program with the device and the arguments of each part; returns the results in order."""
+        """Calls a program with the device and the arguments of each part.
+
+        Returns the results in order.
+        """
         calls = []
         # With fewer seeds than devices, there are fewer parts than devices.
         for device, part in zip(self.devices, arguments, strict=False):
@@ -325,7 +328,10 @@ class Run:
         return side_by_side(calls, workers=self.workers)
 
     def result(self, states: Sequence[States], histories: Sequence[History], first: int) -> Result:
-        """Returns the result of the generations after `first`; states by device, a history for each stretch."""
+        """Returns the result of the generations after `first`.
+
+        There are states for each device, and a history for each stretch.
+        """
         elites, inner = self.programs.collect(self.numbers, join(states, self.seeds))
         # A search without generations has no histories, but its history has an axis of seeds too.
         history = History.joined([History.empty(self.seeds), *histories])
@@ -396,7 +402,10 @@ def _describe(setup: Setup) -> str:
 def _evolve(
     run: Run, first: int, inner: States | None, checkpoint: Checkpoint | None, progress: bool | None
 ) -> Result:
-    """Runs a search from generation `first`, or from its checkpoint; `inner` is None at generation 0."""
+    """Runs a search from generation `first`, or from its checkpoint.
+
+    `inner` is None at generation 0.
+    """
     # The budget counts from the user's state. A checkpoint is an earlier part of the same budget.
     last = first + run.search.steps(run.programs.facts.evaluations_per_step)
     generation = first
@@ -499,7 +508,10 @@ def _check_budget(run: Run, checkpoint: Checkpoint, generation: int, last: int) 
 
 
 def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
-    """Checks that the compiler, and the states before and after a step, fit into the free memory."""
+    """Checks that a search fits into the free memory.
+
+    It needs room for the compiler, and for the states before and after a step.
+    """
     free = _free_memory_of_device()
     needed = 2 * states + _COMPILER
     if needed <= free:
@@ -515,7 +527,10 @@ def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
 
 
 def _free_memory_of_device() -> int:
-    """Returns the free bytes of the default device: of an accelerator its own memory, otherwise the machine's."""
+    """Returns the free bytes of the default device.
+
+    An accelerator has its own memory. Otherwise the memory is the machine's.
+    """
     stats = jax.local_devices()[0].memory_stats()
     if stats and "bytes_limit" in stats:
         return stats["bytes_limit"] - stats["bytes_in_use"]
@@ -552,7 +567,8 @@ def _restore(state: Pytree, run: Run) -> tuple[int, States]:
         )
     if not jax.tree.leaves(state.inner):
         raise InputError(
-            "state: expected one to continue from, got that of a result that was joined or saved without its state"
+            "state: expected one to continue from, "
+            "got that of a result that was joined or saved without its state"
         )
     arrays = [jnp.asarray(leaf) for leaf in jax.tree.leaves(state.inner)]
     if run.keys.single:
@@ -579,7 +595,10 @@ class _Rows(NamedTuple):
 def _advance(
     run: Run, states: list[States], generation: int, last: int, bar: Progress
 ) -> Iterator[tuple[list[States], History]]:
-    """Runs the generations after `generation` call by call; yields states by device and the history, seeds first."""
+    """Runs the generations after `generation` call by call.
+
+    Yields the states by device, and the history with the axis of seeds first.
+    """
     keys_by_part = cut(run.keys.data, run.devices)
     per_step = run.programs.facts.evaluations_per_step
     # The number of generations of a call. The first call measures the speed. Each later call has as

@@ -98,7 +98,8 @@ def _check_different_keys(results: Sequence[Result]) -> None:
         first = seen.setdefault(int(result.state.fingerprint), index)
         if first != index:
             raise InputError(
-                f"results: expected each result once, got the keys of index {first} again at index {index}"
+                f"results: expected each result once, got the keys of index {first} "
+                f"again at index {index}"
             )
 
 
@@ -118,8 +119,9 @@ def _warn_of_equal_seeds(results: Sequence[Result]) -> None:
             if digest in seen:
                 first, earlier = seen[digest]
                 warn_user(
-                    f"results: seed {seed} at index {index} has the elites and the history of seed {earlier} at index "
-                    f"{first}: unless the grids are tiny, both had the same key, and the joined result counts it twice"
+                    f"results: seed {seed} at index {index} has the elites and the history "
+                    f"of seed {earlier} at index {first}: unless the grids are tiny, "
+                    "both had the same key, and the joined result counts it twice"
                 )
                 return
         for seed, digest in enumerate(digests):

@@ -31,7 +31,10 @@ class SearchKeys(NamedTuple):
 
 
 def keys_of_seeds(seed: int, indices: Iterable[int]) -> SearchKeys:
-    """Returns the keys of some seeds of a run; each depends on `seed` and its index alone, see `seed_keys`."""
+    """Returns the keys of some seeds of a run.
+
+    Each key depends on `seed` and its index alone, see `seed_keys`.
+    """
     return SearchKeys(seed_key_data(seed, np.array([*indices])), THREEFRY, single=False)
 
 
@@ -53,8 +56,9 @@ def check_keys(key: UserValue, seeds: int | None = None) -> SearchKeys:
         )
     if isinstance(key, jax.core.Tracer):
         raise InputError(
-            "key: expected a key outside jax.jit and jax.vmap, because evolve compiles a program of "
-            "its own; give an array of keys for many seeds, or use optimizers.run in your program"
+            "key: expected a key outside jax.jit and jax.vmap, "
+            "because evolve compiles a program of its own; "
+            "give an array of keys for many seeds, or use optimizers.run in your program"
         )
     if seeds is not None:
         raise InputError(

@@ -84,7 +84,10 @@ def _cut(grid: AnyArray) -> Int8[np.ndarray, "H W"]:
 
 
 def _features(town: Int8[np.ndarray, "H W"]) -> dict[str, float]:
-    """Returns the metrics, shares and town features of a map; shares and town features in units of 1."""
+    """Returns the metrics, shares and town features of a map.
+
+    Shares and town features are in units of 1.
+    """
     metrics = plain_measure(town)
     features: dict[str, float] = {}
     for name, value in plain_town(town).items():

@@ -51,7 +51,9 @@ def evolve_parts(
     folder: Path | None = None,
     progress: bool | None = None,
 ) -> list[EvolvedPart]:
-    """Evolves a search in parts on the workers of an executor; returns the parts in the order of the keys.
+    """Evolves a search in parts on the workers of an executor.
+
+    Returns the parts in the order of the keys.
 
     Args:
       search: resolved.
@@ -104,19 +106,26 @@ def evolve_parts(
 
 
 def _check_functions(got: Sequence[tuple[str, str]], expected: Sequence[tuple[str, str]]) -> None:
-    """Checks the digests of a worker's functions: it may have imported a module before the module was edited."""
+    """Checks the digests of a worker's functions.
+
+    The worker may have imported a module before the module was edited.
+    """
     for (name, digest), (_, ours) in zip(got, expected, strict=True):
         if digest != ours:
             raise InputError(
-                f"executor: expected the function {name!r} as it is here, got another one from a worker; start workers "
-                "anew after a change of a module, with the same settings of JAX as here"
+                f"executor: expected the function {name!r} as it is here, "
+                "got another one from a worker; start workers anew after a change of a module, "
+                "with the same settings of JAX as here"
             )
 
 
 def evolve_each(
     tasks: Sequence[tuple[Search, SearchKeys]], pool: Pool, extensions: Extensions = Extensions()
 ) -> Iterator[tuple[int, EvolvedPart]]:
-    """Evolves searches on the workers of an executor; yields the index and the result of each as it ends."""
+    """Evolves searches on the workers of an executor.
+
+    Yields the index and the result of each search as it ends.
+    """
     caches = bool(jax.config.values.get("jax_compilation_cache_dir"))
     return call_on_workers(pool.executor, partial(_evolve_task, extensions, caches), tasks)
 

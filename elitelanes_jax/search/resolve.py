@@ -1,4 +1,7 @@
-"""Resolves what a user asks of a search, once, to a record that all later steps read; without JAX."""
+"""Resolves what a user asks of a search, once, without JAX.
+
+All later steps read the resulting record.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,15 +35,18 @@ LARGE = 12
 """Maps whose shorter side is at least this long are large."""
 
 Room: TypeAlias = Literal["maps", "grids", "anything"]
-"""What the constraints must leave room for: maps to write, repaired grids, or what a user's optimiser makes.
+"""What the constraints must leave room for.
 
-``anything`` checks nothing.
+``maps`` are maps to write, and ``grids`` are repaired grids. ``anything`` is what a user's
+optimiser makes; for it nothing is checked.
 """
 
 
 @dataclass(frozen=True)
 class Search:
-    """A search for grids of one shape: all its settings, and what follows from them. It is never changed.
+    """A search for grids of one shape: all its settings, and what follows from them.
+
+    A search is never changed.
 
     Attributes:
       shape: (height, width) of the grids.
@@ -155,7 +161,9 @@ def plain_spec(spec: SearchSpec) -> dict[str, Plain]:
 
 
 def spec_from_plain(plain: Plain) -> SearchSpec:
-    """Returns the specification that `plain_spec` described, with all options given. The style is not read again.
+    """Returns the specification that `plain_spec` described, with all options given.
+
+    The style is not read again.
 
     Raises:
       InputError: for a missing or unknown option, or a wrong value.
@@ -241,7 +249,10 @@ def with_ranges(search: Search, ranges: Sequence[Range]) -> Search:
 
 
 def with_method(search: Search, method: str, preset: str) -> Search:
-    """Returns a search whose settings say what makes its result: a custom configuration or the user's optimiser."""
+    """Returns a search whose settings say what makes its result.
+
+    This is a custom configuration, or the user's optimiser.
+    """
     settings = replace(search.settings, method=method, preset=preset, axes=search.axes)
     return replace(search, settings=settings)
 
@@ -296,7 +307,10 @@ def _axes(settings: Settings, shape: tuple[int, int]) -> tuple[Axis, ...]:
 
 
 def _measured(settings: Settings, ranges: tuple[Range, ...]) -> tuple[str, ...]:
-    """Returns the features that are measured besides the metrics: all that the settings name, and the user's."""
+    """Returns the features that are measured besides the metrics.
+
+    They are all features that the settings name, and the user's.
+    """
     axis_names = [axis.metric for axis in settings.axes or ()]
     range_names = [item.name for item in ranges]
     weighed_names = [name for name, _ in settings.weights if name not in Weights._fields]

@@ -186,10 +186,10 @@ class Result:
 
     @jax.transfer_guard("allow")
     def maps(self, count: int = 16, *, where: UserValue = ()) -> list[RoadMap]:
-        """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
+        """Chooses maps that are valid, different and spread over the niches.
 
-        If there are fewer maps than `count`, a warning says how many there are, and why the other
-        elites were rejected.
+        The command ``generate`` chooses in the same way. If there are fewer maps than `count`, a
+        warning says how many there are, and why the other elites were rejected.
 
         Args:
           count: the number of maps.
@@ -214,7 +214,9 @@ class Result:
         return choice.maps
 
     def with_ranges(self, ranges: Sequence[Range]) -> "Result":
-        """Returns the result with more ranges; they override those of the same feature. Measures what they need.
+        """Returns the result with more ranges.
+
+        New ranges override those of the same feature. Features that they need are measured.
 
         Raises:
           InputError: for a feature of the user that the search has not measured.
@@ -287,7 +289,9 @@ class Result:
 
     @jax.transfer_guard("allow")
     def save(self, path: str | Path, *, state: bool = True, seed: int | None = None) -> None:
-        """Writes the result to a file, whole or not at all: arrays as NumPy's ``.npz``, options as JSON in it.
+        """Writes the result to a file, whole or not at all.
+
+        The file has arrays as NumPy's ``.npz``, and options as JSON in it.
 
         Args:
           path: the file, ``.npz`` or without a suffix; an existing file is replaced.
@@ -306,7 +310,8 @@ class Result:
         # Only functions of the user make grids that are refused. `load_with_seed` adds zeros.
         if not arrays[_REFUSED].any():
             del arrays[_REFUSED]
-        # `load` reads the axes from the settings. These names are for readers that know NumPy alone.
+        # `load` reads the axes from the settings. These names are for readers that know NumPy
+        # alone.
         arrays["axes"] = np.array([axis.metric for axis in self.search.axes])
         if state:
             arrays |= _state_arrays(self.state)
@@ -399,7 +404,11 @@ class SearchInterrupted(KeyboardInterrupt):
         return self._make()
 
     def __reduce__(self) -> tuple[Callable[..., "SearchInterrupted"], tuple[str, Result]]:
-        """Makes the result, so that the interruption of a worker process reaches its parent with it."""
+        """Returns what `pickle` stores: the message and the result.
+
+        The result is made here, so that the interruption of a worker process reaches its parent
+        with it.
+        """
         return _interrupted, (str(self), self.result)
 
 
@@ -496,7 +505,10 @@ def _read_functions(settings: dict[str, Plain]) -> tuple[tuple[str, str], ...]:
 
 
 def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
-    """Takes the state out of the arrays of a file; without a state, returns one that fits no search."""
+    """Takes the state out of the arrays of a file.
+
+    If they have no state, returns one that fits no search.
+    """
     arrays.pop("axes", None)
     state_arrays = {}
     for name in list(arrays):
@@ -518,7 +530,10 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
 
 
 def _check_arrays(arrays: Mapping[str, np.ndarray], search: Search) -> None:
-    """Checks names, dtypes and shapes against each other and a search; error messages continue "got"."""
+    """Checks names, dtypes and shapes of arrays against each other and a search.
+
+    Error messages continue "got".
+    """
     # The first array with an axis determines its size, and all later arrays have to agree.
     sizes = {"D": len(search.axes)}
     has_seeds = arrays.get("grids", np.empty(0)).ndim == 4

@@ -32,8 +32,11 @@ The first share applies until there are no more such maps, then the next one.
 
 _Grids: TypeAlias = NDArray[np.int8]
 _Round: TypeAlias = Callable[[NDArray[np.float64], float], Iterator[int]]
-"""Takes the maps' differences from all chosen maps and the least difference, and yields the indices of the next maps to
-choose. The differences change after each map."""
+"""Yields the indices of the next maps to choose.
+
+It takes the maps' differences from all chosen maps, and the least difference. The differences
+change after each map.
+"""
 
 
 class Choice(NamedTuple):
@@ -52,14 +55,18 @@ class Choice(NamedTuple):
     alike: int
 
     def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
-        """Returns how many of the `wanted` maps were found, the reasons against the other elites, and what finds more.
+        """Returns how many of the `wanted` maps were found, and why not more.
 
-        That is `hint`, and `at_most` if some can be written.
+        The text has the reasons against the other elites, and `hint`, which finds more. It names
+        `at_most` if some maps can be written.
         """
         reasons = [f"{count} {reason}" for reason, count in self.rejected.items()]
         if self.alike:
             reasons.append(f"{self.alike} like another when moved, rotated or mirrored")
-        text = f"found {len(self.maps)} of {pluralize(wanted, 'map')} among {pluralize(self.found, 'elite')}"
+        text = (
+            f"found {len(self.maps)} of {pluralize(wanted, 'map')} "
+            f"among {pluralize(self.found, 'elite')}"
+        )
         if reasons:
             text += f" ({', '.join(reasons)})"
         if writable and self.maps:
@@ -194,7 +201,10 @@ class _Candidates(NamedTuple):
         metrics: dict[str, NDArray[np.generic]],
         search: Search,
     ) -> "_Candidates":
-        """Takes some of the elites ``[S, slots]``, by their flat indices; `metrics` are those of all, flat."""
+        """Takes some of the elites ``[S, slots]``, by their flat indices.
+
+        `metrics` are those of all elites, flat.
+        """
         axes = search.axes
         descriptor = np.asarray(elites.descriptor).reshape(-1, len(axes))[indices]
         bins = np.asarray(niche_bins(descriptor, axes))
@@ -212,7 +222,10 @@ class _Candidates(NamedTuple):
         )
 
     def road_map(self, index: int, search: Search, seed: int) -> RoadMap:
-        """Returns a candidate as a map, with its metrics, and how many tiles of each kind it leaves of an inventory."""
+        """Returns a candidate as a map, with its metrics.
+
+        For an inventory, the map also says how many tiles of each kind it leaves.
+        """
         metrics = {
             name: _value(name, values[index].item()) for name, values in self.metrics.items()
         }
@@ -234,7 +247,9 @@ class _Candidates(NamedTuple):
 def without_flaws(
     valid: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]], search: Search
 ) -> tuple[NDArray[np.bool_], Counter[str]]:
-    """Returns which elites violate no constraint of the search, and the number of the others by reason.
+    """Returns which elites violate no constraint of the search.
+
+    Also returns the number of the other elites by reason.
 
     Args:
       valid: bool of any shape, which slots are filled.
@@ -256,7 +271,10 @@ def without_flaws(
 def _distinct(
     grids: _Grids, fitness: NDArray[np.int32], useful: NDArray[np.bool_], exclude: Sequence[_Grids]
 ) -> NDArray[np.int_]:
-    """Returns the indices of useful elites, fittest first, without copies of each other and of excluded maps."""
+    """Returns the indices of useful elites, fittest first, without copies.
+
+    An elite with the roads of an earlier one, or of an excluded map, is a copy.
+    """
     excluded = set(road_forms(exclude))
     distinct: dict[bytes, int] = {}
     # The sort is stable, so among equally fit elites the first seed and slot come first.
@@ -311,7 +329,10 @@ def _choose(
 
 
 def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
-    """Orders maps, fittest first, at `points` ``[M, D]``, found by `seeds` ``[M]``: a round yields a map of each point.
+    """Orders maps at points: a round yields a map of each point.
+
+    The maps are sorted, fittest first. They are at `points` ``[M, D]``, and were found by `seeds`
+    ``[M]``.
 
     If a round has fewer maps than points, the next point is always the farthest from those before.
     A point yields a map of the seed that has given the fewest so far, because maps of one seed are
@@ -329,8 +350,8 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
         first = [indices[0] for indices in lists]
         for point in _farthest(points[first]):
             different = [index for index in lists[point] if difference[index] >= share]
-            # A point whose maps are like those chosen in this round yields none. The next point takes
-            # its turn, before any point yields a second map.
+            # A point whose maps are like those chosen in this round yields none. The next point
+            # takes its turn, before any point yields a second map.
             if different:
                 index = min(different, key=lambda index: (maps_of[int(seeds[index])], index))
                 maps_of[int(seeds[index])] += 1
@@ -352,7 +373,10 @@ def _follow(pursuit: SupportPoints, group: NDArray[np.int_]) -> _Round:
 
 
 def _farthest(points: NDArray[np.float64]) -> Iterator[int]:
-    """Yields all indices: 0, then always the point farthest from all before; among equal ones the first."""
+    """Yields all indices: 0, then always the point farthest from all before.
+
+    Among equally far points the first comes first.
+    """
     indices: list[int] = []
     distance = np.full(len(points), np.inf)
     for _ in range(len(points)):

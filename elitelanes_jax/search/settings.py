@@ -28,7 +28,10 @@ METHODS = {
 """The methods, and the presets of each, the default first."""
 
 CUSTOM = "custom"
-"""In results: the preset if a configuration equals no preset, and the method of a user's own optimiser."""
+"""The preset, in results, of a configuration that equals no preset.
+
+It is also the method of a user's own optimiser.
+"""
 
 Grids = tuple[tuple[tuple[int, ...], ...], ...]
 """Maps as hashable values: for each map its rows of tile codes."""
@@ -44,7 +47,10 @@ def check_method(method: UserValue) -> str:
 def parse_weights(
     weights: UserValue, user_features: Collection[str] = ()
 ) -> tuple[tuple[str, int], ...]:
-    """Reads `Weights`, or what `parse_numbers` reads; also accepts the names of the user's features."""
+    """Reads `Weights`, or what `parse_numbers` reads.
+
+    Names of the user's features are also accepted.
+    """
     known = (*Weights._fields, *TOWN_FEATURES, *user_features)
     if isinstance(weights, Weights):
         weights = weights._asdict()
@@ -141,7 +147,10 @@ OPTIONS: dict[str, Option] = {item.name: item.metadata["option"] for item in fie
 
 
 def check_option(name: str, value: UserValue, user_features: Collection[str]) -> UserValue:
-    """Checks the value of an option alone; the message of an `InputError` starts with the option's name."""
+    """Checks the value of an option alone.
+
+    The message of an `InputError` starts with the option's name.
+    """
     option = OPTIONS[name]
     if option.after is None:
         return check_named(name, option.check, value)

@@ -111,7 +111,9 @@ class SearchSpec:
         return f"SearchSpec({options})"
 
     def replace(self, **options: Unpack[SpecOptions]) -> Self:
-        """Returns a specification with new options, as if they had been given together with the earlier ones.
+        """Returns a specification with new options.
+
+        They apply as if they had been given together with the earlier ones.
 
         Raises:
           InputError: as the constructor does.
@@ -168,7 +170,10 @@ def check_options(
 
 
 def _check_large(large: UserValue, user_features: Collection[str]) -> dict[str, UserValue]:
-    """Checks the options for large maps: values by name, or a specification that was made of them."""
+    """Checks the options for large maps.
+
+    They are values by name, or a specification that was made of them.
+    """
     if isinstance(large, SearchSpec):
         large = large.options
     if not isinstance(large, Mapping):
