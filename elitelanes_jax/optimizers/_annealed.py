@@ -195,6 +195,8 @@ def _make_optimizer(problem: Problem, config: AnnealingConfig, mates: _Mates) ->
         temperature = cooling.temperature(config.hottest, config.coldest, problem.shape)
         accepted = metropolis_accepts(bits.accept, temperature, chains.fitness, children.fitness)
         chains = select(restart | accepted, children, chains)
+        # A cycle that begins forgets the best grids of the cycle before. The chains' best grids of
+        # all cycles are the elites.
         cycle_best = select(restart | (children.fitness < cycle_best.fitness), children, cycle_best)
         best = select(children.fitness < best.fitness, children, best)
         info = Info(best.fitness.min(), best.valid.sum(dtype=jnp.int32), count_refused(children))

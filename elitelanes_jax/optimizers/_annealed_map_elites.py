@@ -167,6 +167,7 @@ class _Method:
     def step(
         self, key: Array, state: AnnealedMapElitesState
     ) -> tuple[AnnealedMapElitesState, Info]:
+        # The number of bits is the same for every probability of a symmetric copy.
         bits = StepBits.draw(key, self.count, self._symmetric_move(0), extra=CYCLE_BITS)
         cycle_bits, begins = CycleBits.of(bits.extra), state.cooling.begins
         cycles, first_grids, cooling = self._begin_cycles(bits, cycle_bits, begins, state)
@@ -174,7 +175,9 @@ class _Method:
         temperature = self._temperature(cooling)
         children = self._make_children(bits, temperature, begins, cycles, first_grids, mates, state)
         accepted = self._accepts(bits, temperature, cycles, state.chains, children)
+        # A cycle begins with its first grid, whatever the grid's fitness.
         chains = select(begins | accepted, children, state.chains)
+        # All children are offered to the archives, also those that their chains refuse.
         archives = self.groups.insert(
             state.archives, self.problem.niche(children.features), children
         )
@@ -226,6 +229,7 @@ class _Method:
             fresh = jnp.where(pending, bits.fresh, 0)
             filled = archives._replace(fitness=fitness).valid
             if config.require_feasible:
+                # A niche whose elite has a penalty counts as vacant, so that more cycles pursue it.
                 penalties = problem.penalties(features)
                 check_array("penalties", penalties, features.shape[:-1], jnp.int32)
                 filled &= penalties == 0
@@ -242,6 +246,7 @@ class _Method:
             random = jax.vmap(partial(random_grid, problem))(fresh)
             return cycles, select(cycles.restarts, random, take(archives.grids, cycles.start))
 
+        # Steps in which no chain begins a cycle skip these draws.
         cycles, first_grids = run_if(begins.any(), draw, (state.cycles, state.chains.grids))
         lengths = (self.length * jnp.where(cycles.restarts, config.restart_length, 1)).astype(
             jnp.int32

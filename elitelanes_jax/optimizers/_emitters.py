@@ -42,6 +42,7 @@ class Niches(NamedTuple):
         shape = tuple(axis.bins for axis in axes)
         bins = np.indices(shape).reshape(len(shape), -1).T.astype(np.int32)
         free = np.array([axis.target is None for axis in axes])
+        # An axis without a target gets target 0, which `free` hides.
         targets = np.array([axis.target or 0 for axis in axes], np.int32)
         return Niches(shape, bins, free, targets, (free | (bins == targets)).all(axis=1))
 

@@ -124,6 +124,7 @@ class MoveWeights(Record):
             weights.append(weight)
         if all(_is_never_drawn(weight) for weight in weights):
             raise InputError("link: expected a weight over 0 for at least one move, got none")
+        # A move is drawn by a whole number below the sum of all weights, which has to fit int32.
         total = sum(weight for weight in weights if isinstance(weight, int))
         if total > LARGEST:
             expected = f"weights of moves that add up to at most {LARGEST}"
@@ -149,6 +150,7 @@ class MoveWeights(Record):
             if name in KNOWN_MOVES:
                 weights[name] = value
             elif isinstance(value, tuple | list):
+                # The pair of a weight and a `Move` is checked with all moves of the user below.
                 user_moves[name] = value
             else:
                 known_names = ", ".join(KNOWN_MOVES)
@@ -200,6 +202,8 @@ def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> 
         _plan_displaced_transplant: weights.displaced,
         _plan_refit: weights.refit,
     }
+    # Where repair always fills, a refitted window must have no empty cells, and a move that fills
+    # would change nothing.
     move = _move(weights_by_plan, weights.user_moves, empty=not fill)
     if fill:
         return move
@@ -662,6 +666,7 @@ def _plan_corner(draws: _Draws) -> _Change:
 
 
 def _plan_outline(draws: _Draws) -> _Change:
+    # The size is drawn before the position. Two random corners would make large sizes rare.
     span = 1 + randint(draws.bits[:2], draws.shape - 1)
     first = randint(draws.bits[2:4], draws.shape - span)
     return _Change(first, first + span, _TOGGLED)

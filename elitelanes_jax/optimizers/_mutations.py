@@ -113,6 +113,8 @@ def paper_mutation(
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty, used = jnp.zeros(grid.shape, bool), 0
+        # A mutation is computed even if it does not happen. A branch would save nothing, because
+        # under `jax.vmap` JAX computes every branch.
         for mutation, rate in mutations:
             last = used + mutation.bits
             varied, happens = mutation.apply(bits[used:last], grid), bernoulli(bits[last], rate)

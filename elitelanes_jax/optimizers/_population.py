@@ -120,6 +120,8 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
         return random_population(problem, key, config.population)
 
     def step(key: Array, state: Population) -> tuple[Population, Info]:
+        # Each offspring has a row of bits: first those of its tournament, then those of its
+        # mutation.
         bits = random_bits(key, (config.offspring, config.tournament + mutation.bits))
         parents = tournament(bits[:, : config.tournament], state)
         offspring = breed(problem, mutation, bits[:, config.tournament :], parents)

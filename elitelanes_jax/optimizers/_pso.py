@@ -124,6 +124,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
         position = jnp.clip(position + velocity, -_FARTHEST, _FARTHEST)
         found = draw(second, velocity)
 
+        # Of equally good grids a particle keeps the earlier one.
         better = found.fitness < best.fitness
         best_position = jnp.where(better[:, None, None, None], position, best_position)
         best = select(better, found, best)

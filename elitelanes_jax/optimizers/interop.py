@@ -131,6 +131,7 @@ def qdax_moves(
         return jax.vmap(move_and_repair)(bits, genotypes, mates)
 
     def mutate(genotypes: Array, key: Key[Array, ""]) -> Array:
+        # A mutation has no mates, so blocks are copied within each genotype.
         return vary(genotypes, genotypes, key)
 
     return mutate, vary
@@ -259,6 +260,7 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
         try:
             array = np.asarray(solutions)
         except ValueError as error:
+            # NumPy makes no array of rows with several lengths.
             raise InputError(f"solutions: expected numbers [B, {size}], got: {error}") from None
         if array.ndim != 2 or array.shape[1] != size or array.dtype.kind not in "iuf":
             raise InputError(
@@ -268,6 +270,8 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
             if not np.isfinite(array).all():
                 # The floor of these is no index.
                 raise InputError("solutions: expected finite numbers, got NaN or infinity")
+            # Emitters propose real numbers of any size, so indices outside the alphabet are
+            # limited.
             indices = np.floor(array).clip(0, len(codes) - 1).astype(int)
             array = codes[indices]
         elif array.size and (array.min() < 0 or array.max() > 15):

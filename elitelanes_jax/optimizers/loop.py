@@ -173,6 +173,8 @@ def check_elites(elites: UserValue, shape: tuple[int, int], features: int) -> Po
     Raises `InputError` if they do not fit.
     """
     check_named("optimizer: elites", instance(Population), elites)
+    # The optimiser may be the user's. Its arrays may be of NumPy, and have other widths of
+    # integers.
     slots = np.shape(elites.fitness)[:1]
     grids, fitness, columns = (jnp.asarray(array) for array in elites)
     for name, array in (("grids", grids), ("features", columns)):
@@ -195,6 +197,7 @@ def _check_step(state: Pytree, outcome: UserValue) -> None:
     if not _is_state_and_info(outcome):
         got = repr(outcome)
         if isinstance(outcome, tuple):
+            # The text of a state may be long, so the message has only the types.
             got = f"({', '.join(type(part).__name__ for part in outcome)})"
         raise InputError(
             f"optimizer: expected a step that returns (state, Info), got {shorten(got)}"

@@ -166,6 +166,7 @@ def config_to_plain(config: Config) -> dict[str, Plain]:
 
     def plain(fields: list[tuple[str, Plain]]) -> dict[str, Plain]:
         values = dict(fields)
+        # JSON has no functions, so a move of the user is stored as its weight.
         if "user_moves" in values:
             values["user_moves"] = {
                 name: weight for name, (weight, _) in values["user_moves"].items()
@@ -188,6 +189,7 @@ def config_from_plain(plain: Plain) -> Config | None:
             f"config: expected a kind, one of {', '.join(kinds)}, got {shorten(repr(plain))}"
         )
     fields = {name: value for name, value in plain.items() if name != "kind"}
+    # Plain values do not have the functions of these moves.
     if _has_user_moves(fields):
         return None
     return _from_plain(kinds[plain["kind"]](), fields)
