@@ -48,6 +48,7 @@ def vmap_in_blocks(kernel: Callable[..., R], *, block: int | None = None) -> Cal
     block = check_named("block", none_or(whole(1)), block)
 
     def in_blocks(*args: Pytree) -> R:
+        # `lax.map` loops over blocks, and applies `jax.vmap` within each block.
         most = block or max(_NUMBERS // _numbers_of_an_element(args), 1)
         result: R = lax.map(lambda elements: kernel(*elements), args, batch_size=most)
         return result

@@ -73,6 +73,7 @@ def check_grid(grid: AnyArray) -> AnyArray:
         array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
     except ValueError:
         raise InputError("grid: expected rows of one length, got rows of several") from None
+    # `np.asarray` drops the mask, and the cells under it may have any codes.
     if np.ma.is_masked(grid):
         raise InputError(
             "grid: expected a tile code in each cell, got a masked array; "

@@ -29,6 +29,7 @@ def check_array(
       InputError: for another shape or dtype.
     """
     array = jnp.asarray(array)
+    # For chex an axis of length None may have any length.
     lengths = [length if isinstance(length, int) else None for length in shape]
     try:
         chex.assert_shape(array, lengths)

@@ -101,6 +101,8 @@ def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
     # southwards.
     codes = _mirror(_transpose(town.codes, bits[0]), bits[0])
     is_street = bits[0] & 8 == 0
+    # Both kinds are computed. A branch would save nothing, because under `jax.vmap` JAX computes
+    # every branch.
     fits, changed = (
         jnp.where(is_street, street, bend)
         for street, bend in zip(_street(codes, bits), _bend(codes, bits), strict=True)

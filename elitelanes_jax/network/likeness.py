@@ -214,6 +214,8 @@ def _least_difference(kinds: NDArray[np.int32], others: NDArray[np.int32]) -> ND
         surplus = count[:, None] - other
         more += np.maximum(surplus, 0)
         fewer -= np.minimum(surplus, 0)
+    # One cell that differs can hold a surplus tile of either grid. So the larger number is the
+    # bound, not the sum of both.
     return np.maximum(more, fewer)
 
 
@@ -293,6 +295,7 @@ def _compare(
         )
         counts = beyond[position] + _count_bits(bits[0][:, position] ^ group.planes[0][:, grid])
         position, grid = position[counts < below], grid[counts < below]
+        # The codes of a cell differ if any of their four bits differs.
         codes = np.bitwise_or.reduce(bits[:, :, position] ^ group.planes[:, :, grid])
         yield box[position], grid, beyond[position] + _count_bits(codes)
 

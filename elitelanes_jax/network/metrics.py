@@ -141,12 +141,15 @@ def _measure(grid: Int8[Array, "H W"], *, alphabet: tuple[int, ...] | None) -> M
             "turns": (layout.here(turn), 1),
             "crowded_crossings": (_count(crowds(layout.east), crowds(layout.south)), 2),
             "neighbours": (pairs(padded > 0), 2),
+            # Guard cells have code 0, which may be outside the alphabet, but they are not part of
+            # the grid.
             "off_alphabet": (_outside_alphabet(here, alphabet) & (columns < layout.width), 1),
         },
         area,
     )
     # The others follow from these sums. The number of components is Euler's formula, see `_faces`.
     counts["components"] = counts["tiles"] - counts["edges"] + counts["cyclomatic"]
+    # Each linked pair of crossings counts from both tiles.
     counts["adjacent_crossings"] *= 2
     counts["unlinked_neighbours"] = counts.pop("neighbours") - counts["edges"]
     counts["empty_cells"] = area - counts["tiles"]

@@ -69,6 +69,7 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
         "straight_score": _squared_runs(along) + _squared_runs(upright.T),
         "straights": int((along | upright).sum()),
         "turns": int(turn.sum()),
+        # Of all pairs of crossings and turns, only those of two turns have no crossing.
         "crowded_crossings": _pairs(crossing | turn) - _pairs(turn),
         "unlinked_neighbours": _pairs(codes > 0) - edges,
         "tiles": tiles,
@@ -119,6 +120,7 @@ def plain_town(grid: AnyArray) -> dict[str, int]:
 
     The numbers are those of `measure_town`.
     """
+    # Of these features only `box_share` depends on the size of the grid around the roads.
     codes = cut_to_roads(np.asarray(check_grid(grid)))
     metrics, road = plain_measure(codes), codes > 0
     tiles = max(metrics["tiles"], 1)
@@ -126,6 +128,7 @@ def plain_town(grid: AnyArray) -> dict[str, int]:
     alike = max(
         int((road == other).sum()) for other in (road[::-1], road[:, ::-1], road[::-1, ::-1])
     )
+    # The box of a grid without tiles is the whole grid, but these features are then 0.
     some = bool(road.any())
     return {
         "loops_per_tile": 1000 * metrics["cyclomatic"] // tiles,
@@ -151,7 +154,8 @@ def _pairs(cells: _Cells) -> int:
 
 
 def _squared_runs(straight: _Cells) -> int:
-    # A run begins where the steps are 1, and ends where they are -1.
+    # A run begins where the steps are 1, and ends where they are -1. The padding keeps apart the
+    # runs of different rows.
     steps = np.diff(np.pad(straight, ((0, 0), (1, 1))).ravel().astype(np.int8))
     return int(((np.flatnonzero(steps < 0) - np.flatnonzero(steps > 0)) ** 2).sum())
 

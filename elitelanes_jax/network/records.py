@@ -144,6 +144,7 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
     for name, weight in weights._asdict().items():
         if np.ndim(weight) or not np.issubdtype(np.asarray(weight).dtype, np.integer):
             raise InputError(f"weights: expected whole numbers, got {name}={weight!r}")
+    # Integers of Python have no limit, so the bound below is exact.
     exact = Weights(*(int(np.asarray(weight)) for weight in weights))
     largest = _largest_fitness(exact, shape) + more
     if largest >= 2**31:

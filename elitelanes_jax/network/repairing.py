@@ -99,6 +99,7 @@ def _repair(
         rows < cells.height - 1, SOUTH, 0
     )
     fixed = np.zeros(grid.shape, bool) if fixed is None else fixed
+    # A True cell of a mask has all four bits, so that a mask can be combined with codes and links.
     words = (
         cells.pack(array)
         for array in (materialize(grid), jnp.where(dirty, 15, 0), jnp.where(fixed, 15, 0), room)

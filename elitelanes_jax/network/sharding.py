@@ -48,6 +48,7 @@ def _divided(function: Callable[..., R], rows: Pytree = None) -> Callable[..., R
     @jax.custom_batching.custom_vmap
     def alone(*args: Pytree) -> Pytree:
         if rows is None:
+            # The arguments are those of one element, so there is no batch to divide.
             return _in_one_part(function, *args)
         batched = jax.tree.map(lambda leaf: jnp.ndim(leaf) > 0, args)
         return _on_shards(function, args, batched, rows)

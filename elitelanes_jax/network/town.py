@@ -70,6 +70,7 @@ def _measure_town(grid: Int8[Array, "H W"], *, detour: bool) -> TownFeatures:
         block_spread=_thousandths(
             jnp.where(areas > 0, jnp.abs(areas * blocks - area), 0).sum(), blocks * area
         ),
+        # The block around one cell has an area of 4.
         small_blocks=_thousandths(_count((areas > 0) & (areas <= 4)), blocks),
         loops_per_tile=_thousandths(blocks, tiles),
         longest_street=lengths.max(initial=0),
@@ -195,6 +196,7 @@ def _box(
             cells.argmax().astype(jnp.int32),
             (cells.size - 1 - cells[::-1].argmax()).astype(jnp.int32),
         ]
+    # Without tiles `argmax` returns 0, and the ends would be those of the whole grid.
     some = tile.any()
     north, south, west, east = ends
     return (
@@ -261,6 +263,8 @@ def _signable(
     ]
     crossing = links > 2
     crossings = _count(crossing)
+    # The signs of a crossing stand at its corners, where a road leaves them no room. A town without
+    # crossings needs no sign.
     free = crossing & ~(corners[0] | corners[1] | corners[2] | corners[3])
     return jnp.where(crossings > 0, _thousandths(_count(free), crossings), 1000)
 
