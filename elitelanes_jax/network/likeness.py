@@ -214,7 +214,7 @@ def _least_difference(kinds: NDArray[np.int32], others: NDArray[np.int32]) -> ND
         surplus = count[:, None] - other
         more += np.maximum(surplus, 0)
         fewer -= np.minimum(surplus, 0)
-    # One cell that differs can hold a surplus tile of either grid. So the larger number is the
+    # One cell that differs can hold a surplus tile of each grid. So the larger number is the
     # bound, not the sum of both.
     return np.maximum(more, fewer)
 
