@@ -159,12 +159,14 @@ def settle(out: str | Path) -> None:
 def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     """Locks a folder, so that one process at a time works in it; a second one gets an `InputError` that names `asked`.
 
-    A folder that did not exist is made, and removed at the end if it is empty.
+    A folder that did not exist is made, and removed at the end if it is empty; its missing parents
+    likewise. The block may remove the folder.
     """
     # Imported here, because loading it takes 50 ms.
     from filelock import FileLock, Timeout
 
-    new, lock = not folder.exists(), FileLock(folder / _LOCK)
+    lock = FileLock(folder / _LOCK)
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -186,10 +188,13 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
                 finally:
                     # An interruption of this process, which may go on, leaves no lock.
                     lock.release(force=True)
-        if new:
+            else:
+                lock.release(force=True)
+        # The deepest folder goes first.
+        for path in missing:
             with suppress(OSError):
                 # A folder with files stays.
-                folder.rmdir()
+                path.rmdir()
 
 
 def compare_settings(

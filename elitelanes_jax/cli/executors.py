@@ -13,7 +13,7 @@ from types import ModuleType
 from elitelanes_jax._util.checks import Check, whole
 from elitelanes_jax._util.engine import Engine, Pool
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.folders import remove
+from elitelanes_jax._util.folders import locked, remove
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import checked_by
@@ -75,8 +75,10 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
             yield Pool(executor, options.parts)
     elif options.slurm is not None:
         jobs = options.out.absolute().parent / f".{options.out.name}-jobs"
-        with _keeping_logs(jobs):
-            yield Pool(_open_submitit(options.slurm, jobs), options.parts)
+        executor = _open_submitit(options.slurm, jobs)
+        # A second command for the same output folder must not remove the jobs of the first one.
+        with locked(jobs, options.out), _keeping_logs(jobs):
+            yield Pool(executor, options.parts)
     elif options.parts is not None:
         raise InputError("--parts: expected --dask or --slurm with it, got neither")
     else:
@@ -140,6 +142,8 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
             raise InputError(f"--slurm: expected {_OPTIONS}, got {word!r}")
         if option.endswith(_TASKS) and value != "1":
             raise InputError(f"--slurm: expected one task for each job, got {word}")
+        if option in values:
+            raise InputError(f"--slurm: expected each option once, got {option} again in {word!r}")
         values[option] = _value_of(option, value)
     cluster = values.pop("cluster", "slurm")
     for program in ("sbatch", "srun"):
