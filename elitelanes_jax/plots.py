@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.checks import check_named, unmasked
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
@@ -172,7 +173,8 @@ def archive_map(
         `niche_index`: the fitness of a `Population`, or of a QDax repertoire with its sign changed
         and one axis. The largest int32 and numbers that are not finite mean vacant.
       axes: the axes of the descriptor space; by default those of the result.
-      across: the metric of an axis, by default the first of those with most bins.
+      across: the metric of an axis; by default the one with most bins among those that `down` does
+        not name, the first of several.
       down: the metrics of one axis or of several, of which the last changes fastest from row to
         row; by default all others.
       label: the label of the colour bar.
@@ -181,8 +183,8 @@ def archive_map(
         the differences of others.
 
     Raises:
-      InputError: for another number of niches, for a name that is not an axis' or occurs twice, or
-        without matplotlib.
+      InputError: for another number of niches, for masked numbers, for a name that is not an axis'
+        or occurs twice, or without matplotlib.
     """
     from elitelanes_jax.problem.descriptor import parse_axes
 
@@ -206,6 +208,7 @@ def archive_map(
     shown_names = _names_of(axes, across, down)
     axis_by_name = {axis.metric: axis for axis in axes}
     shown_axes = [axis_by_name[name] for name in shown_names]
+    check_named("fitness", unmasked, fitness)
     table = _niche_table(np.asarray(fitness, float), axes, shown_names)
 
     ax = _axes(ax)
@@ -227,19 +230,24 @@ def _names_of(
 ) -> list[str]:
     """Returns the names of the shown axes: first the axes down, then the axis across."""
     names = [axis.metric for axis in axes]
-    if across is None:
-        bins = [axis.bins for axis in axes]
-        across = names[int(np.argmax(bins))]
     if down is None:
-        shown_names = [name for name in names if name != across]
+        names_down = []
     elif isinstance(down, str):
-        shown_names = [down]
+        names_down = [down]
     else:
-        shown_names = list(down)
-    shown_names.append(across)
+        names_down = list(down)
+    culprit = "across"
+    if across is None:
+        candidates = [axis for axis in axes if axis.metric not in names_down]
+        # If `down` names all axes, the check below refuses it.
+        culprit = "across" if candidates else "down"
+        across = max(candidates or axes, key=lambda axis: axis.bins).metric
+    if down is None:
+        names_down = [name for name in names if name != across]
+    shown_names = [*names_down, across]
     for name in shown_names:
         if name not in names or shown_names.count(name) > 1:
-            argument = "across" if name == across else "down"
+            argument = culprit if name == across else "down"
             expected = f"each of {', '.join(names)} at most once"
             raise InputError(f"{argument}: expected {expected}, got {', '.join(shown_names)}")
     return shown_names
@@ -251,7 +259,7 @@ def _niche_table(
     """Returns the lowest fitness ``[rows, columns]`` over seeds and hidden axes; infinite where no niche is filled."""
     names = [axis.metric for axis in axes]
     bins = [axis.bins for axis in axes]
-    if not fitness.size or fitness.shape[-1] != prod(bins):
+    if not fitness.size or fitness.shape[-1:] != (prod(bins),):
         raise InputError(
             f"fitness: expected {prod(bins)} niches on the last axis, got shape {fitness.shape}"
         )
@@ -353,9 +361,10 @@ def seed_band(
       line: further arguments of matplotlib's `plot` for the line.
 
     Raises:
-      InputError: for values of another shape, bad quantiles, or without matplotlib.
+      InputError: for values of another shape or masked ones, bad quantiles, or without matplotlib.
     """
     x_values = np.asarray(x)
+    check_named("values", unmasked, values)
     samples = np.atleast_2d(np.asarray(values, float))
     is_table = samples.ndim == 2 and len(samples) > 0
     if x_values.ndim != 1 or not is_table or samples.shape[1] != x_values.size:
