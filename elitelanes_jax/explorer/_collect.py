@@ -1,6 +1,5 @@
 """Collects the contents of the explorer: folders of runs, archives, maps, results in memory."""
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -112,13 +111,15 @@ def _collect_files(
             runs.append(read_archive(source, source.stem))
         else:
             maps += _named_maps(source)
-    names = _distinct_names([run.name for run in runs])
-    runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
     if tiles is None and recorded_tiles is None:
         _announce_lost_tiles(runs)
     tile_set = _load_tiles(recorded_tiles if tiles is None else tiles)
     heading = runs[0].name if len(runs) == 1 and not maps else ""
-    return pack(runs + by_size(maps), tile_set, tile_px, heading)
+    # The folder of a run may have the name of a group of maps, such as "maps".
+    runs += by_size(maps)
+    names = _distinct_names([run.name for run in runs])
+    runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
+    return pack(runs, tile_set, tile_px, heading)
 
 
 def _named_maps(file: Path) -> list[tuple[str, RoadMap]]:
@@ -171,10 +172,14 @@ def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
 
 
 def _distinct_names(names: Sequence[str]) -> list[str]:
-    """Numbers the names that occur again, from the second on."""
-    counts: Counter[str] = Counter()
-    distinct = []
+    """Numbers the names that occur again, from the second on, with numbers that no other name has."""
+    distinct: list[str] = []
     for name in names:
-        counts[name] += 1
-        distinct.append(f"{name} ({counts[name]})" if counts[name] > 1 else name)
+        numbered = name
+        number = 1
+        # A later name that is numbered already, such as "run (2)", keeps its number.
+        while numbered in distinct or (number > 1 and numbered in names):
+            number += 1
+            numbered = f"{name} ({number})"
+        distinct.append(numbered)
     return distinct

@@ -7,6 +7,7 @@ token, and the headers `Host` and `Origin` must name this server. A site whose n
 
 import json
 import secrets
+import sys
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Lock
@@ -72,6 +73,11 @@ class HandServer(ThreadingHTTPServer):
             "zip": work.zip,
             "finish": lambda _: None,
         }
+
+    def handle_error(self, request: Untyped, client_address: Untyped) -> None:
+        """Prints the traceback of a failed answer, unless the browser closed the connection, as it does on a reload."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
