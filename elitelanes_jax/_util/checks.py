@@ -1,6 +1,7 @@
 """Checks of single values: each takes a value or its text, and returns the checked value or raises `InputError`."""
 
 import re
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -121,7 +122,9 @@ def real(
 
     def check(value: UserValue) -> float:
         number = _parse(value, float)
-        is_within = is_real(number) and least <= number <= most and abs(number) < float("inf")
+        # A whole number of Python may be finite and still too large for a float.
+        largest = min(most, sys.float_info.max)
+        is_within = is_real(number) and least <= number <= largest
         if not is_within or (exclusive and number == least):
             raise InputError(f"expected {unit}{limit}, got {shorten(repr(value), 40)}")
         return float(number)
@@ -273,7 +276,11 @@ def file_named(suffix: str) -> Check:
 def folder(value: UserValue) -> Path:
     """Checks for the path of a folder to write to; an existing folder may have any name."""
     out = path(value)
-    if ends_as_file(out) and not out.is_dir():
+    exists = False
+    # A text may be too long for a path.
+    with suppress(OSError):
+        exists = out.is_dir()
+    if ends_as_file(out) and not exists:
         raise InputError(
             f"expected a folder, got the name of a file, {shorten(repr(str(out)), 40)}"
         )

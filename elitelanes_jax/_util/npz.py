@@ -55,8 +55,13 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
                 raise InputError(f"expected at most {most:,} bytes unpacked, got {size:,}")
             stream.seek(0)
             archive = np.load(stream, allow_pickle=False)
-            settings = json.loads(str(archive[_SETTINGS])) if _SETTINGS in archive.files else None
-            return settings, {name: archive[name] for name in archive.files if name != _SETTINGS}
+            arrays = {name: archive[name] for name in archive.files}
+            for name, array in arrays.items():
+                # NumPy returns the bytes of a member that is no array.
+                if not isinstance(array, np.ndarray):
+                    raise zipfile.BadZipFile(f"{name} is no array")
+            settings = arrays.pop(_SETTINGS, None)
+            return None if settings is None else json.loads(str(settings)), arrays
     except OSError as error:
         raise InputError(f"{path}: {reason(error)}") from None
     except _DAMAGES as error:

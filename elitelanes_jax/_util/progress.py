@@ -122,7 +122,9 @@ class Progress:
         try:
             yield
         finally:
-            self._step, self._since = before, time.monotonic()
+            self._step = before
+            # The step took time and counted nothing, so the remaining time follows from later counts.
+            self._since, self._first = time.monotonic(), self._done
         raise_if_interrupted()
 
     def __str__(self) -> str:
