@@ -2,7 +2,8 @@
 
 import argparse
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,9 +78,10 @@ def _generate(options: argparse.Namespace) -> int:
 
     if options.floor is not None:
         options.size = _size_for_floor(options)
-    spec = read_options(options, GenerateSpec())
-    with naming_options(GenerateSpec()):
-        run = plan_run(spec)
+    with _naming_floor(options):
+        spec = read_options(options, GenerateSpec())
+        with naming_options(GenerateSpec()):
+            run = plan_run(spec)
     from elitelanes_jax.maps.generation import generate_planned
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
@@ -119,6 +121,18 @@ def _size_for_floor(options: argparse.Namespace) -> tuple[int, int]:
         return floor_size(*options.floor)
     except InputError as error:
         raise InputError(f"--{error}") from None
+
+
+@contextmanager
+def _naming_floor(options: argparse.Namespace) -> Iterator[None]:
+    """Makes errors about a size in its block name --floor, if the size follows from it."""
+    try:
+        yield
+    except InputError as error:
+        message = str(error)
+        if options.floor is None or not message.startswith("--size: "):
+            raise
+        raise InputError(f"--floor: {message.removeprefix('--size: ')}") from None
 
 
 def add_merge(commands: Commands) -> None:

@@ -89,15 +89,16 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
-    if options.out is None and options.map.is_dir():
+    out = options.out or options.map.with_suffix("")
+    if options.out is None and (options.map.is_dir() or out == options.map):
+        which = "is a folder too" if options.map.is_dir() else "has no suffix to leave out"
         raise InputError(
-            f"--out: expected a folder for the pictures of {options.map}, which is a folder too, got none"
+            f"--out: expected a folder for the pictures of {options.map}, which {which}, got none"
         )
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     warn_of_faults(str(options.map), road_map)
-    out = options.out or options.map.with_suffix("")
     with naming(options.map):
         picture = render(
             road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects
@@ -152,8 +153,12 @@ def _plan(options: argparse.Namespace) -> int:
         with never_replacing(options.out):
             written = write(road_map, options)
     except InputError as error:
-        words = str(error).replace("file: ", "--out: ", 1).replace("map: ", f"{options.map}: ", 1)
-        raise type(error)(words) from None
+        message = str(error)
+        # Only the start of the message names an argument; a path in it may have the same words.
+        for start, source in (("file: ", "--out: "), ("map: ", f"{options.map}: ")):
+            if message.startswith(start):
+                raise type(error)(source + message.removeprefix(start)) from None
+        raise
     say(f"{written}, in {options.out}")
     return 0
 

@@ -419,4 +419,7 @@ def _propose(
             photograph, shape=shape, corners=points, codes=codes, tiles=tiles, fit=not exact
         )
     except InputError as error:
-        raise InputError(str(error).replace("corners: ", "--corners: ", 1)) from None
+        message = str(error)
+        if message.startswith("corners: "):
+            raise InputError(f"--{message}") from None
+        raise
