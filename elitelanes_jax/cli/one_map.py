@@ -31,6 +31,7 @@ def _show(options: argparse.Namespace) -> int:
     (figures,) = measure_maps([str(options.map)], [codes])
     drawn = draw_text(codes)
     try:
+        # Otherwise `say` would escape each character that the terminal lacks.
         drawn.encode(getattr(sys.stdout, "encoding", None) or "ascii")
     except UnicodeEncodeError:
         drawn = draw_text(codes, ascii_only=True)
@@ -97,6 +98,7 @@ def _render(options: argparse.Namespace) -> int:
         )
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
+        # The faults that are announced below are those of the map as it is drawn.
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     warn_of_faults(str(options.map), road_map)
     with naming(options.map):
@@ -235,6 +237,7 @@ def _furnish(options: argparse.Namespace) -> int:
         from elitelanes_jax.tiles.tileset import load_tiles
 
         lane_offset = load_tiles(options.tiles).lane_offset
+    # A file may place objects outside of this map.
     check_named(
         f"furnish {' '.join(options.furnish)}", check_objects, spec.objects, *road_map.codes.shape
     )
