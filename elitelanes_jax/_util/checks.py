@@ -70,6 +70,7 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
 
     def check(value: UserValue) -> int:
         number = _parse(value, int)
+        # NumPy's numbers become Python's, so that JSON can hold them.
         if is_whole(number) and least <= number <= most:
             return int(number)
         limits = f"{least} to {most}"
@@ -182,6 +183,7 @@ def xml_name(value: UserValue) -> str:
 
 def path(value: UserValue) -> Path:
     """Checks for a path."""
+    # The system would raise a `ValueError`, which is no `OSError`.
     if "\0" in str(value):
         raise InputError(f"expected a path, got {str(value)!r}")
     return value if isinstance(value, Path) else Path(name(value))
@@ -309,6 +311,8 @@ def check_named(
 
 def split_settings(text: str) -> list[str]:
     """Splits a text such as ``crossings=6..10 bridges=0`` or ``cyclomatic:10 turns:10`` as a shell would."""
+    # A space separates settings only before the name of another one, so that "a = 1" is one
+    # setting.
     return re.split(r"\s+(?=\w+\s*[=:])", text.strip())
 
 

@@ -36,6 +36,7 @@ class NotEnoughMemoryError(MemoryError):
 
 def warn_user(message: str) -> None:
     """Warns at the line of the user's code that called the package."""
+    # The first frame outside of the package is the user's.
     level, frame = 1, sys._getframe()
     ours = f"{__package__.split('.')[0]}."
     # Code that `exec` runs may have no `__name__`.

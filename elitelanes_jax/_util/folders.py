@@ -75,6 +75,8 @@ def output_folder(
       OSError: of the block. It names a file as if it were in the output folder already.
     """
     try:
+        # Messages have the path as the user wrote it. The work is next to the folder that a link
+        # leads to, because a folder can only be renamed within a file system.
         asked, out = out, Path(os.path.realpath(out))
     except OSError as error:
         # The current folder was deleted.
@@ -92,6 +94,8 @@ def output_folder(
             _check_replaceable(asked, out, inputs, foreign, force)
             try:
                 _resume(asked, hidden, settings, force, resume_files)
+                # From here on the files are of this run. Until here they may be of a run with other
+                # settings, and stay.
                 mine = True
                 yield work
                 _check_replaceable(asked, out, inputs, foreign, force)
@@ -101,6 +105,7 @@ def output_folder(
                 if done or not _has_work(hidden):
                     _clear(hidden, _LOCK)
                 elif mine and not resume_files:
+                    # What the next run resumes from is in `kept`, and it writes the files again.
                     _clear(work.files)
     except OSError as error:
         if error.errno is None:
@@ -348,6 +353,7 @@ def _move(hidden: Path, out: Path) -> None:
     """Renames the files to the output folder, or leaves everything as it was and raises an error."""
     replaced = hidden / _REPLACED
     if out.exists():
+        # The earlier folder is renamed instead of deleted, so that it can come back after an error.
         out.rename(replaced)
     try:
         _reveal(hidden, out)
@@ -365,6 +371,7 @@ def _reveal(hidden: Path, out: Path) -> None:
 def _settle(hidden: Path, out: Path) -> None:
     """Does the rest of a run that was killed after its files were complete."""
     if (hidden / _REPLACED).exists():
+        # The kill came after the earlier folder was renamed and before the new one was.
         if not out.exists():
             _reveal(hidden, out)
         _clear(hidden, _LOCK)

@@ -37,6 +37,8 @@ _DAMAGES = (
 def pack(arrays: Mapping[str, np.ndarray], settings: Plain) -> bytes:
     """Packs arrays of numbers or texts, and values for JSON. Equal content gives equal bytes."""
     stream = BytesIO()
+    # JSON as an array of text needs no pickle. NumPy gives all members the same date, so that equal
+    # content has equal bytes.
     np.savez_compressed(stream, **arrays, **{_SETTINGS: np.array(json.dumps(settings))})  # type: ignore[arg-type]
     return stream.getvalue()
 
@@ -49,6 +51,8 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
                 # NumPy would read a single array, or a pickle.
                 raise zipfile.BadZipFile("no archive of arrays")
             with zipfile.ZipFile(stream) as members:
+                # The sizes in the directory are read before anything is unpacked, so that a small
+                # file cannot fill the memory.
                 size = sum(member.file_size for member in members.infolist())
             most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), free_memory() // 4)
             if size > most:
