@@ -136,6 +136,7 @@ def _draw_lane_lines(
 
     rows, columns = shape
     box = ax.get_window_extent()
+    # With equal scales on both axes, the tighter one decides the size of a tile.
     pixels_per_tile = min(box.width / columns, box.height / rows)
     points = width * 72 / ax.figure.dpi * pixels_per_tile
     dashes = (0, (2.2, 1.5))
@@ -218,6 +219,7 @@ def archive_map(
         "interpolation": "nearest",
     }
     cells = ax.imshow(np.ma.masked_invalid(table), **(style | image))
+    # Vacant cells are masked, so the background shows through them.
     ax.patch.set(facecolor=_VACANT, hatch="////", edgecolor="#cfcfca", linewidth=0)
     ax.figure.colorbar(cells, ax=ax, label=label)
     _label_columns(ax, shown_axes[-1])
@@ -266,9 +268,12 @@ def _niche_table(
     is_filled = np.isfinite(fitness) & (fitness < np.iinfo(np.int32).max)
     by_seed = np.where(is_filled, fitness, np.inf).reshape(-1, *bins)
     lowest = by_seed.min(axis=0)
+    # Each axis that is not shown is reduced to its best niche.
     hidden = tuple(index for index, name in enumerate(names) if name not in shown)
     lowest = lowest.min(axis=hidden)
     remaining = [name for name in names if name in shown]
+    # The remaining axes are in the order of the descriptor. The picture has them in the order of
+    # `shown`.
     order = [remaining.index(name) for name in shown]
     columns = bins[names.index(shown[-1])]
     return lowest.transpose(order).reshape(-1, columns)
@@ -457,9 +462,12 @@ def _half_line(code: int, side: int, tile: tuple[int, int]) -> _Line:
     to_side = np.array(_TO_SIDE[side])
     if code not in KINDS["turn"]:
         return middle + np.array([[0.0], [0.5], [1.0]]) * to_side
+    # A turn has two connections, so the rest of its code is the other side.
     to_other_side = np.array(_TO_SIDE[code & ~side])
     # An arc around the corner between the two sides, whose middles are half a tile from it.
     corner = middle + to_side + to_other_side
+    # The line is half of the quarter circle: from the middle of the arc to this side. The other
+    # half belongs to the other side.
     angles = np.linspace(np.pi / 4, np.pi / 2, 7)[:, None]
     return corner - np.cos(angles) * to_side - np.sin(angles) * to_other_side
 

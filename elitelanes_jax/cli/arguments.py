@@ -221,9 +221,9 @@ def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> 
         # The options of a nested record are options of the same command.
         if option.metavar is None and isinstance(default, Record | SearchSpec):
             values[name] = read_options(options, default)
-        # An option that was not given keeps the value of `defaults`. A specification tells it from
-        # one that was given with the same value, which overrides a style.
         elif hasattr(options, name):
+            # An option that was not given keeps the value of `defaults`. A specification tells it
+            # from one that was given with the same value, which overrides a style.
             values[name] = getattr(options, name)
     with naming_options(defaults):
         return defaults.replace(**values)

@@ -71,7 +71,7 @@ def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.rendering import choose_tiles, png_of, recall_choice
     from elitelanes_jax.tiles.tileset import load_tiles
 
-    # Checked before the rides, which take longer.
+    # This check comes before the rides, which take longer.
     check_new(options.out)
     kind, rides_shown = options.out.suffix.lower(), options.rides or 6
     if kind in (".mp4", ".gif"):

@@ -103,9 +103,11 @@ def _collect_files(
     maps: list[tuple[str, RoadMap]] = []
     recorded_tiles: Path | None = None
     for source in sources:
+        # A folder of layers is one map of Duckietown, and any other folder is of runs.
         if source.is_dir() and not is_layers(source):
             for folder in _run_folders(source):
                 runs.append(read_run(folder))
+                # The page has one tile set for all runs: the first that is found.
                 recorded_tiles = recorded_tiles or _find_tiles(folder, runs[-1])
         elif source.suffix.lower() == ".npz":
             runs.append(read_archive(source, source.stem))
@@ -148,6 +150,8 @@ def _load_tiles(tiles: str | Path | TileSet | None) -> TileSet:
 
 def _run_folders(folder: Path) -> list[Path]:
     """Returns the folder of a run, or the folders of runs in a folder."""
+    # An unfinished or damaged run lacks run.json. Its archive shows that it is a run, and the error
+    # of `read_run` says what is missing.
     if (folder / "run.json").is_file() or (folder / "archive.npz").is_file():
         return [folder]
     folders = sorted(file.parent for file in folder.glob("*/run.json"))
@@ -163,6 +167,7 @@ def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
     if not isinstance(tiles, str):
         return None
     name = recorded.get("name") if isinstance(recorded, dict) else None
+    # A run may have been moved together with the folders around it, or be shown from elsewhere.
     for parent in (Path(), *folder.absolute().parents):
         with suppress(InputError):
             # Another folder of this name may be no tile set.

@@ -60,6 +60,7 @@ class HandServer(ThreadingHTTPServer):
         """
         super().__init__(("127.0.0.1", port), _Handler)
         self.token = secrets.token_urlsafe(24)
+        # The server knows its port only after it listens.
         self.hosts = [f"{name}:{self.server_address[1]}" for name in ("127.0.0.1", "localhost")]
         self.url = f"http://{self.hosts[0]}/{self.token}/"
         self.work = work
@@ -112,6 +113,8 @@ class _Handler(BaseHTTPRequestHandler):
         if path is None:
             return
         action = self.server.actions.get(path)
+        # A form on another web site cannot send this type of content without the browser's question
+        # to this server.
         if action is None or self.headers.get_content_type() != "application/json":
             self._send_json(404, {"error": "no such action"})
             return
@@ -123,6 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
             return
         try:
             values = json.loads(self.rfile.read(int(length)))
+            # Each request has a thread of its own.
             with self.server.lock:
                 answer = action(values)
             if isinstance(answer, bytes):
@@ -152,6 +156,7 @@ class _Handler(BaseHTTPRequestHandler):
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         is_ours = host in self.server.hosts and origin in (None, f"http://{host}")
         _, token, path = ("/" + self.path.partition("?")[0].lstrip("/") + "/").split("/", 2)
+        # The time of this comparison does not tell how much of a guessed token is right.
         if is_ours and secrets.compare_digest(token.encode(), self.server.token.encode()):
             return path.rstrip("/")
         self._send_json(403, {"error": "open the address that the command has printed"})
