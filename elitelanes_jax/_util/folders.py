@@ -85,7 +85,6 @@ def output_folder(
         raise InputError(f"{asked}: expected a folder, got a link that leads to itself")
     hidden = _hidden(out)
     work = Unfinished(hidden / _FILES, hidden / _KEPT)
-    missing = [parent for parent in out.parents if not parent.exists()]
     mine = done = False
     try:
         check_renamable(asked)
@@ -114,11 +113,9 @@ def output_folder(
         file = str(error.filename or asked).replace(str(work.files), str(asked))
         raise OSError(error.errno, error.strerror, file) from None
     finally:
-        for folder in (hidden, *([] if done else missing)):
-            # The deepest folder goes first.
-            with suppress(OSError):
-                # A folder with files stays.
-                folder.rmdir()
+        with suppress(OSError):
+            # A folder with files stays.
+            hidden.rmdir()
 
 
 def check_renamable(folder: str | Path) -> None:
@@ -164,8 +161,8 @@ def settle(out: str | Path) -> None:
 def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     """Locks a folder, so that one process at a time works in it; a second one gets an `InputError` that names `asked`.
 
-    A folder that did not exist is made, and removed at the end if it is empty; its missing parents
-    likewise. The block may remove the folder.
+    The folder and its parents are made if they do not exist, and those that were made are removed at
+    the end if they are empty. The block may remove the folder.
     """
     # Imported here, because loading it takes 50 ms.
     from filelock import FileLock, Timeout
