@@ -746,7 +746,7 @@ def test_a_second_command_leaves_the_jobs_of_the_first(tmp_path, monkeypatch, ca
 )
 def test_logs_remain_if_a_job_was_lost(error, remains, tmp_path, monkeypatch):
     def start(folder, cluster):
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         (folder / "7_log.err").touch()
         executor = OneByOne(fails={0: error})
         executor.update_parameters = lambda: None

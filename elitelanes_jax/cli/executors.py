@@ -77,10 +77,9 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
         # Submitit needs a folder that all hosts see. A temporary folder may belong to one host
         # alone, so the jobs are next to the output folder.
         jobs = options.out.absolute().parent / f".{options.out.name}-jobs"
-        executor = _open_submitit(options.slurm, jobs)
         # A second command for the same output folder must not remove the jobs of the first one.
         with locked(jobs, options.out), _keeping_logs(jobs):
-            yield Pool(executor, options.parts)
+            yield Pool(_open_submitit(options.slurm, jobs), options.parts)
     elif options.parts is not None:
         raise InputError("--parts: expected --dask or --slurm with it, got neither")
     else:
