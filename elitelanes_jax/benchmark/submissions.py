@@ -123,9 +123,11 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
     """
     _check_fields(submission)
     task, grids = submission.task, np.asarray(submission.grids)
+    # A user may score few runs. Only a file that is handed in needs `LEAST_RUNS`.
     _check("submission", task, grids, least=1)
     measured = _measure(submission)
     flawless = measured["flaws"] == 0
+    # Such a grid would refute the certificates.
     beyond = np.argwhere(flawless & ~np.isin(measured["cyclomatic"], task.cyclomatic))
     if len(beyond):
         index = tuple(beyond[0].tolist())
@@ -135,6 +137,7 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
         )
     best = np.full((*grids.shape[:2], len(task.cyclomatic)), np.inf)
     for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
+        # Several slots may be in the same niche, and the best one counts.
         here = flawless & (measured["cyclomatic"] == cyclomatic)
         best[..., niche] = np.where(here, measured["fitness"], np.inf).min(axis=-1, initial=np.inf)
         better = np.argwhere(here & (measured["fitness"] < optimum))
@@ -185,6 +188,7 @@ def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> dict[str, 
     batches = []
     for start in range(0, len(grids), _BATCH):
         batch = grids[start : start + _BATCH].astype(np.int8)
+        # The last batch is filled up to a power of two, so that few programs are compiled.
         filler = np.zeros(
             (min(_BATCH, 1 << (len(batch) - 1).bit_length()) - len(batch), *batch.shape[1:]),
             np.int8,
@@ -200,9 +204,11 @@ def count_flaws(metrics: "Metrics", fill: AnyArray) -> AnyArray:
         metrics.dead_ends
         + metrics.boundary_violations
         + metrics.mismatches
+        # `fill` is a factor, because JAX traces it: one program serves both variants.
         + fill * metrics.empty_cells
     )
     between_cells = metrics.adjacent_crossings + metrics.adjacent_turns
+    # A grid without roads has no component, which is one flaw.
     return at_cells + between_cells + abs(metrics.components - 1)
 
 

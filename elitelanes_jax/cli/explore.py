@@ -49,6 +49,7 @@ def add_explore(commands: Commands) -> None:
 
 
 def _is_run(source: Path) -> bool:
+    # A folder of layers is a single map of Duckietown.
     from elitelanes_jax.formats.dt_layers import is_layers
 
     return source.is_dir() and not is_layers(source)

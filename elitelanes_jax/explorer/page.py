@@ -57,6 +57,8 @@ def explore(
 @name_wrong_arguments
 def page_of(payload: Payload) -> str:
     """Returns the text of the page. Its policy forbids the browser all requests."""
+    # The page has all it needs in itself. Only this script may run, so that no name in the data
+    # becomes a program, and no request can leave the page.
     script, style = static_text("explorer.js"), static_text("explorer.css")
     allowed = base64.b64encode(sha256(script.encode()).digest()).decode()
     policy = f"default-src 'none'; script-src 'sha256-{allowed}'; style-src 'unsafe-inline'; img-src data: blob:"
@@ -95,6 +97,7 @@ def _check_out(out: Path, force: bool) -> None:
     if out.is_dir():
         raise InputError(f"{out}: expected a file for the page, got a folder")
     with out.open("rb") as stream:
+        # The mark tells an earlier page from any other file of the user.
         ours = stream.read(len(_MARK)) == _MARK.encode()
     if not ours or not force:
         hint = "; force=True replaces it" if ours else ""
