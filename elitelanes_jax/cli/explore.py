@@ -42,7 +42,7 @@ def add_explore(commands: Commands) -> None:
     add_shared(
         command,
         "--tiles",
-        help="tile pictures; by default the first run's, or if they are not found the package's own",
+        help="tile pictures; by default those of the first run whose pictures are found, or the package's own",
     )
     add_shared(command, "--tile-px")
     add_shared(command, "--force", help="replace an earlier page")
