@@ -16,7 +16,9 @@ Row = dict[str, Plain]
 
 
 def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
-    """Measures grids, codes ``[H, W]`` of any shapes, a row for each. `names` are those of their files.
+    """Measures grids, a row of the table for each.
+
+    Grids are codes ``[H, W]`` of any shapes. `names` are those of their files.
 
     Raises:
       InputError: for a bad grid.
@@ -30,7 +32,10 @@ def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
 
 
 def shorten_coverage(metrics: Mapping[str, Numeric]) -> Row:
-    """Returns metrics with the coverage, a float32, as its shortest decimal: 0.8, not 0.800000011920929."""
+    """Returns metrics with the coverage as its shortest decimal.
+
+    The coverage is a float32: 0.8, not 0.800000011920929.
+    """
     return {
         name: float(str(np.float32(value))) if name == "coverage" else value
         for name, value in metrics.items()
