@@ -135,7 +135,8 @@ class _Scenario:
         phases = []
         for color, duration in _CYCLE_FROM_RED if heading % 2 else _CYCLE:
             phases.append(
-                f"<cycleElement><duration>{duration}</duration><color>{color}</color></cycleElement>"
+                f"<cycleElement><duration>{duration}</duration>"
+                f"<color>{color}</color></cycleElement>"
             )
         cycle = f"<cycle>{''.join(phases)}</cycle>"
         active = "<direction>all</direction><active>true</active>"

@@ -176,7 +176,8 @@ def _roads(network: _Network, signals: dict[Arrival, list[Signal]]) -> list[str]
                 f'elementType="junction" elementId="{network.junctions[path[0]]}"',
                 f'elementType="junction" elementId="{network.junctions[path[-1]]}"',
                 pieces,
-                f'<lanes><laneSection s="0">{lanes}</laneSection></lanes><signals>{signs}</signals>',
+                f'<lanes><laneSection s="0">{lanes}</laneSection></lanes>'
+                f"<signals>{signs}</signals>",
                 network,
             )
         )

@@ -261,7 +261,7 @@ def _dimensions(value: UserValue) -> int:
 def refresh(road_map: RoadMap, name: str) -> RoadMap:
     """Returns a map whose metrics are those of its codes.
 
-    Stored metrics no longer are if the codes were changed by hand.
+    Stored metrics no longer fit a map if its codes were changed by hand.
 
     A changed map is measured again, and loses what a search said of its former codes: its fitness,
     descriptor, niche, seed and drawn tiles. It keeps its objects and its unsure cells. A command

@@ -55,7 +55,8 @@ def draw_svg(grid: ArrayLike) -> str:
     )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
-        f'width="{width * scale:.0f}" height="{height * scale:.0f}" fill="none" stroke-linecap="round">'
+        f'width="{width * scale:.0f}" height="{height * scale:.0f}" '
+        f'fill="none" stroke-linecap="round">'
         # One path is drawn twice, wide as the road and narrow as the line in its middle.
         f'<path fill="#9cb38a" d="M0 0h{width}v{height}H0z"/>'
         f'<path stroke="#4a4d52" stroke-width=".8" d="{roads}"/>'

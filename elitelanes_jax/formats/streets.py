@@ -71,7 +71,7 @@ def to_metres(
 def giving_way(movements: Iterable[Movement]) -> set[int]:
     """Returns the headings from which no movement of a crossing goes straight on.
 
-    Three arms have one such heading, and four arms have none.
+    At a crossing with three arms there is one such heading, and with four arms none.
     """
     headings: set[int] = set()
     with_straight: set[int] = set()

@@ -253,7 +253,8 @@ def _edge(road: list[Cell], line: Iterable[complex], streets: Streets) -> str:
     shape = " ".join(f"{point.real:.4f},{point.imag:.4f}" for point in line)
     return (
         f'id="{_edge_id(road[0], road[1])}" from="{_id(road[0])}" to="{_id(road[-1])}" '
-        f'numLanes="1" speed="{streets.speed:g}" width="{streets.lane:g}" spreadType="right" shape="{shape}"'
+        f'numLanes="1" speed="{streets.speed:g}" width="{streets.lane:g}" '
+        f'spreadType="right" shape="{shape}"'
     )
 
 

@@ -34,7 +34,7 @@ def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
 def shorten_coverage(metrics: Mapping[str, Numeric]) -> Row:
     """Returns metrics with the coverage as its shortest decimal.
 
-    The coverage is a float32: 0.8, not 0.800000011920929.
+    The coverage is a float32. It becomes 0.8, not 0.800000011920929.
     """
     return {
         name: float(str(np.float32(value))) if name == "coverage" else value
