@@ -22,7 +22,10 @@ from elitelanes_jax.tiles.rendering import LABELS
 
 Record = dict[str, Plain]
 Records = Callable[[], Iterable[Record]]
-"""Reads the records of a split's samples anew, one after another, so that no file needs all of them in memory."""
+"""Reads the records of a split's samples anew, one after another.
+
+Therefore no file needs all records in memory.
+"""
 
 SHORT_NAMES = ("train", "val", "test")
 """The usual short names of the splits."""

@@ -120,7 +120,10 @@ VARIATION = (
     "motion",
     "compression",
 )
-"""The fields of `Transforms` whose values are drawn after all others, so that they change no other value."""
+"""The fields of `Transforms` whose values are drawn after all others.
+
+Therefore they change no other value.
+"""
 
 
 def parse_transforms(texts: UserValue) -> Transforms:

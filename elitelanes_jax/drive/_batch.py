@@ -27,7 +27,10 @@ from elitelanes_jax.drive._environment import Environment, Transition
 from elitelanes_jax.network.bits import THREEFRY, fold_in
 
 NEXT_STEP, SAME_STEP, DISABLED = "NextStep", "SameStep", "Disabled"
-"""Gymnasium's names for a reset instead of the step after an end, a reset in the same step, and no reset."""
+"""Gymnasium's names of the ways to reset after the end of an episode.
+
+A reset replaces the next step, is in the same step, or does not happen.
+"""
 
 # The number of keys that a seed can name.
 _SEEDS = 2**64

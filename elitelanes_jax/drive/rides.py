@@ -54,9 +54,10 @@ POLICIES = ("route", "random")
 """Drivers: one follows the route to the goal, the other turns its wheels at random."""
 
 Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
-"""Your own driver: takes an observation, in NumPy, and returns the commands of the left and right wheel, -1 to 1.
+"""Your own driver, which takes an observation in NumPy.
 
-If it has an attribute `camera`, a `Camera`, it observes only this camera's picture.
+It returns the commands of the left and the right wheel, -1 to 1. If it has an attribute `camera`, a
+`Camera`, it observes only this camera's picture.
 """
 
 # The frames of a film per second, and the steps of `LaneDrive` per second.

@@ -12,7 +12,10 @@ from elitelanes_jax._util.types import AnyArray, Numeric, Plain
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 Row = dict[str, Plain]
-"""The name of a map, `file`, its `height` and `width` in tiles, and its metrics, which are numbers."""
+"""The measurements of a map.
+
+These are its name, `file`, its `height` and `width` in tiles, and its metrics, which are numbers.
+"""
 
 
 def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:

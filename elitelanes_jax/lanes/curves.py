@@ -21,11 +21,17 @@ from elitelanes_jax.lanes.movements import BACK, Movement
 from elitelanes_jax.network.codes import SIDES
 
 LANE_OFFSET = 0.2
-"""From the road's middle to the centre of a lane, in tiles: half of the yellow tape and half of the lane."""
+"""The distance from the road's middle to the centre of a lane, in tiles.
+
+This is half of the yellow tape and half of the lane.
+"""
 
 # Duckietown's tiles have a side of 0.585 m.
 HALF_ROAD = 0.222 / 0.585
-"""From the road's middle to the inner edge of the white tape, in tiles: half of the yellow tape and the lane."""
+"""The distance from the road's middle to the inner edge of the white tape, in tiles.
+
+This is half of the yellow tape and the lane.
+"""
 
 CHORDS = 16
 """The chords of a quarter circle in formats that have no arcs: 0.12 % of its radius from it."""

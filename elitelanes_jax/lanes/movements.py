@@ -50,7 +50,10 @@ def step_towards(heading: Numeric) -> tuple[Numeric, Numeric]:
 
 
 EXIT = exit_heading(np.arange(4)[:, None], np.arange(3))
-"""int ``[4, 3]``: the heading with which a movement leaves, by the heading with which it enters and by its turn."""
+"""int ``[4, 3]``: the heading with which a movement leaves a tile.
+
+The axes are the heading with which the movement enters, and its turn.
+"""
 
 
 def _movements_of_codes() -> Bool[np.ndarray, "16 4 4"]:
@@ -71,7 +74,10 @@ def _movements_of_codes() -> Bool[np.ndarray, "16 4 4"]:
 _MOVEMENTS = _movements_of_codes()
 
 MOVEMENTS = _MOVEMENTS[..., :BACK]
-"""bool ``[16, 4, 3]``: whether a tile has a movement, by its code (of links), the heading and the turn."""
+"""bool ``[16, 4, 3]``: whether a tile has a movement.
+
+The axes are the code of the tile (of links), the heading and the turn.
+"""
 
 
 class LaneNode(NamedTuple):

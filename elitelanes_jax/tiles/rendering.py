@@ -43,7 +43,10 @@ LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
 """A colour for each label, RGB."""
 
 COMPARED_PX = 64
-"""The side of a tile in pixels at which the light of tiles is compared, at all sizes of pictures."""
+"""The side of a tile in pixels at which the light of tiles is compared.
+
+It is the same for all sizes of pictures.
+"""
 
 # The smallest and the largest side of a tile in pixels.
 _SMALLEST, _LARGEST = 16, 512
