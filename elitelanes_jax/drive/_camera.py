@@ -34,7 +34,9 @@ from elitelanes_jax.network.xla import once
 @name_wrong_arguments
 @runs_jax
 def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
-    """Makes an atlas: the pictures of all tiles of a set, in all rotations, as pixels of colour and label.
+    """Makes an atlas: the pictures of all tiles of a set, in all rotations.
+
+    The pixels of an atlas have a colour and a label.
 
     Args:
       images: uint8 ``[T, P, P, 3]``, of `tiles.scale_tiles`.
@@ -52,7 +54,8 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
     are_squares = are_pictures and images.shape[1] == images.shape[2]
     if not are_squares or labels.shape != images.shape[:3]:
         raise InputError(
-            f"images, labels: expected [T, P, P, 3] and [T, P, P], got {images.shape} and {labels.shape}"
+            "images, labels: expected [T, P, P, 3] and [T, P, P], "
+            f"got {images.shape} and {labels.shape}"
         )
     if images.dtype != np.uint8 or labels.dtype != np.uint8:
         raise InputError(f"images, labels: expected uint8, got {images.dtype} and {labels.dtype}")
@@ -84,7 +87,9 @@ def _parts(values: UserValue, least: float, most: float) -> tuple[Numeric, ...]:
 @pytree
 @dataclass(frozen=True)
 class Camera(Record):
-    """Options of the camera, by default gym-duckietown's. A pytree: numbers may be arrays, mapped by `jax.vmap`.
+    """Options of the camera, by default those of gym-duckietown.
+
+    A camera is a pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       height: metres above the ground.
@@ -194,7 +199,8 @@ def _list_tiles(
             tile = 4 * index + turns
             if not (0 <= turns < 4 and 0 <= tile < count):
                 raise InputError(
-                    f"rotations: expected tiles of the {count} pictures, each an index and 0 to 3 quarter turns, "
+                    f"rotations: expected tiles of the {count} pictures, "
+                    "each an index and 0 to 3 quarter turns, "
                     f"got {index} and {turns} for code {code}"
                 )
             tiles_of_code.append(tile)
@@ -209,7 +215,9 @@ def _list_tiles(
 def ground_points(
     camera: Camera,
 ) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
-    """Returns where the ray of each pixel's centre meets the ground, relative to the middle between the wheels.
+    """Returns where the ray of each pixel's centre meets the ground.
+
+    The position is relative to the middle between the wheels.
 
     Returns:
       Tiles ahead and tiles to the left. Above the horizon both are infinite.
@@ -223,10 +231,10 @@ def ground_points(
 
 
 def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
-    """Returns the depth and the distance ahead at which rays meet the ground, in metres, infinite above the horizon.
+    """Returns the depth and the distance ahead at which rays meet the ground, in metres.
 
-    Their shape is that of ``rays.fall``: a number for each row without distortion, otherwise one
-    for each pixel.
+    Both are infinite above the horizon. Their shape is that of ``rays.fall``: a number for each row
+    without distortion, otherwise one for each pixel.
     """
     # A ray that does not fall never meets the ground. Both branches of the selection are computed,
     # so the divisor is kept away from 0.
@@ -382,7 +390,10 @@ def _render(
 
 
 def _rows(camera: Camera, rays: Rays) -> tuple[Array, Array, Array]:
-    """Returns which rays meet the ground, and there the tiles ahead, and the tiles to the left for each ``right``."""
+    """Returns which rays meet the ground, and where.
+
+    The position on the ground is the tiles ahead, and the tiles to the left for each ``right``.
+    """
     reach, ahead = reach_ground(camera, rays)
     seen = jnp.isfinite(ahead)
     return seen, jnp.where(seen, ahead, 0) / TILE, jnp.where(seen, -reach, 0) / TILE

@@ -186,12 +186,18 @@ def _check_ends(codes: NDArray[np.int8]) -> None:
     ends = ends_of_roads(codes)
     if ends:
         row, column = ends[0]
-        expected = "map: expected tiles with two or more connections that their neighbours return, as Duckietown has"
+        expected = (
+            "map: expected tiles with two or more connections that their neighbours return, "
+            "as Duckietown has"
+        )
         raise InputError(f"{expected}, got a dead end at row {row}, column {column}")
 
 
 def _arc(colour: str, radius: float, pieces: int, tile_size: float) -> Tape:
-    """Returns tape around the south-western corner of a tile, from the western to the southern side."""
+    """Returns tape around the south-western corner of a tile.
+
+    The tape leads from the western to the southern side.
+    """
     points = []
     for angle in np.linspace(0, pi / 2, pieces + 1).tolist():
         points.append((radius * sin(angle), tile_size - radius * cos(angle)))

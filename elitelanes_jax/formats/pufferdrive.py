@@ -1,7 +1,8 @@
-"""Road networks for PufferDrive 2, a simulator for reinforcement learning: its binary map, and the same as JSON.
+"""Road networks for PufferDrive 2, a simulator for reinforcement learning.
 
-PufferDrive finds the lane that continues another by geometry: ends within 1 cm, and headings of
-their outer segments within 0.1 rad, which it does not unwrap at pi.
+They are its binary map, and the same map as JSON. PufferDrive finds the lane that continues
+another by geometry: ends within 1 cm, and headings of their outer segments within 0.1 rad, which it
+does not unwrap at pi.
 """
 
 import json

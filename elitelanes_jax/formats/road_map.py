@@ -108,7 +108,9 @@ class RoadMap:
             object.__setattr__(self, name, value)
 
     def save(self, file: str | Path) -> None:
-        """Writes a map file for `read_map`. An existing file is replaced; after an error it is unchanged.
+        """Writes a map file for `read_map`.
+
+        An existing file is replaced. After an error it is unchanged.
 
         Raises:
           InputError: if the name has the suffix of another format, such as .yaml.
@@ -257,7 +259,9 @@ def _dimensions(value: UserValue) -> int:
 
 
 def refresh(road_map: RoadMap, name: str) -> RoadMap:
-    """Returns a map whose metrics are those of its codes. After a change by hand, stored metrics no longer are.
+    """Returns a map whose metrics are those of its codes.
+
+    Stored metrics no longer fit a map if its codes were changed by hand.
 
     A changed map is measured again, and loses what a search said of its former codes: its fitness,
     descriptor, niche, seed and drawn tiles. It keeps its objects and its unsure cells. A command
@@ -386,7 +390,10 @@ def _map_of(values: Plain) -> RoadMap:
 
 
 def _plain(value: UserValue) -> Plain:
-    """Returns a field's value as JSON has it, with Python's numbers instead of NumPy's and lists instead of tuples."""
+    """Returns a field's value as JSON has it.
+
+    Python's numbers replace those of NumPy, and lists replace tuples.
+    """
     if isinstance(value, Drawn):
         value = value._asdict()
     if isinstance(value, Mapping):
@@ -397,7 +404,10 @@ def _plain(value: UserValue) -> Plain:
 
 
 def _shown(value: Plain) -> str:
-    """Returns a field's value for a message: as JSON has it, or as Python has it if a key is no text."""
+    """Returns a field's value for a message, as JSON has it.
+
+    If a key is no text, returns the value as Python has it.
+    """
     # JSON cannot have such a key, and would hide it.
     if isinstance(value, dict) and not all(map(_is_text, value)):
         return repr(value)
