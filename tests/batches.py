@@ -10,7 +10,8 @@ import numpy as np
 
 from elitelanes_jax import drive, fitness, load_tiles, measure, mirror, random_grids, repair, road_problem, rotate, run
 from elitelanes_jax.drive.robot import Robot
-from elitelanes_jax.network import bernoulli, measure_town, randint, random_bits
+from elitelanes_jax.network import bernoulli, measure_town, randint
+from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
     AnnealedMapElitesConfig,

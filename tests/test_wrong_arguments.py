@@ -77,13 +77,15 @@ from elitelanes_jax.optimizers import (
     Move,
     MoveWeights,
     evaluate,
-    random_population,
     run,
     seed_keys,
     truncate,
 )
+from elitelanes_jax.optimizers._population import random_population
 from elitelanes_jax.optimizers.interop import qdax_scoring_fn
-from elitelanes_jax.problem import Population, extreme_maps, insert, niche_index, with_town_features
+from elitelanes_jax.problem import Population, extreme_maps, insert
+from elitelanes_jax.problem.descriptor import niche_index
+from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.tiles import (
     Photograph,
     inspect_tiles,
@@ -229,6 +231,8 @@ WRONG = {
     ),
     "fill: expected True or False, got 1": lambda: road_problem((4, 4), fill=1),
     "grids: expected int8 [P, 4, 4], got int32 [2, 2]": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
+    "name: expected one of link, corner, outline, street, straight, clear, mirror, slide, transplant, displaced, refit, "
+    "got 'streets'": lambda: make_move("streets"),
     "count: expected a whole number, 1 or more, got 0": lambda: random_population(
         road_problem((4, 4)), jax.random.key(0), 0
     ),

@@ -9,7 +9,6 @@ from ._distances import UNREACHABLE as UNREACHABLE
 from ._distances import distances as distances
 from ._distances import lane_nodes as lane_nodes
 from ._environment import Environment as Environment
-from ._environment import ReplayState as ReplayState
 from ._environment import Transition as Transition
 from ._environment import auto_replay as auto_replay
 from ._environment import auto_reset as auto_reset

@@ -116,6 +116,10 @@ class RoadMap:
         """
         write_atomic(check_named("file", file_named(".json"), file), map_to_json(self).encode())
 
+    def to_json(self) -> str:
+        """Returns the text that `save` writes: a line for each key, and for each row of a table."""
+        return map_to_json(self)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RoadMap) and map_to_json(self) == map_to_json(other)
 
@@ -138,7 +142,7 @@ class RoadMap:
 
 @name_wrong_arguments
 def map_to_json(road_map: UserValue) -> str:
-    """Returns the text of a map file: a line for each key, and for each row of a table.
+    """Returns the text of a map file, see `RoadMap.to_json`.
 
     Takes one map in any form that `as_maps` takes; raises `InputError` for anything else.
     """
@@ -205,11 +209,13 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
     """Returns one map or several as a list.
 
     Args:
-      sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file, see
-        `read_maps`; or several of these. An array ``[N, H, W]`` is several.
+      sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file; or several of
+        these. An array ``[N, H, W]`` is several. A file has one map, as for `read_map`, or a JSON
+        list of maps, ``[{"codes": [[...], ...]}, ...]``.
 
     Raises:
-      InputError: for a bad grid or file, or anything else.
+      InputError: for a bad grid, a bad file, a file of over 64 MiB, or anything else; the message
+        names the file and the map's index in its list, from 0.
     """
     if isinstance(sources, str | Path):
         return read_maps(sources)

@@ -7,9 +7,8 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, SIDES
 
-LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
-"""The character of each code."""
-
+# The characters of the codes.
+_LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
 _ASCII = " -|+--++|+|+++++"
 
 
@@ -24,7 +23,7 @@ def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
     Raises:
       InputError: for a bad grid.
     """
-    signs, along = (_ASCII, "-") if ascii_only else (LINES, "─")
+    signs, along = (_ASCII, "-") if ascii_only else (_LINES, "─")
     rows = np.asarray(check_grid(codes)).tolist()
     return "\n".join(
         "".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip()

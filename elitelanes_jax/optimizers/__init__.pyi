@@ -13,17 +13,8 @@ from ._gwo import gwo as gwo
 from ._map_elites import MapElitesConfig as MapElitesConfig
 from ._map_elites import map_elites as map_elites
 from ._moves import MoveWeights as MoveWeights
-from ._moves import clear_block as clear_block
-from ._moves import lay_straight as lay_straight
-from ._moves import mirror_block as mirror_block
+from ._moves import make_move as make_move
 from ._moves import random_move as random_move
-from ._moves import refit_window as refit_window
-from ._moves import slide_lines as slide_lines
-from ._moves import toggle_corner as toggle_corner
-from ._moves import toggle_link as toggle_link
-from ._moves import toggle_outline as toggle_outline
-from ._moves import toggle_street as toggle_street
-from ._moves import transplant as transplant
 from ._moves import with_fill as with_fill
 from ._moves import with_symmetric_copy as with_symmetric_copy
 from ._mutations import Move as Move
@@ -31,7 +22,6 @@ from ._mutations import Variation as Variation
 from ._population import EvolutionConfig as EvolutionConfig
 from ._population import ea as ea
 from ._population import evaluate as evaluate
-from ._population import random_population as random_population
 from ._population import truncate as truncate
 from ._pso import PsoConfig as PsoConfig
 from ._pso import pso as pso

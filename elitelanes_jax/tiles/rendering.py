@@ -351,6 +351,12 @@ def stand(
       pictures: the pictures of objects, a set or its folder; by default the package's own. `render`
         chooses the same ones.
 
+    Returns:
+      A record for each object, for `to_gltf`, `to_mjcf` and `to_usd`: `thing`, the `MapObject`;
+      `picture`, a PNG file with transparency, from the floor to the object's height; `width`, that
+      of the picture in metres; and `colour`, the mean red, green and blue of its opaque pixels, 0
+      to 1.
+
     Raises:
       InputError: for anything else, or a kind without pictures in the set.
     """

@@ -11,12 +11,15 @@ import pytest
 from certified import evolve
 
 from elitelanes_jax import InputError, Result, SearchSpec, measure, mirror, repair, rotate
-from elitelanes_jax.network import METRIC_NAMES, ROAD_ALPHABET, canonical_form
+from elitelanes_jax.network import canonical_form
+from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.metrics import stack_metrics
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem import paper_axes
 from elitelanes_jax.problem.descriptor import compute_descriptor
-from elitelanes_jax.search import History, MeasuredElites, RunState
+from elitelanes_jax.search import History, MeasuredElites
 from elitelanes_jax.search.resolve import resolve
+from elitelanes_jax.search.result import RunState
 from elitelanes_jax.search.selection import _spread
 
 AXES = paper_axes((6, 6))

@@ -7,8 +7,7 @@ import pytest
 from folders import read_picture
 
 from elitelanes_jax import InputError, RoadMap, render, repair, rotate
-from elitelanes_jax.formats import map_to_json
-from elitelanes_jax.formats.road_map import Drawn
+from elitelanes_jax.formats.road_map import Drawn, map_to_json
 from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles, overlay, write_picture
 from elitelanes_jax.tiles.rendering import recall_choice
 
