@@ -53,7 +53,7 @@ def test_a_map_saves_itself(result, tmp_path):
 def test_pictures_are_written_by_paths_as_texts(tmp_path):
     picture = render(TOWN)
     tiles.write_png(str(tmp_path / "town.png"), picture.image)
-    tiles.write_picture(str(tmp_path / "town"), picture)
+    picture.save(str(tmp_path / "town"))
     assert (tmp_path / "town.png").read_bytes() == (tmp_path / "town/image.png").read_bytes()
 
 

@@ -34,7 +34,6 @@ from elitelanes_jax.benchmark import (
     compute_scores,
     find_task,
     score_submission,
-    write_submission,
 )
 from elitelanes_jax.benchmark import run as run_search
 from elitelanes_jax.dataset import draw_sample
@@ -55,7 +54,7 @@ from elitelanes_jax.drive import (
     make_rides,
 )
 from elitelanes_jax.drive._batch import Batch
-from elitelanes_jax.explorer import collect
+from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.formats import (
     Streets,
     from_duckietown,
@@ -77,6 +76,7 @@ from elitelanes_jax.optimizers import (
     Move,
     MoveWeights,
     evaluate,
+    make_move,
     run,
     seed_keys,
     truncate,
@@ -94,8 +94,8 @@ from elitelanes_jax.tiles import (
     propose_tiles,
     scale_tiles,
     write_png,
-    write_text,
 )
+from elitelanes_jax.tiles.contact_sheet import write_text
 
 GRID = np.array([[6, 3], [12, 9]])
 TASK = find_task("5x5A-10000")
@@ -231,8 +231,8 @@ WRONG = {
     ),
     "fill: expected True or False, got 1": lambda: road_problem((4, 4), fill=1),
     "grids: expected int8 [P, 4, 4], got int32 [2, 2]": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
-    "name: expected one of link, corner, outline, street, straight, clear, mirror, slide, transplant, displaced, refit, "
-    "got 'streets'": lambda: make_move("streets"),
+    "name: expected one of link, corner, outline, street, straight, clear, mirror, slide, transplant, displaced, "
+    "refit, got 'streets'": lambda: make_move("streets"),
     "count: expected a whole number, 1 or more, got 0": lambda: random_population(
         road_problem((4, 4)), jax.random.key(0), 0
     ),
@@ -277,9 +277,9 @@ WRONG = {
     ),
     "seeds: expected each seed once, got 7 2 times": lambda: run_search(TASK, print, [7, 7]),
     "submission: task: expected Task, got '5x5A-10000'": lambda: score_submission(Submission(TASK.name, np.zeros(5))),
-    "file: expected a name that ends in .npz, got a.json": lambda: write_submission(
-        "a.json", Submission(TASK, np.zeros((10, 1, 1, 5, 5), np.int8))
-    ),
+    "file: expected a name that ends in .npz, got a.json": lambda: Submission(
+        TASK, np.zeros((10, 1, 1, 5, 5), np.int8)
+    ).save("a.json"),
     "seeds: expected a number or several, 0 or more, got []": lambda: run_search(TASK, print, []),
     "progress: expected True or False, got 'no'": lambda: evolve(0, progress="no"),
     "key: expected a jax.random.key, got Array((2,), dtype=key": lambda: random_grids(seed_keys(0, 2), 3),

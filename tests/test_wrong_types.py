@@ -14,7 +14,7 @@ import elitelanes_jax
 from elitelanes_jax import InputError, RoadMap, benchmark, drive, ea, load_tiles, measure, optimizers, render, tiles
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.records import Record
-from elitelanes_jax.explorer import collect
+from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.maps import FurnishSpec, GenerateSpec, PackSpec, pack
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.optimizers import interop
@@ -42,7 +42,7 @@ KEY = jax.random.key(0)
 VALUES = [None, "x", -1, 2.5, object(), [], {}, np.zeros((2, 3, 4, 5)), KEY]
 
 # These search, compile or write with whatever fits, so they are given only what cannot fit.
-SLOW = {"collect", "draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
+SLOW = {"draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
 SLOW |= {
     "make_rides",
     "stream_views",

@@ -43,15 +43,24 @@ class Submission(NamedTuple):
     task: Task
     grids: Int8[np.ndarray, "R T N H W"]
 
+    def save(self, file: str | Path) -> None:
+        """Writes a raw archive as an ``.npz``.
+
+        Raises:
+          InputError: if the grids do not fit the task, for another type, or a file with the suffix
+            of another format.
+        """
+        write_submission(file, self)
+
+    @classmethod
+    def load(cls, file: str | Path) -> "Submission":
+        """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
+        return read_submission(file)
+
 
 @name_wrong_arguments
 def write_submission(file: str | Path, submission: Submission) -> None:
-    """Writes a raw archive as an ``.npz``.
-
-    Raises:
-      InputError: if the grids do not fit the task, for another type, or a file with the suffix of
-        another format.
-    """
+    """Writes a raw archive, see `Submission.save`."""
     _check_fields(submission)
     out, grids = check_named("file", file_named(".npz"), file), np.asarray(submission.grids)
     _check(str(file), submission.task, grids)
@@ -62,7 +71,7 @@ def write_submission(file: str | Path, submission: Submission) -> None:
 
 @name_wrong_arguments
 def read_submission(file: str | Path) -> Submission:
-    """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
+    """Reads a raw archive, see `Submission.load`."""
     names = ("version", "task", "grids")
     _, stored = unpack(file)
     present = [name for name in names if name in stored]

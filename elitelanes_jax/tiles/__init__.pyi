@@ -1,4 +1,3 @@
-from .contact_sheet import write_text as write_text
 from .files import Tile as Tile
 from .masking import mask_folder as mask_folder
 from .masking import propose_masks as propose_masks
@@ -7,11 +6,9 @@ from .object_set import ObjectSet as ObjectSet
 from .object_set import default_objects as default_objects
 from .object_set import draw_tag as draw_tag
 from .object_set import load_objects as load_objects
-from .photographs.comparison import turn_floor as turn_floor
 from .photographs.cutting import Cut as Cut
 from .photographs.cutting import cut_tiles as cut_tiles
 from .photographs.cutting import write_cuts as write_cuts
-from .photographs.proposals import SURE as SURE
 from .photographs.proposals import Proposal as Proposal
 from .photographs.proposals import propose_tiles as propose_tiles
 from .photographs.reading import Lens as Lens
@@ -26,10 +23,8 @@ from .rendering import png_of as png_of
 from .rendering import render as render
 from .rendering import scale_tiles as scale_tiles
 from .rendering import stand as stand
-from .rendering import write_picture as write_picture
 from .rendering import write_png as write_png
 from .tag_pages import write_tags as write_tags
-from .tileset import MASKS as MASKS
 from .tileset import TileSet as TileSet
 from .tileset import default_tiles as default_tiles
 from .tileset import inspect_tiles as inspect_tiles

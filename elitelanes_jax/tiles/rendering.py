@@ -68,6 +68,19 @@ class Picture(NamedTuple):
     labels: NDArray[np.uint8]
     instances: NDArray[np.uint16] | None = None
 
+    def save(self, folder: str | Path) -> None:
+        """Writes image.png, a PNG file for each mask, and labels.png.
+
+        A picture with objects also gets instances.png, of 16 bits per pixel.
+
+        Args:
+          folder: made if it does not exist. Files of the same names are replaced.
+
+        Raises:
+          OSError: if a file cannot be written.
+        """
+        write_picture(folder, self)
+
 
 @name_wrong_arguments
 def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> NDArray[np.int_]:
@@ -284,18 +297,7 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
 
 @name_wrong_arguments
 def write_picture(folder: str | Path, picture: Picture) -> None:
-    """Writes a picture's files: image.png, a PNG file for each mask, and labels.png.
-
-    A picture with objects also gets instances.png, of 16 bits per pixel.
-
-    Args:
-      folder: made if it does not exist. Files of the same names are replaced.
-      picture: the picture, from `render`.
-
-    Raises:
-      InputError: for an argument of another type.
-      OSError: if a file cannot be written.
-    """
+    """Writes a picture's files, see `Picture.save`; raises `InputError` for an argument of another type."""
     folder = Path(check_named("folder", path, folder))
     check_named("picture", instance(Picture), picture)
     folder.mkdir(parents=True, exist_ok=True)

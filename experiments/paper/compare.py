@@ -17,7 +17,7 @@ from elitelanes_jax import __version__
 from elitelanes_jax.formats import RoadMap, table_to_csv
 from elitelanes_jax.network import Metrics
 from elitelanes_jax.search import use_compile_cache
-from elitelanes_jax.tiles import load_tiles, render, write_picture
+from elitelanes_jax.tiles import load_tiles, render
 from experiments.common import Parser, add_cores, leave, open_results, run, save, whole, write
 from experiments.paper.figures import plot_comparison
 from experiments.paper.published import SHAPE
@@ -119,7 +119,7 @@ def _draw_maps(methods: Sequence[str], settings: Settings, out: Path) -> None:
             road_map = min(best, key=lambda one: one.fitness or 0)
             folder = out / f"maps_{_PICTURED[0]}x{_PICTURED[1]}" / method
             folder.mkdir(parents=True, exist_ok=True)
-            write_picture(folder, render(road_map, tiles, tile_px=64, seed=settings.seed))
+            render(road_map, tiles, tile_px=64, seed=settings.seed).save(folder)
             write(folder / "map.json", road_map.to_json())
 
 

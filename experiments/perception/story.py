@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from elitelanes_jax import evolve, load_tiles, render
 from elitelanes_jax.drive import Camera, look, make_atlas, random_pose
 from elitelanes_jax.tiles import (
-    MASKS,
     Cut,
     Photograph,
     Proposal,
@@ -29,7 +28,6 @@ from elitelanes_jax.tiles import (
     propose_tiles,
     scale_tiles,
     write_cuts,
-    write_text,
 )
 from experiments.common import Parser, leave, run
 from experiments.perception.synthetic_photographs import draw_set, photograph
@@ -43,7 +41,7 @@ FLOOR = np.array([[6, 7, 5, 3], [14, 15, 5, 11], [12, 13, 5, 9]], np.int8)
 WIDTH, HEIGHT, GAP, HEAD = 560, 420, 16, 34
 PAPER, INK, OUTLINE = (250, 249, 246), (40, 40, 44), (235, 40, 160)
 POSE = 4  # seed of the robot's pose
-COLOURS = np.array([(90, 150, 200), (255, 0, 60), (255, 225, 0)], np.uint8)  # of `MASKS`
+COLOURS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}  # of masks
 TITLES = (
     "1. A photograph of a floor",
     "2. Its tiles, with masks",
@@ -124,7 +122,7 @@ def _row(pictures: list[Picture]) -> Picture:
 
 def _masks_of(image: Picture) -> Picture:
     masks, picture = propose_masks(image), np.full_like(image, 60)
-    for name, colour in zip(MASKS, COLOURS, strict=True):
+    for name, colour in COLOURS.items():
         picture[masks[name]] = colour
     return picture
 
@@ -145,7 +143,7 @@ def _panel(title: str, picture: Picture) -> Picture:
     panel = np.full((HEAD + HEIGHT + GAP, WIDTH + GAP, 3), PAPER, np.uint8)
     top, left = HEAD + (HEIGHT - size[1]) // 2, (WIDTH - size[0]) // 2 + GAP // 2
     panel[top : top + size[1], left : left + size[0]] = scaled
-    write_text(panel, title, (GAP // 2, 24), 0.75, INK)
+    cv2.putText(panel, title, (GAP // 2, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.75, INK, 1, cv2.LINE_AA)
     return panel
 
 

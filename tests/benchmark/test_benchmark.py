@@ -20,9 +20,7 @@ from elitelanes_jax.benchmark.submissions import (
     LEAST_RUNS,
     Submission,
     grade_submission,
-    read_submission,
     score_submission,
-    write_submission,
 )
 from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task
 from elitelanes_jax.cli.main import main
@@ -204,7 +202,7 @@ def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
 
 
 def test_the_page_lists_the_arrays_of_an_archive(tmp_path):
-    write_submission(tmp_path / "perfect.npz", perfect())
+    perfect().save(tmp_path / "perfect.npz")
     listed = re.findall(r"^\| `(\w+)` \| (?:a|whole) ", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     with np.load(tmp_path / "perfect.npz") as stored:
         assert sorted(listed) == sorted(stored)
@@ -298,8 +296,8 @@ def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
     one, other = run(task, walk), run(task, walk, 10)
     np.testing.assert_array_equal(one.grids, other.grids)
     assert len({grids.tobytes() for grids in one.grids}) > 1
-    write_submission(tmp_path / "mine.npz", one)
-    read = read_submission(tmp_path / "mine.npz")
+    one.save(tmp_path / "mine.npz")
+    read = Submission.load(tmp_path / "mine.npz")
     assert read.task.name == task.name
     np.testing.assert_array_equal(read.grids, one.grids)
 
@@ -365,7 +363,7 @@ def test_masked_numbers_are_refused():
     with pytest.raises(InputError, match="^values: expected a number at each index, got a masked array"):
         confidence_interval(masked([1.0, 0.5]))
     hidden = perfect()._replace(grids=masked(perfect().grids))
-    for use in (score_submission, grade_submission, lambda submission: write_submission("hidden.npz", submission)):
+    for use in (score_submission, grade_submission, lambda submission: submission.save("hidden.npz")):
         with pytest.raises(InputError, match="^submission: grids: expected a number at each index, got a masked"):
             use(hidden)
     with pytest.raises(InputError, match="^search: expected a number at each index, got a masked array"):

@@ -8,7 +8,7 @@ from folders import read_picture
 
 from elitelanes_jax import InputError, RoadMap, render, repair, rotate
 from elitelanes_jax.formats.road_map import Drawn, map_to_json
-from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles, overlay, write_picture
+from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles, overlay
 from elitelanes_jax.tiles.rendering import recall_choice
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
@@ -182,7 +182,7 @@ def test_wrong_arguments_are_refused(drawn_tiles):
 def test_a_picture_is_written_with_its_masks(drawn_tiles, tmp_path):
     picture = render([[6, 3], [12, 9]], drawn_tiles, tile_px=32)
     folder = tmp_path / "new" / "folder"
-    write_picture(folder, picture)
+    picture.save(folder)
     assert sorted(path.name for path in folder.iterdir()) == sorted(f"{name}.png" for name in PIXELS)
     for name in PIXELS[1:]:
         np.testing.assert_array_equal(read_picture(folder / f"{name}.png"), getattr(picture, name))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import load_tiles
 from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
-from elitelanes_jax.tiles import MASKS, TileSet, choose_tiles, propose_masks, scale_tiles
+from elitelanes_jax.tiles import TileSet, choose_tiles, propose_masks, scale_tiles
 from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
 from experiments.perception.gym_duckietown.world import DuckietownMap, World, data_folder, random_poses, read_maps
@@ -136,8 +136,9 @@ def label_tiles(style: str) -> dict[str, UInt8[NDArray, "H W 3"]]:
         file = data_folder() / "textures" / "tiles-processed" / style / kind / "texture.jpg"
         image = np.asarray(cv2.imread(str(file)))[..., ::-1].copy()
         classes = np.where(image.min(axis=-1) > _BRIGHT, CLASSES.index("white line"), 0)
-        for name, mask in propose_masks(image).items():
-            classes[mask] = MASKS.index(name) + 1
+        masks = propose_masks(image)
+        for label, name in enumerate(("road", "red", "yellow"), start=1):
+            classes[masks[name]] = label
         # Larger pixels: OpenGL mixes neighbouring ones, and a mixed colour may be that of a third class.
         drawn[kind] = np.kron(_COLOURS[classes].astype(np.uint8), np.ones((4, 4, 1), np.uint8))
     return drawn
