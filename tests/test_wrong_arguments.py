@@ -49,9 +49,9 @@ from elitelanes_jax.drive import (
     film,
     lane_pose,
     make,
-    make_atlas,
     make_levels,
     make_rides,
+    make_sight,
 )
 from elitelanes_jax.drive._batch import Batch
 from elitelanes_jax.explorer._collect import collect
@@ -92,10 +92,10 @@ from elitelanes_jax.tiles import (
     png_of,
     propose_masks,
     propose_tiles,
-    scale_tiles,
     write_png,
 )
 from elitelanes_jax.tiles.contact_sheet import write_text
+from elitelanes_jax.tiles.rendering import scale_tiles
 
 GRID = np.array([[6, 3], [12, 9]])
 TASK = find_task("5x5A-10000")
@@ -265,9 +265,9 @@ WRONG = {
     "params: expected numbers for all environments, got arrays, which only jax.vmap maps over": lambda: Batch(
         RoadNav, RoadNavParams(levels(), limit=np.array([3, 4])), 2, "Disabled"
     ),
-    "images, labels: expected uint8, got float64 and uint8": lambda: make_atlas(
-        np.zeros((4, 2, 2, 3)), np.zeros((4, 2, 2), np.uint8)
-    ),
+    "tile_px: expected 16 to 512 pixels a tile, got 8": lambda: make_sight(tile_px=8),
+    "tiles: expected TileSet, got 'tiles'": lambda: make_sight("tiles"),
+    "objects: expected ObjectSet, got {}": lambda: make_sight(objects={}),
     "bits: expected a whole number, 0 or more, got -1": lambda: Move(-1, print),
     "niche: expected 2 indices, one for each grid, got [3]": lambda: insert(POPULATION, np.zeros(3, int), POPULATION),
     "populations: expected at least one, got none": lambda: truncate(count=3),

@@ -2,9 +2,6 @@ from ._batch import flatten as flatten
 from ._camera import Camera as Camera
 from ._camera import Sight as Sight
 from ._camera import look as look
-from ._camera import look_around as look_around
-from ._camera import make_atlas as make_atlas
-from ._camera import make_sight as make_sight
 from ._distances import UNREACHABLE as UNREACHABLE
 from ._distances import distances as distances
 from ._distances import lane_nodes as lane_nodes
@@ -20,13 +17,12 @@ from ._levels import LaneNode as LaneNode
 from ._levels import Level as Level
 from ._levels import make_levels as make_levels
 from ._levels import random_level as random_level
-from ._objects import Billboards as Billboards
 from ._objects import Objects as Objects
-from ._objects import make_billboards as make_billboards
 from ._objects import make_objects as make_objects
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams
 from ._scene_making import make_scenes as make_scenes
+from ._scene_making import make_sight as make_sight
 from ._scenes import Scenes as Scenes
 from ._variation import VARIED as VARIED
 from ._variation import Variation as Variation

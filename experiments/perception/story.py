@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, load_tiles, render
-from elitelanes_jax.drive import Camera, look, make_atlas, random_pose
+from elitelanes_jax.drive import Camera, look, make_sight, random_pose
 from elitelanes_jax.tiles import (
     Cut,
     Photograph,
@@ -26,7 +26,6 @@ from elitelanes_jax.tiles import (
     cut_tiles,
     propose_masks,
     propose_tiles,
-    scale_tiles,
     write_cuts,
 )
 from experiments.common import Parser, leave, run
@@ -128,11 +127,9 @@ def _masks_of(image: Picture) -> Picture:
 
 
 def _robot_view(codes: NDArray[np.int8], tiles: TileSet) -> Picture:
-    scaled, chosen = scale_tiles(tiles, 256), choose_tiles(codes, tiles)
-    atlas, cells = make_atlas(scaled["image"], scaled["labels"]), chosen[..., 0] * 4 + chosen[..., 1]
     pose = random_pose(jax.random.key(POSE), codes, lane_offset=tiles.lane_offset)
-    camera = Camera(rows=4 * HEIGHT, columns=4 * WIDTH)
-    return np.asarray(look(jax.random.key(0), pose, cells.astype(np.int32), atlas, camera).image)
+    sight = make_sight(tiles, Camera(rows=4 * HEIGHT, columns=4 * WIDTH), tile_px=256)
+    return np.asarray(look(pose, codes, sight, chosen=choose_tiles(codes, tiles)).image)
 
 
 def _panel(title: str, picture: Picture) -> Picture:

@@ -19,8 +19,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax import load_tiles
-from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
-from elitelanes_jax.tiles import TileSet, choose_tiles, propose_masks, scale_tiles
+from elitelanes_jax.drive import Camera, Pose, Sight, lane_pose, look, make_sight
+from elitelanes_jax.tiles import TileSet, choose_tiles, propose_masks
 from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
 from experiments.perception.gym_duckietown.world import DuckietownMap, World, data_folder, random_poses, read_maps
@@ -178,18 +178,17 @@ def our_views(
 ) -> UInt8[NDArray, "N 480 640 3"]:
     """Draws our camera's pictures at poses, by default with the package's own tiles."""
     tiles = load_tiles() if tiles is None else tiles
-    scaled, chosen = scale_tiles(tiles, 384), choose_tiles(codes, tiles)
-    atlas, cells = make_atlas(scaled["image"], scaled["labels"]), chosen[..., 0] * 4 + chosen[..., 1]
-    return np.asarray(_look_from(Pose(*poses.T.astype(np.float32)), cells, atlas))
+    sight, chosen = make_sight(tiles, tile_px=384), choose_tiles(codes, tiles)
+    return np.asarray(_look_from(Pose(*poses.T.astype(np.float32)), codes, sight, chosen))
 
 
 @jax.jit
 def _look_from(
-    poses: Pose, cells: Int[ArrayLike, "H W"], atlas: UInt8[Array, "T P P 4"]
+    poses: Pose, codes: Int[ArrayLike, "H W"], sight: Sight, chosen: Int[ArrayLike, "H W 2"]
 ) -> UInt8[Array, "N 480 640 3"]:
     """Draws our camera's pictures at poses. A program serves all maps of a size."""
-    camera = Camera(rows=480, columns=640)
-    return jax.vmap(lambda pose: look(jax.random.key(0), pose, cells, atlas, camera).image)(poses)
+    sight = sight._replace(camera=Camera(rows=480, columns=640))  # its numbers are constants of the program
+    return jax.vmap(lambda pose: look(pose, codes, sight, chosen=chosen).image)(poses)
 
 
 def read_pictures(file: Path) -> Pictures:
