@@ -33,7 +33,6 @@ from elitelanes_jax.benchmark import (
     Submission,
     compute_scores,
     find_task,
-    score_submission,
 )
 from elitelanes_jax.benchmark import run as run_search
 from elitelanes_jax.dataset import draw_sample
@@ -276,7 +275,7 @@ WRONG = {
         np.zeros((9, 9, 3), np.uint8), "text", (0, 0), -1, (0, 0, 0)
     ),
     "seeds: expected each seed once, got 7 2 times": lambda: run_search(TASK, print, [7, 7]),
-    "submission: task: expected Task, got '5x5A-10000'": lambda: score_submission(Submission(TASK.name, np.zeros(5))),
+    "submission: task: expected Task, got '5x5A-10000'": lambda: Submission(TASK.name, np.zeros(5)).score(),
     "file: expected a name that ends in .npz, got a.json": lambda: Submission(
         TASK, np.zeros((10, 1, 1, 5, 5), np.int8)
     ).save("a.json"),

@@ -120,6 +120,10 @@ class RoadMap:
         """Returns the text that `save` writes: a line for each key, and for each row of a table."""
         return map_to_json(self)
 
+    def to_svg(self) -> str:
+        """Returns a drawing of the roads as the text of an SVG file."""
+        return draw_svg(self.codes)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RoadMap) and map_to_json(self) == map_to_json(other)
 
@@ -137,7 +141,7 @@ class RoadMap:
         return f"RoadMap({', '.join(parts)})"
 
     def _repr_svg_(self) -> str:
-        return draw_svg(self.codes)
+        return self.to_svg()
 
 
 @name_wrong_arguments

@@ -7,7 +7,6 @@ from ._annealed import annealed_pso as annealed_pso
 from ._annealed_map_elites import AnnealedMapElitesConfig as AnnealedMapElitesConfig
 from ._annealed_map_elites import annealed_map_elites as annealed_map_elites
 from ._annealing import AnnealingConfig as AnnealingConfig
-from ._emitters import Niches as Niches
 from ._gwo import GwoConfig as GwoConfig
 from ._gwo import gwo as gwo
 from ._map_elites import MapElitesConfig as MapElitesConfig

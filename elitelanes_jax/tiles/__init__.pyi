@@ -11,14 +11,12 @@ from .photographs.cutting import cut_tiles as cut_tiles
 from .photographs.cutting import write_cuts as write_cuts
 from .photographs.proposals import Proposal as Proposal
 from .photographs.proposals import propose_tiles as propose_tiles
-from .photographs.reading import Lens as Lens
 from .photographs.reading import Photograph as Photograph
 from .photographs.reading import read_photograph as read_photograph
 from .rendering import LABEL_COLOURS as LABEL_COLOURS
 from .rendering import LABELS as LABELS
 from .rendering import Picture as Picture
 from .rendering import choose_tiles as choose_tiles
-from .rendering import overlay as overlay
 from .rendering import png_of as png_of
 from .rendering import render as render
 from .rendering import stand as stand

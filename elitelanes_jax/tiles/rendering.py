@@ -81,6 +81,10 @@ class Picture(NamedTuple):
         """
         write_picture(folder, self)
 
+    def overlay(self, opacity: float = 0.6) -> NDArray[np.uint8]:
+        """Lays the labels over the picture in colour, uint8 ``[H·P, W·P, 3]``, RGB; `opacity` is 0 to 1."""
+        return overlay(self, opacity)
+
 
 @name_wrong_arguments
 def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> NDArray[np.int_]:
@@ -375,7 +379,7 @@ def stand(
 
 @name_wrong_arguments
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
-    """Lays the labels over the picture of `render` in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
+    """Lays the labels over a picture, see `Picture.overlay`."""
     check_named("opacity", real(0, 1), opacity)
     colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
     return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)

@@ -447,6 +447,7 @@ def test_a_calibrated_lens_is_straightened(tmp_path):
     cv2.circle(dots, (120, 90), 4, (255, 255, 255), -1)
     photographed.write(tmp_path / "dots.png", dots)
     shot = read_photograph(tmp_path / "dots.png", lens)
+    np.testing.assert_array_equal(read_photograph(tmp_path / "dots.png", tmp_path / "camera.yaml").image, shot.image)
     seen = np.argwhere(shot.image[..., 0] > 128).mean(axis=0)[::-1]
     np.testing.assert_allclose(shot.pixels_of(np.array([[120.0, 90.0]]))[0], seen, atol=0.3)
     assert np.linalg.norm(seen - [120, 90]) > 5

@@ -8,7 +8,7 @@ from folders import read_picture
 
 from elitelanes_jax import InputError, RoadMap, render, repair, rotate
 from elitelanes_jax.formats.road_map import Drawn, map_to_json
-from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles, overlay
+from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles
 from elitelanes_jax.tiles.rendering import recall_choice
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
@@ -107,10 +107,10 @@ def test_a_turned_map_is_the_turned_picture(drawn_tiles):
 
 def test_an_overlay_colours_each_label(drawn_tiles):
     picture = render(GRID, drawn_tiles, tile_px=32)
-    solid = overlay(picture, opacity=1)
+    solid = picture.overlay(opacity=1)
     for label, colour in enumerate(LABEL_COLOURS):
         assert (solid[picture.labels == label] == colour).all()
-    np.testing.assert_array_equal(overlay(picture, opacity=0), picture.image)
+    np.testing.assert_array_equal(picture.overlay(opacity=0), picture.image)
 
 
 @pytest.fixture
