@@ -22,7 +22,6 @@ from .road_map import as_maps as as_maps
 from .road_map import read_map as read_map
 from .scenarionet import index_scenarios as index_scenarios
 from .scenarionet import to_scenarionet as to_scenarionet
-from .sketch import draw_text as draw_text
 from .streets import Streets as Streets
 from .sumo import to_sumo as to_sumo
 from .sumo import to_sumo_trips as to_sumo_trips

@@ -20,7 +20,7 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.dt_layers import is_layers, read_layers
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
-from elitelanes_jax.formats.sketch import draw_svg
+from elitelanes_jax.formats.sketch import draw_svg, draw_text
 from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
 
@@ -119,6 +119,16 @@ class RoadMap:
     def to_json(self) -> str:
         """Returns the text that `save` writes: a line for each key, and for each row of a table."""
         return map_to_json(self)
+
+    def to_text(self, *, ascii_only: bool = False) -> str:
+        """Returns a drawing of the roads in characters, two per tile, a line for each row.
+
+        A connection is a line to that side.
+
+        Args:
+          ascii_only: whether to draw with ``+``, ``-`` and ``|`` instead of box-drawing characters.
+        """
+        return draw_text(self.codes, ascii_only=ascii_only)
 
     def to_svg(self) -> str:
         """Returns a drawing of the roads as the text of an SVG file."""

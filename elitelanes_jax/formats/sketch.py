@@ -14,15 +14,7 @@ _ASCII = " -|+--++|+|+++++"
 
 @name_wrong_arguments
 def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
-    """Returns a grid in characters, two per tile, a line for each row. A connection is a line to that side.
-
-    Args:
-      codes: integer codes ``[H, W]``.
-      ascii_only: whether to draw with ``+``, ``-`` and ``|`` instead of box-drawing characters.
-
-    Raises:
-      InputError: for a bad grid.
-    """
+    """Returns a grid of codes ``[H, W]`` in characters, see `RoadMap.to_text`; raises `InputError` for a bad grid."""
     signs, along = (_ASCII, "-") if ascii_only else (_LINES, "─")
     rows = np.asarray(check_grid(codes)).tolist()
     return "\n".join(
