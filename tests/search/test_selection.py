@@ -69,6 +69,15 @@ def test_what_is_chosen_is_valid_and_different(evolved):
         assert (grids == road_map.codes).all(axis=(1, 2)).any()
 
 
+def test_elites_with_flaws_are_counted_by_reason(evolved):
+    flawless, reasons = evolved.without_flaws()
+    metrics = evolved.elites.by_name()
+    for name, right in (("components", 1), ("dead_ends", 0), ("boundary_violations", 0)):
+        assert (metrics[name][flawless] == right).all()
+    assert flawless.any() and (flawless <= evolved.satisfies()).all()
+    assert sum(reasons.values()) == (evolved.satisfies() & ~flawless).sum() > 0
+
+
 def test_a_result_hands_its_maps_over(evolved):
     plain = [road_map.codes.tolist() for road_map in evolved.choose(16).maps]
     assert [road_map.codes.tolist() for road_map in evolved.maps()] == plain
