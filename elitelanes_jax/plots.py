@@ -171,7 +171,7 @@ def archive_map(
 
     Args:
       fitness: a `Result` or its elites; or numbers ``[..., N]``, lower is better, in the order of
-        `niche_index`: the fitness of a `Population`, or of a QDax repertoire with its sign changed
+        `Problem.niche`: the fitness of a `Population`, or of a QDax repertoire with its sign changed
         and one axis. The largest int32 and numbers that are not finite mean vacant.
       axes: the axes of the descriptor space; by default those of the result.
       across: the metric of an axis; by default the one with most bins among those that `down` does

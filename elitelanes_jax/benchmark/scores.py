@@ -72,7 +72,7 @@ def _nearness(task: Task, best: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Computes the graded score ``[...]`` of archives, which `grade_submission` defines.
+    """Computes the graded score ``[...]`` of archives, which `Submission.grade` defines.
 
     Args:
       task: the task, with F feasible niches.

@@ -43,15 +43,51 @@ class Submission(NamedTuple):
     task: Task
     grids: Int8[np.ndarray, "R T N H W"]
 
+    def save(self, file: str | Path) -> None:
+        """Writes a raw archive as an ``.npz``.
+
+        Raises:
+          InputError: if the grids do not fit the task, for another type, or a file with the suffix
+            of another format.
+        """
+        write_submission(file, self)
+
+    @classmethod
+    def load(cls, file: str | Path) -> "Submission":
+        """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
+        return read_submission(file)
+
+    def score(self) -> tuple[NDArray[np.float64], Scores]:
+        """Measures all grids, and scores them.
+
+        Returns:
+          float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite if it is vacant;
+          and the scores, each ``[R, T]``.
+
+        Raises:
+          InputError: for grids that do not fit the task, or one that is better than its niche's
+            certificate.
+        """
+        return score_submission(self)
+
+    def grade(self) -> NDArray[np.float64]:
+        """Computes the graded score of each run at each budget, which gives flawed grids partial credit.
+
+        A niche with a flawless network scores (1 + nearness) / 2, see `Scores`. A niche whose best
+        grid has n flaws, see `Measured`, scores 1 / (2 + 2n). A vacant niche scores 0.
+
+        Returns:
+          float ``[R, T]`` in [0, 1], the means over feasible niches.
+
+        Raises:
+          InputError: as `score`.
+        """
+        return grade_submission(self)
+
 
 @name_wrong_arguments
 def write_submission(file: str | Path, submission: Submission) -> None:
-    """Writes a raw archive as an ``.npz``.
-
-    Raises:
-      InputError: if the grids do not fit the task, for another type, or a file with the suffix of
-        another format.
-    """
+    """Writes a raw archive, see `Submission.save`."""
     _check_fields(submission)
     out, grids = check_named("file", file_named(".npz"), file), np.asarray(submission.grids)
     _check(str(file), submission.task, grids)
@@ -62,7 +98,7 @@ def write_submission(file: str | Path, submission: Submission) -> None:
 
 @name_wrong_arguments
 def read_submission(file: str | Path) -> Submission:
-    """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
+    """Reads a raw archive, see `Submission.load`."""
     names = ("version", "task", "grids")
     _, stored = unpack(file)
     present = [name for name in names if name in stored]
@@ -111,16 +147,7 @@ def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) 
 
 @name_wrong_arguments
 def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Scores]:
-    """Measures all grids of a raw archive, and scores them.
-
-    Returns:
-      float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite if it is vacant; and
-      the scores, each ``[R, T]``.
-
-    Raises:
-      InputError: for grids that do not fit the task, or one that is better than its niche's
-        certificate.
-    """
+    """Measures all grids of a raw archive, and scores them, see `Submission.score`."""
     _check_fields(submission)
     task, grids = submission.task, np.asarray(submission.grids)
     # A user may score few runs. Only a file that is handed in needs `LEAST_RUNS`.
@@ -152,17 +179,7 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
 
 @name_wrong_arguments
 def grade_submission(submission: Submission) -> NDArray[np.float64]:
-    """Computes the graded score of each run at each budget, which gives flawed grids partial credit.
-
-    A niche with a flawless network scores (1 + nearness) / 2, see `Scores`. A niche whose best grid
-    has n flaws, see `Measured`, scores 1 / (2 + 2n). A vacant niche scores 0.
-
-    Returns:
-      float ``[R, T]`` in [0, 1], the means over feasible niches.
-
-    Raises:
-      InputError: as `score_submission`.
-    """
+    """Computes the graded score of each run at each budget, see `Submission.grade`."""
     best, _ = score_submission(submission)
     measured = _measure(submission)
     fewest = np.full(best.shape, np.inf)

@@ -149,8 +149,9 @@ def auto_replay(environment: Environment) -> Environment:
     """Returns the environment with steps that begin the same level again at the end of an episode.
 
     A curriculum that chooses levels can reset N environments to N levels, and knows which steps
-    belong to which level. Fields of a step are those of `auto_reset`. States are `ReplayState`.
-    Raises `InputError` for anything else than an environment.
+    belong to which level. Fields of a step are those of `auto_reset`. A state is a record of
+    `state`, that of the environment, and `level`, the one that every episode begins on. Raises
+    `InputError` for anything else than an environment.
     """
     check_named("environment", instance(Environment), environment)
 

@@ -18,7 +18,7 @@ from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, nested, option
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
-from elitelanes_jax.drive._camera import Sight, look_around
+from elitelanes_jax.drive._camera import Sight, look
 from elitelanes_jax.drive._distances import NO_WAY
 from elitelanes_jax.drive._environment import Environment, Transition, checks_first
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
@@ -507,7 +507,7 @@ def _move(
 @divide_batches
 def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObservation:
     if params.observe == "camera" and params.sight is not None:
-        image = look_around(state.pose, state.grid, params.sight, state.objects).image
+        image = look(state.pose, state.grid, params.sight, state.objects).image
         return LaneDriveObservation(None, None, None, None, None, image)
     # Points ahead that are beyond this tile take the curvature of the next one.
     turn, next_turn, lane_offset = state.movement.turn, state.next_turn, params.lane_offset

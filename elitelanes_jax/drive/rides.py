@@ -27,7 +27,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
-from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
+from elitelanes_jax.drive._camera import Camera, make_atlas, render_view
 from elitelanes_jax.drive._distances import UNREACHABLE
 from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import (
@@ -38,6 +38,7 @@ from elitelanes_jax.drive._lane_drive import (
 )
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
+from elitelanes_jax.drive._scene_making import make_sight
 from elitelanes_jax.drive.lanes import Pose, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.road_map import RoadMap, as_map
@@ -47,8 +48,8 @@ from elitelanes_jax.lanes.movements import Movement, movements_of, no_lane_error
 from elitelanes_jax.network.bits import seed_key, split, uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
-from elitelanes_jax.tiles.rendering import Picture, check_tile_px, choose_tiles, render, scale_tiles
-from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+from elitelanes_jax.tiles.rendering import Picture, check_tile_px, choose_tiles, render
+from elitelanes_jax.tiles.tileset import TileSet
 
 POLICIES = ("route", "random")
 """Drivers: one follows the route to the goal, the other turns its wheels at random."""
@@ -168,11 +169,8 @@ def _with_camera(
     params: LaneDriveParams, camera: UserValue, tiles: TileSet | None
 ) -> LaneDriveParams:
     """Returns options of an environment whose observations are a camera's pictures."""
-    if tiles is None:
-        tiles = load_tiles()
-    scaled = scale_tiles(tiles, _SIGHT_PX)
     camera = check_named("policy", instance(Camera), camera)
-    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, camera)
+    sight = make_sight(tiles, camera, tile_px=_SIGHT_PX)
     return params.replace(observe="camera", sight=sight)
 
 
@@ -466,13 +464,13 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 def _look(poses: Pose, scene: _Scene) -> Pytree:
     """Returns the camera's picture at each pose.
 
-    A film has no noise, so the key does not matter.
+    A film has no noise, so the seed does not matter.
     """
 
     def look_from(pose: Pose) -> Pytree:
-        key = seed_key(0)
-        view = look(
-            key, pose, scene.cells, scene.atlas, scene.camera, scene.objects, scene.billboards
+        seed = jnp.uint32(0)
+        view = render_view(
+            seed, pose, scene.cells, scene.atlas, scene.camera, scene.objects, scene.billboards
         )
         return view.image
 

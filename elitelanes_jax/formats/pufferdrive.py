@@ -66,6 +66,11 @@ def to_pufferdrive(
       streets: their measures. Signs stand at all-way stops alone.
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
+    Returns:
+      A record of the files: `binary`, the bytes that PufferDrive loads; and `text`, the same as
+      JSON, whose lanes also have the numbers of those before and after them. x is east and y north
+      of the grid's south-west corner, in metres.
+
     Raises:
       InputError: for a bad map, one without a lane from a tile to another, a name that is no text,
         bad measures, or a bad seed.

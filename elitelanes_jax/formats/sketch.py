@@ -7,26 +7,18 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, SIDES
 
-LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
-"""The character of each code."""
-
+# The characters of the codes.
+_LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
 _ASCII = " -|+--++|+|+++++"
 
 
 @name_wrong_arguments
 def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
-    """Returns a grid in characters, two per tile, a line for each row.
+    """Returns a grid of codes ``[H, W]`` in characters, see `RoadMap.to_text`.
 
-    A connection is a line to its side of the tile.
-
-    Args:
-      codes: integer codes ``[H, W]``.
-      ascii_only: whether to draw with ``+``, ``-`` and ``|`` instead of box-drawing characters.
-
-    Raises:
-      InputError: for a bad grid.
+    Raises `InputError` for a bad grid.
     """
-    signs, along = (_ASCII, "-") if ascii_only else (LINES, "─")
+    signs, along = (_ASCII, "-") if ascii_only else (_LINES, "─")
     rows = np.asarray(check_grid(codes)).tolist()
     return "\n".join(
         "".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip()

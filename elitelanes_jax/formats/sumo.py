@@ -86,6 +86,14 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
 
+    Returns:
+      A record of the texts of the files: `nodes`, `edges` and `connections`, plain XML, and
+      `settings` for ``netconvert -c``, which makes the network NAME.net.xml. A node is named
+      ROW_COLUMN after its tile. An edge is named ROW_COLUMN_SIDE after its first tile and the side
+      by which it leaves that tile. Connections lead from each edge to those that start at its end;
+      back along the same road only at dead ends. x is east and y north of the grid's south-west
+      corner, in metres.
+
     Raises:
       InputError: for a bad map, one without any road, a bad name, or bad measures.
     """

@@ -81,7 +81,7 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
 @name_wrong_arguments
 @runs_jax
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
-    """Returns centroids, float32 ``[N, D]``, that give QDax the same niches, in the order of `niche_index`.
+    """Returns centroids, float32 ``[N, D]``, that give QDax the same niches, in the order of `Problem.niche`.
 
     They are whole numbers, so that distances are exact and only the niche's own centroid is
     nearest.

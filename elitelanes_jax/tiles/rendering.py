@@ -74,6 +74,23 @@ class Picture(NamedTuple):
     labels: NDArray[np.uint8]
     instances: NDArray[np.uint16] | None = None
 
+    def save(self, folder: str | Path) -> None:
+        """Writes image.png, a PNG file for each mask, and labels.png.
+
+        A picture with objects also gets instances.png, of 16 bits per pixel.
+
+        Args:
+          folder: made if it does not exist. Files of the same names are replaced.
+
+        Raises:
+          OSError: if a file cannot be written.
+        """
+        write_picture(folder, self)
+
+    def overlay(self, opacity: float = 0.6) -> NDArray[np.uint8]:
+        """Lays the labels over the picture in colour, uint8 ``[H·P, W·P, 3]``, RGB; `opacity` is 0 to 1."""
+        return overlay(self, opacity)
+
 
 @name_wrong_arguments
 def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> NDArray[np.int_]:
@@ -293,18 +310,7 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
 
 @name_wrong_arguments
 def write_picture(folder: str | Path, picture: Picture) -> None:
-    """Writes a picture's files: image.png, a PNG file for each mask, and labels.png.
-
-    A picture with objects also gets instances.png, of 16 bits per pixel.
-
-    Args:
-      folder: made if it does not exist. Files of the same names are replaced.
-      picture: the picture, from `render`.
-
-    Raises:
-      InputError: for an argument of another type.
-      OSError: if a file cannot be written.
-    """
+    """Writes a picture's files, see `Picture.save`; raises `InputError` for an argument of another type."""
     folder = Path(check_named("folder", path, folder))
     check_named("picture", instance(Picture), picture)
     folder.mkdir(parents=True, exist_ok=True)
@@ -364,6 +370,12 @@ def stand(
       pictures: the pictures of objects, a set or its folder; by default the package's own. `render`
         chooses the same ones.
 
+    Returns:
+      A record for each object, for `to_gltf`, `to_mjcf` and `to_usd`: `thing`, the `MapObject`;
+      `picture`, a PNG file with transparency, from the floor to the object's height; `width`, that
+      of the picture in metres; and `colour`, the mean red, green and blue of its opaque pixels, 0
+      to 1.
+
     Raises:
       InputError: for anything else, or a kind without pictures in the set.
     """
@@ -380,7 +392,7 @@ def stand(
 
 @name_wrong_arguments
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
-    """Lays the labels over the picture of `render` in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
+    """Lays the labels over a picture, see `Picture.overlay`."""
     check_named("opacity", real(0, 1), opacity)
     colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
     return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)

@@ -18,9 +18,11 @@ from explored import big_result, own_result, write_run
 
 from elitelanes_jax import InputError, Result, RoadMap, evolve, load_tiles, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.explorer import collect, explore, page, page_of
-from elitelanes_jax.formats import map_to_json
-from elitelanes_jax.problem import vacant_fitness
+from elitelanes_jax.explorer import explore, page
+from elitelanes_jax.explorer._collect import collect
+from elitelanes_jax.explorer.page import page_of
+from elitelanes_jax.formats.road_map import map_to_json
+from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.tiles import choose_tiles, default_tiles
 from elitelanes_jax.tiles.rendering import recall_choice
 

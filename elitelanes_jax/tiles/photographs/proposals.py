@@ -59,10 +59,10 @@ class Proposal(NamedTuple):
       homography: ``[3][3]``, from tiles (x to the right, y down) to pixels without distortion.
       radial: distortion of the lens, see `View`.
       codes: the codes of the tiles ``[H][W]``; 0 is a cell without a tile.
-      sure: how sure each cell's code is ``[H][W]``, 0 to 1.
+      sure: how sure each cell's code is ``[H][W]``, 0 to 1. `cut_tiles` cuts the cells from 0.5 on.
       score: how sure it is that the corners of every tile are within 1 % of a tile, 0 to 1.
       evidence: measurements by name. The score is made of most, the others are on the sheet.
-      advice: what is wrong and what to do if the score is below `SURE`, otherwise empty.
+      advice: what is wrong and what to do if the score is below 0.5, otherwise empty.
     """
 
     photo: str

@@ -117,19 +117,22 @@ class Lens(NamedTuple):
 
 
 @name_wrong_arguments
-def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
+def read_photograph(file: str | Path, lens: Lens | str | Path | None = None) -> Photograph:
     """Reads a JPEG or PNG file of a photograph, turned upright as its EXIF data say.
 
     Args:
       file: the file, of at most 128 MiB. A JPEG of more than 26 megapixels is read at a half, a
         quarter or an eighth of its size.
-      lens: the lens, from `read_lens`. Its distortion is removed.
+      lens: the calibration of the camera, a YAML file as ROS's camera_calibration and Duckietown
+        write it. The distortion of its lens is removed.
 
     Raises:
       InputError: for another file, transparent pixels, or sides below 200 pixels; the message says
         what to do.
     """
     file = Path(check_named("file", path, file))
+    if isinstance(lens, str | Path):
+        lens = read_lens(lens)
     content = _read_content(file)
     shrunk = _choose_reduction(file, content)
     picture = _decode(file, content, shrunk)
