@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType
 
 import griffe
@@ -20,7 +21,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from nbconvert import MarkdownExporter
 
-from elitelanes_jax.explorer import collect, page_of
+from elitelanes_jax.explorer import explore
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -37,8 +38,10 @@ _NAME = re.compile(r'(?<![b"]>)<code>(\w+)</code>')  # parameters are bold, and 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the files outside this folder that pages link to, directly or through other pages, and the explorer."""
-    run = collect([DOCS / "examples" / "run"])
-    files.append(File.generated(config, _LIVE, content=page_of(run)))
+    with TemporaryDirectory() as folder:
+        page = Path(folder, _LIVE)
+        explore([DOCS / "examples" / "run"], page)
+        files.append(File.generated(config, _LIVE, content=page.read_text(encoding="utf-8")))
     waiting = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
     seen = set(waiting)
     while waiting:

@@ -14,11 +14,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
-from elitelanes_jax.network import CROSSINGS, EAST, KINDS, METRIC_NAMES, NORTH, SOUTH, WEST, Weights, plain_measure
+from elitelanes_jax.network import EAST, KINDS, NORTH, SOUTH, WEST, Metrics, Weights, plain_measure
 from elitelanes_jax.plots import road_map
-from elitelanes_jax.problem import EXTREMES, describe_features, features_of
+from elitelanes_jax.problem import describe_features, features_of
 
 PAGE = Path(__file__).with_suffix(".md")
+
+EXTREMES = Path(__file__).parents[1] / "elitelanes_jax" / "problem" / "extremes.txt"
 
 SIDE = 12
 
@@ -109,7 +111,7 @@ EXAMPLE = [
 def counted(name: str, grid: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Returns the cells bool ``[H, W]`` that a metric counts; for one of pairs those of each pair."""
     cells = np.zeros(grid.shape, bool)
-    crossing, turn = np.isin(grid, CROSSINGS), np.isin(grid, KINDS["turn"])
+    crossing, turn = np.isin(grid, KINDS["crossing3"] + KINDS["crossing4"]), np.isin(grid, KINDS["turn"])
     alone = {
         "crossings": crossing,
         "turns": turn,
@@ -157,7 +159,7 @@ def table() -> str:
 
 def draw() -> Figure:
     grid = np.array(EXAMPLE, np.int8)
-    varied = [name for name in METRIC_NAMES if name not in (*FLAWED, "off_alphabet", "tiles")]
+    varied = [name for name in Metrics._fields if name not in (*FLAWED, "off_alphabet", "tiles", "coverage")]
     figure = Figure(figsize=(12, 7.6), layout="constrained")
     axes = figure.subplots(4, 5).ravel()
     for ax in axes:

@@ -9,20 +9,10 @@ import jax
 from matplotlib.figure import Figure
 
 from elitelanes_jax import random_grids, repair
-from elitelanes_jax.network import random_bits
 from elitelanes_jax.optimizers import (
     Move,
-    clear_block,
-    lay_straight,
-    mirror_block,
+    make_move,
     refit_strip,
-    refit_window,
-    slide_lines,
-    toggle_corner,
-    toggle_link,
-    toggle_outline,
-    toggle_street,
-    transplant,
     with_fill,
     with_symmetric_copy,
 )
@@ -32,20 +22,20 @@ SIDE = 7
 
 # Each move has a seed that shows its effect well.
 MOVES: dict[str, tuple[Move, int]] = {
-    "toggle_link": (toggle_link(), 3),
-    "toggle_corner": (toggle_corner(), 3),
-    "toggle_outline": (toggle_outline(), 1),
-    "toggle_street": (toggle_street(), 5),
-    "lay_straight": (lay_straight(), 12),
-    "clear_block": (clear_block(), 4),
-    "mirror_block": (mirror_block(), 2),
-    "slide_lines": (slide_lines(), 6),
-    "transplant": (transplant(), 5),
-    "transplant, displaced": (transplant(displaced=True), 7),
-    "refit_window": (refit_window(), 1),
+    "link": (make_move("link"), 3),
+    "corner": (make_move("corner"), 3),
+    "outline": (make_move("outline"), 1),
+    "street": (make_move("street"), 5),
+    "straight": (make_move("straight"), 12),
+    "clear": (make_move("clear"), 4),
+    "mirror": (make_move("mirror"), 2),
+    "slide": (make_move("slide"), 6),
+    "transplant": (make_move("transplant"), 5),
+    "displaced": (make_move("displaced"), 7),
+    "refit": (make_move("refit"), 1),
     "refit_strip": (refit_strip(), 1),
-    "toggle_street, with_fill": (with_fill(1.0, toggle_street()), 5),
-    "lay_straight, with_symmetric_copy": (with_symmetric_copy(1.0, lay_straight()), 4),
+    "street, with_fill": (with_fill(1.0, make_move("street")), 5),
+    "straight, with_symmetric_copy": (with_symmetric_copy(1.0, make_move("straight")), 4),
 }
 
 
@@ -56,7 +46,7 @@ def main() -> None:
     for unused in pairs[len(MOVES) :].flat:
         unused.set_axis_off()
     for (before, after), (name, (move, seed)) in zip(pairs, MOVES.items(), strict=False):
-        varied = move.apply(random_bits(jax.random.key(seed), (move.bits,)), grid, mate)
+        varied = move.apply(jax.random.bits(jax.random.key(seed), (move.bits,), "uint32"), grid, mate)
         road_map(grid, width=0.25, lanes=False, ax=before)
         road_map(repair(*varied), width=0.25, lanes=False, marked=varied.dirty, ax=after)
         before.set_title(name, loc="left", fontsize=11)

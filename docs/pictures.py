@@ -18,7 +18,7 @@ from elitelanes_jax.dataset import DatasetSpec, make_dataset
 from elitelanes_jax.drive import make_rides, trails
 from elitelanes_jax.formats import RoadMap, read_map, write_plan
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.tiles import LABEL_COLOURS, Picture, load_tiles, overlay
+from elitelanes_jax.tiles import LABEL_COLOURS, Picture, load_tiles
 
 FOLDER = Path(__file__).parent
 
@@ -102,7 +102,7 @@ def drive_trails() -> None:
 
 def beside_labels(picture: Picture, gap: int) -> NDArray[np.uint8]:
     space = np.full((picture.image.shape[0], gap, 3), 255, np.uint8)
-    return np.hstack([picture.image, space, overlay(picture, opacity=0.85)])
+    return np.hstack([picture.image, space, picture.overlay(opacity=0.85)])
 
 
 def write(name: str, pixels: NDArray[np.uint8], scale: float = 1) -> None:

@@ -10,8 +10,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from elitelanes_jax import Result, evolve, random_grids, repair
-from elitelanes_jax.network import random_bits
-from elitelanes_jax.optimizers import toggle_outline
+from elitelanes_jax.optimizers import make_move
 from elitelanes_jax.plots import archive_map, history, road_map
 
 HERE = Path(__file__).parent
@@ -30,8 +29,8 @@ def maps(result: Result) -> None:
     left, middle, right = figure.subplots(1, 3)
     grid = random_grids(jax.random.key(2), 1, (8, 8))[0]
     road_map(grid, ax=left)
-    move = toggle_outline()
-    varied = move.apply(random_bits(jax.random.key(1), (move.bits,)), repair(grid))
+    move = make_move("outline")
+    varied = move.apply(jax.random.bits(jax.random.key(1), (move.bits,), "uint32"), repair(grid))
     road_map(repair(*varied), marked=varied.dirty, ax=middle)
     road_map(result.best()[0], ax=right)
     save(figure, "maps")

@@ -14,13 +14,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import cv2
-import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import read_map
-from elitelanes_jax.drive import Camera, Pose, look, make_atlas
+from elitelanes_jax.drive import Camera, Pose, look, make_sight
 from elitelanes_jax.formats import (
     RoadMap,
     Streets,
@@ -32,7 +31,7 @@ from elitelanes_jax.formats import (
     to_sumo,
 )
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles
+from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render
 
 FOLDER = Path(__file__).parent
 _TILE, _ROWS, _COLUMNS = 0.585, 480, 640
@@ -76,9 +75,8 @@ def draw_mujoco() -> None:
         for camera in (above, "camera"):
             renderer.update_scene(data, camera)
             shown.append(renderer.render())
-    layers, chosen = scale_tiles(tiles, 256), choose_tiles(town.codes, tiles)
-    atlas = make_atlas(layers["image"], layers["labels"])
-    seen = look(jax.random.key(0), at, chosen[..., 0] * 4 + chosen[..., 1], atlas, Camera(rows=_ROWS, columns=_COLUMNS))
+    sight = make_sight(tiles, Camera(rows=_ROWS, columns=_COLUMNS), tile_px=256)
+    seen = look(at, town.codes, sight, chosen=choose_tiles(town.codes, tiles))
     gap = np.full((_ROWS, 12, 3), 255, np.uint8)
     row = np.hstack([shown[0], gap, shown[1], gap, np.asarray(seen.image)])
     half = cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.formats import read_map
-from elitelanes_jax.tiles import TileSet, load_tiles, propose_masks, render, write_text
+from elitelanes_jax.tiles import TileSet, load_tiles, propose_masks, render
 
 FOLDER = Path(__file__).parent
 CORNERS = ((412, 188), (1210, 204), (1394, 1082), (236, 1050))  # of the tile, in the photograph
@@ -85,7 +85,7 @@ def steps(photo: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint
 def titled(text: str, picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     panel = np.full((HEAD + PANEL + GAP, width + 2 * GAP, 3), PAPER, np.uint8)
     panel[HEAD : HEAD + PANEL, GAP : GAP + width] = cv2.resize(picture, (width, PANEL), interpolation=cv2.INTER_AREA)
-    write_text(panel, text, (GAP, HEAD - 12), 0.5, INK)
+    cv2.putText(panel, text, (GAP, HEAD - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
     return panel
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
+from elitelanes_jax._util.checks import check_named, unmasked
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
@@ -135,6 +136,7 @@ def _draw_lane_lines(
 
     rows, columns = shape
     box = ax.get_window_extent()
+    # With equal scales on both axes, the tighter one decides the size of a tile.
     pixels_per_tile = min(box.width / columns, box.height / rows)
     points = width * 72 / ax.figure.dpi * pixels_per_tile
     dashes = (0, (2.2, 1.5))
@@ -169,10 +171,11 @@ def archive_map(
 
     Args:
       fitness: a `Result` or its elites; or numbers ``[..., N]``, lower is better, in the order of
-        `niche_index`: the fitness of a `Population`, or of a QDax repertoire with its sign changed
+        `Problem.niche`: the fitness of a `Population`, or of a QDax repertoire with its sign changed
         and one axis. The largest int32 and numbers that are not finite mean vacant.
       axes: the axes of the descriptor space; by default those of the result.
-      across: the metric of an axis, by default the first of those with most bins.
+      across: the metric of an axis; by default the one with most bins among those that `down` does
+        not name, the first of several.
       down: the metrics of one axis or of several, of which the last changes fastest from row to
         row; by default all others.
       label: the label of the colour bar.
@@ -181,8 +184,8 @@ def archive_map(
         the differences of others.
 
     Raises:
-      InputError: for another number of niches, for a name that is not an axis' or occurs twice, or
-        without matplotlib.
+      InputError: for another number of niches, for masked numbers, for a name that is not an axis'
+        or occurs twice, or without matplotlib.
     """
     from elitelanes_jax.problem.descriptor import parse_axes
 
@@ -206,6 +209,7 @@ def archive_map(
     shown_names = _names_of(axes, across, down)
     axis_by_name = {axis.metric: axis for axis in axes}
     shown_axes = [axis_by_name[name] for name in shown_names]
+    check_named("fitness", unmasked, fitness)
     table = _niche_table(np.asarray(fitness, float), axes, shown_names)
 
     ax = _axes(ax)
@@ -215,6 +219,7 @@ def archive_map(
         "interpolation": "nearest",
     }
     cells = ax.imshow(np.ma.masked_invalid(table), **(style | image))
+    # Vacant cells are masked, so the background shows through them.
     ax.patch.set(facecolor=_VACANT, hatch="////", edgecolor="#cfcfca", linewidth=0)
     ax.figure.colorbar(cells, ax=ax, label=label)
     _label_columns(ax, shown_axes[-1])
@@ -227,19 +232,24 @@ def _names_of(
 ) -> list[str]:
     """Returns the names of the shown axes: first the axes down, then the axis across."""
     names = [axis.metric for axis in axes]
-    if across is None:
-        bins = [axis.bins for axis in axes]
-        across = names[int(np.argmax(bins))]
     if down is None:
-        shown_names = [name for name in names if name != across]
+        names_down = []
     elif isinstance(down, str):
-        shown_names = [down]
+        names_down = [down]
     else:
-        shown_names = list(down)
-    shown_names.append(across)
+        names_down = list(down)
+    culprit = "across"
+    if across is None:
+        candidates = [axis for axis in axes if axis.metric not in names_down]
+        # If `down` names all axes, the check below refuses it.
+        culprit = "across" if candidates else "down"
+        across = max(candidates or axes, key=lambda axis: axis.bins).metric
+    if down is None:
+        names_down = [name for name in names if name != across]
+    shown_names = [*names_down, across]
     for name in shown_names:
         if name not in names or shown_names.count(name) > 1:
-            argument = "across" if name == across else "down"
+            argument = culprit if name == across else "down"
             expected = f"each of {', '.join(names)} at most once"
             raise InputError(f"{argument}: expected {expected}, got {', '.join(shown_names)}")
     return shown_names
@@ -251,16 +261,19 @@ def _niche_table(
     """Returns the lowest fitness ``[rows, columns]`` over seeds and hidden axes; infinite where no niche is filled."""
     names = [axis.metric for axis in axes]
     bins = [axis.bins for axis in axes]
-    if not fitness.size or fitness.shape[-1] != prod(bins):
+    if not fitness.size or fitness.shape[-1:] != (prod(bins),):
         raise InputError(
             f"fitness: expected {prod(bins)} niches on the last axis, got shape {fitness.shape}"
         )
     is_filled = np.isfinite(fitness) & (fitness < np.iinfo(np.int32).max)
     by_seed = np.where(is_filled, fitness, np.inf).reshape(-1, *bins)
     lowest = by_seed.min(axis=0)
+    # Each axis that is not shown is reduced to its best niche.
     hidden = tuple(index for index, name in enumerate(names) if name not in shown)
     lowest = lowest.min(axis=hidden)
     remaining = [name for name in names if name in shown]
+    # The remaining axes are in the order of the descriptor. The picture has them in the order of
+    # `shown`.
     order = [remaining.index(name) for name in shown]
     columns = bins[names.index(shown[-1])]
     return lowest.transpose(order).reshape(-1, columns)
@@ -353,9 +366,10 @@ def seed_band(
       line: further arguments of matplotlib's `plot` for the line.
 
     Raises:
-      InputError: for values of another shape, bad quantiles, or without matplotlib.
+      InputError: for values of another shape or masked ones, bad quantiles, or without matplotlib.
     """
     x_values = np.asarray(x)
+    check_named("values", unmasked, values)
     samples = np.atleast_2d(np.asarray(values, float))
     is_table = samples.ndim == 2 and len(samples) > 0
     if x_values.ndim != 1 or not is_table or samples.shape[1] != x_values.size:
@@ -448,9 +462,12 @@ def _half_line(code: int, side: int, tile: tuple[int, int]) -> _Line:
     to_side = np.array(_TO_SIDE[side])
     if code not in KINDS["turn"]:
         return middle + np.array([[0.0], [0.5], [1.0]]) * to_side
+    # A turn has two connections, so the rest of its code is the other side.
     to_other_side = np.array(_TO_SIDE[code & ~side])
     # An arc around the corner between the two sides, whose middles are half a tile from it.
     corner = middle + to_side + to_other_side
+    # The line is half of the quarter circle: from the middle of the arc to this side. The other
+    # half belongs to the other side.
     angles = np.linspace(np.pi / 4, np.pi / 2, 7)[:, None]
     return corner - np.cos(angles) * to_side - np.sin(angles) * to_other_side
 

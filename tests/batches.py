@@ -9,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from elitelanes_jax import drive, fitness, load_tiles, measure, mirror, random_grids, repair, road_problem, rotate, run
+from elitelanes_jax.drive._camera import pack_sight
 from elitelanes_jax.drive.robot import Robot
-from elitelanes_jax.network import bernoulli, measure_town, randint, random_bits
+from elitelanes_jax.network import bernoulli, measure_town, randint
+from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
     AnnealedMapElitesConfig,
@@ -25,7 +27,8 @@ from elitelanes_jax.optimizers import (
     with_symmetric_copy,
 )
 from elitelanes_jax.problem import Population, insert
-from elitelanes_jax.tiles import load_objects, scale_tiles
+from elitelanes_jax.tiles import load_objects
+from elitelanes_jax.tiles.rendering import scale_tiles
 
 COUNT, SHAPE = 4, (4, 5)
 RING = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [14, 5, 15, 5, 11], [12, 5, 13, 5, 9]], np.int8)
@@ -134,7 +137,7 @@ def levels():
 def sight():
     tiles, camera = load_tiles(), drive.Camera(rows=6, columns=8, noise=3.0, distortion=(-0.1, 0.01))
     scaled = scale_tiles(tiles, 8)
-    return drive.make_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, load_objects().views)
+    return pack_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, load_objects().views)
 
 
 def driven(environment, params, key, action):

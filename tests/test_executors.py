@@ -712,6 +712,10 @@ class Submitit(OneByOne):
         ),
         ("a='1", 'quotes in pairs, got "a=\'1"'),
         ("cluster=local slurm_nodes=2", "one task for each job, got slurm_nodes=2"),
+        (
+            "cluster=local setup='module load a' setup='module load b'",
+            "each option once, got setup again in 'setup=module load b'",
+        ),
     ],
 )
 def test_values_with_spaces_are_quoted(options, message, tmp_path, capsys, monkeypatch):
@@ -720,12 +724,34 @@ def test_values_with_spaces_are_quoted(options, message, tmp_path, capsys, monke
     assert capsys.readouterr().err == f"elitelanes: --slurm: expected {message}\n"
 
 
+def test_a_second_command_leaves_the_jobs_of_the_first(tmp_path, monkeypatch, capsys):
+    jobs = tmp_path / ".maps-jobs"
+    command = [*COMMAND, "--slurm", "cluster=local", "--out", str(tmp_path / "maps")]
+
+    class Executor(OneByOne):
+        def update_parameters(self):
+            pass
+
+        def submit(self, function, /, *args):
+            jobs.mkdir(exist_ok=True)
+            if not (jobs / "1_submitted.pkl").exists():
+                (jobs / "1_submitted.pkl").touch()
+                assert main(command) == 2
+            assert (jobs / "1_submitted.pkl").exists()
+            return super().submit(function, *args)
+
+    monkeypatch.setitem(sys.modules, "submitit", SimpleNamespace(AutoExecutor=lambda *_, **__: Executor()))
+    assert main(command) == 0
+    assert "expected no other run at work" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["maps"]
+
+
 @pytest.mark.parametrize(
     ("error", "remains"), [(engine.CancelledError(), ["7_log.err"]), (InputError("of a worker"), [])]
 )
 def test_logs_remain_if_a_job_was_lost(error, remains, tmp_path, monkeypatch):
     def start(folder, cluster):
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         (folder / "7_log.err").touch()
         executor = OneByOne(fails={0: error})
         executor.update_parameters = lambda: None

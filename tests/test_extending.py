@@ -10,7 +10,7 @@ from certified import evolve
 from oracle import measure as oracle
 
 from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, road_problem, run
-from elitelanes_jax.network import random_bits
+from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
     EvolutionConfig,

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, Result, drive, evolve, explorer, formats, plots, read_map, render, tiles
+from elitelanes_jax import InputError, Result, drive, evolve, explorer, plots, read_map, render, tiles
 
 TOWN = [[6, 7, 3], [12, 13, 9]]
 
@@ -46,14 +46,14 @@ def test_a_map_is_driven_on_as_it_is(result):
 def test_a_map_saves_itself(result, tmp_path):
     (road_map,) = result.maps(1)
     road_map.save(str(tmp_path / "map.json"))
-    assert (tmp_path / "map.json").read_text() == formats.map_to_json(road_map)
+    assert (tmp_path / "map.json").read_text() == road_map.to_json()
     assert read_map(tmp_path / "map.json").fitness == road_map.fitness
 
 
 def test_pictures_are_written_by_paths_as_texts(tmp_path):
     picture = render(TOWN)
     tiles.write_png(str(tmp_path / "town.png"), picture.image)
-    tiles.write_picture(str(tmp_path / "town"), picture)
+    picture.save(str(tmp_path / "town"))
     assert (tmp_path / "town.png").read_bytes() == (tmp_path / "town/image.png").read_bytes()
 
 

@@ -15,7 +15,8 @@ from oracle import measure as oracle
 
 from elitelanes_jax import Axis, InputError, repair
 from elitelanes_jax.plots import archive_map, history, road_map, seed_band
-from elitelanes_jax.problem import niche_index, paper_axes
+from elitelanes_jax.problem import paper_axes
+from elitelanes_jax.problem.descriptor import niche_index
 from elitelanes_jax.search import History
 
 mpl.use("Agg")
@@ -173,11 +174,22 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
         (np.zeros(4), AXES[1:2] * 2, {}, "axes: expected each metric once, got components 2 times"),
         (np.zeros(24), AXES, {"across": "bridges"}, "across: expected each of cyclomatic, components, straight_share"),
         (np.zeros(24), AXES, {"across": "components", "down": "components"}, "across: expected each of cyclomatic"),
+        (np.zeros(4), AXES[:1], {"down": "cyclomatic"}, "^down: expected each of cyclomatic"),
+        (np.float64(0), AXES, {}, r"fitness: expected 24 niches on the last axis, got shape \(\)"),
+        (np.ma.masked_equal(np.arange(24), 0), AXES, {}, "fitness: expected a number at each index, got a masked"),
     ],
 )
 def test_a_heat_map_of_something_else_is_refused(fitness, axes, names, message):
     with pytest.raises(InputError, match=message):
         archive_map(fitness, axes, **names)
+
+
+def test_the_widest_axis_that_is_not_down_is_across():
+    bins = {axis.metric: axis.bins for axis in AXES}
+    widest = max(bins, key=bins.get)
+    shown = archive_map(np.zeros(24), AXES, down=widest)
+    second = max(bins.keys() - {widest}, key=bins.get)
+    assert shown.images[0].get_array().shape == (bins[widest], bins[second])
 
 
 def test_a_history_is_the_median_in_a_band():

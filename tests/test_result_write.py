@@ -8,7 +8,7 @@ import pytest
 
 from elitelanes_jax import InputError, NotEnoughMapsError, Result, RoadMap, evolve, read_map, write_result
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import draw_svg
+from elitelanes_jax.formats.sketch import draw_svg
 
 OPTIONS = {"method": "ea", "preset": "paper", "generations": 30}
 
@@ -54,7 +54,8 @@ def test_the_results_of_an_optimizer_of_ones_own_are_written(tmp_path):
 
 def test_a_map_draws_itself():
     codes = np.array([[6, 7, 3], [12, 13, 9]])
-    drawn = ElementTree.fromstring(RoadMap(codes)._repr_svg_())
+    drawn = ElementTree.fromstring(RoadMap(codes).to_svg())
+    assert RoadMap(codes)._repr_svg_() == RoadMap(codes).to_svg()
     assert drawn.get("viewBox") == "0 0 3 2"
     ground, road, line = (path.get("d") for path in drawn)
     assert ground == "M0 0h3v2H0z" and road == line

@@ -6,9 +6,9 @@ from PIL import Image
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, read_map
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax.benchmark import BUDGETS, Submission, find_task, write_submission
-from elitelanes_jax.formats import map_to_json, to_duckietown
-from elitelanes_jax.formats.road_map import Drawn
+from elitelanes_jax.benchmark import BUDGETS, Submission, find_task
+from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.formats.road_map import Drawn, map_to_json
 from elitelanes_jax.network.checks import LONGEST_SIDE
 
 
@@ -60,4 +60,4 @@ def test_a_raw_archive_too_large_to_be_read_is_not_written(tmp_path):
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     grids = np.broadcast_to(np.int8(0), (10, budgets, 2**20, *task.shape))
     with pytest.raises(InputError, match="out.npz: expected grids of at most 536,866,816 bytes"):
-        write_submission(tmp_path / "out.npz", Submission(task, grids))
+        Submission(task, grids).save(tmp_path / "out.npz")

@@ -33,8 +33,6 @@ from elitelanes_jax.benchmark import (
     Submission,
     compute_scores,
     find_task,
-    score_submission,
-    write_submission,
 )
 from elitelanes_jax.benchmark import run as run_search
 from elitelanes_jax.dataset import draw_sample
@@ -50,12 +48,12 @@ from elitelanes_jax.drive import (
     film,
     lane_pose,
     make,
-    make_atlas,
     make_levels,
     make_rides,
+    make_sight,
 )
 from elitelanes_jax.drive._batch import Batch
-from elitelanes_jax.explorer import collect
+from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.formats import (
     Streets,
     from_duckietown,
@@ -77,23 +75,26 @@ from elitelanes_jax.optimizers import (
     Move,
     MoveWeights,
     evaluate,
-    random_population,
+    make_move,
     run,
     seed_keys,
     truncate,
 )
+from elitelanes_jax.optimizers._population import random_population
 from elitelanes_jax.optimizers.interop import qdax_scoring_fn
-from elitelanes_jax.problem import Population, extreme_maps, insert, niche_index, with_town_features
+from elitelanes_jax.problem import Population, extreme_maps, insert
+from elitelanes_jax.problem.descriptor import niche_index
+from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.tiles import (
     Photograph,
     inspect_tiles,
     png_of,
     propose_masks,
     propose_tiles,
-    scale_tiles,
     write_png,
-    write_text,
 )
+from elitelanes_jax.tiles.contact_sheet import write_text
+from elitelanes_jax.tiles.rendering import scale_tiles
 
 GRID = np.array([[6, 3], [12, 9]])
 TASK = find_task("5x5A-10000")
@@ -230,6 +231,8 @@ WRONG = {
     ),
     "fill: expected True or False, got 1": lambda: road_problem((4, 4), fill=1),
     "grids: expected int8 [P, 4, 4], got int32 [2, 2]": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
+    "name: expected one of link, corner, outline, street, straight, clear, mirror, slide, transplant, displaced, "
+    "refit, got 'streets'": lambda: make_move("streets"),
     "count: expected a whole number, 1 or more, got 0": lambda: random_population(
         road_problem((4, 4)), jax.random.key(0), 0
     ),
@@ -262,9 +265,9 @@ WRONG = {
     "params: expected numbers for all environments, got arrays, which only jax.vmap maps over": lambda: Batch(
         RoadNav, RoadNavParams(levels(), limit=np.array([3, 4])), 2, "Disabled"
     ),
-    "images, labels: expected uint8, got float64 and uint8": lambda: make_atlas(
-        np.zeros((4, 2, 2, 3)), np.zeros((4, 2, 2), np.uint8)
-    ),
+    "tile_px: expected 16 to 512 pixels a tile, got 8": lambda: make_sight(tile_px=8),
+    "tiles: expected TileSet, got 'tiles'": lambda: make_sight("tiles"),
+    "objects: expected ObjectSet, got {}": lambda: make_sight(objects={}),
     "bits: expected a whole number, 0 or more, got -1": lambda: Move(-1, print),
     "niche: expected 2 indices, one for each grid, got [3]": lambda: insert(POPULATION, np.zeros(3, int), POPULATION),
     "populations: expected at least one, got none": lambda: truncate(count=3),
@@ -273,10 +276,10 @@ WRONG = {
         np.zeros((9, 9, 3), np.uint8), "text", (0, 0), -1, (0, 0, 0)
     ),
     "seeds: expected each seed once, got 7 2 times": lambda: run_search(TASK, print, [7, 7]),
-    "submission: task: expected Task, got '5x5A-10000'": lambda: score_submission(Submission(TASK.name, np.zeros(5))),
-    "file: expected a name that ends in .npz, got a.json": lambda: write_submission(
-        "a.json", Submission(TASK, np.zeros((10, 1, 1, 5, 5), np.int8))
-    ),
+    "submission: task: expected Task, got '5x5A-10000'": lambda: Submission(TASK.name, np.zeros(5)).score(),
+    "file: expected a name that ends in .npz, got a.json": lambda: Submission(
+        TASK, np.zeros((10, 1, 1, 5, 5), np.int8)
+    ).save("a.json"),
     "seeds: expected a number or several, 0 or more, got []": lambda: run_search(TASK, print, []),
     "progress: expected True or False, got 'no'": lambda: evolve(0, progress="no"),
     "key: expected a jax.random.key, got Array((2,), dtype=key": lambda: random_grids(seed_keys(0, 2), 3),

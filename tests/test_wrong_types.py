@@ -14,7 +14,7 @@ import elitelanes_jax
 from elitelanes_jax import InputError, RoadMap, benchmark, drive, ea, load_tiles, measure, optimizers, render, tiles
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.records import Record
-from elitelanes_jax.explorer import collect
+from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.maps import FurnishSpec, GenerateSpec, PackSpec, pack
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.optimizers import interop
@@ -42,7 +42,7 @@ KEY = jax.random.key(0)
 VALUES = [None, "x", -1, 2.5, object(), [], {}, np.zeros((2, 3, 4, 5)), KEY]
 
 # These search, compile or write with whatever fits, so they are given only what cannot fit.
-SLOW = {"collect", "draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
+SLOW = {"draw_sample", "evolve", "explore", "generate", "look", "make", "make_dataset"}
 SLOW |= {
     "make_rides",
     "stream_views",
@@ -51,7 +51,6 @@ SLOW |= {
     "measure_town",
     "propose_tiles",
     "random_level",
-    "random_population",
     "random_pose",
     "repair",
     "run",
@@ -64,7 +63,7 @@ def arguments():
     """A good argument for each name of a required parameter."""
     grid = np.array([[6, 3], [12, 9]], np.int8)
     task, made, tile_set = benchmark.find_task("5x5A-10000"), road_problem((4, 4)), load_tiles()
-    levels, scaled = drive.make_levels(KEY, [grid], 2), tiles.scale_tiles(tile_set, 16)
+    levels = drive.make_levels(KEY, [grid], 2)
     found = Population(np.zeros((2, 4, 4), np.int8), np.zeros(2, np.int32), np.zeros((2, len(made.feature_names)), int))
     run = SimpleNamespace(evaluations=np.arange(3), best_fitness=np.arange(3), elite_count=np.arange(3))
     spaces = SimpleNamespace(Discrete=print, Box=print)
@@ -82,7 +81,7 @@ def arguments():
     proposal = tiles.Proposal("a.jpg", 320, 240, corners, np.eye(3).tolist(), 0.0, [[6]], [[1.0]], 1.0, {}, "")
     return {
         "apply": print, "archive": made.empty_archive(), "archives": "a.npz",
-        "asked": np.array([0, 1]), "atlas": drive.make_atlas(scaled["image"], scaled["labels"]),
+        "asked": np.array([0, 1]),
         "axes": paper_axes((4, 4)), "best": np.full((1, len(task.optimum)), np.inf), "best_known": np.zeros(3),
         "batch": 2,
         "bits": np.zeros(3, np.uint32), "camera": drive.Camera(), "codes": grid, "config": optimizers.EvolutionConfig(),
@@ -92,10 +91,10 @@ def arguments():
         "fitness": np.zeros(3), "folder": "folder", "found": found, "function": measure, "generations": 1,
         "goal": drive.LaneNode(0, 1, 1), "grid": grid, "grids": np.zeros((2, 4, 4), np.int8),
         "groups": {"a": {"turns": [1, 2]}}, "gymnasium": gymnasium, "image": "map.pgm",
-        "images": scaled["image"], "index": 0, "indices": 2, "ink": (0, 0, 0), "kernel": measure, "key": KEY,
-        "keys": optimizers.seed_keys(0, 2), "labels": scaled["labels"], "level": levels, "levels": levels,
+        "index": 0, "indices": 2, "ink": (0, 0, 0), "kernel": measure, "key": KEY,
+        "keys": optimizers.seed_keys(0, 2), "level": levels, "levels": levels,
         "licence": "", "maps": [road_map], "matrix": np.eye(3), "metric": "turns", "metrics": measure(grid),
-        "move": optimizers.toggle_link(), "name": "turns", "names": ["turns"], "niche": np.zeros(2, np.int32),
+        "move": optimizers.make_move("link"), "name": "turns", "names": ["turns"], "niche": np.zeros(2, np.int32),
         "number": 3, "objects": [], "observation": {"speed": np.zeros(3, np.float32)}, "optimizer": ea(made),
         "other": grid, "out": "out", "params": drive.RoadNavParams(levels),
         "parts": "a", "payload": collect([road_map], tile_px=16), "picture": render(grid, tile_set, tile_px=16),
@@ -106,7 +105,7 @@ def arguments():
         "rides": None, "road_map": road_map, "rotations": tile_set.rotations, "rows": [{"file": "a"}], "scale": 0.5,
         "scenes": None,
         "search": print, "seed": 0, "shape": (4, 4), "sheet": np.zeros((20, 20, 3), np.uint8),
-        "sight": drive.make_sight(scaled["image"], scaled["labels"], tile_set.rotations), "size": 16,
+        "sight": drive.make_sight(tile_set, tile_px=16), "size": 16,
         "source": road_map, "sources": [road_map],
         "spaces": spaces, "spec": elitelanes_jax.SearchSpec(), "stable_baselines3": stable_baselines3,
         "start": drive.LaneNode(0, 0, 3),

@@ -51,16 +51,20 @@ def name_wrong_arguments(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def named(*args: P.args, **kwargs: P.kwargs) -> R:
+        # Flags are given by name, so a call without names has none to check.
         if kwargs:
             _check_flags(function, kwargs)
         try:
             return function(*args, **kwargs)
         except WrongArgumentError as inner:
+            # An inner public function refused an argument of its own. If it came from a wrong
+            # argument of this function, the user needs this function's name for it.
             message = _find_wrong(function, args, kwargs, inner)
             if message is None:
                 raise
             raise WrongArgumentError(message) from inner.__cause__
         except InputError:
+            # The message names the argument already.
             raise
         except Exception as error:
             message = None
@@ -95,8 +99,10 @@ def _find_wrong(
         # The arguments are for other parameters, as Python's message says.
         return None
     for parameter, value in _arguments(bound):
+        # A default may have another type than its annotation, for example None.
         if value is not parameter.default and not _fits(value, parameter.annotation):
             return _expected(parameter.name, parameter.annotation, value)
+    # Each argument fits alone. What is left to name are arrays whose shapes do not fit each other.
     values = bound.arguments
     if "broadcast" not in str(error) or any(map(callable, values.values())):
         return None
@@ -105,6 +111,7 @@ def _find_wrong(
         for name, value in values.items()
         if hasattr(value, "shape") or isinstance(value, list)
     }
+    # A single array can only clash with an array from within.
     if len(arrays) < 2:
         return None
     shapes = ", ".join(str(list(np.shape(array))) for array in arrays.values())
@@ -138,8 +145,10 @@ def _fits(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
     if _is_iterable(origin):
         return _is_list_of(value, origin, parts)
     kind = origin or annotation
+    # An array without axes is a number, also a traced one.
     if kind in (int, float, bool) and hasattr(value, "dtype"):
         return value.ndim == 0 and _is_array(value, kind)
+    # Larger numbers overflow in NumPy and JAX.
     if kind is int:
         return is_whole(value) and abs(value) < 2**63
     if kind in (float, np.number):

@@ -1,6 +1,7 @@
 """Checks of single values: each takes a value or its text, and returns the checked value or raises `InputError`."""
 
 import re
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -69,6 +70,7 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
 
     def check(value: UserValue) -> int:
         number = _parse(value, int)
+        # NumPy's numbers become Python's, so that JSON can hold them.
         if is_whole(number) and least <= number <= most:
             return int(number)
         limits = f"{least} to {most}"
@@ -121,7 +123,9 @@ def real(
 
     def check(value: UserValue) -> float:
         number = _parse(value, float)
-        is_within = is_real(number) and least <= number <= most and abs(number) < float("inf")
+        # A whole number of Python may be finite and still too large for a float.
+        largest = min(most, sys.float_info.max)
+        is_within = is_real(number) and least <= number <= largest
         if not is_within or (exclusive and number == least):
             raise InputError(f"expected {unit}{limit}, got {shorten(repr(value), 40)}")
         return float(number)
@@ -179,6 +183,7 @@ def xml_name(value: UserValue) -> str:
 
 def path(value: UserValue) -> Path:
     """Checks for a path."""
+    # The system would raise a `ValueError`, which is no `OSError`.
     if "\0" in str(value):
         raise InputError(f"expected a path, got {str(value)!r}")
     return value if isinstance(value, Path) else Path(name(value))
@@ -273,7 +278,11 @@ def file_named(suffix: str) -> Check:
 def folder(value: UserValue) -> Path:
     """Checks for the path of a folder to write to; an existing folder may have any name."""
     out = path(value)
-    if ends_as_file(out) and not out.is_dir():
+    exists = False
+    # A text may be too long for a path.
+    with suppress(OSError):
+        exists = out.is_dir()
+    if ends_as_file(out) and not exists:
         raise InputError(
             f"expected a folder, got the name of a file, {shorten(repr(str(out)), 40)}"
         )
@@ -302,6 +311,8 @@ def check_named(
 
 def split_settings(text: str) -> list[str]:
     """Splits a text such as ``crossings=6..10 bridges=0`` or ``cyclomatic:10 turns:10`` as a shell would."""
+    # A space separates settings only before the name of another one, so that "a = 1" is one
+    # setting.
     return re.split(r"\s+(?=\w+\s*[=:])", text.strip())
 
 

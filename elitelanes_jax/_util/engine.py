@@ -122,6 +122,7 @@ def call_on_workers(
         other versions or was forked after JAX started, or the function raised it.
       ConnectionError: if the executor lost a call.
     """
+    # All calls have the same bytes, so that a worker loads the function once, see `_load`.
     payload, versions = _dump(function), installed_versions(*packages)
     # Submitit's executor has such a method, which makes one array of jobs.
     together = getattr(executor, "batch", nullcontext)
@@ -138,6 +139,8 @@ def call_on_workers(
                         )
                 first = fresh.stop
             raise_if_interrupted()
+            # The loop asks instead of waiting, because not every executor has futures of
+            # `concurrent.futures`.
             ended = [index for index, future in running.items() if future.done()]
             for index in ended:
                 yield index, _read(running.pop(index), index, len(arguments))
@@ -145,6 +148,7 @@ def call_on_workers(
                 pause = _SOON
             else:
                 time.sleep(pause)
+                # Short parts return at once, and long ones are asked about less and less often.
                 pause = min(2 * pause, _LATER)
     finally:
         for future in running.values():
@@ -201,6 +205,7 @@ def _call(versions: dict[str, str], payload: bytes, argument: bytes) -> _Outcome
     Another version may not be able to load it.
     """
     try:
+        # JAX in a forked worker would hang instead of failing.
         check_not_forked()
         _check_versions(versions)
         function = _load(payload)
@@ -240,6 +245,8 @@ def _add_worker(error: Exception) -> Exception:
     place = "".join(traceback.format_exception(error)).rstrip()
     worker = platform.node()
     try:
+        # An error that cannot be loaded would look like a lost worker to the caller, so it is tried
+        # here.
         error = pickle.loads(pickle.dumps(error))
     except Exception:
         # The error's class is the user's, and its pickling can fail in any way.

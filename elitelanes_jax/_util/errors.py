@@ -36,10 +36,11 @@ class NotEnoughMemoryError(MemoryError):
 
 def warn_user(message: str) -> None:
     """Warns at the line of the user's code that called the package."""
+    # The first frame outside of the package is the user's.
     level, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith(
-        f"{__package__.split('.')[0]}."
-    ):
+    ours = f"{__package__.split('.')[0]}."
+    # Code that `exec` runs may have no `__name__`.
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(ours):
         level, frame = level + 1, frame.f_back
     warnings.warn(message, stacklevel=level)
 
@@ -49,6 +50,9 @@ def suggest(name: UserValue, known: Iterable[str]) -> str:
     # Dashes that all options begin with would make any two of them alike: --floor and --force.
     names_by_word = {candidate.lstrip("-"): candidate for candidate in known}
     word = str(name)[:40].lower().lstrip("-")
+    if not word:
+        # Every name begins with nothing.
+        return ""
     alike = get_close_matches(word, names_by_word, 1, cutoff=0.7)
     alike = alike or [other for other in names_by_word if other.startswith(word[:3])]
     return f"; is it {names_by_word[alike[0]]}?" if alike else ""

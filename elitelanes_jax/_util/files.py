@@ -31,6 +31,8 @@ _KEPT: ContextVar[Path | None] = ContextVar("kept", default=None)
 def read_bytes(file: str | Path, limit: int) -> bytes:
     """Reads a file; raises `InputError` if it has more than `limit` bytes, so that no file fills the memory."""
     with Path(file).open("rb") as stream:
+        # One byte more tells a file that is too large. The size that the system reports may be 0,
+        # as for a pipe.
         content = stream.read(limit + 1)
     if len(content) > limit:
         size = f"{limit / MIB:g} MiB" if limit >= MIB else f"{limit / KIB:g} KiB"
@@ -130,9 +132,12 @@ def new_file(file: Path) -> Iterator[Path]:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield part
+        # This check comes as late as possible, because another process may write the file while the
+        # block runs.
         if _KEPT.get() == file:
             check_new(file)
         copy_mode(target, part)
+        # Renaming is atomic within a file system, which is why the part is next to the file.
         part.replace(target)
     except OSError as error:
         if error.filename not in (None, str(part)) and not target.is_relative_to(error.filename):

@@ -75,6 +75,8 @@ def output_folder(
       OSError: of the block. It names a file as if it were in the output folder already.
     """
     try:
+        # Messages have the path as the user wrote it. The work is next to the folder that a link
+        # leads to, because a folder can only be renamed within a file system.
         asked, out = out, Path(os.path.realpath(out))
     except OSError as error:
         # The current folder was deleted.
@@ -83,7 +85,6 @@ def output_folder(
         raise InputError(f"{asked}: expected a folder, got a link that leads to itself")
     hidden = _hidden(out)
     work = Unfinished(hidden / _FILES, hidden / _KEPT)
-    missing = [parent for parent in out.parents if not parent.exists()]
     mine = done = False
     try:
         check_renamable(asked)
@@ -92,6 +93,8 @@ def output_folder(
             _check_replaceable(asked, out, inputs, foreign, force)
             try:
                 _resume(asked, hidden, settings, force, resume_files)
+                # From here on the files are of this run. Until here they may be of a run with other
+                # settings, and stay.
                 mine = True
                 yield work
                 _check_replaceable(asked, out, inputs, foreign, force)
@@ -101,6 +104,7 @@ def output_folder(
                 if done or not _has_work(hidden):
                     _clear(hidden, _LOCK)
                 elif mine and not resume_files:
+                    # What the next run resumes from is in `kept`, and it writes the files again.
                     _clear(work.files)
     except OSError as error:
         if error.errno is None:
@@ -109,11 +113,9 @@ def output_folder(
         file = str(error.filename or asked).replace(str(work.files), str(asked))
         raise OSError(error.errno, error.strerror, file) from None
     finally:
-        for folder in (hidden, *([] if done else missing)):
-            # The deepest folder goes first.
-            with suppress(OSError):
-                # A folder with files stays.
-                folder.rmdir()
+        with suppress(OSError):
+            # A folder with files stays.
+            hidden.rmdir()
 
 
 def check_renamable(folder: str | Path) -> None:
@@ -159,12 +161,14 @@ def settle(out: str | Path) -> None:
 def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     """Locks a folder, so that one process at a time works in it; a second one gets an `InputError` that names `asked`.
 
-    A folder that did not exist is made, and removed at the end if it is empty.
+    The folder and its parents are made if they do not exist, and those that were made are removed at
+    the end if they are empty. The block may remove the folder.
     """
     # Imported here, because loading it takes 50 ms.
     from filelock import FileLock, Timeout
 
-    new, lock = not folder.exists(), FileLock(folder / _LOCK)
+    lock = FileLock(folder / _LOCK)
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -186,10 +190,13 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
                 finally:
                     # An interruption of this process, which may go on, leaves no lock.
                     lock.release(force=True)
-        if new:
+            else:
+                lock.release(force=True)
+        # The deepest folder goes first.
+        for path in missing:
             with suppress(OSError):
                 # A folder with files stays.
-                folder.rmdir()
+                path.rmdir()
 
 
 def compare_settings(
@@ -343,6 +350,7 @@ def _move(hidden: Path, out: Path) -> None:
     """Renames the files to the output folder, or leaves everything as it was and raises an error."""
     replaced = hidden / _REPLACED
     if out.exists():
+        # The earlier folder is renamed instead of deleted, so that it can come back after an error.
         out.rename(replaced)
     try:
         _reveal(hidden, out)
@@ -360,6 +368,7 @@ def _reveal(hidden: Path, out: Path) -> None:
 def _settle(hidden: Path, out: Path) -> None:
     """Does the rest of a run that was killed after its files were complete."""
     if (hidden / _REPLACED).exists():
+        # The kill came after the earlier folder was renamed and before the new one was.
         if not out.exists():
             _reveal(hidden, out)
         _clear(hidden, _LOCK)

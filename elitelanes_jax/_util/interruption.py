@@ -65,6 +65,7 @@ def raise_if_interrupted() -> None:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     global _interrupted
     _interrupted = True
+    # The flag is set in any case, so that a signal during an import is not lost.
     if not _is_loading(frame):
         raise_if_interrupted()
 
@@ -78,6 +79,7 @@ def _is_loading(frame: FrameType | None) -> bool:
 def _is_handled() -> bool:
     """Returns whether the calling thread handles a `KeyboardInterrupt`, or an error that followed from it."""
     error = sys.exc_info()[1]
+    # Cleanup may fail with another error while it handles the interruption.
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
     return error is not None

@@ -18,6 +18,8 @@ def free_memory() -> int:
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
         if limit != resource.RLIM_INFINITY:
+            # This limit is on the address space, so it counts what is reserved and not only what is
+            # used.
             free.append(limit - psutil.Process().memory_info().vms)
     return max(0, min(free))
 
@@ -43,6 +45,7 @@ def _of_groups() -> Iterator[int]:
         group = _GROUPS / next(line for line in lines if line.startswith("0::")).removeprefix(
             "0::/"
         )
+        # A limit of a group holds for all groups in it.
         for folder in (group, *group.parents):
             if not folder.is_relative_to(_GROUPS):
                 break

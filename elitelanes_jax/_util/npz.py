@@ -37,6 +37,8 @@ _DAMAGES = (
 def pack(arrays: Mapping[str, np.ndarray], settings: Plain) -> bytes:
     """Packs arrays of numbers or texts, and values for JSON. Equal content gives equal bytes."""
     stream = BytesIO()
+    # JSON as an array of text needs no pickle. NumPy gives all members the same date, so that equal
+    # content has equal bytes.
     np.savez_compressed(stream, **arrays, **{_SETTINGS: np.array(json.dumps(settings))})  # type: ignore[arg-type]
     return stream.getvalue()
 
@@ -49,14 +51,21 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
                 # NumPy would read a single array, or a pickle.
                 raise zipfile.BadZipFile("no archive of arrays")
             with zipfile.ZipFile(stream) as members:
+                # The sizes in the directory are read before anything is unpacked, so that a small
+                # file cannot fill the memory.
                 size = sum(member.file_size for member in members.infolist())
             most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), free_memory() // 4)
             if size > most:
                 raise InputError(f"expected at most {most:,} bytes unpacked, got {size:,}")
             stream.seek(0)
             archive = np.load(stream, allow_pickle=False)
-            settings = json.loads(str(archive[_SETTINGS])) if _SETTINGS in archive.files else None
-            return settings, {name: archive[name] for name in archive.files if name != _SETTINGS}
+            arrays = {name: archive[name] for name in archive.files}
+            for name, array in arrays.items():
+                # NumPy returns the bytes of a member that is no array.
+                if not isinstance(array, np.ndarray):
+                    raise zipfile.BadZipFile(f"{name} is no array")
+            settings = arrays.pop(_SETTINGS, None)
+            return None if settings is None else json.loads(str(settings)), arrays
     except OSError as error:
         raise InputError(f"{path}: {reason(error)}") from None
     except _DAMAGES as error:

@@ -122,7 +122,9 @@ class Progress:
         try:
             yield
         finally:
-            self._step, self._since = before, time.monotonic()
+            self._step = before
+            # The step took time and counted nothing, so the remaining time follows from later counts.
+            self._since, self._first = time.monotonic(), self._done
         raise_if_interrupted()
 
     def __str__(self) -> str:
@@ -138,6 +140,7 @@ class Progress:
         raise_if_interrupted()
         if self._shown is not False:
             _running.append(self)
+            # Work within other work is named by the display of the outermost one.
             if len(_running) == 1:
                 self.display = _start_display(self._shown)
         return self
@@ -210,6 +213,7 @@ class _Display(Thread):
             print("\r" + text.ljust(self._width), end="", file=self._stream, flush=True)
             self._width = len(text)
         else:
+            # The lines of all work in a command share one clock.
             _last_line = time.monotonic()
             print(text, file=self._stream, flush=True)
         self.drawn = True

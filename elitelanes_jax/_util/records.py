@@ -72,6 +72,8 @@ class Record:
         for name, option in self.options().items():
             earlier = () if option.after is None else (getattr(self, option.after),)
             checked = check_named(name, option.check, getattr(self, name), *earlier)
+            # The dataclass is frozen, and the checked value may differ from the given one: a text
+            # becomes a number.
             object.__setattr__(self, name, checked)
         self.check_together()
 
@@ -96,6 +98,7 @@ class Record:
     def _keep_inputs(self, values: Mapping[str, UserValue], *more: str) -> Self:
         inputs = (*more, *inputs_among(values, self.options()))
         if inputs:
+            # The inputs are no field, so that records with equal options are equal and hash alike.
             vars(self)["_inputs"] = inputs
         return self
 
@@ -146,6 +149,7 @@ def descriptions(kind: type) -> dict[str, str]:
     Python's option -OO leaves out docstrings; then all are empty.
     """
     texts: dict[str, str] = {}
+    # A class overrides the descriptions of its bases.
     for base in reversed(kind.__mro__):
         attributes = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2]
         texts |= dict(re.findall(r"^  (\w+): (.*(?:\n    .*)*)", attributes, re.MULTILINE))

@@ -24,6 +24,7 @@ def _lines(folder: Path) -> Iterator[str]:
         file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file()
     )
     for path in paths:
+        # The file cannot have its own checksum.
         if path != SUMS:
             yield f"{sha256((folder / path).read_bytes()).hexdigest()}  {path}\n"
 

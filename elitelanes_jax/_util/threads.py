@@ -98,6 +98,7 @@ def side_by_side(
                 threads.append(Thread(target=work, daemon=wait))
                 threads[-1].start()
             jobs.put((count - 1, call))
+        # The results come in the order in which the calls end.
         for _ in range(count):
             index, value, error = outcomes.get()
             if error is not None:
@@ -109,6 +110,7 @@ def side_by_side(
         joins = wait
         raise
     finally:
+        # Threads that have not taken their next job skip it.
         stopped = True
         for _ in threads:
             jobs.put(None)

@@ -5,10 +5,6 @@ from .scores import Scores as Scores
 from .scores import compute_scores as compute_scores
 from .scores import confidence_interval as confidence_interval
 from .submissions import Submission as Submission
-from .submissions import grade_submission as grade_submission
-from .submissions import read_submission as read_submission
-from .submissions import score_submission as score_submission
-from .submissions import write_submission as write_submission
 from .tasks import BUDGETS as BUDGETS
 from .tasks import SIZES as SIZES
 from .tasks import Task as Task

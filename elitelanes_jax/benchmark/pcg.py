@@ -51,6 +51,7 @@ def register_pcg_problems() -> list[str]:
     benchmark = import_optional(
         "pcg_benchmark", "problems of the PCG Benchmark need pcg_benchmark", repository
     )
+    # A second call registers nothing.
     for name in VARIANTS.keys() - set(benchmark.list()):
         benchmark.register(name, _problem_class(), {"size": VARIANTS[name]})
     return list(VARIANTS)
@@ -91,6 +92,8 @@ class RoadNetworks:
         metrics = Metrics(**plain_measure(codes))
         cut = cut_to_roads(codes)
         side = max(codes.shape)
+        # An image of a network that is not square has its rows and columns swapped. Squares can be
+        # compared.
         images = [
             np.pad(image, [(0, side - length) for length in image.shape])
             for image in images_of(cut)
@@ -106,6 +109,7 @@ class RoadNetworks:
 
     def diversity(self, info1: _Info, info2: _Info) -> float:
         """Returns how much two networks differ, at most 1."""
+        # The first image is the network itself.
         differing = (info1["images"] != info2["images"][0]).sum(axis=(1, 2)).min()
         return min(float(differing) / (DIVERSITY * self.shape[0] * self.shape[1]), 1.0)
 
@@ -123,6 +127,7 @@ class RoadNetworks:
 
 def draw_roads(codes: NDArray[np.int8]) -> UInt8[np.ndarray, "h w 3"]:
     """Draws any codes ``[H, W]`` as roads from the middle of each tile to its open sides, 16 pixels a tile."""
+    # An arm is the middle third of the tile, from one side to the end of the middle square.
     third = slice(_PIXELS // 3, -(_PIXELS // 3))
     first, last = slice(_PIXELS - _PIXELS // 3), slice(_PIXELS // 3, None)
     arms = {NORTH: (first, third), EAST: (third, last), SOUTH: (last, third), WEST: (third, first)}

@@ -72,6 +72,7 @@ def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUN
         raise InputError(
             f"search: expected a generator function, which yields grids, got {shorten(repr(search))}"
         )
+    # Otherwise a function of other arguments would raise a `TypeError` that does not name `search`.
     check_named("search", function_of("task", "generator"), search)
     runs = [_run_seed(task, search(task, np.random.default_rng(seed))) for seed in numbers]
     return Submission(task, np.stack(runs))
@@ -91,12 +92,14 @@ def _check_seeds(seeds: int | Iterable[int]) -> list[int]:
         raise InputError(
             f"seeds: expected a number or several, 0 or more, got {shorten(repr(seeds))}"
         )
+    # Equal seeds give equal runs, which would narrow the intervals of the scores.
     check_unique("seeds", "seed", map(str, numbers))
     return numbers
 
 
 def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
     """Returns the archive after each budget: the best grid of each cyclomatic number."""
+    # A function that returns its grids instead of yielding them would receive no measurements.
     if not isinstance(search, Generator):
         raise InputError(
             f"search: expected a generator function, which yields grids, got {shorten(repr(search))}"
@@ -108,10 +111,13 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
     while batch is not _ENDED and len(at_budgets) < len(budgets):
         codes = _check(task, batch)
         measured = Measured(**measure_grids(codes, fill=task.fill))
+        # The grids are counted one at a time, because a budget may be spent within a batch.
         for number in range(len(codes)):
             archive.insert(codes[number], measured, number)
+            # Every grid is an evaluation, also a flawed one or one that came already.
             spent += 1
             if len(at_budgets) < len(budgets) and spent == budgets[len(at_budgets)]:
+                # The archive changes with the next grid, so a copy is kept.
                 at_budgets.append(archive.grids.copy())
         try:
             batch = search.send(measured)
@@ -128,6 +134,8 @@ class _Archive:
     """The best grid of each cyclomatic number: with the fewest flaws, and among these of the lowest fitness."""
 
     def __init__(self, task: Task) -> None:
+        # Linked tiles form fewer loops than there are tiles, so every cyclomatic number is an
+        # index.
         niches = task.shape[0] * task.shape[1]
         self.grids = np.zeros((niches, *task.shape), np.int8)
         # The flaws and the fitness of each niche's grid.
@@ -137,6 +145,7 @@ class _Archive:
         """Keeps a grid if it is better than its niche's; `measured` has the figures of its batch."""
         niche = measured.cyclomatic[number]
         rank = (measured.flaws[number], measured.fitness[number])
+        # Of equal ranks the first stays.
         if rank < self._ranks[niche]:
             self.grids[niche], self._ranks[niche] = codes, rank
 

@@ -49,6 +49,7 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
         )
     if np.isnan(best).any():
         raise InputError("best: expected numbers, infinite in vacant niches, got nan")
+    # A better fitness than the proven one is a mistake in the archive or in the proof.
     if (beyond := best < task.optimum).any():
         (*_, niche) = np.argwhere(beyond)[0]
         value, least = best[beyond][0], task.optimum[niche]
@@ -66,11 +67,12 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
 def _nearness(task: Task, best: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the nearness of each niche's best flawless network, 0 in vacant niches."""
     filled = best < VACANT
+    # All optima are negative, so the quotient is 1 at the optimum and falls to 0.
     return np.where(filled, np.maximum(np.where(filled, best, 0) / task.optimum, 0), 0)
 
 
 def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Computes the graded score ``[...]`` of archives, which `grade_submission` defines.
+    """Computes the graded score ``[...]`` of archives, which `Submission.grade` defines.
 
     Args:
       task: the task, with F feasible niches.
@@ -79,6 +81,8 @@ def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> 
         the niche is vacant.
     """
     flawless = best < VACANT
+    # A flawless network has at least 1/2, and a flawed one at most 1/4. For infinite flaws the
+    # second term is 0.
     return np.where(flawless, (1 + _nearness(task, best)) / 2, 1 / (2 + 2 * flaws)).mean(axis=-1)
 
 
@@ -100,6 +104,7 @@ def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     known = values[~np.isnan(values)]
     if not len(known):
         return float("nan"), float("nan")
+    # The seed is fixed, so that the same scores have the same interval everywhere.
     drawn = np.random.default_rng(0).integers(len(known), size=(_RESAMPLES, len(known)))
     low, high = np.quantile(known[drawn].mean(axis=1), [0.025, 0.975])
     return float(low), float(high)

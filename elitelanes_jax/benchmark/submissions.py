@@ -43,15 +43,51 @@ class Submission(NamedTuple):
     task: Task
     grids: Int8[np.ndarray, "R T N H W"]
 
+    def save(self, file: str | Path) -> None:
+        """Writes a raw archive as an ``.npz``.
+
+        Raises:
+          InputError: if the grids do not fit the task, for another type, or a file with the suffix
+            of another format.
+        """
+        write_submission(file, self)
+
+    @classmethod
+    def load(cls, file: str | Path) -> "Submission":
+        """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
+        return read_submission(file)
+
+    def score(self) -> tuple[NDArray[np.float64], Scores]:
+        """Measures all grids, and scores them.
+
+        Returns:
+          float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite if it is vacant;
+          and the scores, each ``[R, T]``.
+
+        Raises:
+          InputError: for grids that do not fit the task, or one that is better than its niche's
+            certificate.
+        """
+        return score_submission(self)
+
+    def grade(self) -> NDArray[np.float64]:
+        """Computes the graded score of each run at each budget, which gives flawed grids partial credit.
+
+        A niche with a flawless network scores (1 + nearness) / 2, see `Scores`. A niche whose best
+        grid has n flaws, see `Measured`, scores 1 / (2 + 2n). A vacant niche scores 0.
+
+        Returns:
+          float ``[R, T]`` in [0, 1], the means over feasible niches.
+
+        Raises:
+          InputError: as `score`.
+        """
+        return grade_submission(self)
+
 
 @name_wrong_arguments
 def write_submission(file: str | Path, submission: Submission) -> None:
-    """Writes a raw archive as an ``.npz``.
-
-    Raises:
-      InputError: if the grids do not fit the task, for another type, or a file with the suffix of
-        another format.
-    """
+    """Writes a raw archive, see `Submission.save`."""
     _check_fields(submission)
     out, grids = check_named("file", file_named(".npz"), file), np.asarray(submission.grids)
     _check(str(file), submission.task, grids)
@@ -62,7 +98,7 @@ def write_submission(file: str | Path, submission: Submission) -> None:
 
 @name_wrong_arguments
 def read_submission(file: str | Path) -> Submission:
-    """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
+    """Reads a raw archive, see `Submission.load`."""
     names = ("version", "task", "grids")
     _, stored = unpack(file)
     present = [name for name in names if name in stored]
@@ -111,21 +147,14 @@ def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) 
 
 @name_wrong_arguments
 def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Scores]:
-    """Measures all grids of a raw archive, and scores them.
-
-    Returns:
-      float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite if it is vacant; and
-      the scores, each ``[R, T]``.
-
-    Raises:
-      InputError: for grids that do not fit the task, or one that is better than its niche's
-        certificate.
-    """
+    """Measures all grids of a raw archive, and scores them, see `Submission.score`."""
     _check_fields(submission)
     task, grids = submission.task, np.asarray(submission.grids)
+    # A user may score few runs. Only a file that is handed in needs `LEAST_RUNS`.
     _check("submission", task, grids, least=1)
     measured = _measure(submission)
     flawless = measured["flaws"] == 0
+    # Such a grid would refute the certificates.
     beyond = np.argwhere(flawless & ~np.isin(measured["cyclomatic"], task.cyclomatic))
     if len(beyond):
         index = tuple(beyond[0].tolist())
@@ -135,6 +164,7 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
         )
     best = np.full((*grids.shape[:2], len(task.cyclomatic)), np.inf)
     for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
+        # Several slots may be in the same niche, and the best one counts.
         here = flawless & (measured["cyclomatic"] == cyclomatic)
         best[..., niche] = np.where(here, measured["fitness"], np.inf).min(axis=-1, initial=np.inf)
         better = np.argwhere(here & (measured["fitness"] < optimum))
@@ -149,17 +179,7 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
 
 @name_wrong_arguments
 def grade_submission(submission: Submission) -> NDArray[np.float64]:
-    """Computes the graded score of each run at each budget, which gives flawed grids partial credit.
-
-    A niche with a flawless network scores (1 + nearness) / 2, see `Scores`. A niche whose best grid
-    has n flaws, see `Measured`, scores 1 / (2 + 2n). A vacant niche scores 0.
-
-    Returns:
-      float ``[R, T]`` in [0, 1], the means over feasible niches.
-
-    Raises:
-      InputError: as `score_submission`.
-    """
+    """Computes the graded score of each run at each budget, see `Submission.grade`."""
     best, _ = score_submission(submission)
     measured = _measure(submission)
     fewest = np.full(best.shape, np.inf)
@@ -185,6 +205,7 @@ def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> dict[str, 
     batches = []
     for start in range(0, len(grids), _BATCH):
         batch = grids[start : start + _BATCH].astype(np.int8)
+        # The last batch is filled up to a power of two, so that few programs are compiled.
         filler = np.zeros(
             (min(_BATCH, 1 << (len(batch) - 1).bit_length()) - len(batch), *batch.shape[1:]),
             np.int8,
@@ -200,9 +221,11 @@ def count_flaws(metrics: "Metrics", fill: AnyArray) -> AnyArray:
         metrics.dead_ends
         + metrics.boundary_violations
         + metrics.mismatches
+        # `fill` is a factor, because JAX traces it: one program serves both variants.
         + fill * metrics.empty_cells
     )
     between_cells = metrics.adjacent_crossings + metrics.adjacent_turns
+    # A grid without roads has no component, which is one flaw.
     return at_cells + between_cells + abs(metrics.components - 1)
 
 

@@ -62,6 +62,7 @@ def find_task(name: str) -> Task:
     Raises:
       InputError: for any other name.
     """
+    # Anything but a text gets the message of an unknown name.
     size, _, budget = name.partition("-") if isinstance(name, str) else ("", "", "")
     if size not in SIZES or budget not in map(str, BUDGETS):
         expected = f"SIZE-BUDGET of {', '.join(SIZES)} and {', '.join(map(str, BUDGETS))}"
@@ -94,5 +95,6 @@ def _certificates() -> dict[str, dict[str, Plain]]:
     certificates = {}
     for certificate in json.loads(text)["certificates"]:
         variant = "A" if certificate["fill"] else "B"
+        # These names are those of `SIZES`.
         certificates[f"{certificate['height']}x{certificate['width']}{variant}"] = certificate
     return certificates

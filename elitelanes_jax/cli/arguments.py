@@ -30,6 +30,8 @@ class _Once(argparse.Action):
     """Stores the value of an option without a default, and refuses a second value."""
 
     def __call__(self, *arguments: Untyped) -> None:
+        # argparse passes the parser, the namespace, the value and the option's name. Without a
+        # default, the namespace has the attribute only if the option came already.
         namespace, value = arguments[1:3]
         if hasattr(namespace, self.dest):
             raise argparse.ArgumentError(
@@ -44,6 +46,8 @@ class Parser(argparse.ArgumentParser):
     For an unknown option it suggests a known one.
     """
 
+    # A command's own parser comes here too, therefore the suggestion is one of its options and not
+    # of another command.
     def parse_known_args(self, *arguments: Untyped, **named: Untyped) -> Untyped:
         namespace, unknown = super().parse_known_args(*arguments, **named)
         if unknown:
@@ -94,6 +98,7 @@ def add_command(
     `notes` are shown after its help, line by line; `words` are for argparse.
     """
     if notes:
+        # The default formatter would join the lines of the notes.
         words |= {"epilog": notes, "formatter_class": argparse.RawDescriptionHelpFormatter}
     command = commands.add_parser(name, **words)
     command.set_defaults(action=action)
@@ -147,6 +152,7 @@ def _fields_of(defaults: Record | SearchSpec) -> _Fields:
 
 class _Cores(argparse.Action):
     def __call__(self, *arguments: Untyped) -> None:
+        # The limit concerns the whole process, so no command needs to read it.
         use_cores(arguments[2])
 
 
@@ -212,9 +218,12 @@ def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> 
     values: dict[str, Untyped] = {}
     for name, option in fields.options.items():
         default = getattr(fields.defaults, name)
+        # The options of a nested record are options of the same command.
         if option.metavar is None and isinstance(default, Record | SearchSpec):
             values[name] = read_options(options, default)
         elif hasattr(options, name):
+            # An option that was not given keeps the value of `defaults`. A specification tells it
+            # from one that was given with the same value, which overrides a style.
             values[name] = getattr(options, name)
     with naming_options(defaults):
         return defaults.replace(**values)
@@ -245,7 +254,9 @@ def _name_flag(message: str, flags: Mapping[str, str]) -> str:
         name, value = match[1], match[2]
         return f"{flags.get(name, name)} {value}"
 
+    # Messages quote other fields as Python writes them, such as method='ea'.
     message = re.sub(r"\b(\w+)='(\w+)'", name_setting, message)
+    # A colon or further words follow the field's name at the start of a message.
     start = re.match(r"\w+(?=[: ])", message)
     if start is None or start[0] not in flags:
         return message
@@ -259,18 +270,22 @@ def _flag(name: str, option: Option) -> str:
 def _kind(option: Option, default: UserValue) -> dict[str, Untyped]:
     if isinstance(default, bool):
         return {"action": "store_true", "default": argparse.SUPPRESS}
+    # Without a default, argparse stores only options that were given, see `read_options`.
     kind: dict[str, Untyped] = {"default": argparse.SUPPRESS, "metavar": option.metavar}
     if isinstance(option.metavar, tuple):
         return kind | {"nargs": len(option.metavar)}
     if option.many == "once":
         return kind | {"action": _Once}
     if option.many:
+        # A repeated option adds values to the earlier ones.
         return kind | {"nargs": "*" if option.many == "*" else "+", "action": "extend"}
     return kind
 
 
 def _help(description: str, default: UserValue) -> str:
+    # argparse reads a single % as the start of a placeholder.
     words = description.replace("`", "").replace("%", "%%")
+    # These defaults mean that nothing is asked for, or the description explains them.
     if default is None or default is False or default == () or "by default" in words:
         return words
     items = default if isinstance(default, tuple) else (default,)

@@ -43,10 +43,13 @@ def _dataset(options: argparse.Namespace) -> int:
     spec = read_options(options, DatasetSpec())
     with naming_options(DatasetSpec()):
         plan = plan_dataset(spec)
+    # This module loads JAX. Wrong options are refused without it.
     from elitelanes_jax.dataset.make import make_planned
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     use_compile_cache()
+    # While the dataset is made, only errors about `furnish` are about an option. Others may name a
+    # file that has the name of an option.
     with naming_options(DatasetSpec(), "furnish"), open_pool(options) as pool:
         about = make_planned(plan, options.out, force=options.force, pool=pool)
     if spec.part is None:
@@ -64,6 +67,7 @@ def describe_dataset(about: dict[str, Plain], out: Path) -> str:
     for class_ in about["classes"]:
         cells = []
         for pixels in about["class_pixels"].values():
+            # A split without pictures has no pixels.
             share = pixels[class_["label"]] / max(sum(pixels), 1)
             cells.append(f"{share:.2%}")
         table[class_["name"]] = cells

@@ -71,6 +71,7 @@ def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.rendering import choose_tiles, png_of, recall_choice
     from elitelanes_jax.tiles.tileset import load_tiles
 
+    # This check comes before the rides, which take longer.
     check_new(options.out)
     kind, rides_shown = options.out.suffix.lower(), options.rides or 6
     if kind in (".mp4", ".gif"):
@@ -78,6 +79,7 @@ def _drive(options: argparse.Namespace) -> int:
             raise InputError(
                 f"--rides: expected none with a film, which shows one ride, got {options.rides}"
             )
+        # A film needs only the ride that it shows.
         rides_shown = 1
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     warn_of_faults(str(options.map), road_map)
@@ -86,12 +88,14 @@ def _drive(options: argparse.Namespace) -> int:
         policy = load_policy(policy)
     use_compile_cache()
     try:
+        # A map that was drawn with this tile set looks as it did there.
         chosen = recall_choice(road_map, tiles)
         if chosen is None:
             chosen = choose_tiles(road_map.codes, tiles)
         settings = {"policy": policy, "seconds": options.seconds, "seed": options.seed}
         rides = make_rides(road_map.codes, rides_shown, tiles=tiles, **settings)
     except InputError as error:
+        # The messages name the policy, or say what is wrong with the map without its file.
         message = str(error)
         source = "--" if message.startswith("policy:") else f"{options.map}: "
         raise InputError(source + message) from None
@@ -102,6 +106,7 @@ def _drive(options: argparse.Namespace) -> int:
         else:
             write_film(options.out, film(road_map, tiles, rides, **look))
     reached, count = int(rides.success.sum()), len(rides.success)
+    # A ride has 30 steps per second.
     driven = f"{rides.steps.sum() / 30:.1f} s driven"
     say(f"{reached} of {count} goals reached, {driven}, in {options.out}")
     return 0

@@ -13,7 +13,7 @@ from types import ModuleType
 from elitelanes_jax._util.checks import Check, whole
 from elitelanes_jax._util.engine import Engine, Pool
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.folders import remove
+from elitelanes_jax._util.folders import locked, remove
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import checked_by
@@ -74,8 +74,11 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
         with _open_dask(options.dask) as executor:
             yield Pool(executor, options.parts)
     elif options.slurm is not None:
+        # Submitit needs a folder that all hosts see. A temporary folder may belong to one host
+        # alone, so the jobs are next to the output folder.
         jobs = options.out.absolute().parent / f".{options.out.name}-jobs"
-        with _keeping_logs(jobs):
+        # A second command for the same output folder must not remove the jobs of the first one.
+        with locked(jobs, options.out), _keeping_logs(jobs):
             yield Pool(_open_submitit(options.slurm, jobs), options.parts)
     elif options.parts is not None:
         raise InputError("--parts: expected --dask or --slurm with it, got neither")
@@ -116,6 +119,7 @@ def _keeping_logs(jobs: Path) -> Iterator[None]:
     try:
         yield
     except ConnectionError:
+        # A job that SLURM refused has no logs.
         if not any(jobs.glob("*_log.*")):
             remove(jobs)
         raise
@@ -138,9 +142,13 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
         option, equals, value = word.partition("=")
         if not option.isidentifier() or not equals:
             raise InputError(f"--slurm: expected {_OPTIONS}, got {word!r}")
+        # Each task of a job would do the same part again.
         if option.endswith(_TASKS) and value != "1":
             raise InputError(f"--slurm: expected one task for each job, got {word}")
+        if option in values:
+            raise InputError(f"--slurm: expected each option once, got {option} again in {word!r}")
         values[option] = _value_of(option, value)
+    # Submitit's own default is to run here if it finds no SLURM, which nobody asked for.
     cluster = values.pop("cluster", "slurm")
     for program in ("sbatch", "srun"):
         if cluster == "slurm" and which(program) is None:

@@ -42,13 +42,14 @@ def add_explore(commands: Commands) -> None:
     add_shared(
         command,
         "--tiles",
-        help="tile pictures; by default the first run's, or if they are not found the package's own",
+        help="tile pictures; by default those of the first run whose pictures are found, or the package's own",
     )
     add_shared(command, "--tile-px")
     add_shared(command, "--force", help="replace an earlier page")
 
 
 def _is_run(source: Path) -> bool:
+    # A folder of layers is a single map of Duckietown.
     from elitelanes_jax.formats.dt_layers import is_layers
 
     return source.is_dir() and not is_layers(source)

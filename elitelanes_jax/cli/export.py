@@ -73,6 +73,7 @@ def add_export(commands: Commands) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
+    # The message of argparse's `choices` has another form, and does not shorten the text.
     if options.to not in (*FORMATS, _TABLE):
         raise InputError(
             f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got {shorten(repr(options.to))}"
@@ -106,6 +107,7 @@ def _export_table(options: argparse.Namespace) -> None:
     """Writes a table with the metrics of all maps."""
     from elitelanes_jax.formats.table import measure_maps, table_to_csv
 
+    # All maps are read before the file is written, so that a damaged one leaves no file.
     grids = [read_map(file).codes for file in options.maps]
     names = [str(file) for file in options.maps]
     _write_new(options.out, table_to_csv(measure_maps(names, grids)))
@@ -147,6 +149,8 @@ def _write_maps(
         with naming(file), naming_options(FormatOptions()):
             return target.files(maps[file], name, **settings)
 
+    # A format of one file for each map can be asked for by the name of that file. Several files, or
+    # a catalogue of all maps, need a folder.
     only = None
     if len(target.suffixes) == 1 and target.catalogue is None:
         only = target.suffixes[0]
@@ -180,9 +184,11 @@ def _names(files: Sequence[Path]) -> dict[Path, str]:
     folders_and_names = [stem.relative_to(stem.anchor).parts for stem in stems]
     names: list[str] = []
     for count in range(1, max(map(len, folders_and_names)) + 1):
+        # With each round the names have one more folder.
         names = ["-".join(parts[-count:]) for parts in folders_and_names]
         if len(set(names)) == len(names):
             return dict(zip(files, names, strict=True))
+    # Even all folders do not tell these maps apart, for example if only their suffixes differ.
     second = next(index for index in range(len(names)) if names[index] in names[:index])
     got = f"two for {stems[second].name}"
     raise InputError(f"{files[second]}: expected maps of different names, got {got}")
@@ -190,6 +196,7 @@ def _names(files: Sequence[Path]) -> dict[Path, str]:
 
 def _stem(file: Path) -> Path:
     """Returns what names a map: its file without suffix, or the folder of a map.json."""
+    # A path such as ".." has no name of its own.
     path = Path(os.path.normpath(file.absolute()))
     if not path.is_dir():
         path = path.with_suffix("")

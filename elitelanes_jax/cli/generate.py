@@ -2,7 +2,8 @@
 
 import argparse
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,19 +78,25 @@ def _generate(options: argparse.Namespace) -> int:
 
     if options.floor is not None:
         options.size = _size_for_floor(options)
-    spec = read_options(options, GenerateSpec())
-    with naming_options(GenerateSpec()):
-        run = plan_run(spec)
+    with _naming_floor(options):
+        spec = read_options(options, GenerateSpec())
+        with naming_options(GenerateSpec()):
+            run = plan_run(spec)
+    # This module loads JAX. Wrong options are refused without it.
     from elitelanes_jax.maps.generation import generate_planned
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     use_compile_cache()
     try:
+        # While maps are made, only errors about `furnish` are about an option. Others may name a
+        # file that has the name of an option.
         with naming_options(GenerateSpec(), "furnish"), open_pool(options) as pool:
             maps = generate_planned(run, options.out, force=options.force, pool=pool)
     except NotEnoughMapsError as error:
+        # A user who knows that the elites are kept does not search again for fewer maps.
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:
+        # The line can be pasted into a shell, also for a folder with spaces in its name.
         explore = (
             f"{program_name()} explore {shlex.quote(str(options.out))} --open shows all elites"
         )
@@ -121,6 +128,18 @@ def _size_for_floor(options: argparse.Namespace) -> tuple[int, int]:
         raise InputError(f"--{error}") from None
 
 
+@contextmanager
+def _naming_floor(options: argparse.Namespace) -> Iterator[None]:
+    """Makes errors about a size in its block name --floor, if the size follows from it."""
+    try:
+        yield
+    except InputError as error:
+        message = str(error)
+        if options.floor is None or not message.startswith("--size: "):
+            raise
+        raise InputError(f"--floor: {message.removeprefix('--size: ')}") from None
+
+
 def add_merge(commands: Commands) -> None:
     command = add_command(
         commands,
@@ -141,6 +160,8 @@ def add_merge(commands: Commands) -> None:
 
 
 def _merge(options: argparse.Namespace) -> int:
+    # The first part says whether a run or a dataset is joined, and the merge compares the others
+    # with it.
     if (options.parts[0] / "dataset.json").is_file():
         from elitelanes_jax.cli.dataset import describe_dataset
         from elitelanes_jax.dataset.joining import merge_dataset
@@ -192,8 +213,10 @@ def _pick(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.spec import PickSpec
 
     spec = read_options(options, PickSpec())
+    # This module loads JAX. Wrong options are refused without it.
     from elitelanes_jax.maps.picking import pick
 
+    # Only the archives say whether these options fit: which features were measured, and the size.
     with naming_options(PickSpec(), "furnish", "axes", "where"):
         maps = pick(
             spec,

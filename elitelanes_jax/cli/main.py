@@ -39,6 +39,8 @@ def _act(options: argparse.Namespace) -> int:
     """
     replaces = getattr(options, "force", False) or getattr(options, "force_archive", False)
     if replaces and options.out is not None:
+        # Specifications check the inputs that they read. This check is for the files that a command
+        # reads itself, such as a map, and comes before any work.
         values = {name: value for name, value in vars(options).items() if name != "out"}
         check_apart(options.out, inputs_among(values))
     try:
@@ -47,6 +49,7 @@ def _act(options: argparse.Namespace) -> int:
         out = getattr(options, "out", None)
         if out is None or not has_unfinished(out):
             raise
+        # The message says that the work can be resumed, so that nobody starts it anew.
         if isinstance(error, KeyboardInterrupt):
             return fail("elitelanes", f"interrupted; {_RESUMES}", INTERRUPTED)
         return fail(
@@ -59,6 +62,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="elitelanes", description="Evolves road maps of a miniature city and draws them."
     )
+    # Not every command has the option --quiet, and `guarded` reads it for all.
     parser.set_defaults(quiet=False)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")

@@ -31,6 +31,7 @@ def _show(options: argparse.Namespace) -> int:
     (figures,) = measure_maps([str(options.map)], [codes])
     drawn = draw_text(codes)
     try:
+        # Otherwise `say` would escape each character that the terminal lacks.
         drawn.encode(getattr(sys.stdout, "encoding", None) or "ascii")
     except UnicodeEncodeError:
         drawn = draw_text(codes, ascii_only=True)
@@ -89,15 +90,17 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
-    if options.out is None and options.map.is_dir():
+    out = options.out or options.map.with_suffix("")
+    if options.out is None and (options.map.is_dir() or out == options.map):
+        which = "is a folder too" if options.map.is_dir() else "has no suffix to leave out"
         raise InputError(
-            f"--out: expected a folder for the pictures of {options.map}, which is a folder too, got none"
+            f"--out: expected a folder for the pictures of {options.map}, which {which}, got none"
         )
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
+        # The faults that are announced below are those of the map as it is drawn.
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     warn_of_faults(str(options.map), road_map)
-    out = options.out or options.map.with_suffix("")
     with naming(options.map):
         picture = render(
             road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects
@@ -152,8 +155,12 @@ def _plan(options: argparse.Namespace) -> int:
         with never_replacing(options.out):
             written = write(road_map, options)
     except InputError as error:
-        words = str(error).replace("file: ", "--out: ", 1).replace("map: ", f"{options.map}: ", 1)
-        raise type(error)(words) from None
+        message = str(error)
+        # Only the start of the message names an argument; a path in it may have the same words.
+        for start, source in (("file: ", "--out: "), ("map: ", f"{options.map}: ")):
+            if message.startswith(start):
+                raise type(error)(source + message.removeprefix(start)) from None
+        raise
     say(f"{written}, in {options.out}")
     return 0
 
@@ -230,6 +237,7 @@ def _furnish(options: argparse.Namespace) -> int:
         from elitelanes_jax.tiles.tileset import load_tiles
 
         lane_offset = load_tiles(options.tiles).lane_offset
+    # A file may place objects outside of this map.
     check_named(
         f"furnish {' '.join(options.furnish)}", check_objects, spec.objects, *road_map.codes.shape
     )

@@ -136,6 +136,7 @@ class _CutPhotographs(NamedTuple):
 
 
 def _cut(options: argparse.Namespace) -> int:
+    # What the options alone show to be wrong is refused before a photograph is read.
     plan = _read_plan(options.map)
     shape = _shape(options, plan)
     corners = _corners_of_each(options, options.photos)
@@ -183,6 +184,7 @@ def _cut_photographs(
         proposal = _propose(photograph, shape, corners_of_file, exact=options.exact, codes=plan)
         photographs.proposals.append(proposal)
         photographs.pictures.append(draw_proposal(photograph, proposal))
+        # A photograph that is refused stays on the sheet, where its outlines show what went wrong.
         if proposal.score >= SURE:
             photographs.cuts.extend(cut_tiles(photograph, proposal, photographs.cuts))
     return photographs
@@ -192,6 +194,7 @@ def _nothing_cut_error(photographs: _CutPhotographs, first_file: Path) -> InputE
     """Returns the error for photographs that gave no tile."""
     refused = photographs.refused()
     if not refused:
+        # The outlines were found, and no kind in them is sure.
         return InputError(f"{first_file}: expected tiles of a sure kind, got none")
     more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
     return InputError(refused[0] + more)
@@ -234,6 +237,7 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
     lines += [f"refused: {line}" for line in photographs.refused()]
     if earlier_set is not None:
         lines.append(f"the earlier set is kept as {earlier_set}")
+    # The set is checked as `tiles check` does it, because the pictures are the user's.
     _, problems = inspect_tiles(out, lines=True)
     if problems:
         lines += [f"to correct: {problem}" for problem in problems]
@@ -292,6 +296,7 @@ def _read(options: argparse.Namespace) -> int:
 
     plan = _read_plan(options.against)
     shape = _shape(options, plan)
+    # A single tile is no floor to read, and the default of --size means one.
     if shape == (1, 1):
         got = "none" if options.size is None else "1 1"
         raise InputError(
@@ -302,6 +307,7 @@ def _read(options: argparse.Namespace) -> int:
         check_new(options.out)
     floor = _read_floor(options, shape, corners, load_tiles(options.tiles))
     if plan is not None:
+        # The photograph may be taken from any side of the floor.
         floor = _turn_to_plan(floor, plan, options.against)
     unsure = _unsure_cells(floor.sure)
     lines = [draw_text(floor.codes)]
@@ -413,10 +419,15 @@ def _propose(
 
     if corners is None:
         return propose_tiles(photograph, shape=shape, codes=codes, tiles=tiles)
+    # The user reads the corners in the file. The picture that was read may be smaller, and is
+    # straightened for a known lens.
     points = photograph.pixels_of(np.array(corners, float).reshape(4, 2))
     try:
         return propose_tiles(
             photograph, shape=shape, corners=points, codes=codes, tiles=tiles, fit=not exact
         )
     except InputError as error:
-        raise InputError(str(error).replace("corners: ", "--corners: ", 1)) from None
+        message = str(error)
+        if message.startswith("corners: "):
+            raise InputError(f"--{message}") from None
+        raise

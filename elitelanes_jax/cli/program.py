@@ -32,10 +32,12 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, quiet: bo
             try:
                 return action()
             except Exception:
+                # Native code may replace the `KeyboardInterrupt` by an error of its own.
                 if was_interrupted():
                     raise KeyboardInterrupt from None
                 raise
     except (InputError, NotEnoughMapsError) as error:
+        # The package's messages name arguments of Python.
         as_option = re.compile(r"\b(force|force_archive|at_most)=True")
         words = as_option.sub(lambda match: "--" + match[1].replace("_", "-"), str(error))
         return fail(program, words, 2 if isinstance(error, InputError) else 1)
@@ -48,6 +50,7 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, quiet: bo
     except NotEnoughMemoryError as error:
         return fail(program, str(error), 1)
     except Exception as error:
+        # JAX has no error of its own for a platform that it does not find. Its devices tell.
         platforms = os.environ.get("JAX_PLATFORMS")
         if platforms and not _has_devices():
             return fail(
@@ -180,5 +183,6 @@ def _complete_streams() -> None:
         except OSError:
             # The file gets the lowest free descriptor.
             os.open(os.devnull, os.O_RDWR)
+    # Python sets a stream to None if its descriptor is closed.
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)

@@ -39,6 +39,7 @@ def _score(options: argparse.Namespace) -> int:
     use_compile_cache()
     for file in options.archives:
         submission = read_submission(file)
+        # The messages of the scores name no file, because they are of arrays.
         with naming(file):
             _, scores = score_submission(submission)
             of_runs = scores._asdict() | {"graded": grade_submission(submission)}
@@ -58,6 +59,7 @@ def _table(scores: Mapping[str, NDArray[np.float64]]) -> str:
     for index, budget in enumerate(BUDGETS[: scores["graded"].shape[1]]):
         cells = [f"{budget:,}"]
         for values in scores.values():
+            # The precision of a run without filled niches is NaN.
             known = values[:, index][~np.isnan(values[:, index])]
             low, high = confidence_interval(known)
             cells.append(f"{known.mean():.3f} [{low:.3f}, {high:.3f}]" if len(known) else "-")

@@ -75,6 +75,7 @@ def _masks(options: argparse.Namespace) -> int:
             with naming(f"--{mask}"):
                 colours[mask] = parse_colour(getattr(options, mask))
     sheet = options.folder / "masks.png"
+    # With --overwrite, only masks whose colours are named are replaced. Without colours, all are.
     named = [mask for mask in _MASKED if getattr(options, mask) is not None] or _MASKED
     proposals = mask_folder(options.folder, colours, named if options.overwrite else ())
     title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
@@ -83,6 +84,7 @@ def _masks(options: argparse.Namespace) -> int:
         for proposal in proposals
         for mask in proposal.proposed
     }
+    # All copies exist before the first file is replaced.
     kept_as = [_keep(file) for file in masks if file.exists()]
     if sheet.exists():
         _keep(sheet)
@@ -110,6 +112,7 @@ def _keep(file: Path) -> Path:
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
     from elitelanes_jax.tiles.rendering import write_png
 
+    # The stack renames the files when all are written. If one cannot be written, none is replaced.
     with ExitStack() as stack:
         for file, pixels in pictures.items():
             write_png(stack.enter_context(new_file(file)), pixels)

@@ -1,4 +1,7 @@
-"""Datasets for semantic segmentation: maps of mixed sizes, drawn, labelled and split for training."""
+"""Datasets for semantic segmentation.
+
+Their maps have mixed sizes, and are drawn, labelled and split for training.
+"""
 
 import lazy_loader
 

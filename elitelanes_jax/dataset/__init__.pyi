@@ -1,5 +1,4 @@
 from ._samples import draw_sample as draw_sample
-from ._transforms import STANDARD as STANDARD
 from ._transforms import Transforms as Transforms
 from ._transforms import Viewpoints as Viewpoints
 from .joining import merge_dataset as merge_dataset

@@ -151,7 +151,10 @@ def _introduction(about: dict[str, Plain]) -> list[str]:
     splits = [split for split, count in counts.items() if count > 0]
     # A dataset of one split has nothing to compare.
     if len(splits) > 1:
-        maps += f" Maps of different splits differ in at least {100 * ALIKE:g} % of their tiles in the same sense."
+        maps += (
+            f" Maps of different splits differ in at least {100 * ALIKE:g} % "
+            "of their tiles in the same sense."
+        )
         if about["given_maps"]:
             maps += " Empty rows and columns around the roads do not count as tiles."
     version = about["versions"]["elitelanes_jax"]
@@ -162,7 +165,10 @@ def _introduction(about: dict[str, Plain]) -> list[str]:
 
 
 def _table_of_classes(about: dict[str, Plain]) -> list[str]:
-    """Returns a table of the classes: the colour of each, and the share of its pixels in each split."""
+    """Returns a table of the classes.
+
+    It has the colour of each class, and the share of its pixels in each split.
+    """
     heads = " | ".join(f"{split}, pixels" for split in SPLITS)
     lines = [f"| label | class | colour in the sheet | {heads} |", "|---|---|---|---|---|---|"]
     for label, name in enumerate(LABELS):
@@ -228,7 +234,10 @@ def sample_sheet(
 
 
 def draw_boxes(file: Path, objects: Sequence[dict[str, Plain]]) -> UInt8[np.ndarray, "_ _ 3"]:
-    """Draws the boxes and the kinds of the objects in a picture of the dataset, uint8 ``[., ., 3]``, RGB."""
+    """Draws the boxes and the kinds of the objects in a picture of the dataset.
+
+    Returns uint8 ``[., ., 3]``, RGB.
+    """
     picture = _read(file)
     # Small pictures are enlarged by a whole number, so that boxes stay on the edges of pixels.
     larger = max(1, round(_BOXES_PX / max(picture.shape[:2])))
@@ -241,7 +250,10 @@ def draw_boxes(file: Path, objects: Sequence[dict[str, Plain]]) -> UInt8[np.ndar
 
 
 def _fit(file: Path, shape: float, interpolation: int) -> UInt8[np.ndarray, "..."]:
-    """Reads a picture of the dataset, RGB or grey, and scales it to the largest size that a cell of the sheet holds."""
+    """Reads a picture of the dataset, RGB or grey, and scales it for the sheet.
+
+    The picture gets the largest size that a cell of the sheet holds.
+    """
     picture = _read(file)
     height, width = picture.shape[:2]
     # No side is rounded up to more than the cell's.

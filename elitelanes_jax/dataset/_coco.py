@@ -22,7 +22,10 @@ from elitelanes_jax.tiles.rendering import LABELS
 
 Record = dict[str, Plain]
 Records = Callable[[], Iterable[Record]]
-"""Reads the records of a split's samples anew, one after another, so that no file needs all of them in memory."""
+"""Reads the records of a split's samples anew, one after another.
+
+Therefore no file needs all records in memory.
+"""
 
 SHORT_NAMES = ("train", "val", "test")
 """The usual short names of the splits."""
@@ -44,7 +47,10 @@ def annotate(sample: Sample) -> Record:
 
 
 def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
-    """Writes the annotations of a split, and YOLO's text if there are objects; yields the lines of its metadata."""
+    """Writes the annotations of a split, and yields the lines of its metadata.
+
+    Also writes YOLO's text if there are objects.
+    """
     name = SHORT_NAMES[split]
     classes = [{"id": label, "name": title} for label, title in enumerate(LABELS) if label]
     _write_coco(folder / "annotations" / f"{name}.json", read, _class_annotations, classes)
@@ -128,9 +134,10 @@ def _joined(rows: Iterable[Record]) -> Iterator[str]:
 
 
 def _write_yolo(file: Path, record: Record) -> None:
-    """Writes a line for each object: its class from 0, and the middle and the size of its box as shares.
+    """Writes a line for each object, as YOLO reads it.
 
-    Ultralytics looks for it in labels/ if the picture is in images/.
+    A line has the class, from 0, and the middle and the size of the box as shares. Ultralytics
+    looks for it in labels/ if the picture is in images/.
     """
     height, width = record["pixels"]
     lines = []
@@ -144,10 +151,10 @@ def _write_yolo(file: Path, record: Record) -> None:
 
 
 def _write_data(folder: Path) -> None:
-    """Writes the file that Ultralytics reads. Paths in it are relative to it, because it names no other folder.
+    """Writes the file that Ultralytics reads.
 
-    Ultralytics asks for `train` and `val`. Without pictures of its own, each has those of another
-    split.
+    Paths in the file are relative to it, because it names no other folder. Ultralytics asks for
+    `train` and `val`. Without pictures of its own, each has those of another split.
     """
     splits = [name for name in SHORT_NAMES if (folder / "images" / name).is_dir()]
     lines = []

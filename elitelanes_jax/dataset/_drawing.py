@@ -1,4 +1,7 @@
-"""Draws the samples of a dataset, in threads here or on the workers of an executor, and keeps what is drawn."""
+"""Draws the samples of a dataset, and keeps what is drawn.
+
+Samples are drawn in threads here or on the workers of an executor.
+"""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -59,7 +62,10 @@ class Block(NamedTuple):
         return _parse_records(self.records.read_bytes()) if self.records.exists() else {}
 
     def missing(self) -> list[int]:
-        """Returns the indices of the samples that are not drawn yet, and removes a part of a line."""
+        """Returns the indices of the samples that are not drawn yet.
+
+        If the last line of the records is incomplete, it is removed.
+        """
         if not self.records.exists():
             return self.indices
         content = self.records.read_bytes()
@@ -263,9 +269,9 @@ class _Task(NamedTuple):
 
 
 def _tasks(pool: Pool, drawing: Drawing, samples: Samples) -> list[_Task]:
-    """Divides the samples evenly into parts, and returns the missing ones of each part that lacks any.
+    """Divides the samples evenly into parts.
 
-    A shard is of one part.
+    Returns the missing samples of each part that lacks any. A shard is of one part.
     """
     count = pool.parts_for(-(-samples.total // _PICTURES_A_PART), len(samples.maps))
     has_shards = drawing.layout.open_shard is not None

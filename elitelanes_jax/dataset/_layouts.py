@@ -83,7 +83,10 @@ class Layout(NamedTuple):
         return path.replace("LAYER", self.folders.get(layer, layer))
 
     def shard_file(self, split: int, number: int, count: int) -> str:
-        """Returns the path of a shard in the folder; `count` is the number of the split's shards."""
+        """Returns the path of a shard in the folder.
+
+        `count` is the number of the split's shards.
+        """
         return (
             _in_split(self.path, split)
             .replace("SHARD", f"{number:05d}")
@@ -91,7 +94,10 @@ class Layout(NamedTuple):
         )
 
     def data_files(self, splits: NDArray[np.int_]) -> dict[str, str]:
-        """Returns a pattern of the shards of each split that has maps, by its name; empty without shards."""
+        """Returns a pattern of the shards of each split that has maps, by the split's name.
+
+        The result is empty without shards.
+        """
         if self.open_shard is None:
             return {}
         # Hugging Face finds the shards by a pattern, however many there are.
@@ -150,7 +156,10 @@ class Layout(NamedTuple):
 
 
 def find_layout(name: str) -> Layout:
-    """Returns a layout by its name; raises `MissingPackageError` if a package that it needs is not installed."""
+    """Returns a layout by its name.
+
+    Raises `MissingPackageError` if a package that the layout needs is not installed.
+    """
     layout = LAYOUTS[name]
     if layout.needs is not None:
         import_optional(layout.needs, f"format: {name} needs {layout.needs}")
@@ -168,9 +177,10 @@ def write_sample(sample: Sample, layout: Layout, split: int, out: Path) -> None:
 
 
 def _write_new(file: Path, content: bytes) -> None:
-    """Writes a file that may be left in part: a sample counts when its record is written, which comes later.
+    """Writes a file that an interrupted run may leave in part.
 
-    Takes a third of the time of `write_atomic`.
+    This does no harm, because a sample counts when its record is written, which comes later. It
+    takes a third of the time of `write_atomic`.
     """
     try:
         try:
@@ -186,7 +196,10 @@ def _write_new(file: Path, content: bytes) -> None:
 
 
 def write_maps(file: Path, maps: Sequence[RoadMap], views: int) -> None:
-    """Writes a line for each map: its codes, metrics, fitness and niche, and the number of its first sample."""
+    """Writes a line for each map.
+
+    A line has the map's codes, metrics, fitness and niche, and the number of its first sample.
+    """
 
     def lines() -> Iterator[bytes]:
         for index, road_map in enumerate(maps):
@@ -229,7 +242,10 @@ def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Recor
 
 
 def _object_columns(record: Record) -> dict[str, list[Plain]]:
-    """Returns the objects of a sample in columns, by the names that Hugging Face's guides have for boxes."""
+    """Returns the objects of a sample in columns.
+
+    The names of the columns are those that Hugging Face's guides have for boxes.
+    """
     entries = {
         "id": "instance",
         "category": "kind",
@@ -382,14 +398,18 @@ LAYOUTS = {
         "data/SPLIT-SHARD-of-COUNT.parquet",
         "# pip install datasets pillow\n"
         "from datasets import load_dataset\n\n"
-        "# Streaming reads samples when they are used. Without streaming=True, samples[0] is the first one.\n"
+        "# Streaming reads samples when they are used. Without streaming=True, "
+        "samples[0] is the first one.\n"
         'samples = load_dataset("DIR", split="SPLIT", streaming=True)\n'
         "sample = next(iter(samples))\n"
         'print(sample["image"].size, sample["labels"].getextrema())',
         open_shard=open_parquet,
         arrays=_PARQUET_ARRAYS,
         needs="pyarrow",
-        about=f"{_SHARDS} The columns `image` and `labels` have files of PNG. The other columns have the metadata.",
+        about=(
+            f"{_SHARDS} The columns `image` and `labels` have files of PNG. "
+            "The other columns have the metadata."
+        ),
         about_objects=" The column `instances` has the mask of instances, of 16 bits per pixel.",
     ),
 }

@@ -69,7 +69,10 @@ def evolve_maps(
 
 
 def _evolve_ahead(sizes: "Sequence[_Size]", pool: Pool) -> None:
-    """Evolves the first rounds of all sizes on workers, as many as the maps need at least, and keeps the results."""
+    """Evolves the first rounds of all sizes on workers, and keeps the results.
+
+    The number of rounds is the least that the maps need.
+    """
     rounds = []
     for size in sizes:
         for number in range(-(-size.wanted // _FROM_ROUND)):
@@ -129,14 +132,18 @@ class _Size(NamedTuple):
             earlier += [road_map.codes for road_map in new]
             if level == len(MIN_DIFFERENCE):
                 raise NotEnoughMapsError(
-                    f"found {len(earlier)} different ones of {self.wanted} maps of {self.shape[0]} x {self.shape[1]} "
+                    f"found {len(earlier)} different ones of {self.wanted} maps of {self.shape[0]} "
+                    f"x {self.shape[1]} "
                     "tiles; larger sizes, more evaluations or fewer maps"
                 )
             number += 1
             yield new
 
     def compile_aside(self) -> Callable[[], None]:
-        """Compiles the first round's programs, if it was not made before; returns a function that waits."""
+        """Compiles the first round's programs, if the round was not made before.
+
+        Returns a function that waits for the programs.
+        """
         if self.file(0).exists() or self.result_file(0).exists() or count_cores() == 1:
             return lambda: None
         return start_thread(partial(compile_search, self.search, self.keys(0)))
@@ -160,7 +167,10 @@ class _Size(NamedTuple):
         others: Sequence[NDArray[np.int8]],
         level: int,
     ) -> list[RoadMap]:
-        """Evolves the maps of a round, which differ from all earlier maps by at least `MIN_DIFFERENCE[level]`."""
+        """Evolves the maps of a round.
+
+        They differ from all earlier maps by at least `MIN_DIFFERENCE[level]`.
+        """
         if self.result_file(number).exists():
             result = Result.load(self.result_file(number))
         else:

@@ -1,4 +1,6 @@
-"""Views of a map from a robot on its lanes: a pose, a pinhole camera, and the warp of a rendered map.
+"""Views of a map from a robot on its lanes.
+
+A view is a pose, a pinhole camera, and the warp of a rendered map.
 
 One 3 x 3 matrix maps the ground to a picture, as for views from above; points behind the camera
 have a third coordinate of 0 or less. Picture and labels are sampled at the same points: the picture
@@ -100,7 +102,9 @@ def draw_viewpoint(
     objects: Sequence[MapObject] = (),
     lane_offset: float = LANE_OFFSET,
 ) -> Viewpoint:
-    """Draws a pose on the lanes of a map, and its camera; raises `InputError` for a map without a lane.
+    """Draws a pose on the lanes of a map, and its camera.
+
+    Raises `InputError` for a map without a lane.
 
     The movement is drawn uniformly from all movements of the map; the position along it, the offset
     and the angle are uniform too. If the robot would touch an object, another pose is drawn, at
@@ -196,9 +200,10 @@ def _touches(place: _Place, objects: Sequence[MapObject]) -> bool:
 def _nearest(
     movements: Movement, x: float, y: float, theta: float, lane_offset: float
 ) -> dict[str, Plain]:
-    """Returns offset, heading error and curvature on the nearest lane of the pose's tile, as `lane_pose` chooses it.
+    """Returns the offset, the heading error and the curvature on the nearest lane.
 
-    For a tile without lanes the table is empty.
+    The nearest lane is on the pose's tile, and is chosen as `lane_pose` does. For a tile without
+    lanes the table is empty.
     """
     nearest: dict[str, Plain] = {}
     least_rank = np.inf
@@ -311,7 +316,10 @@ def see_parts(
 def see_labels(
     labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint
 ) -> UInt8[NDArray, "rows columns"]:
-    """Draws the camera's view of a mask or labels, the nearest pixel; 0 beyond the map and above the horizon."""
+    """Draws the camera's view of a mask or labels.
+
+    The result has the nearest pixel of the map, and 0 beyond the map and above the horizon.
+    """
     rays = find_rays(viewpoint, 1)
     seen = np.zeros(viewpoint.size, np.uint8)
     if len(rays.x):
@@ -322,7 +330,11 @@ def see_labels(
 
 
 def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
-    """Returns the matrix from positions on the map, in tiles, to metres ahead and to the left of a pose."""
+    """Returns the matrix from positions on the map to positions relative to a pose.
+
+    The positions on the map are in tiles. The results are in metres ahead and to the left of the
+    pose.
+    """
     cosine, sine = np.cos(theta), np.sin(theta)
     # North is -y on the map, which changes the signs of both entries for y.
     turn = np.array([[cosine, -sine, 0], [-sine, -cosine, 0], [0, 0, 1]])
@@ -332,10 +344,11 @@ def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
 
 
 def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray, "3 4"]:
-    """Returns the matrix from metres ahead of a camera, to the left and above the ground to points of its picture.
+    """Returns the matrix from positions relative to a camera to points of its picture.
 
-    The camera has its height, pitch and field of view, as in a viewpoint's ``about``; `size` is
-    (rows, columns).
+    The positions are in metres ahead of the camera, to the left, and above the ground. The camera
+    has its height, pitch and field of view, as in a viewpoint's ``about``; `size` is (rows,
+    columns).
     """
     rows, columns = size
     # The field of view is from the upper to the lower edge.
@@ -370,7 +383,9 @@ def stand(
     viewpoint: Viewpoint,
     tile_px: int,
 ) -> tuple[list[Placed], list[int], list[float]]:
-    """Places objects with their pictures in a view from a robot; `tile_px` is that of the rendered map.
+    """Places objects with their pictures in a view from a robot.
+
+    `tile_px` is that of the rendered map.
 
     Each picture stands upright, parallel to the picture's rows, so that its rows stay rows of the
     view. It is not turned towards the camera, but its view is chosen by the direction from which
@@ -433,7 +448,10 @@ class Rays(NamedTuple):
 
 
 def find_rays(viewpoint: Viewpoint, finer: int) -> Rays:
-    """Returns where the rays of a viewpoint meet the ground, with `finer` rays per pixel in each direction."""
+    """Returns where the rays of a viewpoint meet the ground.
+
+    A pixel has `finer` rays in each direction.
+    """
     rows, columns = (side * finer for side in viewpoint.size)
     back = np.linalg.inv(viewpoint.matrix)
     u, v = (np.arange(columns) + 0.5) / finer, (np.arange(rows) + 0.5) / finer
@@ -455,7 +473,10 @@ def find_rays(viewpoint: Viewpoint, finer: int) -> Rays:
 
 
 def _shift_lines(places: NDArray[_F], tile_px: int, lines: float) -> NDArray[_F]:
-    """Shifts coordinates away from the middle of each tile, by `lines` tiles at the usual place of the white line."""
+    """Shifts coordinates away from the middle of each tile.
+
+    The shift is `lines` tiles at the usual place of the white line.
+    """
     if not lines:
         return places
     # A sine has no shift in the middle and at the edges of a tile, where neighbours have to meet.
@@ -507,5 +528,8 @@ def _sample(
     outside: Sequence[int],
     sampled: NDArray[np.uint8],
 ) -> None:
-    """Samples a layer at some points into the rows `sampled`, with the colour `outside` beyond the layer."""
+    """Samples a layer at some points into the rows `sampled`.
+
+    Beyond the layer the rows get the colour `outside`.
+    """
     cv2.remap(layer, x, y, interpolation, sampled, cv2.BORDER_CONSTANT, outside)

@@ -230,7 +230,10 @@ def _see_from_robot(
 def _paste(
     layers: dict[str, NDArray[np.uint8]], scene: _Scene, shot: _Shot
 ) -> tuple[NDArray[np.uint16], list[dict[str, Plain]]]:
-    """Pastes the objects into the layers; returns the instances, and the metadata of objects that are seen."""
+    """Pastes the objects into the layers.
+
+    Returns the instances, and the metadata of objects that are seen.
+    """
     instances, seen = paste_objects(layers, shot.placed, shot.order, shot.near)
     listed: list[dict[str, Plain]] = []
     for index, item, further in zip(shot.order, seen, shot.further, strict=True):
@@ -243,7 +246,10 @@ def _paste(
 def _expose(
     image: NDArray[np.uint8], view: View, transforms: Transforms, seed: Sequence[int]
 ) -> NDArray[np.uint8]:
-    """Takes a picture of what is seen: light and motion, the view's blur and noise, and compression."""
+    """Takes a picture of what is seen.
+
+    The picture has light and motion, the view's blur and noise, and compression.
+    """
     if not varies(transforms):
         return photograph(image, view)
     rng = np.random.default_rng(seed)
@@ -284,7 +290,10 @@ def _plan_choice(codes: bytes, shape: tuple[int, int], tiles: TileSet) -> TileCh
 
 
 def _see_ground(scene: _Scene, viewpoint: Viewpoint) -> _Ground:
-    """Draws a robot's view of a map: of the tiles that are seen, or of the whole map if its tiles are blended."""
+    """Draws a robot's view of a map.
+
+    Only the tiles that are seen are drawn, or the whole map if its tiles are blended.
+    """
     tiles, chosen, tile_px = scene.tiles, scene.chosen, scene.tile_px
     rays = find_rays(viewpoint, 1)
     sky = np.zeros(viewpoint.size, bool)

@@ -79,7 +79,10 @@ OpenShard = Callable[[Path, ShardFields], AbstractContextManager[Callable[[Shard
 
 @contextmanager
 def open_tar(file: Path, _: ShardFields) -> Iterator[Callable[[ShardSample], None]]:
-    """Writes a tar file as WebDataset reads it: the names of a sample's files have its number up to the first dot."""
+    """Writes a tar file as WebDataset reads it.
+
+    The names of a sample's files have its number up to the first dot.
+    """
     with tarfile.open(file, "w", format=tarfile.USTAR_FORMAT) as archive:
 
         def add(name: str, content: bytes) -> None:
@@ -133,7 +136,10 @@ def open_parquet(file: Path, fields: ShardFields) -> Iterator[Callable[[ShardSam
 
 
 def _schema(fields: ShardFields) -> Untyped:
-    """Returns the columns of a Parquet file, with a note for Hugging Face's datasets which of them are pictures."""
+    """Returns the columns of a Parquet file.
+
+    A note for Hugging Face's datasets says which of the columns are pictures.
+    """
     import pyarrow as pa
 
     whole, number, text = pa.int64(), pa.float64(), pa.string()

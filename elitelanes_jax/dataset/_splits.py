@@ -36,8 +36,10 @@ def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
     filled = [split for split in (2, 1, 0) if counts[split]]
     if groups.max() + 1 < len(filled):
         raise InputError(
-            f"split: expected a group of maps for each of {len(filled)} splits, got {len(maps)} maps in "
-            f"{pluralize(int(groups.max()) + 1, 'group')}: {_REASON}; a split of 1 0 0 trains on all"
+            f"split: expected a group of maps for each of {len(filled)} splits, "
+            f"got {len(maps)} maps in "
+            f"{pluralize(int(groups.max()) + 1, 'group')}: {_REASON}; "
+            "a split of 1 0 0 trains on all"
         )
     # Maps are sorted by size and niche, so that evenly spaced ones have all of them.
     niches = [(*road_map.codes.shape, *(road_map.niche or ())) for road_map in maps]
@@ -59,7 +61,10 @@ def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
 def _counts_of_others(
     others: Sequence[int], counts: Sequence[int], groups: NDArray[np.int_]
 ) -> dict[int, int]:
-    """Returns the number of maps for each split in `others`, less than in `counts` if few groups are small enough."""
+    """Returns the number of maps for each split in `others`.
+
+    The number is less than in `counts` if few groups are small enough.
+    """
     if not others:
         return {}
     sizes = np.bincount(groups)[groups]
@@ -76,7 +81,10 @@ def _take_evenly(
     split: int,
     count: int,
 ) -> None:
-    """Assigns up to `count` of the maps `free` to a split, evenly spaced in their order, each with all of its group."""
+    """Assigns up to `count` of the maps `free` to a split, each with all of its group.
+
+    The maps are evenly spaced in their order.
+    """
     sizes, lacking = np.bincount(groups)[groups], count
     # The positions are the middles of equal parts of the order.
     for position in (np.arange(count) * 2 + 1) * len(free) // (2 * max(count, 1)):
@@ -90,7 +98,10 @@ def _take_evenly(
 
 
 def _fill_empty(splits: NDArray[np.int_], groups: NDArray[np.int_], others: Sequence[int]) -> None:
-    """Assigns a group to each split in `others` without maps: the smallest one of the split with most groups."""
+    """Assigns a group to each split in `others` without maps.
+
+    This is the smallest group of the split with most groups.
+    """
     sizes = np.bincount(groups)
     for split in others:
         if not (splits == split).any():

@@ -147,7 +147,10 @@ def can_tile(tiles: TileSet, tile_px: int) -> bool:
 
 
 def _pixels_between(places: NDArray[np.float32], count: int) -> tuple[int, int]:
-    """Returns the first pixel, and the one after the last, that coordinates refer to; at least one of `count`."""
+    """Returns the first pixel, and the one after the last, that coordinates refer to.
+
+    At least one of `count` pixels is between them.
+    """
     # Along a row the coordinates increase or decrease, also with shifted lines: the shift is less
     # than a tile's width divided by 2 pi. Interpolation reads one pixel beyond a point.
     ends = places[:, [0, -1]]
@@ -175,7 +178,10 @@ class _Overlap(NamedTuple):
 
 
 def _overlap(start: int, size: int, first: int, end: int) -> _Overlap:
-    """Returns what a tile of `size` pixels from `start` and a part from `first` to `end` have in common."""
+    """Returns what a tile and a part of a map have in common.
+
+    The tile has `size` pixels from `start`. The part is from `first` to `end`.
+    """
     low, high = max(start, first), min(start + size, end)
     return _Overlap(slice(low - start, high - start), slice(low - first, high - first))
 

@@ -120,14 +120,18 @@ VARIATION = (
     "motion",
     "compression",
 )
-"""The fields of `Transforms` whose values are drawn after all others, so that they change no other value."""
+"""The fields of `Transforms` whose values are drawn after all others.
+
+Therefore they change no other value.
+"""
 
 
 def parse_transforms(texts: UserValue) -> Transforms:
-    """Reads transforms such as ``["standard", "noise=0"]`` or ``["quarter-turns", "scale=0.5..1.5"]``.
+    """Reads transforms from words such as ``["standard", "noise=0"]``.
 
-    The words are a name in `PRESETS`, which comes first, ``quarter-turns``, or ``NAME=NUMBER`` with
-    a field of `Transforms`. Also takes a mapping of fields, or a `Transforms`. Raises `InputError`.
+    Another example is ``["quarter-turns", "scale=0.5..1.5"]``. The words are a name in `PRESETS`,
+    which comes first, ``quarter-turns``, or ``NAME=NUMBER`` with a field of `Transforms`. Also
+    takes a mapping of fields, or a `Transforms`. Raises `InputError`.
     """
     return parse_words(
         "transforms", Transforms(), texts, "transform", "'standard' or 'noise=0'", PRESETS
@@ -142,10 +146,10 @@ def parse_words(
     example: str,
     presets: Mapping[str, R] = MappingProxyType({}),
 ) -> R:
-    """Reads a record from words ``NAME=VALUE`` or from a mapping of its fields. A record is returned unchanged.
+    """Reads a record from words ``NAME=VALUE`` or from a mapping of its fields.
 
-    The first word may be the name of a preset. A flag is a word without a value. `field`, `kind`
-    and `example` are for messages.
+    A record is returned unchanged. The first word may be the name of a preset. A flag is a word
+    without a value. `field`, `kind` and `example` are for messages.
     """
     if isinstance(value, type(defaults)):
         return value

@@ -37,9 +37,10 @@ def vary_background(
     sky: Bool[NDArray, "h w"],
     transforms: Transforms,
 ) -> UInt8[NDArray, "h w 3"]:
-    """Shows random patterns instead of plain ground and sky, in the share `background` of the pictures.
+    """Shows random patterns instead of plain ground and sky.
 
-    `ground` has the pixels of the ground that may change, and `sky` those above the horizon.
+    The share `background` of the pictures gets them. `ground` has the pixels of the ground that may
+    change, and `sky` those above the horizon.
     """
     if rng.uniform() >= transforms.background:
         return image
@@ -73,7 +74,10 @@ def _show(
 def vary_light(
     rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], transforms: Transforms
 ) -> UInt8[NDArray, "h w 3"]:
-    """Changes shadows, the light of the corners, the tone curve, saturation and colour temperature."""
+    """Changes the light and the colours of a picture.
+
+    These are shadows, the light of the corners, the tone curve, saturation and colour temperature.
+    """
     depth, edge, level, corners = rng.uniform(size=4) * (
         transforms.shadow,
         1,
@@ -219,7 +223,9 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...], grains: int) -> Flo
 
 
 class _Pattern(NamedTuple):
-    """Something like grass, carpet, concrete or a wall: one colour, and coarse to fine noise of another one.
+    """Something like grass, carpet, concrete or a wall.
+
+    A pattern has one colour, and coarse to fine noise of another one.
 
     Attributes:
       colour: float ``[2, 3]``, the mean colour, and the colour of the noise, RGB.

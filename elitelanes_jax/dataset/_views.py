@@ -101,11 +101,15 @@ def draw_numbers(rng: np.random.Generator) -> ViewNumbers:
 
 
 def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int, int]) -> View:
-    """Draws a view of a map of (height, width) pixels; raises `InputError` for a crop larger than the map."""
+    """Draws a view of a map of (height, width) pixels.
+
+    Raises `InputError` for a crop larger than the map.
+    """
     height, width = size
     if transforms.crop > min(size) * min(1.0, transforms.scale[0]):
         raise InputError(
-            f"transforms: expected a crop within the map's {width} x {height} pixels, got {transforms.crop}"
+            f"transforms: expected a crop within the map's {width} x {height} pixels, "
+            f"got {transforms.crop}"
         )
     numbers = draw_numbers(rng)
     turns, angle = numbers.quarters * transforms.quarter_turns, numbers.turn * transforms.rotation

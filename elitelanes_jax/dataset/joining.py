@@ -28,7 +28,9 @@ from elitelanes_jax.maps.spec import SPLITS, parse_part
 def merge_dataset(
     parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False
 ) -> dict[str, Plain]:
-    """Joins the parts of a dataset, and writes the folder that `make_dataset` writes without parts, byte for byte.
+    """Joins the parts of a dataset.
+
+    Writes the folder that `make_dataset` writes without parts, byte for byte.
 
     Args:
       parts: folders, in any order. Their pictures are copied. Files that are not of a part are left

@@ -136,7 +136,10 @@ def make_planned(
 
 
 def _read_complete(out: Path, asked: dict[str, Plain], force: bool) -> dict[str, Plain] | None:
-    """Returns the record of the dataset in the folder; None if none is complete, or another is replaced."""
+    """Returns the record of the dataset in the folder.
+
+    Returns None if the folder has no complete dataset, or if another one is replaced.
+    """
     if not (out / RECORD).exists():
         return None
     hint = "use another folder, or force=True to replace this one"
@@ -217,7 +220,10 @@ def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> d
 
 
 def _of_maps(identity: dict[str, Plain]) -> dict[str, Plain]:
-    """Returns what an unfinished dataset has to have in common with the next run: all but the objects."""
+    """Returns what an unfinished dataset has to have in common with the next run.
+
+    This is all of `identity` but the objects.
+    """
     settings = {name: value for name, value in identity["settings"].items() if name != "furnish"}
     return {name: value for name, value in identity.items() if name != "object_set"} | {
         "settings": settings
@@ -251,9 +257,9 @@ def _delete_pictures(work: Unfinished) -> None:
 
 
 def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
-    """Writes the records of a part's samples, each with its split, the part's settings and the checksums of all files.
+    """Writes the records of a part, the part's settings, and the checksums of all files.
 
-    Returns the settings.
+    Each record of a sample has its split. Returns the settings.
     """
 
     def lines() -> Iterator[bytes]:
@@ -270,9 +276,10 @@ def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
 def finish(
     samples: Samples, identity: dict[str, Plain], drawing: Drawing | None = None
 ) -> dict[str, Plain]:
-    """Writes the files that describe the samples of a whole dataset; returns the record of the dataset.
+    """Writes the files that describe the samples of a whole dataset.
 
-    `drawing` is what the samples were drawn from; a dataset of shards needs it.
+    Returns the record of the dataset. `drawing` is what the samples were drawn from; a dataset of
+    shards needs it.
     """
     out, settings, has_objects = samples.files, identity["settings"], "object_set" in identity
     layout, camera = find_layout(settings["format"]), settings["camera"]

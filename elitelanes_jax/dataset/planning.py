@@ -1,4 +1,7 @@
-"""From a specification to a planned dataset: tiles are read and searches are resolved, before JAX is imported."""
+"""From a specification to a planned dataset.
+
+Tiles are read and searches are resolved, before JAX is imported.
+"""
 
 from typing import NamedTuple
 

@@ -1,4 +1,7 @@
-"""The specification of a dataset, and the numbers of maps of each size and split; without JAX and OpenCV."""
+"""The specification of a dataset, and the numbers of maps of each size and split.
+
+This module needs neither JAX nor OpenCV.
+"""
 
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -55,9 +58,10 @@ Sides = tuple[tuple[int, int], ...]
 
 
 def parse_sides(size: UserValue) -> Sides:
-    """Reads sizes of maps: a side in tiles or a range such as ``8..14``, for squares; or two, of rows and of columns.
+    """Reads sizes of maps.
 
-    Two are in a sequence or one text, ``8..10 12``. A range may also be a pair.
+    A size is a side in tiles or a range such as ``8..14``, for squares, or two of them, of rows and
+    of columns. Two are in a sequence or one text, ``8..10 12``. A range may also be a pair.
     """
     ranges = size
     if isinstance(size, str):
@@ -130,7 +134,10 @@ class DatasetSpec(Record):
     part: tuple[int, int] | None = option(None, none_or(parse_part), "K/N")
 
     def check_together(self) -> None:
-        """Checks the number of maps against sizes and splits, the camera, and the size of the pictures."""
+        """Checks the options that depend on each other.
+
+        These are the number of maps, sizes and splits, the camera, and the size of the pictures.
+        """
         # Given maps determine the number and the sizes, which the other checks need.
         if self.maps_from is not None:
             self._take_given(self.maps_from)
@@ -162,7 +169,8 @@ class DatasetSpec(Record):
         smallest = low * self.pixels * min(1.0, self.transforms.scale[0])
         if self.transforms.crop > smallest:
             raise InputError(
-                f"transforms: expected a crop within the smallest maps, {low} tiles of {self.pixels} pixels at the "
+                "transforms: expected a crop within the smallest maps, "
+                f"{low} tiles of {self.pixels} pixels at the "
                 f"smallest scale, {smallest:g} pixels, got {self.transforms.crop}"
             )
 
@@ -184,7 +192,8 @@ class DatasetSpec(Record):
         if names:
             got = ", ".join(names)
             raise InputError(
-                f"maps_from: expected no options of a search, which given maps do not need, got {got}"
+                "maps_from: expected no options of a search, which given maps do not need, "
+                f"got {got}"
             )
         heights, widths = zip(*given.sizes, strict=True)
         size: Sides = ((min(heights), max(heights)),)
@@ -194,7 +203,10 @@ class DatasetSpec(Record):
         self._take("size", size, describe_sides)
 
     def _take(self, name: str, value: UserValue, tell: Callable[[UserValue], str]) -> None:
-        """Sets an option to that of the given maps; the user may have given the same value, or none."""
+        """Sets an option to that of the given maps.
+
+        The user may have given the same value, or none.
+        """
         asked = getattr(self, name)
         # A class has the defaults of its fields.
         if asked not in (getattr(DatasetSpec, name), value):
@@ -211,7 +223,8 @@ class DatasetSpec(Record):
             # because the user may not have asked for it.
             if getattr(self.transforms, name) not in (still[name], getattr(STANDARD, name)):
                 raise InputError(
-                    "transforms: expected changes of light and pixels with a camera, which has its own positions, got "
+                    "transforms: expected changes of light and pixels with a camera, "
+                    "which has its own positions, got "
                     f"{name.replace('_', '-')}"
                 )
         object.__setattr__(self, "transforms", self.transforms.replace(**still))
@@ -234,7 +247,10 @@ class DatasetSpec(Record):
 
     @property
     def pixels(self) -> int:
-        """The side of a tile in pixels: the given one, or 64, or 256 with a camera, which comes close to tiles."""
+        """The side of a tile in pixels: the given one, or a default.
+
+        The default is 64, or 256 with a camera, which comes close to tiles.
+        """
         return self.tile_px or (64 if self.camera is None else 256)
 
     @property
@@ -255,7 +271,10 @@ class DatasetSpec(Record):
         return part_of(self.maps, index - 1, count)
 
     def without_given(self) -> Self:
-        """Returns the specification without the given maps, for a worker that gets the maps to draw alone."""
+        """Returns the specification without the given maps.
+
+        It is for a worker that gets the maps to draw alone.
+        """
         spec = copy(self)
         object.__setattr__(spec, "maps_from", None)
         return spec

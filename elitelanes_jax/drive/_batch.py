@@ -27,7 +27,10 @@ from elitelanes_jax.drive._environment import Environment, Transition
 from elitelanes_jax.network.bits import THREEFRY, fold_in
 
 NEXT_STEP, SAME_STEP, DISABLED = "NextStep", "SameStep", "Disabled"
-"""Gymnasium's names for a reset instead of the step after an end, a reset in the same step, and no reset."""
+"""Gymnasium's names of the ways to reset after the end of an episode.
+
+A reset replaces the next step, is in the same step, or does not happen.
+"""
 
 # The number of keys that a seed can name.
 _SEEDS = 2**64
@@ -35,10 +38,10 @@ _SEEDS = 2**64
 
 @name_wrong_arguments
 def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows columns 3"]:
-    """Returns an observation as one float32 vector: its parts in order, tile codes as four bits each, N, E, S, W.
+    """Returns an observation as one float32 vector, its parts in order.
 
-    A camera's picture is returned unchanged. Raises `InputError` for an observation that is no
-    pytree of arrays of numbers.
+    A tile code is four bits, N, E, S, W. A camera's picture is returned unchanged. Raises
+    `InputError` for an observation that is no pytree of arrays of numbers.
     """
     leaves = jax.tree.leaves(observation)
     if not leaves or not all(map(_has_numbers, leaves)):
@@ -69,10 +72,11 @@ def _has_numbers(leaf: Pytree) -> bool:
 
 
 def flattened(environment: Environment, *, channels_first: bool = False) -> Environment:
-    """Returns the environment with observations as `flatten` makes them, and the info as a dictionary.
+    """Returns the environment with observations as `flatten` makes them.
 
-    Pictures are uint8 ``[rows, columns, 3]``, or ``[3, rows, columns]`` with `channels_first`.
-    Raises `InputError` for anything but an environment with actions.
+    The info of a step is a dictionary. Pictures are uint8 ``[rows, columns, 3]``, or
+    ``[3, rows, columns]`` with `channels_first`. Raises `InputError` for anything but an
+    environment with actions.
     """
     check_named("environment", instance(Environment), environment)
     if environment.actions is None and environment.action_size < 1:
@@ -125,7 +129,10 @@ def _flattened(environment: Environment, *, channels_first: bool) -> Environment
 
 
 def check_module(params: Pytree, module: Untyped, name: str, argument: str, needed: str) -> None:
-    """Checks the options of an environment, and that a module has a class or module, such as ``vector.VectorEnv``."""
+    """Checks the options of an environment, and that a module has what is needed.
+
+    `needed` is the name of a class or module, such as ``vector.VectorEnv``.
+    """
     attribute = module
     for attribute_name in needed.split("."):
         attribute = getattr(attribute, attribute_name, None)
@@ -229,7 +236,8 @@ class Batch:
         reward, terminated, truncated, _ = result
         if any(leaf.shape != (self._rows,) for leaf in (reward, terminated, truncated)):
             raise InputError(
-                "params: expected numbers for all environments, got arrays, which only jax.vmap maps over"
+                "params: expected numbers for all environments, "
+                "got arrays, which only jax.vmap maps over"
             )
         self._result = _Layout.of(result)
         # Without seeds each batch is different, as in Gymnasium.
@@ -245,7 +253,9 @@ class Batch:
     def reset(
         self, seeds: Sequence[UserValue] | None = None, chosen: NDArray[np.bool_] | None = None
     ) -> np.ndarray:
-        """Starts episodes in the chosen environments, by default in all, and returns the observations of all.
+        """Starts episodes in the chosen environments, by default in all.
+
+        Returns the observations of all environments.
 
         Args:
           seeds: the seed of each environment, or None to go on with its keys. At first the keys are
@@ -336,7 +346,10 @@ class Batch:
         return [jax.tree.map(itemgetter(index), states) for index in range(self.envs)]
 
     def spaces(self, spaces: Untyped) -> tuple[Untyped, Untyped]:
-        """Returns the spaces of the actions and of the observations of one environment, from a module of spaces."""
+        """Returns the spaces of the actions and of the observations of one environment.
+
+        `spaces` is a module of spaces.
+        """
         actions = action_space(self.environment, spaces)
         observations = observation_space(self.environment, self.params, spaces)
         return actions, observations
@@ -397,7 +410,10 @@ def _result(transition: Transition) -> Pytree:
 def _reset(
     carry: _Carry, chosen: Array, params: Pytree, *, environment: Environment
 ) -> tuple[_Carry, Array]:
-    """Starts new episodes in the chosen environments; returns the carry and the observations of all."""
+    """Starts new episodes in the chosen environments.
+
+    Returns the carry and the observations of all environments.
+    """
     state_shapes, _ = _shapes(environment, params, len(chosen))
     layout = _Layout.of(state_shapes)
     keys, later_streams = _next_keys(carry.streams)
@@ -414,7 +430,10 @@ def _reset(
 def _step(
     carry: _Carry, actions: Array, params: Pytree, *, environment: Environment, mode: str
 ) -> tuple[_Carry, tuple[Array, Array | None], _Packed]:
-    """Makes a step; returns the carry, the observations as `Outcome` has them, and the packed result."""
+    """Makes a step of all environments.
+
+    Returns the carry, the observations as `Outcome` has them, and the packed result.
+    """
     observe = jax.vmap(environment.observe, (0, None))
     step = jax.vmap(environment.step, (0, 0, 0, None))
     state_shapes, _ = _shapes(environment, params, len(actions))
@@ -457,7 +476,10 @@ def _zero_where(condition: Bool[Array, " N"], array: Array) -> Array:
 def _renew(
     environment: Environment, chosen: Array, keys: Array, state: Pytree, params: Pytree
 ) -> Pytree:
-    """Returns the states of new episodes for the chosen environments, and the states as they are for all others."""
+    """Returns the states of new episodes for the chosen environments.
+
+    The states of all other environments are returned as they are.
+    """
 
     def renew() -> Pytree:
         _, first = jax.vmap(environment.reset, (0, None))(keys, params)
@@ -468,7 +490,10 @@ def _renew(
 
 
 def _to_streams(seeds: NDArray[np.uint64]) -> NDArray[np.uint32]:
-    """Returns streams ``[N, 3]`` that begin with the keys of the seeds; below 2**32 they are those of `seed_key`."""
+    """Returns streams ``[N, 3]`` that begin with the keys of the seeds.
+
+    For seeds below 2**32 the keys are those of `seed_key`.
+    """
     # The two words of a key in the order of JAX: the upper one first.
     upper_word = seeds >> np.uint64(32)
     lower_word = seeds & np.uint64(0xFFFFFFFF)
@@ -489,7 +514,9 @@ def _next_key(stream: Array) -> Array:
 
 
 class _Layout(NamedTuple):
-    """How the leaves of a pytree become few arrays, because each array that a compiled function returns takes 2 us.
+    """How the leaves of a pytree become few arrays.
+
+    Each array that a compiled function returns takes 2 us.
 
     Attributes:
       structure: the structure of the pytree.
@@ -552,8 +579,9 @@ class _Memory:
 
 
 def _writable(array: Array) -> np.ndarray:
-    """Returns an array of a compiled function, which is not used again, as one of NumPy: on a processor without a copy.
+    """Returns an array of a compiled function as one of NumPy that can be written to.
 
+    The array of the compiled function must not be used again. On a processor nothing is copied.
     `numpy.asarray` alone makes one that cannot be written to, about which PyTorch warns.
     """
     return np.asarray(_Memory(np.asarray(array)))

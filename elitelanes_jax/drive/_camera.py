@@ -34,11 +34,13 @@ from elitelanes_jax.network.xla import once
 @name_wrong_arguments
 @runs_jax
 def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
-    """Makes an atlas: the pictures of all tiles of a set, in all rotations, as pixels of colour and label.
+    """Makes an atlas: the pictures of all tiles of a set, in all rotations.
+
+    The pixels of an atlas have a colour and a label.
 
     Args:
-      images: uint8 ``[T, P, P, 3]``, of `tiles.scale_tiles`.
-      labels: uint8 ``[T, P, P]``, of `tiles.scale_tiles`.
+      images: uint8 ``[T, P, P, 3]``, of `scale_tiles`.
+      labels: uint8 ``[T, P, P]``, of `scale_tiles`.
 
     Returns:
       uint8 ``[T, P, P, 4]``, red, green, blue and label of tile
@@ -52,11 +54,12 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
     are_squares = are_pictures and images.shape[1] == images.shape[2]
     if not are_squares or labels.shape != images.shape[:3]:
         raise InputError(
-            f"images, labels: expected [T, P, P, 3] and [T, P, P], got {images.shape} and {labels.shape}"
+            "images, labels: expected [T, P, P, 3] and [T, P, P], "
+            f"got {images.shape} and {labels.shape}"
         )
     if images.dtype != np.uint8 or labels.dtype != np.uint8:
         raise InputError(f"images, labels: expected uint8, got {images.dtype} and {labels.dtype}")
-    # A colour and its label are four bytes, which `_render` reads as one word.
+    # A colour and its label are four bytes, which `render_view` reads as one word.
     return jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1))
 
 
@@ -84,7 +87,9 @@ def _parts(values: UserValue, least: float, most: float) -> tuple[Numeric, ...]:
 @pytree
 @dataclass(frozen=True)
 class Camera(Record):
-    """Options of the camera, by default gym-duckietown's. A pytree: numbers may be arrays, mapped by `jax.vmap`.
+    """Options of the camera, by default those of gym-duckietown.
+
+    A camera is a pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       height: metres above the ground.
@@ -137,11 +142,12 @@ class Sight(NamedTuple):
 
     Attributes:
       camera: its options.
-      atlas: the atlas of the tile set, from `make_atlas`.
+      atlas: uint8 ``[T, P, P, 4]``, the pictures of the tiles: red, green, blue and label of tile
+        ``4 * index in the set + quarter turns``.
       tiles: int32 ``[16, V]``, the atlas' tiles for each code. A cell shows the one at
         ``(row + 2 * column) % V``. If V is even, a code with two pictures shows the same one all
         along a row.
-      billboards: the pictures of objects, of `make_billboards`; None to see none.
+      billboards: the pictures of objects; None to see none.
     """
 
     camera: Camera
@@ -150,16 +156,14 @@ class Sight(NamedTuple):
     billboards: Billboards | None = None
 
 
-@name_wrong_arguments
-@runs_jax
-def make_sight(
+def pack_sight(
     images: AnyArray,
     labels: AnyArray,
     rotations: Mapping[int, Sequence[tuple[int, int]]],
     camera: Camera | None = None,
     objects: Mapping[str, Mapping[int, AnyArray]] | None = None,
 ) -> Sight:
-    """Makes the camera of environments from a tile set.
+    """Packs a camera and pictures.
 
     Args:
       images: see `make_atlas`.
@@ -194,7 +198,8 @@ def _list_tiles(
             tile = 4 * index + turns
             if not (0 <= turns < 4 and 0 <= tile < count):
                 raise InputError(
-                    f"rotations: expected tiles of the {count} pictures, each an index and 0 to 3 quarter turns, "
+                    f"rotations: expected tiles of the {count} pictures, "
+                    "each an index and 0 to 3 quarter turns, "
                     f"got {index} and {turns} for code {code}"
                 )
             tiles_of_code.append(tile)
@@ -209,7 +214,9 @@ def _list_tiles(
 def ground_points(
     camera: Camera,
 ) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
-    """Returns where the ray of each pixel's centre meets the ground, relative to the middle between the wheels.
+    """Returns where the ray of each pixel's centre meets the ground.
+
+    The position is relative to the middle between the wheels.
 
     Returns:
       Tiles ahead and tiles to the left. Above the horizon both are infinite.
@@ -223,10 +230,10 @@ def ground_points(
 
 
 def reach_ground(camera: Camera, rays: Rays) -> tuple[Array, Array]:
-    """Returns the depth and the distance ahead at which rays meet the ground, in metres, infinite above the horizon.
+    """Returns the depth and the distance ahead at which rays meet the ground, in metres.
 
-    Their shape is that of ``rays.fall``: a number for each row without distortion, otherwise one
-    for each pixel.
+    Both are infinite above the horizon. Their shape is that of ``rays.fall``: a number for each row
+    without distortion, otherwise one for each pixel.
     """
     # A ray that does not fall never meets the ground. Both branches of the selection are computed,
     # so the divisor is kept away from 0.
@@ -287,33 +294,55 @@ def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Arr
 @runs_jax
 @divide_batches
 def look(
-    key: Key[Array, ""],
     pose: Pose,
-    tiles: Int[ArrayLike, "H W"],
-    atlas: UInt8[Array, "T P P 4"],
-    camera: Camera,
+    grid: Int[ArrayLike, "H W"],
+    sight: Sight,
     objects: Objects | None = None,
-    billboards: Billboards | None = None,
+    key: Key[Array, ""] | None = None,
+    chosen: Int[ArrayLike, "H W 2"] | None = None,
 ) -> View:
-    """Renders one frame.
+    """Renders the view from a pose on a grid.
 
     Args:
-      key: consumed for noise; otherwise not used.
       pose: the pose of the middle between the wheels, in tiles.
-      tiles: the tile of the atlas for each cell of the map:
-        ``4 * index in the set + quarter turns``. For the result of `choose_tiles` this is
-        ``chosen[..., 0] * 4 + chosen[..., 1]``.
-      atlas: the atlas of the tile set, from `make_atlas`.
-      camera: its options.
-      objects: the objects of the map, from `make_objects`.
-      billboards: their pictures; without both no objects are shown.
+      grid: integer codes ``[H, W]``.
+      sight: the camera and its pictures, from `make_sight`. For a camera that differs in a batch,
+        give ``sight._replace(camera=camera)``.
+      objects: the objects of the map, from `make_objects`; shown if the sight has their pictures.
+      key: consumed for the camera's noise; by default the noise depends on the pose alone.
+      chosen: the picture of each cell, from `choose_tiles`; by default see `Sight.tiles`.
+
+    Returns:
+      A record of `image`, uint8 ``[rows, columns, 3]``, RGB; `labels`, uint8 ``[rows, columns]``,
+      indices of `tiles.LABELS`, 0 beyond the map, above the horizon and on objects; and
+      `instances`, int32 ``[rows, columns]``, 0, or the index of the object that is seen plus 1;
+      None without objects.
     """
-    # The noise of all pixels is hashed from one draw.
-    seed = jax.random.bits(key, (), jnp.uint32)
-    return _render(seed, pose, tiles, atlas, camera, objects, billboards)
+    if chosen is None:
+        tiles = _tiles_of(jnp.asarray(grid), sight)
+    else:
+        pictures = jnp.asarray(chosen)
+        tiles = pictures[..., 0] * 4 + pictures[..., 1]
+    if key is None:
+        # Environments observe without a key. The noise is hashed from the pose instead.
+        seed = jnp.uint32(0)
+        for part in pose:
+            word = jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32)
+            seed = mix(seed ^ word)
+    else:
+        # The noise of all pixels is hashed from one draw.
+        seed = jax.random.bits(key, (), jnp.uint32)
+    return render_view(seed, pose, tiles, sight.atlas, sight.camera, objects, sight.billboards)
 
 
-def _render(
+def _tiles_of(grid: Int[Array, "H W"], sight: Sight) -> Int[Array, "H W"]:
+    """Returns the tile of the atlas that each cell of a grid shows."""
+    height, width = grid.shape
+    index = jnp.arange(height)[:, None] + 2 * jnp.arange(width)[None]
+    return sight.tiles[grid.astype(jnp.int32), index % sight.tiles.shape[1]]
+
+
+def render_view(
     seed: UInt32[Array, ""],
     pose: Pose,
     tiles: Int[ArrayLike, "H W"],
@@ -322,7 +351,7 @@ def _render(
     objects: Objects | None,
     billboards: Billboards | None,
 ) -> View:
-    """Renders one frame, see `look`; the seed is of the noise."""
+    """Renders one frame from the tile of the atlas for each cell; the seed is of the noise, see `look`."""
     tiles = jnp.asarray(tiles)
     height, width = tiles.shape
     size = atlas.shape[1]
@@ -382,32 +411,10 @@ def _render(
 
 
 def _rows(camera: Camera, rays: Rays) -> tuple[Array, Array, Array]:
-    """Returns which rays meet the ground, and there the tiles ahead, and the tiles to the left for each ``right``."""
+    """Returns which rays meet the ground, and where.
+
+    The position on the ground is the tiles ahead, and the tiles to the left for each ``right``.
+    """
     reach, ahead = reach_ground(camera, rays)
     seen = jnp.isfinite(ahead)
     return seen, jnp.where(seen, ahead, 0) / TILE, jnp.where(seen, -reach, 0) / TILE
-
-
-@name_wrong_arguments
-@runs_jax
-@divide_batches
-def look_around(
-    pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: Objects | None = None
-) -> View:
-    """Renders the view from a pose on a grid. The camera's noise depends on the pose alone.
-
-    Args:
-      pose: the pose of the middle between the wheels, in tiles.
-      grid: integer codes ``[H, W]``.
-      sight: the camera and its tiles, from `make_sight`.
-      objects: the objects of the map; shown if the sight has their pictures.
-    """
-    grid = jnp.asarray(grid)
-    height, width = grid.shape
-    index = jnp.arange(height)[:, None] + 2 * jnp.arange(width)[None]
-    tiles = sight.tiles[grid.astype(jnp.int32), index % sight.tiles.shape[1]]
-    # Environments observe without a key. The noise is hashed from the pose instead.
-    seed = jnp.uint32(0)
-    for part in pose:
-        seed = mix(seed ^ jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32))
-    return _render(seed, pose, tiles, sight.atlas, sight.camera, objects, sight.billboards)

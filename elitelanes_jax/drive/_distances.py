@@ -29,7 +29,9 @@ _SWEEPS = 4
 @runs_jax
 @divide_batches
 def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
-    """Returns which nodes a grid has: a tile has the node of a heading if it is linked to the tile behind it.
+    """Returns which nodes a grid has.
+
+    A tile has the node of a heading if it is linked to the tile behind it.
 
     Raises:
       InputError: for a bad grid.
@@ -67,10 +69,11 @@ def _distances(grid: Array, goal: LaneNode) -> Array:
 
 @runs_jax
 def shortest_ways(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> UInt8[Array, "H W"]:
-    """Computes the turn at every node of a grid for a shortest way to the goal, two bits per heading.
+    """Computes the turn at every node of a grid for a shortest way to the goal.
 
-    A turn is 0 right, 1 straight, 2 left, or `NO_WAY`. Among several shortest ways the right turn
-    comes first, then straight on. Raises `InputError` for a bad grid.
+    The result has two bits per heading. A turn is 0 right, 1 straight, 2 left, or `NO_WAY`. Among
+    several shortest ways the right turn comes first, then straight on. Raises `InputError` for a
+    bad grid.
     """
     return _shortest_ways(check_grid(grid), goal)
 
@@ -89,9 +92,10 @@ def _shortest_ways(grid: Array, goal: LaneNode) -> Array:
 
 
 def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
-    """Returns the distances by the heading with which a tile is entered, and by the heading with which it is left.
+    """Returns the distances of all nodes to the goal.
 
-    Both are int32 ``[4, H, W]``.
+    The first result is by the heading with which a tile is entered, and the second one by the
+    heading with which it is left. Both are int32 ``[4, H, W]``.
     """
     height, width = links.shape
     # The longest way visits each node once. Small numbers are faster if they suffice.
@@ -102,7 +106,8 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
     at_goal = (rows == goal.row) & (columns == goal.column) & (headings == goal.heading)
     # A goal that the grid does not have stays unreachable.
     at_goal &= jnp.stack([links & side.opposite > 0 for side in SIDES])
-    # Open sides have 0, and closed sides a distance that is too far. A maximum with it closes a side.
+    # Open sides have 0, and closed sides a distance that is too far. A maximum with it closes a
+    # side.
     walls = [jnp.where(links & side.bit > 0, dtype(0), far) for side in SIDES]
 
     def onward(reached: Array) -> list[Array]:
@@ -132,7 +137,8 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
         return jnp.minimum(reached, jnp.stack(best))
 
     def sweep_on(carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        # Each sweep finds the ways that are one tile longer. Sweeps after the last change do no harm.
+        # Each sweep finds the ways that are one tile longer. Sweeps after the last change do no
+        # harm.
         before, _ = carry
         after = before
         for _ in range(_SWEEPS):

@@ -22,10 +22,11 @@ R = TypeVar("R")
 
 
 def checks_first(**checks: Check) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorates a compiled function: arguments are checked, and replaced by what the checks return, before the call.
+    """Decorates a compiled function with checks of its arguments before the call.
 
-    In the compiled function they are tracers: a message would not show what came, and a number of
-    more than 32 bits would have lost its upper bits.
+    The results of the checks replace the arguments. In the compiled function arguments are tracers:
+    a message would not show what came, and a number of more than 32 bits would have lost its upper
+    bits.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -100,10 +101,11 @@ def draw_level(key: Key[Array, ""], levels: Level) -> Level:
 
 @name_wrong_arguments
 def auto_reset(environment: Environment) -> Environment:
-    """Returns the environment with steps that reset to a newly drawn level at the end of an episode.
+    """Returns the environment with steps that reset at the end of an episode.
 
-    `reward`, `terminated`, `truncated`, `info` and `reached` are those of the step, `observation`
-    and `state` those of the new episode. Raises `InputError` for anything else than an environment.
+    A new episode has a newly drawn level. `reward`, `terminated`, `truncated`, `info` and `reached`
+    are those of the step, `observation` and `state` those of the new episode. Raises `InputError`
+    for anything else than an environment.
     """
     check_named("environment", instance(Environment), environment)
 
@@ -121,7 +123,10 @@ def auto_reset(environment: Environment) -> Environment:
 
 
 def _next_state(transition: Transition, first: Pytree) -> Pytree:
-    """Returns the first state of a new episode if the episode has ended, otherwise the next state."""
+    """Returns the state with which an environment goes on after a step.
+
+    If the episode has ended, this is the first state of a new episode, otherwise the next state.
+    """
     # Both states are computed, because under `jax.vmap` a branch would compute both, too.
     ended = transition.terminated | transition.truncated
     return jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, transition.state)
@@ -144,8 +149,9 @@ def auto_replay(environment: Environment) -> Environment:
     """Returns the environment with steps that begin the same level again at the end of an episode.
 
     A curriculum that chooses levels can reset N environments to N levels, and knows which steps
-    belong to which level. Fields of a step are those of `auto_reset`. States are `ReplayState`.
-    Raises `InputError` for anything else than an environment.
+    belong to which level. Fields of a step are those of `auto_reset`. A state is a record of
+    `state`, that of the environment, and `level`, the one that every episode begins on. Raises
+    `InputError` for anything else than an environment.
     """
     check_named("environment", instance(Environment), environment)
 

@@ -1,7 +1,7 @@
-"""Random numbers by integer hashing: two multiplications for each number, where threefry needs about 70 operations.
+"""Random numbers by integer hashing.
 
-The numbers are for pictures. They pass no battery of tests of randomness; searches and drawn maps
-use `jax.random`.
+Each number takes two multiplications, where threefry needs about 70 operations. The numbers are for
+pictures. They pass no battery of tests of randomness; searches and drawn maps use `jax.random`.
 """
 
 from math import prod
@@ -38,9 +38,9 @@ def uniform(bits: UInt32[Array, "..."]) -> Float[Array, "..."]:
 
 
 def hash_normal(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array, "..."]:
-    """Returns nearly normal numbers, mean 0 and deviation 1: each is the sum of the four bytes of a hash.
+    """Returns nearly normal numbers, mean 0 and deviation 1.
 
-    No number is farther than 3.46 from 0.
+    Each number is the sum of the four bytes of a hash. No number is farther than 3.46 from 0.
     """
     bits = hash_bits(seed, shape)
     # Two sums of two bytes in one word, and then the sum of both. Ten bits hold 4 * 255.

@@ -18,7 +18,7 @@ from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import REQUIRED, Record, nested, option
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
-from elitelanes_jax.drive._camera import Sight, look_around
+from elitelanes_jax.drive._camera import Sight, look
 from elitelanes_jax.drive._distances import NO_WAY
 from elitelanes_jax.drive._environment import Environment, Transition, checks_first
 from elitelanes_jax.drive._levels import Level, check_batch, check_single
@@ -100,7 +100,10 @@ class LaneDriveParams(Record):
     sight: Sight | None = option(None, _check_sight)
 
     def check_together(self) -> None:
-        """Checks that there is a camera if one is observed, and that robots start in their own lane."""
+        """Checks the options that depend on each other.
+
+        There must be a camera if one is observed, and robots must start in their own lane.
+        """
         if is_real(self.start_d) and self.start_d > self.lane_offset:
             raise InputError(
                 f"start_d: expected at most lane_offset, {self.lane_offset:g}, got {self.start_d:g}"
@@ -216,7 +219,10 @@ _Parts = dict[str, Pytree]
 def _reset(
     key: Key[Array, ""], params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
-    """Starts on a level drawn uniformly from ``params.levels``, as `reset_to_level` does; the key is consumed."""
+    """Starts on a level drawn uniformly from ``params.levels``.
+
+    The start is as in `reset_to_level`. The key is consumed.
+    """
     levels = params.levels
 
     def draw() -> tuple[Array, _Parts]:
@@ -240,10 +246,10 @@ def _reset(
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
-    """Puts the robot on the start of a level, at rest, near the middle of its lane; the key is consumed.
+    """Puts the robot on the start of a level, at rest, near the middle of its lane.
 
-    If it would touch an object there, it starts at the first of 8 places along the lane of its tile
-    where it touches none, and stays if there is none.
+    The key is consumed. If it would touch an object there, it starts at the first of 8 places along
+    the lane of its tile where it touches none, and stays if there is none.
     """
     read = partial(_at, (level.grid, level.ways))
 
@@ -254,7 +260,10 @@ def _reset_to_level(
 
 
 def _reset_bits(key: Array, params: LaneDriveParams) -> Array:
-    """Draws all bits of a reset at once: a word for the level, two for the start, and one for each random turn."""
+    """Draws all bits of a reset at once.
+
+    There is a word for the level, two words for the start, and one for each random turn.
+    """
     return random_bits(key, (5,) if params.task == "lane" else (3,))
 
 
@@ -298,11 +307,13 @@ def _find_free_place(
     objects: Objects,
     params: LaneDriveParams,
 ) -> Array:
-    """Returns the first of a few places along a lane, from `s` on, where the robot touches no object.
+    """Returns the first of a few places along a lane where the robot touches no object.
 
-    After the end of the lane the search goes on at its start. Returns `s` if no place is free.
+    The search starts at `s`. After the end of the lane the search goes on at its start. Returns `s`
+    if no place is free.
     """
-    # `s` is a product, and is rounded before the sum as `rounded` says; the first place is `s` itself.
+    # `s` is a product, and is rounded before the sum as `rounded` says. The first place is `s`
+    # itself.
     steps = rounded(length * (np.arange(1, _START_PLACES, dtype=np.float32) / _START_PLACES))
     further = rounded(s) + steps
     further = jnp.where(further < length, further, further - length)
@@ -496,7 +507,7 @@ def _move(
 @divide_batches
 def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObservation:
     if params.observe == "camera" and params.sight is not None:
-        image = look_around(state.pose, state.grid, params.sight, state.objects).image
+        image = look(state.pose, state.grid, params.sight, state.objects).image
         return LaneDriveObservation(None, None, None, None, None, image)
     # Points ahead that are beyond this tile take the curvature of the next one.
     turn, next_turn, lane_offset = state.movement.turn, state.next_turn, params.lane_offset
@@ -569,9 +580,10 @@ def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDrivePa
 
 
 def _pack_turns(is_open: NDArray[np.bool_]) -> int:
-    """Packs the open turns of a tile for a heading: their number in two bits, and two bits for each turn.
+    """Packs the open turns of a tile for a heading.
 
-    If no turn is open, the number is 0, and straight on follows.
+    The result has the number of open turns in two bits, and two bits for each turn. If no turn is
+    open, the number is 0, and straight on follows.
     """
     # One number with all open turns replaces a loop over turns in each step.
     open_turns = np.flatnonzero(is_open).tolist()
@@ -605,7 +617,9 @@ _LOOKAHEAD = 0.12
 @runs_jax
 @divide_batches
 def pure_pursuit(state: LaneDriveState, params: LaneDriveParams) -> Float[Array, "2"]:
-    """Returns the expert's action: to drive at 0.3 m/s along the arc to a point of the lane 0.12 tiles ahead.
+    """Returns the expert's action, which follows the lane at 0.3 m/s.
+
+    The expert drives along the arc to a point of the lane 0.12 tiles ahead.
 
     Source: Coulter, "Implementation of the pure pursuit path tracking algorithm", Carnegie Mellon
     University, 1992.

@@ -57,7 +57,9 @@ def random_level(
     least: Int[ArrayLike, ""] = 1,
     most: Int[ArrayLike, ""] = UNREACHABLE,
 ) -> Level:
-    """Returns a level with a uniformly drawn goal, and a random start `least` to `most` tiles away from it.
+    """Returns a level with a uniformly drawn goal and a random start.
+
+    The start is `least` to `most` tiles away from the goal.
 
     Args:
       key: consumed.
@@ -160,7 +162,9 @@ def draw_levels(
 
 
 def check_maps(name: str, sources: UserValue) -> list[RoadMap]:
-    """Returns maps of one size with lanes, in any form that `as_maps` takes; messages start with `name`.
+    """Returns maps of one size with lanes, in any form that `as_maps` takes.
+
+    Messages start with `name`.
 
     Raises:
       InputError: as `make_levels` does for its grids.

@@ -39,7 +39,9 @@ _AWAY = -1e6
 
 
 class Objects(NamedTuple):
-    """The objects of a map. A batch has N in front of every shape, its maps filled up with objects far away.
+    """The objects of a map.
+
+    A batch has N in front of every shape. Its maps are filled up with objects far away.
 
     Attributes:
       kind: int32 ``[M]``, the index in `OBJECT_KINDS`.
@@ -135,7 +137,8 @@ def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
     """
     if len(objects) > _MOST_PICTURES:
         raise InputError(
-            f"objects: expected at most {_MOST_PICTURES} different objects, counting each AprilTag, "
+            f"objects: expected at most {_MOST_PICTURES} different objects, "
+            "counting each AprilTag, "
             f"got {len(objects)}"
         )
     pixels = np.zeros((len(objects), _VIEWS, _SIDE, _SIDE, 4), np.uint8)
@@ -146,7 +149,8 @@ def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
             has_pixels = picture.ndim == 3 and picture.shape[2] == 4 and picture.size > 0
             if not has_pixels or picture.dtype != np.uint8:
                 raise InputError(
-                    f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}"
+                    "objects: expected uint8 [rows, columns, 4], "
+                    f"got {picture.dtype} {picture.shape}"
                 )
             # Each pixel shows the nearest pixel of the original.
             down, across = ((np.arange(_SIDE) + 0.5) * side // _SIDE for side in picture.shape[:2])
@@ -164,7 +168,9 @@ def pack_billboards(objects: Sequence[Mapping[int, AnyArray]]) -> Billboards:
 
 
 class Rays(NamedTuple):
-    """Metres that a camera's rays go for each metre of depth. All fields broadcast to ``[rows, columns]``.
+    """Metres that a camera's rays go for each metre of depth.
+
+    All fields broadcast to ``[rows, columns]``.
 
     Attributes:
       right: float32, metres to the right.
@@ -245,7 +251,11 @@ def stand(
     slope, middle, first, words = once(rows)
 
     def layers() -> Array:
-        """Lays the objects over each other, the nearest one last: its number from 1 and the index of its pixel."""
+        """Lays the objects over each other, the nearest one last.
+
+        A pixel of the result has the number of its object, from 1, and the index of the object's
+        pixel.
+        """
         seen = jnp.zeros(jnp.broadcast_shapes(slope.shape[1:], rays.right.shape), jnp.int32)
         for index in reversed(range(len(near))):
             column = jnp.floor(slope[index] * rays.right + middle[index]).astype(jnp.int32)
@@ -265,7 +275,10 @@ def stand(
 def _read_layers(
     seen: Int32[Array, "rows columns"], near: Int32[Array, " C"]
 ) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
-    """Returns what `stand` does, from the number of each pixel's object among `near` and the index of its pixel."""
+    """Returns what `stand` does, from packed layers.
+
+    `seen` has the number of each pixel's object among `near`, and the index of the object's pixel.
+    """
     # Number 0, no object, has instance 0.
     instances = jnp.concatenate([jnp.zeros(1, jnp.int32), near.astype(jnp.int32) + 1])[
         seen >> _INDEX
@@ -298,10 +311,11 @@ def lie(
     column: Int32[Array, " columns"],
     count: int,
 ) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
-    """Finds the objects on the floor that are seen, as `stand` does, among the `count` nearest ones.
+    """Finds the objects on the floor that are seen, as `stand` does.
 
-    Rows of pixels see lines on the ground: `x` and `y` are the position at column 0 in tiles, and
-    the step to the next column. A row without ground has the position NaN.
+    Only the `count` nearest objects are looked at. Rows of pixels see lines on the ground: `x` and
+    `y` are the position at column 0 in tiles, and the step to the next column. A row without ground
+    has the position NaN.
     """
     # As with standing objects, only the nearest ones are drawn.
     east, south = objects.x[floor.indices] - pose.x, objects.y[floor.indices] - pose.y
@@ -343,7 +357,10 @@ def lie(
 
 
 def _turn(east: Array, south: Array, turn: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Returns the parts of a way along an angle and to its right; `turn` has the angle's cosine and sine."""
+    """Returns the parts of a way along an angle and to its right.
+
+    `turn` has the cosine and the sine of the angle.
+    """
     cosine, sine = turn
     return east * cosine - south * sine, east * sine + south * cosine
 
@@ -358,9 +375,10 @@ def stands_on(objects: Objects, pose: Pose, radius: Numeric) -> Bool[Array, ""]:
 
 
 def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[Array, ""]:
-    """Returns whether a disc touches an object's disc anywhere on an arc, of less than half a turn, between two poses.
+    """Returns whether a disc touches an object's disc anywhere on an arc between two poses.
 
-    The radius is in metres. Objects that lie on the floor are not touched.
+    The arc is less than half a turn. The radius is in metres. Objects that lie on the floor are not
+    touched.
     """
     turn = wrap_angle(end.theta - start.theta)
     # To the east and to the north in metres, as the numbers below.

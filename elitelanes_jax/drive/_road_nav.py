@@ -64,10 +64,14 @@ class RoadNavParams(Record):
     whole_map: bool = static(False, flag)
 
     def check_together(self) -> None:
-        """Checks that a goal that is marked in the window has a window, or is observed with the whole map."""
+        """Checks that a goal that is marked in the window is seen.
+
+        There must be a window, or the whole map must be observed.
+        """
         if self.goal == "mark" and not self.window and not self.whole_map:
             raise InputError(
-                "window: expected 1 or more, because the goal is marked in the window, got 0; goal='none' hides it"
+                "window: expected 1 or more, because the goal is marked in the window, "
+                "got 0; goal='none' hides it"
             )
 
     @property
@@ -154,7 +158,10 @@ def _reset_to_level(
 @jax.jit
 @divide_batches
 def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservation, RoadNavState]:
-    """Puts the agent on the start of a level drawn uniformly from ``params.levels``; the key is consumed."""
+    """Puts the agent on the start of a level drawn uniformly from ``params.levels``.
+
+    The key is consumed.
+    """
     return _reset_to_level(key, draw_level(key, params.levels), params)
 
 
@@ -232,7 +239,10 @@ def _observe(state: RoadNavState, params: RoadNavParams) -> RoadNavObservation:
 
 
 def _look_around(grid: Array, goal: LaneNode, node: LaneNode, size: int) -> tuple[Array, Array]:
-    """Returns the codes around a node and the mark of the goal, turned to its heading: two ``[k, k]``."""
+    """Returns the codes around a node and the mark of the goal, two ``[k, k]``.
+
+    Both are turned to the heading of the node.
+    """
     reach = size // 2
     # A slice of a padded grid takes a third of the time of reading tile by tile (measured).
     north_up = jax.lax.dynamic_slice(jnp.pad(grid, reach), (node.row, node.column), (size, size))

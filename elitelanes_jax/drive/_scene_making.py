@@ -1,4 +1,4 @@
-"""Makes the scenes of `views` from maps and pictures. OpenCV scales the pictures."""
+"""Makes the sight of `look` and the scenes of `views` from maps and pictures. OpenCV scales the pictures."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +10,7 @@ from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.drive._camera import Camera, Sight, pack_sight
 from elitelanes_jax.drive._objects import Billboards, Floor, make_objects, pack_billboards
 from elitelanes_jax.drive._scenes import PAVED, SceneMap, Scenes
 from elitelanes_jax.formats.road_map import RoadMap, as_maps
@@ -18,6 +19,35 @@ from elitelanes_jax.lanes.movements import movements_of
 from elitelanes_jax.tiles.object_set import ObjectPictures, ObjectSet, load_objects
 from elitelanes_jax.tiles.rendering import check_tile_px, scale_tiles, show_paved
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+
+@name_wrong_arguments
+@runs_jax
+def make_sight(
+    tiles: TileSet | None = None,
+    camera: Camera | None = None,
+    *,
+    tile_px: int = 64,
+    objects: ObjectSet | None = None,
+) -> Sight:
+    """Makes what a camera sees: the pictures of a tile set, and of objects.
+
+    Args:
+      tiles: the tile set; by default the package's own.
+      camera: the options of the camera; by default `Camera()`.
+      tile_px: side of the pictures of tiles in pixels, 16 to 512.
+      objects: the pictures of objects, scaled to 64 x 64 pixels: of each kind the first object's;
+        all signs of a kind show the tag of their view. By default no objects are seen.
+
+    Raises:
+      InputError: for an argument of another type, or a bad size.
+    """
+    tiles = load_tiles() if tiles is None else check_named("tiles", instance(TileSet), tiles)
+    if objects is not None:
+        check_named("objects", instance(ObjectSet), objects)
+    scaled = scale_tiles(tiles, check_tile_px(tile_px))
+    views = None if objects is None else objects.views
+    return pack_sight(scaled["image"], scaled["labels"], tiles.rotations, camera, views)
 
 
 @name_wrong_arguments

@@ -17,7 +17,9 @@ The label is below it.
 
 
 class SceneMap(NamedTuple):
-    """One map. In a batch every shape starts with M, and smaller maps are filled up with empty cells.
+    """One map of a scene.
+
+    In a batch every shape starts with M, and smaller maps are filled up with empty cells.
 
     Attributes:
       codes: int32 ``[H, W]``, with a border of empty cells.
@@ -46,7 +48,9 @@ class SceneMap(NamedTuple):
 )
 @dataclass(frozen=True)
 class Scenes:
-    """Maps, and the pictures that show them. A pytree, whose `lane_offset` compiled programs contain.
+    """Maps, and the pictures that show them.
+
+    Scenes are a pytree, whose `lane_offset` compiled programs contain.
 
     Attributes:
       maps: a batch of M maps.

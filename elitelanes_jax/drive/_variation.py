@@ -1,7 +1,7 @@
-"""What differs between views of one scene: background, shadows, lens and colours, as `dataset --transform` varies them.
+"""What differs between views of one scene: background, shadows, lens and colours.
 
-First `draw_look` draws the numbers of a view. Then `lay_background` and `photograph` make the
-picture. Colours are rounded once, in the last step.
+`dataset --transform` varies them in the same way. First `draw_look` draws the numbers of a view.
+Then `lay_background` and `photograph` make the picture. Colours are rounded once, in the last step.
 
 XLA for processors repeats a formula for each of its uses. Therefore whatever several pixels or all
 colours use is computed by `once`.
@@ -51,10 +51,11 @@ _EXP2 = (0.9999992, 0.693122, 0.2402498, 0.05591704, 0.00956051)
 @pytree
 @dataclass(frozen=True)
 class Variation(Record):
-    """The ranges of views. Each value of a picture is drawn uniformly from its range. None leaves a step out.
+    """The ranges of views.
 
-    A pytree: a number may also be an array ``[batch]``, with a range for each picture. Arrays are
-    not checked.
+    Each value of a picture is drawn uniformly from its range. None leaves a step out. A variation
+    is a pytree: a number may also be an array ``[batch]``, with a range for each picture. Arrays
+    are not checked.
 
     Attributes:
       offset: largest distance from the lane's centre in tiles, either way, 0 to 0.2.
@@ -207,7 +208,10 @@ LOOK_NUMBERS = sum(_NUMBERS.values())
 def draw_look(
     seed: UInt32[Array, ""], uniforms: Float[Array, " N"], variation: Variation, camera: Camera
 ) -> Look:
-    """Draws the numbers of one picture of a camera, from a seed and `LOOK_NUMBERS` uniform numbers."""
+    """Draws the numbers of one picture of a camera.
+
+    They follow from a seed and `LOOK_NUMBERS` uniform numbers.
+    """
     parts = jnp.split(uniforms, np.cumsum(list(_NUMBERS.values()))[:-1])
     numbers = dict(zip(_NUMBERS, parts, strict=True))
     ground, sky = (
@@ -333,7 +337,10 @@ def _shifted(taps: Array, by: int) -> Array:
 
 
 def spread(size: int, grains: int) -> Float[NDArray, "size grains"]:
-    """Returns the matrix that stretches `grains` values over `size` pixels, linearly between the grains' centres."""
+    """Returns the matrix that stretches `grains` values over `size` pixels.
+
+    Values are interpolated linearly between the centres of the grains.
+    """
     # The positions are the centres of the pixels, counted in grains from the first grain's centre.
     positions = np.clip((np.arange(size) + 0.5) * grains / size - 0.5, 0, grains - 1)
     lower = np.minimum(positions.astype(int), grains - 2)
@@ -356,7 +363,10 @@ def _smooth(
 
 
 def _fine(seed: UInt32[Array, ""], shape: tuple[int, ...]) -> Float[Array, "rows columns"]:
-    """Returns smooth noise whose grains have a side of a whole number of pixels, about 1/64 of the rows."""
+    """Returns smooth noise with fine grains.
+
+    The side of a grain is a whole number of pixels, about 1/64 of the rows.
+    """
     # With whole pixels, a fine grain needs no matrix: all grains are interpolated at the same
     # shares.
     side = max(1, round(shape[0] / _FINEST))
@@ -430,7 +440,10 @@ def _make_field(
 def _number_rectangles(
     rectangles: Float[Array, "5 4"], shape: tuple[int, ...]
 ) -> Float[Array, "rows columns"]:
-    """Returns for each pixel the number of the last rectangle that covers it, from 1; 0 for none."""
+    """Returns for each pixel the number of the last rectangle that covers it.
+
+    Numbers start at 1. A pixel that no rectangle covers has 0.
+    """
     row, column = (
         jnp.arange(shape[0], dtype=jnp.float32)[:, None],
         jnp.arange(shape[1], dtype=jnp.float32),
@@ -464,10 +477,10 @@ def photograph(image: Planes, look: Look) -> list[UInt32[Array, "rows columns"]]
 
 
 def _bend(plane: Array, exponent: Array) -> Array:
-    """Raises shares of 255 to a power, with a relative error of at most 1e-5, in half the time of `exp` and `log`.
+    """Raises shares of 255 to a power, in half the time of `exp` and `log`.
 
-    A float32 is 2**n times a number whose logarithm is a short series. A power of 2 is such a
-    number, too.
+    The relative error is at most 1e-5. A float32 is 2**n times a number whose logarithm is a short
+    series. A power of 2 is such a number, too.
     """
     shares = jnp.clip(plane / 255, 1e-6, 1)
     # After the subtraction the upper bits are a whole exponent. The fraction is between the roots

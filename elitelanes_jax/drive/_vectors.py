@@ -30,11 +30,12 @@ def gymnasium_vector_env(
     autoreset_mode: UserValue = NEXT_STEP,
     render: _Render | None = None,
 ) -> Untyped:
-    """Makes a `VectorEnv` of Gymnasium 1.1 or later, for programs without JAX: its arrays are NumPy's.
+    """Makes a `VectorEnv` of Gymnasium 1.1 or later, for programs without JAX.
 
-    It does what Gymnasium's `SyncVectorEnv` of `envs` environments of `gymnasium_env` does, with
-    the same results, except that rewards are float32. Its attribute `next_observations` has the
-    observations after the last actions, before any reset in the same step.
+    Its arrays are NumPy's. It does what Gymnasium's `SyncVectorEnv` of `envs` environments of
+    `gymnasium_env` does, with the same results, except that rewards are float32. Its attribute
+    `next_observations` has the observations after the last actions, before any reset in the same
+    step.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
@@ -93,7 +94,8 @@ def gymnasium_vector_env(
             if mode == DISABLED and over.any():
                 ended = np.flatnonzero(over).tolist()
                 raise InputError(
-                    f"step: expected a reset of environments {ended}, whose episodes have ended, got none"
+                    f"step: expected a reset of environments {ended}, whose episodes have ended, "
+                    "got none"
                 )
             done = self._batch.step(actions)
             self._over, self.next_observations = done.terminated | done.truncated, done.reached
@@ -153,7 +155,10 @@ def _masked(metrics: dict[str, np.ndarray], present: NDArray[np.bool_]) -> dict[
 def _final_infos(
     metrics: dict[str, np.ndarray], over: NDArray[np.bool_], reached: np.ndarray
 ) -> dict[str, Untyped]:
-    """Returns infos where some episodes are over, and the environments are reset: their last observations too."""
+    """Returns the infos of a step after which some environments were reset.
+
+    They also have the last observations of the episodes that are over.
+    """
     # Gymnasium has an array of objects here, with None where no episode is over.
     last = np.full(len(over), None, object)
     for index in np.flatnonzero(over):
@@ -176,12 +181,12 @@ def sb3_vec_env(
     envs: int = 256,
     render: _Render | None = None,
 ) -> Untyped:
-    """Makes a `VecEnv` of Stable-Baselines3 2: its arrays are NumPy's, and pictures are uint8 ``[3, rows, columns]``.
+    """Makes a `VecEnv` of Stable-Baselines3 2, for programs without JAX.
 
-    The info of an environment is empty until its episode ends. Then it has the metrics,
-    `is_success` for the logs of Stable-Baselines3, "TimeLimit.truncated" and
-    "terminal_observation". The attribute `metrics` has the metrics of every step by name, each
-    ``[N]``.
+    Its arrays are NumPy's, and pictures are uint8 ``[3, rows, columns]``. The info of an
+    environment is empty until its episode ends. Then it has the metrics, `is_success` for the logs
+    of Stable-Baselines3, "TimeLimit.truncated" and "terminal_observation". The attribute `metrics`
+    has the metrics of every step by name, each ``[N]``.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
@@ -271,7 +276,8 @@ def sb3_vec_env(
         ) -> list[UserValue]:
             if method_name != "render":
                 raise InputError(
-                    f"method_name: expected render, the only method of one environment, got {method_name}"
+                    "method_name: expected render, the only method of one environment, "
+                    f"got {method_name}"
                 )
             images = self.get_images()
             return [images[index] for index in self._get_indices(indices)]
@@ -294,10 +300,11 @@ def puffer_env(
     buf: UserValue = None,
     seed: int = 0,
 ) -> Untyped:
-    """Makes a native environment of PufferLib 3, a `PufferEnv` of `envs` agents; pictures are ``[3, rows, columns]``.
+    """Makes a native environment of PufferLib 3, a `PufferEnv` of `envs` agents.
 
-    ``pufferlib.vector.make`` calls it: `buf` and `seed` are for that. The infos of a step are a
-    list with the means of the metrics of the episodes that ended, or an empty list.
+    Pictures are ``[3, rows, columns]``. ``pufferlib.vector.make`` calls it: `buf` and `seed` are
+    for that. The infos of a step are a list with the means of the metrics of the episodes that
+    ended, or an empty list.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.

@@ -88,7 +88,9 @@ class Views(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """Where the rows of a picture meet the ground. Every shape is ``[R, 1]``, a row for each row of samples.
+    """Where the rows of a picture meet the ground.
+
+    Every shape is ``[R, 1]``, a row for each row of samples.
 
     Attributes:
       x: int32, position of the middle column, in 2**-20 tile, with the map's border.
@@ -152,10 +154,11 @@ def views(
     variation: Variation = Variation(),
     samples: int = 2,
 ) -> Views:
-    """Draws a batch of views with labels and lane poses; a pure function for the inside of compiled programs.
+    """Draws a batch of views with labels and lane poses.
 
-    The map of each view and the pose on its lanes are drawn as `elitelanes dataset --camera` draws
-    them, but from other random numbers. View i depends on the key and i alone, not on the batch.
+    This is a pure function for the inside of compiled programs. The map of each view and the pose
+    on its lanes are drawn as `elitelanes dataset --camera` draws them, but from other random
+    numbers. View i depends on the key and i alone, not on the batch.
 
     Args:
       key: consumed.
@@ -415,7 +418,10 @@ def _draw_indices(seed: Array, numbers: Int32[Array, " N"]) -> Int32[Array, " N"
 def _meet_ground(
     pose: Pose, camera: Camera, tile_bits: int, samples: int, *, smaller: bool
 ) -> _Rows:
-    """Returns where the rows of samples meet the ground; `smaller` chooses smaller pictures for larger distances."""
+    """Returns where the rows of samples meet the ground.
+
+    `smaller` chooses smaller pictures for larger distances.
+    """
     # Each row uses the angles' sines, cosines and tangents.
     cosine, sine, rays = once(
         lambda: (jnp.cos(pose.theta), jnp.sin(pose.theta), rays_of(camera, samples))
@@ -458,7 +464,10 @@ def _meet_ground(
 
 
 def _draw_view(scenes: Scenes, plan: _Plan) -> tuple[UInt32[Array, "rows columns"], Array | None]:
-    """Draws one view; returns red, green, blue and label from the lowest byte, and the objects' indices."""
+    """Draws one view.
+
+    Returns red, green, blue and label from the lowest byte, and the objects' indices.
+    """
     camera = plan.camera
     samples = plan.samples.x.shape[0] // camera.rows
     # Colours are means of samples. Labels and objects' indices are those at pixels' centres,
@@ -528,9 +537,10 @@ def _lines_in_tiles(ground: _Rows) -> tuple[tuple[Array, Array], tuple[Array, Ar
 def _sum_samples(
     plan: _Plan, scenes: Scenes, samples: int, standing: _Standing | None
 ) -> tuple[Array, Array, Array]:
-    """Sums the samples of each pixel: red and blue, green and `PAVED`, the second ones times 2**16; and those of sky.
+    """Sums the samples of each pixel, two sums in each word.
 
-    The samples of sky are one column if no object covers them.
+    Returns red and blue, green and `PAVED`, and the number of samples of sky. Of two sums the
+    second one is times 2**16. The samples of sky are one column if no object covers them.
     """
     rows, columns = plan.camera.rows, plan.camera.columns
     # Two sums share a word: at most 16 samples of 255 fit 16 bits. That saves half of the
@@ -577,7 +587,10 @@ def _look_up(
 
 
 def _stretch(position: Int32[Array, "..."], lines: Array | None) -> Int32[Array, "..."]:
-    """Shifts positions on a tile away from its middle, as the dataset's `lines` does; its middle and edges stay."""
+    """Shifts positions on a tile away from its middle, as the dataset's `lines` does.
+
+    The middle and the edges of the tile stay.
+    """
     if lines is None:
         return position
     # The sine is 0 at both edges and in the middle of the tile, so these stay.

@@ -62,7 +62,10 @@ def make(
 
 
 def _makers(params: Pytree, spaces: Untyped) -> Untyped:
-    """Takes the needed classes out of a module, because Rejax copies environments, and modules cannot be copied."""
+    """Takes the needed classes out of a module.
+
+    Rejax copies environments, and modules cannot be copied.
+    """
     check_module(params, spaces, "gymnax.environments.spaces", "spaces", "Discrete")
     return SimpleNamespace(Discrete=spaces.Discrete, Box=spaces.Box)
 

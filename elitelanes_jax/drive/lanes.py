@@ -131,7 +131,9 @@ class LanePose(NamedTuple):
 @runs_jax
 @divide_batches
 def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
-    """Returns which movements each tile of a grid has, by the heading when it is entered and the turn.
+    """Returns which movements each tile of a grid has.
+
+    Movements are by the heading when the tile is entered, and by the turn.
 
     Raises:
       InputError: for a bad grid.
@@ -142,23 +144,30 @@ def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
 def lane_length(
     turn: Int[ArrayLike, "..."], lane_offset: float = LANE_OFFSET
 ) -> Float[Array, "..."]:
-    """Returns the length of a movement's lane: 1 tile straight on, by default 0.3 or 0.7 times pi / 2 on an arc."""
+    """Returns the length of a movement's lane in tiles.
+
+    The length is 1 straight on, and by default 0.3 or 0.7 times pi / 2 on an arc.
+    """
     return _choose(lane_lengths(lane_offset, np.float32), turn)
 
 
 def lane_curvature(
     turn: Int[ArrayLike, "..."], lane_offset: float = LANE_OFFSET
 ) -> Float[Array, "..."]:
-    """Returns the curvature of a movement's lane, 1 / tiles, to the left: by default -1 / 0.3, 0 or 1 / 0.7."""
+    """Returns the curvature of a movement's lane to the left, in 1 / tiles.
+
+    By default it is -1 / 0.3, 0 or 1 / 0.7.
+    """
     return _choose(_BEND / lane_radii(lane_offset, np.float32), turn)
 
 
 def lane_errors(
     pose: Pose, movement: Movement, lane_offset: float = LANE_OFFSET
 ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
-    """Returns `d`, `phi` and `s` of a pose relative to a movement's lane (see `LanePose`), on its tile or beyond.
+    """Returns `d`, `phi` and `s` of a pose relative to a movement's lane (see `LanePose`).
 
-    Beyond its tile a lane continues as a line or a circle.
+    The pose is on the movement's tile or beyond. Beyond its tile a lane continues as a line or a
+    circle.
     """
     forward, left = _from_entry(pose, movement)
     turned = pose.theta - _choose(_ANGLE, movement.heading)
@@ -182,9 +191,10 @@ def lane_point(
     d: Float[ArrayLike, "..."] = 0.0,
     lane_offset: float = LANE_OFFSET,
 ) -> Pose:
-    """Returns the pose `s` tiles along a movement's lane and `d` tiles to the left of its centre, in its direction.
+    """Returns the pose at a position on a movement's lane, in the lane's direction.
 
-    It may be beyond the lane's end.
+    The position is `s` tiles along the lane and `d` tiles to the left of its centre. It may be
+    beyond the lane's end.
     """
     bend, radius = (
         _choose(_BEND, movement.turn),
@@ -262,7 +272,10 @@ def pose_beside(
     heading: ArrayLike,
     lane_offset: float = LANE_OFFSET,
 ) -> Pose:
-    """Returns the pose of `random_pose` for uniform numbers, 0 to 1: along the movement, across it, and its angle."""
+    """Returns the pose of `random_pose` for uniform numbers, 0 to 1.
+
+    The numbers are for the position along the movement and across it, and for the angle.
+    """
     s = along * lane_length(movement.turn, lane_offset)
     pose = lane_point(movement, s, (2 * across - 1) * offset, lane_offset)
     return pose._replace(theta=wrap_angle(pose.theta + (2 * angle - 1) * heading))
@@ -271,7 +284,10 @@ def pose_beside(
 def tile_at(
     grid: Int[Array, "H W"], x: Float[ArrayLike, ""], y: Float[ArrayLike, ""]
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""], Bool[Array, ""]]:
-    """Returns the row, the column and the code of the tile at a point, 0 beyond the grid, and whether it is road."""
+    """Returns the tile at a point, and whether the point is on the road.
+
+    The tile is its row, its column and its code, which is 0 beyond the grid.
+    """
     height, width = grid.shape
     row, column = jnp.floor(y).astype(jnp.int32), jnp.floor(x).astype(jnp.int32)
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
@@ -354,7 +370,10 @@ def _has_movement(links: Array, movement: Movement) -> Bool[Array, ""]:
 def nearest_movement(
     code: Array, pose: Pose, row: Array, column: Array, lane_offset: float = LANE_OFFSET
 ) -> Movement:
-    """Returns the movement that `lane_pose` uses by default, on a tile whose code has only links."""
+    """Returns the movement that `lane_pose` uses by default.
+
+    `code` is the code of the tile, and has only links.
+    """
     # All twelve movements of a tile are compared at once.
     heading, turn = (jnp.asarray(index, jnp.int32) for index in np.indices((4, 3)).reshape(2, 12))
     d, phi, _ = lane_errors(pose, Movement(row, column, heading, turn), lane_offset)
@@ -372,7 +391,10 @@ def nearest_movement(
 
 
 def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
-    """Returns a point's distances forward and left of the middle of the side by which a movement enters."""
+    """Returns a point's distances from the middle of the side by which a movement enters.
+
+    The first distance is forward, and the second one to the left.
+    """
     west, north = (jnp.asarray(part, jnp.float32) for part in (movement.column, movement.row))
     east, south = pose.x - (west + 0.5), pose.y - (north + 0.5)
     ahead_x, ahead_y = _towards(movement)

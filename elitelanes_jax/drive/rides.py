@@ -1,4 +1,7 @@
-"""Rides of a robot across a map, as a film of its camera next to the map, or as trails on the map."""
+"""Rides of a robot across a map.
+
+Rides are shown as a film of the camera next to the map, or as trails on the map.
+"""
 
 import errno
 import runpy
@@ -24,7 +27,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.running import runs_jax
 from elitelanes_jax._util.types import Pytree, UserValue
-from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
+from elitelanes_jax.drive._camera import Camera, make_atlas, render_view
 from elitelanes_jax.drive._distances import UNREACHABLE
 from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import (
@@ -35,6 +38,7 @@ from elitelanes_jax.drive._lane_drive import (
 )
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
+from elitelanes_jax.drive._scene_making import make_sight
 from elitelanes_jax.drive.lanes import Pose, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.road_map import RoadMap, as_map
@@ -44,16 +48,17 @@ from elitelanes_jax.lanes.movements import Movement, movements_of, no_lane_error
 from elitelanes_jax.network.bits import seed_key, split, uniform
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
-from elitelanes_jax.tiles.rendering import Picture, check_tile_px, choose_tiles, render, scale_tiles
-from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+from elitelanes_jax.tiles.rendering import Picture, check_tile_px, choose_tiles, render
+from elitelanes_jax.tiles.tileset import TileSet
 
 POLICIES = ("route", "random")
 """Drivers: one follows the route to the goal, the other turns its wheels at random."""
 
 Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
-"""Your own driver: takes an observation, in NumPy, and returns the commands of the left and right wheel, -1 to 1.
+"""Your own driver, which takes an observation in NumPy.
 
-If it has an attribute `camera`, a `Camera`, it observes only this camera's picture.
+It returns the commands of the left and the right wheel, -1 to 1. If it has an attribute `camera`, a
+`Camera`, it observes only this camera's picture.
 """
 
 # The frames of a film per second, and the steps of `LaneDrive` per second.
@@ -119,7 +124,9 @@ def make_rides(
     seed: int = 0,
     tiles: TileSet | None = None,
 ) -> Rides:
-    """Drives on a map from random starts to random goals. From 2.2 seconds on, the expert reaches all of them in time.
+    """Drives on a map from random starts to random goals.
+
+    From 2.2 seconds on, the expert reaches all goals in time.
 
     Args:
       grid: codes ``[H, W]``, or a `RoadMap`.
@@ -162,11 +169,8 @@ def _with_camera(
     params: LaneDriveParams, camera: UserValue, tiles: TileSet | None
 ) -> LaneDriveParams:
     """Returns options of an environment whose observations are a camera's pictures."""
-    if tiles is None:
-        tiles = load_tiles()
-    scaled = scale_tiles(tiles, _SIGHT_PX)
     camera = check_named("policy", instance(Camera), camera)
-    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, camera)
+    sight = make_sight(tiles, camera, tile_px=_SIGHT_PX)
     return params.replace(observe="camera", sight=sight)
 
 
@@ -250,7 +254,8 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
         raise InputError(f"policy: expected an action, got {_describe(error, file)}") from error
     if action.shape != (2,):
         raise InputError(
-            f"policy: expected two numbers, for the left and the right wheel, got shape {action.shape}"
+            "policy: expected two numbers, for the left and the right wheel, "
+            f"got shape {action.shape}"
         )
     if not np.isfinite(action).all():
         raise InputError(
@@ -260,10 +265,10 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
 
 
 def load_policy(file: Path) -> Policy:
-    """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file, which is run.
+    """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file.
 
-    The file may import modules from its folder, also later in `act`, as a program that Python
-    starts.
+    The file is run. The file may import modules from its folder, also later in `act`, as a program
+    that Python starts.
     """
     # Python does the same for a program that it starts.
     sys.path.insert(0, str(file.resolve().parent))
@@ -297,10 +302,10 @@ def _describe(error: BaseException, file: str) -> str:
 def trails(
     source: UserValue, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
 ) -> NDArray[np.uint8]:
-    """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``: a dot at the start, a ring at the goal.
+    """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``.
 
-    The ring is where the goal's lane enters the tile. A robot that enters on another lane has not
-    reached the goal.
+    A trail has a dot at the start and a ring at the goal. The ring is where the goal's lane enters
+    the tile. A robot that enters on another lane has not reached the goal.
 
     Raises:
       InputError: for a map that the tiles cannot draw (see `render`), or rides on another map.
@@ -337,10 +342,10 @@ def film(
     tile_px: int = 128,
     chosen: UserValue = None,
 ) -> Iterator[NDArray[np.uint8]]:
-    """Draws a ride frame by frame, 30 per second: the camera's picture, and next to it the map with the robot.
+    """Draws a ride frame by frame, 30 per second.
 
-    Of a `RoadMap` both show its objects: the camera the nearest ones, and one picture for each
-    kind.
+    A frame has the camera's picture, and next to it the map with the robot. Of a `RoadMap` both
+    show its objects: the camera the nearest ones, and one picture for each kind.
 
     Yields:
       RGB uint8 ``[480, width, 3]``, all of one width.
@@ -428,7 +433,10 @@ def _make_scene(road_map: RoadMap, picture: Picture, size: int) -> _Scene:
 
 
 def _shrink(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> tuple[NDArray[np.uint8], float]:
-    """Shrinks the picture of a map to a film's height, and returns the side of a tile in pixels too."""
+    """Shrinks the picture of a map to a film's height.
+
+    Returns the picture, and the side of a tile in pixels.
+    """
     rows, columns = shape
     side = min(_HEIGHT / rows, _WIDEST / columns)
     # Films have even sides.
@@ -440,7 +448,10 @@ def _shrink(picture: NDArray[np.uint8], shape: tuple[int, ...]) -> tuple[NDArray
 
 
 def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
-    """Cuts a layer ``[H·P, W·P, ...]`` of a map into the pictures of its cells, ``[H·W, P, P, ...]``."""
+    """Cuts a layer of a map into the pictures of its cells.
+
+    The layer is ``[H·P, W·P, ...]``, and the result ``[H·W, P, P, ...]``.
+    """
     height = layer.shape[0] // size
     width = layer.shape[1] // size
     channels = layer.shape[2:]
@@ -453,13 +464,13 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 def _look(poses: Pose, scene: _Scene) -> Pytree:
     """Returns the camera's picture at each pose.
 
-    A film has no noise, so the key does not matter.
+    A film has no noise, so the seed does not matter.
     """
 
     def look_from(pose: Pose) -> Pytree:
-        key = seed_key(0)
-        view = look(
-            key, pose, scene.cells, scene.atlas, scene.camera, scene.objects, scene.billboards
+        seed = jnp.uint32(0)
+        view = render_view(
+            seed, pose, scene.cells, scene.atlas, scene.camera, scene.objects, scene.billboards
         )
         return view.image
 
@@ -467,9 +478,10 @@ def _look(poses: Pose, scene: _Scene) -> Pytree:
 
 
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
-    """Writes frames as an MP4 film, or as a GIF if the name says so, whole or not at all; returns the number of frames.
+    """Writes frames as an MP4 film, or as a GIF if the name says so, whole or not at all.
 
-    A GIF has every third frame, half as large. An `OSError` names the file.
+    Returns the number of frames. A GIF has every third frame, half as large. An `OSError` names the
+    file.
     """
     with new_file(file) as unfinished_file:
         if file.suffix.lower() == ".gif":
@@ -573,5 +585,8 @@ def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, si
 
 
 def _dots(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
-    """Returns positions in tiles, ``[N, 2]`` or ``[2]``, as OpenCV's ``[N, 1, 2]``, whose last bits are fractions."""
+    """Returns positions in tiles as OpenCV's ``[N, 1, 2]``, whose last bits are fractions.
+
+    The positions are ``[N, 2]`` or ``[2]``.
+    """
     return np.rint(points * side * 2**_BITS).astype(np.int32).reshape(-1, 1, 2)

@@ -75,9 +75,10 @@ def still(robot: Robot) -> Wheels:
 def to_wheels(
     speed: Float[ArrayLike, "..."], turn: Float[ArrayLike, "..."], robot: Robot
 ) -> Float[Array, "... 2"]:
-    """Returns the commands of the left and the right wheel, -1 to 1, for metres and radians a second.
+    """Returns the commands of the wheels for metres and radians a second.
 
-    If one wheel would exceed the top speed, both are slowed down, so that the curve stays the same.
+    The commands are those of the left and the right wheel, -1 to 1. If one wheel would exceed the
+    top speed, both are slowed down, so that the curve stays the same.
     """
     # `half` is half of the difference between the speeds of the two wheels.
     half = rounded(turn * robot.wheel_distance) / 2

@@ -1,6 +1,5 @@
 """Collects the contents of the explorer: folders of runs, archives, maps, results in memory."""
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -38,9 +37,9 @@ def collect(
       what: a `Result`; a map or several, as `as_maps` takes them; a mapping from names to these, to
         show several side by side; or a path or several. A path is the folder of a run of `generate`
         or `pick`, a folder of such folders, an archive, or a file of maps.
-      tiles: a tile set or its folder; by default the first run's. If it is not found, the package's
-        own is used, with a line on standard error. A relative path in a run's record is searched
-        from here, then from each folder above the run.
+      tiles: a tile set or its folder; by default that of the first run whose tiles are found, or if
+        there is none the package's own, with a line on standard error. A relative path in a run's
+        record is searched from here, then from each folder above the run.
       tile_px: side of a tile's picture in pixels, 16 to 512.
 
     Raises:
@@ -104,21 +103,25 @@ def _collect_files(
     maps: list[tuple[str, RoadMap]] = []
     recorded_tiles: Path | None = None
     for source in sources:
+        # A folder of layers is one map of Duckietown, and any other folder is of runs.
         if source.is_dir() and not is_layers(source):
             for folder in _run_folders(source):
                 runs.append(read_run(folder))
+                # The page has one tile set for all runs: the first that is found.
                 recorded_tiles = recorded_tiles or _find_tiles(folder, runs[-1])
         elif source.suffix.lower() == ".npz":
             runs.append(read_archive(source, source.stem))
         else:
             maps += _named_maps(source)
-    names = _distinct_names([run.name for run in runs])
-    runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
     if tiles is None and recorded_tiles is None:
         _announce_lost_tiles(runs)
     tile_set = _load_tiles(recorded_tiles if tiles is None else tiles)
     heading = runs[0].name if len(runs) == 1 and not maps else ""
-    return pack(runs + by_size(maps), tile_set, tile_px, heading)
+    # The folder of a run may have the name of a group of maps, such as "maps".
+    runs += by_size(maps)
+    names = _distinct_names([run.name for run in runs])
+    runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
+    return pack(runs, tile_set, tile_px, heading)
 
 
 def _named_maps(file: Path) -> list[tuple[str, RoadMap]]:
@@ -150,6 +153,8 @@ def _load_tiles(tiles: str | Path | TileSet | None) -> TileSet:
 
 def _run_folders(folder: Path) -> list[Path]:
     """Returns the folder of a run, or the folders of runs in a folder."""
+    # An unfinished or damaged run lacks run.json. Its archive shows that it is a run, and the error
+    # of `read_run` says what is missing.
     if (folder / "run.json").is_file() or (folder / "archive.npz").is_file():
         return [folder]
     folders = sorted(file.parent for file in folder.glob("*/run.json"))
@@ -168,6 +173,7 @@ def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
     if not isinstance(tiles, str):
         return None
     name = recorded.get("name") if isinstance(recorded, dict) else None
+    # A run may have been moved together with the folders around it, or be shown from elsewhere.
     for parent in (Path(), *folder.absolute().parents):
         with suppress(InputError):
             # Another folder of this name may be no tile set.
@@ -177,10 +183,14 @@ def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
 
 
 def _distinct_names(names: Sequence[str]) -> list[str]:
-    """Numbers the names that occur again, from the second on."""
-    counts: Counter[str] = Counter()
-    distinct = []
+    """Numbers the names that occur again, from the second on, with numbers that no other name has."""
+    distinct: list[str] = []
     for name in names:
-        counts[name] += 1
-        distinct.append(f"{name} ({counts[name]})" if counts[name] > 1 else name)
+        numbered = name
+        number = 1
+        # A later name that is numbered already, such as "run (2)", keeps its number.
+        while numbered in distinct or (number > 1 and numbered in names):
+            number += 1
+            numbered = f"{name} ({number})"
+        distinct.append(numbered)
     return distinct

@@ -71,6 +71,7 @@ class _Blob:
         Returns the table that represents them.
         """
         flat = grids.reshape(-1).astype(np.uint8)
+        # An odd number of codes leaves half a byte.
         flat = np.pad(flat, (0, flat.size % 2))
         return self.add(flat[::2] | flat[1::2] << 4, "uint8") | {"codes": grids.size}
 
@@ -98,6 +99,7 @@ def pack(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: str) -> 
         "objects": _object_values(),
         "plan": plan_values(),
         # The first numbers that `choose_tiles` and `ObjectSet.choose` draw for seed 0.
+        # The page draws edited maps as `render` would, and cannot run NumPy's generator.
         "lots": blob.add(np.random.default_rng(0).random(max(cells, _LEAST_LOTS)), "float64"),
         "runs": [_run_values(run, tiles, blob) for run in runs],
     }
@@ -152,6 +154,7 @@ def _history_values(history: "History", blob: _Blob) -> dict[str, Plain] | None:
     steps = np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int))
     best = np.atleast_2d(history.best_fitness)[:, steps]
     elites = np.atleast_2d(history.elite_count)[:, steps]
+    # The fitness of a vacant slot is not the fitness of a grid.
     best = np.where(best == vacant_fitness(best.dtype), np.inf, best)
     return {
         "steps": len(steps),
@@ -166,6 +169,8 @@ def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
     pictures: list[dict[str, Plain]] = []
     for tile, layers in zip(tiles.pictures, _layers(tiles, tile_px), strict=True):
         pictures.append({"name": tile.name, "code": int(tile.code)} | layers)
+    # `render` compares the light of blended tiles at this size, so the page needs their pictures at
+    # it.
     if tiles.blend and tile_px != COMPARED_PX:
         for picture, layers in zip(pictures, _layers(tiles, COMPARED_PX), strict=True):
             picture["compared"] = layers

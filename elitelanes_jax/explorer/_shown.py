@@ -71,6 +71,7 @@ class ShownRun(NamedTuple):
 def from_result(result: "Result", name: str) -> ShownRun:
     """Returns the elites and the history of a result."""
     elites = result.elites
+    # The mask has shape [N], or [S, N] for several seeds. It is False in vacant niches.
     valid = np.asarray(elites.valid)
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
@@ -79,6 +80,7 @@ def from_result(result: "Result", name: str) -> ShownRun:
     if alphabet is not None:
         alphabet = alphabet + KINDS["end"] + KINDS["empty"]
     if valid.ndim > 1:
+        # This order is that of `values[valid]` below.
         seed_of_elites = np.nonzero(valid)[0]
         seeds = len(valid)
     else:
@@ -142,8 +144,10 @@ def _floors(search: "Search") -> dict[int, int] | None:
     size = f"{height}x{width}{track}"
     if size not in SIZES or search.settings.rules is not None:
         return None
+    # The certificates are of the default weights.
     if search.weights != Weights() or search.feature_weights:
         return None
+    # All budgets of a size have the same certificates.
     task = find_task(f"{size}-10000")
     return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
 
@@ -183,7 +187,9 @@ def _run_of_maps(named_maps: Sequence[tuple[str, RoadMap]], shape: tuple[int, in
         chosen.append((index, name, road_map))
         if road_map.fitness is not None:
             known_fitness.append(road_map.fitness)
+    # A map whose fitness is a fraction comes from a fitness function of a user.
     is_whole = all(isinstance(value, int) for value in known_fitness)
+    # If one map lacks its fitness, the page computes those of all, so that they can be compared.
     fitness = None
     if len(known_fitness) == len(named_maps):
         fitness = _fitness_array(known_fitness, is_whole)
@@ -270,6 +276,7 @@ def _read_record(file: Path) -> dict[str, Plain]:
 def _with_chosen(run: ShownRun, chosen: Sequence[tuple[str, RoadMap]]) -> ShownRun:
     index_of: dict[bytes, int] = {}
     for index, grid in enumerate(run.grids):
+        # Several seeds may have found the same grid. The first one is shown as chosen.
         index_of.setdefault(grid.tobytes(), index)
     maps = []
     for name, road_map in chosen:
@@ -280,6 +287,7 @@ def _with_chosen(run: ShownRun, chosen: Sequence[tuple[str, RoadMap]]) -> ShownR
                 f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}"
             )
         elite = index_of.get(road_map.codes.tobytes())
+        # Maps that are no elites of the archive have no place among its niches.
         if elite is not None:
             maps.append((elite, name, road_map))
     return run._replace(maps=tuple(maps))

@@ -21,15 +21,14 @@ def show(what: UserValue, *, tile_px: int = 64) -> Untyped:
     changes of both.
 
     Args:
-      what: a `Result`, a map or several, a mapping from names to these, or a path or several; see
-        `collect`.
+      what: what to show, see `explore`.
       tile_px: side of a tile's picture in pixels, 16 to 512.
 
     Returns:
       The widget.
 
     Raises:
-      InputError: for anything else, and as `collect`.
+      InputError: as `explore`.
       MissingPackageError: without anywidget.
     """
     payload = collect(what, tile_px=tile_px)

@@ -31,10 +31,13 @@ def explore(
     """Writes the page of a result, of maps, or of files of runs and maps, whole or not at all.
 
     Args:
-      what: a `Result`, a map or several, a mapping from names to these, or a path or several; see
-        `collect`.
+      what: a `Result`; a map or several, as `as_maps` takes them; a mapping from names to these, to
+        show several side by side; or a path or several. A path is the folder of a run of `generate`
+        or `pick`, a folder of such folders, an archive, or a file of maps.
       out: the file, new.
-      tiles: folder of the tile pictures; see `collect`.
+      tiles: folder of the tile pictures; by default the first run's. If it is not found, the
+        package's own is used, with a line on standard error. A relative path in a run's record is
+        searched from here, then from each folder above the run.
       tile_px: side of a tile's picture in pixels, 16 to 512.
       force: whether an earlier page is replaced.
 
@@ -42,8 +45,9 @@ def explore(
       The number of bytes written.
 
     Raises:
-      InputError: as `collect`; for a file that exists, unless it is such a page and `force` is
-        given; or for the suffix of another format.
+      InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of
+        another kind, and for a bad tile set; for a page that exists, unless `force` is given, or
+        another file; or for the suffix of another format.
       OSError: if it cannot be written.
     """
     out = Path(check_named("out", file_named(".html"), out))
@@ -57,6 +61,8 @@ def explore(
 @name_wrong_arguments
 def page_of(payload: Payload) -> str:
     """Returns the text of the page. Its policy forbids the browser all requests."""
+    # The page has all it needs in itself. Only this script may run, so that no name in the data
+    # becomes a program, and no request can leave the page.
     script, style = static_text("explorer.js"), static_text("explorer.css")
     allowed = base64.b64encode(sha256(script.encode()).digest()).decode()
     policy = (
@@ -98,6 +104,7 @@ def _check_out(out: Path, force: bool) -> None:
     if out.is_dir():
         raise InputError(f"{out}: expected a file for the page, got a folder")
     with out.open("rb") as stream:
+        # The mark tells an earlier page from any other file of the user.
         ours = stream.read(len(_MARK)) == _MARK.encode()
     if not ours or not force:
         hint = "; force=True replaces it" if ours else ""

@@ -7,6 +7,7 @@ token, and the headers `Host` and `Origin` must name this server. A site whose n
 
 import json
 import secrets
+import sys
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Lock
@@ -59,6 +60,7 @@ class HandServer(ThreadingHTTPServer):
         """
         super().__init__(("127.0.0.1", port), _Handler)
         self.token = secrets.token_urlsafe(24)
+        # The server knows its port only after it listens.
         self.hosts = [f"{name}:{self.server_address[1]}" for name in ("127.0.0.1", "localhost")]
         self.url = f"http://{self.hosts[0]}/{self.token}/"
         self.work = work
@@ -72,6 +74,11 @@ class HandServer(ThreadingHTTPServer):
             "zip": work.zip,
             "finish": lambda _: None,
         }
+
+    def handle_error(self, request: Untyped, client_address: Untyped) -> None:
+        """Prints the traceback of a failed answer, unless the browser closed the connection, as it does on a reload."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -106,6 +113,8 @@ class _Handler(BaseHTTPRequestHandler):
         if path is None:
             return
         action = self.server.actions.get(path)
+        # A form on another web site cannot send this type of content without the browser's question
+        # to this server.
         if action is None or self.headers.get_content_type() != "application/json":
             self._send_json(404, {"error": "no such action"})
             return
@@ -117,6 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
             return
         try:
             values = json.loads(self.rfile.read(int(length)))
+            # Each request has a thread of its own.
             with self.server.lock:
                 answer = action(values)
             if isinstance(answer, bytes):
@@ -146,6 +156,7 @@ class _Handler(BaseHTTPRequestHandler):
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         is_ours = host in self.server.hosts and origin in (None, f"http://{host}")
         _, token, path = ("/" + self.path.partition("?")[0].lstrip("/") + "/").split("/", 2)
+        # The time of this comparison does not tell how much of a guessed token is right.
         if is_ours and secrets.compare_digest(token.encode(), self.server.token.encode()):
             return path.rstrip("/")
         self._send_json(403, {"error": "open the address that the command has printed"})

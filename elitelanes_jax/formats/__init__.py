@@ -1,6 +1,7 @@
-"""Maps as files of this and other programs: a module for each format, with functions of a grid of codes.
+"""Maps as files of this and other programs, with a module for each format.
 
-If a format cannot represent a code, the error names the cells.
+The modules have functions of a grid of codes. If a format cannot represent a code, the error names
+the cells.
 """
 
 import lazy_loader

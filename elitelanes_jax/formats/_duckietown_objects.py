@@ -89,7 +89,10 @@ def _written_pose(item: MapObject, rows: int, tile_size: float) -> tuple[float, 
 
 
 def _yaml_text(text: str) -> str:
-    """Returns a text of letters, digits, dots and dashes as YAML has it, in quotes if it could be something else."""
+    """Returns a text of letters, digits, dots and dashes as YAML has it.
+
+    The text is in quotes if YAML could read it as something else.
+    """
     if text[0].isdigit() or text.lower() in _YAML_WORDS:
         return f"'{text}'"
     return text

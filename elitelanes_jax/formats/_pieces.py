@@ -1,4 +1,7 @@
-"""The middles of roads as lines and arcs, exactly where the tiles have them; positions as in `lanes`."""
+"""The middles of roads as lines and arcs, exactly where the tiles have them.
+
+Positions are as in `lanes`.
+"""
 
 import math
 from itertools import pairwise

@@ -1,6 +1,7 @@
-"""Traffic on a map: its lanes, lines, edges and stop signs in metres, and cars with logs of 9 s along the lanes.
+"""Traffic on a map: its roads in metres, and cars that drive along their lanes.
 
-Lanes come first, one for each movement, in ascending order of row, column, heading and turn.
+Roads are lanes, lines, edges and stop signs. Lanes come first, one for each movement, in ascending
+order of row, column, heading and turn. Each car has a log of 9 s.
 """
 
 from functools import cache
@@ -61,7 +62,10 @@ class Road(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What a car does in each step: position and velocity, complex ``[91]``, and heading in radians ``[91]``."""
+    """What a car does in each of 91 steps.
+
+    The position and the velocity are complex ``[91]``, and the heading is in radians ``[91]``.
+    """
 
     position: NDArray[np.complex128]
     velocity: NDArray[np.complex128]
@@ -69,7 +73,9 @@ class Log(NamedTuple):
 
 
 class Traffic(NamedTuple):
-    """The traffic on a map. Positions are complex: metres east + north·i of the grid's south-west corner.
+    """The traffic on a map.
+
+    Positions are complex: metres east + north·i of the grid's south-west corner.
 
     Attributes:
       graph: the graph of the lanes. Cars turn back at dead ends.
@@ -183,7 +189,10 @@ def _ahead(point: Float[np.ndarray, "2"], heading: int, distance: float) -> Floa
 
 
 def _stop_signs(tiles: list[Cell], graph: LaneGraph, streets: Streets, height: int) -> list[Road]:
-    """Returns the signs to the right of the lanes that enter crossings, one for each heading there."""
+    """Returns the signs to the right of the lanes that enter crossings.
+
+    Each crossing has one sign for each heading.
+    """
     width = streets.lane / streets.tile
     # All turns from a side share the sign, so one movement for each heading is kept.
     by_heading: dict[Cell, dict[int, Movement]] = {tile: {} for tile in tiles}
@@ -246,5 +255,8 @@ def _follow(
 
 
 def _lengths(path: NDArray[np.complex128], before: float = 0.0) -> NDArray[np.float64]:
-    """Returns the length of a path up to each of its points, with the length before its first point."""
+    """Returns the length of a path up to each of its points.
+
+    `before` is the length before its first point.
+    """
     return np.cumsum(np.concatenate([[before], np.abs(np.diff(path))]))

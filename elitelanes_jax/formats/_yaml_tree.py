@@ -112,7 +112,10 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
 
 
 def _fill(table: dict[str, Plain], items: list[Plain], unfilled: list[Plain]) -> int:
-    """Adds keys and values, which take turns, to a table; returns the number of keys of merged tables."""
+    """Adds keys and values to a table, and returns the number of keys of merged tables.
+
+    Keys and values take turns in `items`.
+    """
     for key, value in zip(items[::2], items[1::2], strict=True):
         if not isinstance(key, str):
             raise InputError(
@@ -132,11 +135,15 @@ def _fill(table: dict[str, Plain], items: list[Plain], unfilled: list[Plain]) ->
 
 
 def _tables_of(value: Plain, unfilled: list[Plain]) -> list[Mapping[str, Plain]]:
-    """Returns the tables of a merge key, the first one first: a key that comes twice is the first one's."""
+    """Returns the tables of a merge key, the first one first.
+
+    If several tables have a key, the value of the first table counts.
+    """
     tables = value if isinstance(value, list) else [value]
     for table in tables:
         if not isinstance(table, dict) or any(table is outer for outer in unfilled):
             raise InputError(
-                f"expected readable YAML, for the key {_MERGE} a table or a list of tables, got {brief(value, 40)}"
+                f"expected readable YAML, for the key {_MERGE} a table or a list of tables, "
+                f"got {brief(value, 40)}"
             )
     return tables

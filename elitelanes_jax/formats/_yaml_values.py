@@ -12,7 +12,10 @@ FALSE = ["false", "False", "FALSE", "no", "No", "NO", "off", "Off", "OFF"]
 
 
 def table_of(value: Plain, name: str) -> dict[str, Plain]:
-    """Returns the table under a name; raises an `InputError` that starts with the name if there is none."""
+    """Returns the table under a name.
+
+    Raises an `InputError` that starts with the name if there is no table.
+    """
     inner = value.get(name) if isinstance(value, dict) else None
     if not isinstance(inner, dict):
         raise InputError(f"{name}: expected a table, got {brief(inner, 40)}")

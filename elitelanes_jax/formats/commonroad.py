@@ -1,4 +1,7 @@
-"""Road networks as CommonRoad scenarios, version 2020a, without cars: a lanelet for each movement across a tile."""
+"""Road networks as CommonRoad scenarios, version 2020a, without cars.
+
+A scenario has a lanelet for each movement across a tile.
+"""
 
 from hashlib import sha256
 from itertools import count, groupby
@@ -116,7 +119,10 @@ class _Scenario:
         element = (
             f"<trafficSignElement><trafficSignID>{kind}</trafficSignID>{value}</trafficSignElement>"
         )
-        place = f"<position>{_point(position)}</position><virtual>{'true' if value else 'false'}</virtual>"
+        place = (
+            f"<position>{_point(position)}</position>"
+            f"<virtual>{'true' if value else 'false'}</virtual>"
+        )
         self.signs.append(f'<trafficSign id="{number}">{element}{place}</trafficSign>')
         return number
 
@@ -129,7 +135,8 @@ class _Scenario:
         phases = []
         for color, duration in _CYCLE_FROM_RED if heading % 2 else _CYCLE:
             phases.append(
-                f"<cycleElement><duration>{duration}</duration><color>{color}</color></cycleElement>"
+                f"<cycleElement><duration>{duration}</duration>"
+                f"<color>{color}</color></cycleElement>"
             )
         cycle = f"<cycle>{''.join(phases)}</cycle>"
         active = "<direction>all</direction><active>true</active>"
@@ -249,7 +256,10 @@ def _lanelet_element(
 
 
 def _farthest_from(start: _Lanelet, lanelets: list[_Lanelet]) -> int:
-    """Returns the number of the lanelet that a breadth-first search from another one reaches last."""
+    """Returns the number of the lanelet that is farthest from another one.
+
+    A breadth-first search from `start` reaches it last.
+    """
     queue = [start.number]
     reached = {start.number}
     for number in queue:
@@ -262,9 +272,9 @@ def _farthest_from(start: _Lanelet, lanelets: list[_Lanelet]) -> int:
 
 
 def _number_of(content: str) -> int:
-    """Returns the number of a map in the ID of its scenario, from 1 to 2**40: different scenarios have different ones.
+    """Returns the number of a map in the ID of its scenario, from 1 to 2**40.
 
-    Tools for CommonRoad keep results by that ID.
+    Different scenarios have different numbers. Tools for CommonRoad keep results by that ID.
     """
     return 1 + int.from_bytes(sha256(content.encode()).digest()[:5])
 
@@ -279,7 +289,10 @@ def _point(position: complex) -> str:
 
 
 def _problem(number: int, start: _Lanelet, goal: int) -> str:
-    """Returns a planning problem: from the first chord of a lanelet to another lanelet, within an hour."""
+    """Returns a planning problem from one lanelet to another.
+
+    It starts at the first chord of `start`, and the goal has to be reached within an hour.
+    """
     first, second = np.mean([start.left, start.right], axis=0)[:2]
     values = {
         "orientation": np.angle(second - first),

@@ -1,4 +1,6 @@
-"""Reads Duckietown's newer maps: a folder with a YAML file for each layer, such as tiles, frames and traffic signs.
+"""Reads Duckietown's newer maps: a folder with a YAML file for each layer.
+
+Layers are, for example, tiles, frames and traffic signs.
 
 The library dt-maps, the Duckiematrix and map editors write these folders in different ways. The
 cell of a tile is in its ``i`` and ``j``, in the position of its frame, or in its name. Positions
@@ -265,13 +267,19 @@ class _Frames:
         return _is_in_degrees(real_of(table_of(self._frames[name], "pose"), "yaw", 0.0))
 
     def place_tiles(self, cells: Mapping[str, Cell]) -> None:
-        """Puts the frames of tiles in the middles of their cells, (i, j): objects may be relative to tiles."""
+        """Puts the frames of tiles in the middles of their cells, (i, j).
+
+        This is necessary because objects may be relative to tiles.
+        """
         for name, (i, j) in cells.items():
             yaw = self.pose(name).yaw if name in self else 0.0
             self._tiles[name] = _Pose((i + 0.5) * self.size, (j + 0.5) * self.size, yaw)
 
     def _climb(self, name: str) -> tuple[_Pose, str | None]:
-        """Returns the pose of a frame in the frame of the map or in the world, and the map's name or None."""
+        """Returns the pose of a frame, and the name of the map that it is in.
+
+        If the frame is not in the map, the pose is in the world, and the name is None.
+        """
         pose, frame = _Pose(), name
         # Each step leads to another frame. With more steps than frames, the frames form a circle.
         for _ in range(len(self._frames) + 1):
@@ -295,7 +303,10 @@ class _Frames:
         raise InputError(f"{self._file}: {name}: relative_to: expected {expected}, got a circle")
 
     def _above(self, name: str) -> str | None:
-        """Returns the frame or the map that a name continues, None for a name that continues none."""
+        """Returns the frame or the map that a name continues.
+
+        Returns None for a name that continues no other name.
+        """
         while "/" in name:
             name = name.rpartition("/")[0]
             if name == self._root or name in self._frames:
@@ -327,7 +338,10 @@ def _is_in_degrees(yaw: float) -> bool:
 
 
 class _Tile(NamedTuple):
-    """A tile: its cell, columns from the west and rows from the south, and its code by both ways of turning tiles."""
+    """A tile: its cell, and its code by both ways of turning tiles.
+
+    The cell is columns from the west and rows from the south.
+    """
 
     cell: Cell
     library_code: int
@@ -376,7 +390,8 @@ def _cell(name: str, values: _Table, pose: _Pose | None, size: float) -> Cell:
     indices = _CELL_IN_NAME.search(name)
     if indices is None:
         raise InputError(
-            "expected i and j, a frame of this name in frames.yaml, or a name such as tile_0_1, got none"
+            "expected i and j, a frame of this name in frames.yaml, or a name such as tile_0_1, "
+            "got none"
         )
     return int(indices[1]), int(indices[2])
 
@@ -406,7 +421,10 @@ class _Readings(NamedTuple):
 
 
 def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
-    """Returns the cell of the map's south-west corner, and the codes by both ways of turning tiles."""
+    """Returns the cell of the map's south-west corner, and the codes of the map.
+
+    The codes are by both ways of turning tiles.
+    """
     columns = [tile.cell[0] for tile in tiles.values()]
     rows = [tile.cell[1] for tile in tiles.values()]
     # The map begins at the cell (0, 0), or farther west or south if there are tiles.
@@ -435,7 +453,10 @@ def _place_tiles(tiles: Mapping[str, _Tile]) -> tuple[Cell, _Readings]:
 
 
 def _as_turned(folder: Path, readings: _Readings) -> NDArray[np.int8]:
-    """Returns the reading that our first line names, or otherwise the reading with fewer loose ends."""
+    """Returns the reading that our first line names.
+
+    Without this line, returns the reading with fewer loose ends.
+    """
     # The line is a comment, so `yaml_tree` does not return it.
     text = read_input(folder / "tiles.yaml", _MOST_BYTES, "YAML")
     if text.startswith(TURNED_AS_LIBRARY):

@@ -1,4 +1,6 @@
-"""Duckietown's newer maps: a folder with a YAML file for each layer, as its library and its simulator read them.
+"""Duckietown's newer maps: a folder with a YAML file for each layer.
+
+Duckietown's library and its simulator read them.
 
 Both have poses in the layer ``frames``, and yaw counter-clockwise. At yaw 0 a straight tile leads
 from north to south.
@@ -44,7 +46,9 @@ _Table = dict[str, Plain]
 
 @name_wrong_arguments
 def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
-    """Returns the texts of a map's layers for the library dt-maps 0.1.0, by their names in `LAYERS`.
+    """Returns the texts of a map's layers for the library dt-maps 0.1.0.
+
+    The keys are the names of the layers in `LAYERS`.
 
     Args:
       road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.

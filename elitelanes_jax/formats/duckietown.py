@@ -1,4 +1,6 @@
-"""Duckietown's map files, for gym-duckietown and duckietown-world: YAML with a table of tiles, the first row north.
+"""Duckietown's map files, for gym-duckietown and duckietown-world.
+
+The files are YAML with a table of tiles, whose first row is north.
 
 A tile is a kind and the side that it faces, such as ``curve_left/W``. Both programs drive along the
 sides that a kind opens: gym-duckietown's ``_get_curve`` and duckietown-world's ``tile_template``.
@@ -125,7 +127,10 @@ def _table(tiles: list[list[str]]) -> str:
 
 
 def check_roads(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
-    """Returns a grid that Duckietown can have, int8 ``[H, W]``; raises `InputError` for dead ends."""
+    """Returns a grid that Duckietown can have, int8 ``[H, W]``.
+
+    Raises `InputError` for dead ends.
+    """
     grid = np.asarray(check_grid(codes))
     dead_ends = np.argwhere(CONNECTIONS[grid] == 1).tolist()
     if dead_ends:
@@ -158,7 +163,10 @@ def from_duckietown(text: str) -> Int8[np.ndarray, "H W"]:
 
 
 def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject] | None]:
-    """Reads the grid of a Duckietown map, as `from_duckietown` does, and its objects; None if the file has none."""
+    """Reads the grid of a Duckietown map, as `from_duckietown` does, and its objects.
+
+    The objects are None if the file has none.
+    """
     if not isinstance(text, str):
         raise InputError(f"text: expected the content of a YAML file, got {shorten(repr(text))}")
     values = yaml_tree(text)

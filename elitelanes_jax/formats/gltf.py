@@ -1,7 +1,7 @@
-"""The floor of a 3-D simulator: a flat mesh with a map's picture, as binary glTF 2.0 (ISO/IEC 12113).
+"""The floor of a 3-D simulator, as binary glTF 2.0 (ISO/IEC 12113).
 
-Objects stand on it as upright pictures. Everything is the same square, which each node of the scene
-places.
+The floor is a flat mesh with a map's picture. Objects stand on it as upright pictures. Everything
+is the same square, which each node of the scene places.
 """
 
 import json
@@ -69,7 +69,9 @@ def to_gltf(
     tile_size: float = TILE_SIZE,
     standing: Sequence[Standing] = (),
 ) -> bytes:
-    """Writes the floor of a map as a glTF file (.glb) that contains the picture, and those of objects.
+    """Writes the floor of a map as a glTF file (.glb).
+
+    The file contains the picture of the map, and those of objects.
 
     As glTF has it, y points up: x is east and -z is north of the map's south-west corner. Programs
     in which z points up turn the floor on import, so that y is north there.
@@ -130,7 +132,10 @@ def _upright(item: Standing, picture: int, tile_size: float, rows: int) -> _Node
 
 
 def _scene(nodes: list[_Node], pictures: int) -> dict[str, object]:
-    """Returns the parts of the JSON that say what is seen; each picture has a mesh, a material and a texture."""
+    """Returns the parts of the JSON that say what is seen.
+
+    Each picture has a mesh, a material and a texture.
+    """
     attributes = {"POSITION": _POSITION, "NORMAL": _NORMAL, "TEXCOORD_0": _PICTURE_POSITION}
     placed = []
     for node in nodes:

@@ -1,4 +1,6 @@
-"""Road networks as Lanelet2 maps: OpenStreetMap's XML, with a lanelet for each movement across a tile.
+"""Road networks as Lanelet2 maps, with a lanelet for each movement across a tile.
+
+The files are OpenStreetMap's XML.
 
 Lanelets that follow each other share the ends of their bounds, and oncoming ones the middle of the
 road. Places are on the equator, where UTM's zone 32 has its central meridian: read a map with
@@ -150,7 +152,10 @@ def _add_stop_for_all(city: "_Map", lanelets: list[_Lanelet]) -> None:
 
 
 def _add_lights(city: "_Map", lanelets: list[_Lanelet]) -> None:
-    """Adds a light and a stop line for each road that enters the crossing; the light is on the right of its lane."""
+    """Adds a light and a stop line for each road that enters the crossing.
+
+    The light is on the right of the road's lane.
+    """
     members_of_lights: dict[int, list[_Member]] = {}
     for heading, entry in _entries_of(lanelets).items():
         left, right = entry
@@ -168,7 +173,10 @@ def _add_lights(city: "_Map", lanelets: list[_Lanelet]) -> None:
 
 
 def _add_priority(city: "_Map", lanelets: list[_Lanelet]) -> None:
-    """Adds that the road that goes straight on goes first; at four arms there are two such roads, and no rule."""
+    """Adds the rule that the road that goes straight on goes first.
+
+    A crossing with four arms has two such roads, and gets no rule.
+    """
     yielding = giving_way(lanelet.movement for lanelet in lanelets)
     # At four arms no road gives way.
     if not yielding:
@@ -258,7 +266,10 @@ def _element(kind: str, number: int, parts: str, tags: dict[str, str]) -> str:
 def _on_earth(
     points: Complex128[np.ndarray, " P"],
 ) -> tuple[Float64[np.ndarray, " P"], Float64[np.ndarray, " P"]]:
-    """Returns the latitudes and longitudes of points, in degrees: UTM inverted, by Krüger's series."""
+    """Returns the latitudes and longitudes of points, in degrees.
+
+    UTM is inverted by Krüger's series.
+    """
     # `zeta` is the point on the plane: north as its real part, east as its imaginary part, in
     # radii.
     zeta = (points.imag + 1j * points.real) / _RADIUS

@@ -42,7 +42,9 @@ class MovingAI(NamedTuple):
 
 @name_wrong_arguments
 def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
-    """Writes a map and tasks on it. The tasks are drawn at random, and are the same for the same map.
+    """Writes a map and tasks on it.
+
+    The tasks are drawn at random, and are the same for the same map.
 
     Args:
       codes: integer codes ``[H, W]``.
@@ -56,7 +58,8 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
     # Readers split the lines of tasks at spaces of any kind, and know no quotes.
     if check_named("name", text_name, name).split() != [name]:
         raise InputError(
-            f"name: expected a name without spaces, as in MovingAI's tasks, got {shorten(repr(name))}"
+            "name: expected a name without spaces, as in MovingAI's tasks, "
+            f"got {shorten(repr(name))}"
         )
     road = _road_cells(codes, cells)
     if not road.any():
@@ -98,7 +101,10 @@ def _road_cells(codes: ArrayLike, cells: int) -> Bool[NDArray, "H W"]:
 
 
 class _Task(NamedTuple):
-    """A task: the length of its shortest path in cells, and column and row of its start and its goal."""
+    """A task: the length of its shortest path in cells, its start and its goal.
+
+    The start and the goal are column and row.
+    """
 
     length: float
     start: list[int]
@@ -106,7 +112,10 @@ class _Task(NamedTuple):
 
 
 def _draw_tasks(road: Bool[NDArray, "H W"]) -> list[_Task]:
-    """Draws starts and goals, and computes the lengths of their shortest paths; the short ones come first."""
+    """Draws starts and goals, and computes the lengths of their shortest paths.
+
+    The tasks are sorted, the shortest path first.
+    """
     # The seed is fixed, so the same map has the same tasks.
     rng = np.random.default_rng(0)
     # A task has the column first, then the row.
@@ -122,7 +131,10 @@ def _draw_tasks(road: Bool[NDArray, "H W"]) -> list[_Task]:
 
 
 def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float[NDArray, "S N"]:
-    """Returns the lengths of shortest paths from some cells of the road to all, by their indices, row by row."""
+    """Returns the lengths of shortest paths from S cells of the road to all N cells.
+
+    Cells have indices row by row. `starts` are such indices.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 

@@ -1,7 +1,8 @@
-"""A model for MuJoCo: the floor with a map's picture, and a robot with two driven wheels and a camera on a lane of it.
+"""A model for MuJoCo: the floor with a map's picture, and a robot on a lane of it.
 
-The robot has Duckietown's measures, as `drive.Robot` and `drive.Camera` have them, so a policy
-moves from one to the other. All light is ambient: the floor has the colours of its picture.
+The robot has two driven wheels and a camera. It has Duckietown's measures, as `drive.Robot` and
+`drive.Camera` have them, so a policy moves from one to the other. All light is ambient: the floor
+has the colours of its picture.
 """
 
 from collections.abc import Sequence
@@ -133,7 +134,10 @@ def to_mjcf(
 
 
 def _file_name(value: UserValue) -> str:
-    """Checks for the name of a file that MuJoCo finds: it takes a backslash for the end of a folder's name."""
+    """Checks for the name of a file that MuJoCo finds.
+
+    MuJoCo takes a backslash for the end of a folder's name.
+    """
     name = xml_name(value)
     if "\\" in name:
         raise InputError(

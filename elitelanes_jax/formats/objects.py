@@ -1,4 +1,7 @@
-"""Objects of a map: signs, lights, buildings, vehicles and duckies, with a place and a direction each."""
+"""Objects of a map, with a place and a direction each.
+
+Objects are signs, lights, buildings, vehicles and duckies.
+"""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -197,7 +200,10 @@ def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject
 
 
 def object_values(thing: MapObject) -> dict[str, Plain]:
-    """Returns the fields of an object in a map file: without a tag and `static` that have their default."""
+    """Returns the fields of an object in a map file.
+
+    Fields with a default, such as the tag and `static`, are left out if they have this default.
+    """
     defaults = MapObject._field_defaults
     return {
         name: value
@@ -207,7 +213,10 @@ def object_values(thing: MapObject) -> dict[str, Plain]:
 
 
 def check_object(value: UserValue, height: int, width: int) -> MapObject:
-    """Returns an object of a map of `height` rows and `width` columns, checked as `check_objects` does."""
+    """Returns an object of a map, checked as `check_objects` does.
+
+    The map has `height` rows and `width` columns.
+    """
     values = value._asdict() if isinstance(value, MapObject) else value
     if not isinstance(values, Mapping) or "kind" not in values:
         raise InputError(

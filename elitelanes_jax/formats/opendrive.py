@@ -1,9 +1,9 @@
-"""Road networks as OpenDRIVE 1.7, for CARLA, esmini and others: lines and arcs, exactly where the tiles have them.
+"""Road networks as OpenDRIVE 1.7, for CARLA, esmini and others.
 
-Roads lead from crossing to crossing along the middle of straights and turns, with a lane on each
-side. A crossing is a junction as large as its tile, with a connecting road for each movement. Cars
-turn back at dead ends, in junctions with one connecting road. A road back to its own crossing has a
-junction halfway, a ring has two.
+Roads are lines and arcs, exactly where the tiles have them. Roads lead from crossing to crossing
+along the middle of straights and turns, with a lane on each side. A crossing is a junction as large
+as its tile, with a connecting road for each movement. Cars turn back at dead ends, in junctions
+with one connecting road. A road back to its own crossing has a junction halfway, a ring has two.
 
 OpenDRIVE allows no junction next to a junction: between adjacent crossings is a road of 1/1024
 tile.
@@ -149,7 +149,10 @@ def _header(shape: tuple[int, ...], streets: Streets) -> str:
 
 
 def _roads(network: _Network, signals: dict[Arrival, list[Signal]]) -> list[str]:
-    """Returns the elements of the roads between junctions, with a lane on each side and their signals."""
+    """Returns the elements of the roads between junctions, with their signals.
+
+    Each road has a lane on each side.
+    """
     streets, height = network.streets, network.height
     lanes = (
         f"<left>{_lane(1, 'solid', streets)}</left>"
@@ -173,7 +176,8 @@ def _roads(network: _Network, signals: dict[Arrival, list[Signal]]) -> list[str]
                 f'elementType="junction" elementId="{network.junctions[path[0]]}"',
                 f'elementType="junction" elementId="{network.junctions[path[-1]]}"',
                 pieces,
-                f'<lanes><laneSection s="0">{lanes}</laneSection></lanes><signals>{signs}</signals>',
+                f'<lanes><laneSection s="0">{lanes}</laneSection></lanes>'
+                f"<signals>{signs}</signals>",
                 network,
             )
         )
@@ -185,7 +189,10 @@ def _connecting_road(network: _Network, number: int, movement: Movement) -> str:
     streets = network.streets
     start, end = _ends_of(network, movement)
     link = f'<link><predecessor id="{start.lane_in}"/><successor id="{-end.lane_in}"/></link>'
-    lanes = f"<center>{_lane(0, 'none', streets)}</center><right>{_lane(-1, 'none', streets, link)}</right>"
+    lanes = (
+        f"<center>{_lane(0, 'none', streets)}</center>"
+        f"<right>{_lane(-1, 'none', streets, link)}</right>"
+    )
     offset = ""
     if movement.turn == BACK:
         # The reference line is the half circle along the centre of the lane, not the middle of the
@@ -202,7 +209,10 @@ def _connecting_road(network: _Network, number: int, movement: Movement) -> str:
 
 
 def _connecting_pieces(network: _Network, movement: Movement) -> list[Curve]:
-    """Returns the line or arc across a junction, from the end of one road to the start of another."""
+    """Returns the line or arc across a junction.
+
+    It leads from the end of one road to the start of another.
+    """
     if movement.turn == BACK:
         # The roads already lead to the middle of the tile, so the lines on both sides are left out.
         _, half_circle, _ = lane_curves(movement, network.streets.lane / network.streets.tile / 2)
@@ -270,7 +280,10 @@ def _rights_at_junctions(
 
 
 def _controlled_lights(axis: list[Arrival], signals: dict[Arrival, list[Signal]]) -> str:
-    """Returns the elements of a controller: one for each light at the ends of two opposite roads."""
+    """Returns the elements of a controller.
+
+    There is one for each light at the ends of two opposite roads.
+    """
     lights = ""
     for arrival in axis:
         for signal in signals[arrival]:
@@ -304,7 +317,8 @@ def _element(
     speed = f'<speed max="{streets.speed:.9g}" unit="m/s"/>'
     plan = _plan_view(pieces, streets, network.height)
     return (
-        f'<road {attributes} length="{_length(pieces, streets):.12g}">{link}<type s="0" type="town">{speed}</type>'
+        f'<road {attributes} length="{_length(pieces, streets):.12g}">{link}'
+        f'<type s="0" type="town">{speed}</type>'
         f"<planView>{plan}</planView>{lanes}</road>"
     )
 
@@ -328,7 +342,10 @@ def _plan_view(pieces: list[Curve], streets: Streets, height: int) -> str:
 
 
 def _length(pieces: list[Curve], streets: Streets) -> float:
-    """Returns the length of a road in metres, with the rounding of the positions in `_plan_view`."""
+    """Returns the length of a road in metres.
+
+    It has the rounding of the positions in `_plan_view`.
+    """
     length = 0.0
     for piece in pieces:
         length += piece.length * streets.tile

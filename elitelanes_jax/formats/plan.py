@@ -90,7 +90,10 @@ class Plan(NamedTuple):
       shape: rows and columns of tiles.
       tile_size: the pitch of the tiles in metres.
       floor: metres from west to east, and from north to south.
-      placed: the tiles, row by row.
+      placed: the tiles, row by row. Each has `row` and `column`, from 0 in the north-west; `kind`:
+        straight, turn, crossing3 or crossing4; and `quarter_turns`, the fewest counter-clockwise
+        turns of this kind's tile. Without turns a straight leads from north to south, a turn from
+        south to west, and a crossing3 has no road to the east.
       tiles: the number of tiles of each kind, and of empty cells.
       tape: metres of each colour of tape, with the gaps that are cut into yellow tape.
       objects: what stands on the map, from north to south.
@@ -186,12 +189,18 @@ def _check_ends(codes: NDArray[np.int8]) -> None:
     ends = ends_of_roads(codes)
     if ends:
         row, column = ends[0]
-        expected = "map: expected tiles with two or more connections that their neighbours return, as Duckietown has"
+        expected = (
+            "map: expected tiles with two or more connections that their neighbours return, "
+            "as Duckietown has"
+        )
         raise InputError(f"{expected}, got a dead end at row {row}, column {column}")
 
 
 def _arc(colour: str, radius: float, pieces: int, tile_size: float) -> Tape:
-    """Returns tape around the south-western corner of a tile, from the western to the southern side."""
+    """Returns tape around the south-western corner of a tile.
+
+    The tape leads from the western to the southern side.
+    """
     points = []
     for angle in np.linspace(0, pi / 2, pieces + 1).tolist():
         points.append((radius * sin(angle), tile_size - radius * cos(angle)))

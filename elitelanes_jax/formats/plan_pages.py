@@ -1,4 +1,7 @@
-"""The pages of a plan, drawn with matplotlib: the map with its measures and its bill, and a check-list."""
+"""The pages of a plan, drawn with matplotlib.
+
+The pages are the map with its measures and its bill, and a check-list.
+"""
 
 import io
 import warnings
@@ -67,10 +70,10 @@ def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE
 
 
 def _draw_plan(plan: Plan, kind: str) -> bytes:
-    """Returns a file of the plan: ``.pdf`` with all pages, or ``.svg`` or ``.png`` with the first one.
+    """Returns the content of a file of the plan.
 
-    It is made in memory, because on a full disk matplotlib fails once more while it closes a PDF
-    file.
+    A ``.pdf`` has all pages, and a ``.svg`` or ``.png`` the first one. It is made in memory,
+    because on a full disk matplotlib fails once more while it closes a PDF file.
     """
     import_optional("matplotlib", "a plan needs matplotlib")
     from matplotlib import rc_context
@@ -125,7 +128,10 @@ class _MapLayout(NamedTuple):
 
 
 def _map_page(plan: Plan) -> Untyped:
-    """Draws the map with its measures, the bill of materials and a legend, on A4 or a larger sheet."""
+    """Draws the map with its measures, the bill of materials and a legend.
+
+    The page is A4 or a larger sheet.
+    """
     bill = _bill(plan)
     layout = _arrange_map(plan, bill)
     page, ax = _page(layout.page_width, layout.page_height, "Plan")
@@ -140,7 +146,10 @@ def _map_page(plan: Plan) -> Untyped:
 
 
 def _arrange_map(plan: Plan, bill: list[list[str]]) -> _MapLayout:
-    """Chooses the largest tiles that fit A4, within limits; the sheet grows if the smallest tiles do not fit."""
+    """Chooses the largest tiles that fit A4, within limits.
+
+    The sheet grows if the smallest tiles do not fit.
+    """
     rows, columns = plan.shape
     edge_tiles = _SIGNS_BEYOND if plan.objects else 0.0
     bill_height = _LINE * (max(map(len, bill)) + 0.5)
@@ -263,7 +272,10 @@ def _draw_tiles(
 def _draw_object(
     ax: Untyped, item: MapObject, number: int, x: float, y: float, scale: float
 ) -> None:
-    """Draws the footprint of an object with its number in the check-list, and an arrow the way that it faces."""
+    """Draws the footprint of an object with its number in the check-list.
+
+    An arrow points the way that the object faces.
+    """
     from matplotlib.patches import Circle, Polygon
 
     # `scale` is in millimetres of the page for each metre.
@@ -352,7 +364,10 @@ def _list_pages(plan: Plan) -> Iterator[Untyped]:
 
 
 def _check_list(plan: Plan) -> list[str]:
-    """Returns the lines of the check-list: tiles to tape by kind, tiles to lay by row, objects to place by number."""
+    """Returns the lines of the check-list.
+
+    They list tiles to tape by kind, tiles to lay by row, and objects to place by number.
+    """
     lines = ["Tiles to tape, in cm"]
     for kind in REFERENCE:
         if plan.tiles[kind]:
@@ -412,7 +427,10 @@ def _object_name(kind: str) -> str:
 
 
 def _direction(angle: float) -> str:
-    """Returns the side of the world that an angle points to, or degrees counter-clockwise from the east."""
+    """Returns the side of the world that an angle points to.
+
+    Between the four sides, returns degrees counter-clockwise from the east.
+    """
     turned = round(degrees(angle)) % 360
     sides = {0: "east", 90: "north", 180: "west", 270: "south"}
     return sides.get(turned, f"{turned}{_DEGREE}")

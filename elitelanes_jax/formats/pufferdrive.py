@@ -1,7 +1,8 @@
-"""Road networks for PufferDrive 2, a simulator for reinforcement learning: its binary map, and the same as JSON.
+"""Road networks for PufferDrive 2, a simulator for reinforcement learning.
 
-PufferDrive finds the lane that continues another by geometry: ends within 1 cm, and headings of
-their outer segments within 0.1 rad, which it does not unwrap at pi.
+They are its binary map, and the same map as JSON. PufferDrive finds the lane that continues
+another by geometry: ends within 1 cm, and headings of their outer segments within 0.1 rad, which it
+does not unwrap at pi.
 """
 
 import json
@@ -64,6 +65,11 @@ def to_pufferdrive(
       name: the name of the scenario, in the JSON.
       streets: their measures. Signs stand at all-way stops alone.
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
+
+    Returns:
+      A record of the files: `binary`, the bytes that PufferDrive loads; and `text`, the same as
+      JSON, whose lanes also have the numbers of those before and after them. x is east and y north
+      of the grid's south-west corner, in metres.
 
     Raises:
       InputError: for a bad map, one without a lane from a tile to another, a name that is no text,

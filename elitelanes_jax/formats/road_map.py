@@ -20,7 +20,7 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.dt_layers import is_layers, read_layers
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
-from elitelanes_jax.formats.sketch import draw_svg
+from elitelanes_jax.formats.sketch import draw_svg, draw_text
 from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
 
@@ -108,13 +108,33 @@ class RoadMap:
             object.__setattr__(self, name, value)
 
     def save(self, file: str | Path) -> None:
-        """Writes a map file for `read_map`. An existing file is replaced; after an error it is unchanged.
+        """Writes a map file for `read_map`.
+
+        An existing file is replaced. After an error it is unchanged.
 
         Raises:
           InputError: if the name has the suffix of another format, such as .yaml.
           OSError: if the file cannot be written.
         """
         write_atomic(check_named("file", file_named(".json"), file), map_to_json(self).encode())
+
+    def to_json(self) -> str:
+        """Returns the text that `save` writes: a line for each key, and for each row of a table."""
+        return map_to_json(self)
+
+    def to_text(self, *, ascii_only: bool = False) -> str:
+        """Returns a drawing of the roads in characters, two per tile, a line for each row.
+
+        A connection is a line to that side.
+
+        Args:
+          ascii_only: whether to draw with ``+``, ``-`` and ``|`` instead of box-drawing characters.
+        """
+        return draw_text(self.codes, ascii_only=ascii_only)
+
+    def to_svg(self) -> str:
+        """Returns a drawing of the roads as the text of an SVG file."""
+        return draw_svg(self.codes)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RoadMap) and map_to_json(self) == map_to_json(other)
@@ -133,12 +153,12 @@ class RoadMap:
         return f"RoadMap({', '.join(parts)})"
 
     def _repr_svg_(self) -> str:
-        return draw_svg(self.codes)
+        return self.to_svg()
 
 
 @name_wrong_arguments
 def map_to_json(road_map: UserValue) -> str:
-    """Returns the text of a map file: a line for each key, and for each row of a table.
+    """Returns the text of a map file, see `RoadMap.to_json`.
 
     Takes one map in any form that `as_maps` takes; raises `InputError` for anything else.
     """
@@ -205,11 +225,13 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
     """Returns one map or several as a list.
 
     Args:
-      sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file, see
-        `read_maps`; or several of these. An array ``[N, H, W]`` is several.
+      sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file; or several of
+        these. An array ``[N, H, W]`` is several. A file has one map, as for `read_map`, or a JSON
+        list of maps, ``[{"codes": [[...], ...]}, ...]``.
 
     Raises:
-      InputError: for a bad grid or file, or anything else.
+      InputError: for a bad grid, a bad file, a file of over 64 MiB, or anything else; the message
+        names the file and the map's index in its list, from 0.
     """
     if isinstance(sources, str | Path):
         return read_maps(sources)
@@ -257,7 +279,9 @@ def _dimensions(value: UserValue) -> int:
 
 
 def refresh(road_map: RoadMap, name: str) -> RoadMap:
-    """Returns a map whose metrics are those of its codes. After a change by hand, stored metrics no longer are.
+    """Returns a map whose metrics are those of its codes.
+
+    Stored metrics no longer fit a map if its codes were changed by hand.
 
     A changed map is measured again, and loses what a search said of its former codes: its fitness,
     descriptor, niche, seed and drawn tiles. It keeps its objects and its unsure cells. A command
@@ -386,7 +410,10 @@ def _map_of(values: Plain) -> RoadMap:
 
 
 def _plain(value: UserValue) -> Plain:
-    """Returns a field's value as JSON has it, with Python's numbers instead of NumPy's and lists instead of tuples."""
+    """Returns a field's value as JSON has it.
+
+    Python's numbers replace those of NumPy, and lists replace tuples.
+    """
     if isinstance(value, Drawn):
         value = value._asdict()
     if isinstance(value, Mapping):
@@ -397,7 +424,10 @@ def _plain(value: UserValue) -> Plain:
 
 
 def _shown(value: Plain) -> str:
-    """Returns a field's value for a message: as JSON has it, or as Python has it if a key is no text."""
+    """Returns a field's value for a message, as JSON has it.
+
+    If a key is no text, returns the value as Python has it.
+    """
     # JSON cannot have such a key, and would hide it.
     if isinstance(value, dict) and not all(map(_is_text, value)):
         return repr(value)

@@ -1,7 +1,8 @@
-"""Scenarios of ScenarioNet for MetaDrive's `ScenarioEnv`: a pickle for each, and the index of their folder.
+"""Scenarios of ScenarioNet for MetaDrive's `ScenarioEnv`.
 
-The pickles hold dictionaries, lists, texts, numbers and arrays. They name no private module of
-NumPy, so that its versions 1 and 2 read them.
+A folder has a pickle for each scenario, and the index of the folder. The pickles hold dictionaries,
+lists, texts, numbers and arrays. They name no private module of NumPy, so that its versions 1 and 2
+read them.
 """
 
 import os
@@ -209,7 +210,10 @@ def _floats(points: NDArray[np.complex128], dimensions: int) -> NDArray[np.float
 
 
 def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
-    """Returns the numbers that ScenarioNet's filters read: those of each car, and those of the scenario."""
+    """Returns the numbers that ScenarioNet's filters read.
+
+    They are those of each car, and those of the scenario.
+    """
     cars: dict[str, Plain] = {}
     for number, track in tracks.items():
         position = track["state"]["position"]
@@ -241,7 +245,10 @@ def _summaries(tracks: dict[str, Plain], features: int) -> dict[str, Plain]:
 
 
 class _Pickler(pickle.Pickler):
-    """Writes arrays by public names, because NumPy 1 and 2 differ in the private module that NumPy's own way names."""
+    """Writes arrays by public names.
+
+    NumPy's own way names a private module, in which NumPy 1 and 2 differ.
+    """
 
     # `Any` is the type of this method in the library.
     def reducer_override(self, obj: Any) -> Any:

@@ -1,4 +1,7 @@
-"""Signs and lights of a map: the crossings that they rule, and the signals of OpenDRIVE that they become."""
+"""Signs and lights of a map, the crossings that they rule, and their signals.
+
+The signals are those of OpenDRIVE that the signs and lights become.
+"""
 
 from collections.abc import Collection
 from itertools import count, product
@@ -79,7 +82,10 @@ class Signal(NamedTuple):
 
 
 def rights_of_way(road_map: RoadMap, streets: Streets) -> dict[Cell, str]:
-    """Returns the right of way of each crossing: by its lights or stop signs, otherwise that of the streets.
+    """Returns the right of way of each crossing.
+
+    The lights or the stop signs of a crossing decide. Without them, the right of way is that of the
+    streets.
 
     Raises:
       InputError: for `streets` that are not `Streets`.
@@ -100,7 +106,9 @@ def rights_of_way(road_map: RoadMap, streets: Streets) -> dict[Cell, str]:
 def list_signals(
     road_map: RoadMap, rules: dict[Cell, str], paths: list[list[Cell]]
 ) -> dict[Arrival, list[Signal]]:
-    """Lists the signals at the ends of roads: a sign for the drivers who read it, a light at all ends of its crossing.
+    """Lists the signals at the ends of roads.
+
+    A sign is a signal for the drivers who read it. A light is a signal at all ends of its crossing.
 
     `rules` is the right of way of each crossing. It has signs or lights at all ends if the map has
     none there. `paths` are the tiles of all roads, with both ends. A sign of a crossing is at the
@@ -211,7 +219,10 @@ def _signs(road_map: RoadMap) -> list[MapObject]:
 
 
 def crossing_of(sign: MapObject, crossings: Collection[Cell]) -> Cell | None:
-    """Returns the crossing that a sign or a light belongs to, if one is near: of equally near ones, the first."""
+    """Returns the crossing that a sign or a light belongs to, if a crossing is near.
+
+    Of equally near crossings, returns the first. Returns None if no crossing is near.
+    """
     row, column = floor(sign.y), floor(sign.x)
     # Crossings outside this window are at least `_FAR` away. A large map has too many to measure
     # them all.
@@ -224,7 +235,11 @@ def crossing_of(sign: MapObject, crossings: Collection[Cell]) -> Cell | None:
 
 
 def _distance(sign: MapObject, tile: Cell) -> float:
-    """Returns the distance in tiles of a light from a tile; of a sign from the far side as its reader sees it."""
+    """Returns the distance in tiles of a sign or a light from a crossing.
+
+    The distance of a light is from the middle of the tile. That of a sign is from the far side, as
+    the reader of the sign sees it.
+    """
     ahead = SIDES[heading_of_reader(sign)]
     # Signs are on the opposite side of the crossing, half a tile beyond its middle.
     share = 0 if sign.kind == "trafficlight" else 0.5
@@ -241,7 +256,10 @@ def heading_of_reader(sign: MapObject) -> int:
 
 
 def signal_element(signal: Signal, s: float, lane: int, streets: Streets, rows: int) -> str:
-    """Returns the element of a signal for the drivers of a lane, at the distance `s` from the start of its road."""
+    """Returns the element of a signal for the drivers of a lane.
+
+    `s` is the distance of the signal from the start of its road.
+    """
     if signal.item is None:
         # A signal without an object of the map gets a size and a height in proportion to the lane.
         height = width = streets.lane / 4

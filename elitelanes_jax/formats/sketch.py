@@ -7,24 +7,18 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, SIDES
 
-LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
-"""The character of each code."""
-
+# The characters of the codes.
+_LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
 _ASCII = " -|+--++|+|+++++"
 
 
 @name_wrong_arguments
 def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
-    """Returns a grid in characters, two per tile, a line for each row. A connection is a line to that side.
+    """Returns a grid of codes ``[H, W]`` in characters, see `RoadMap.to_text`.
 
-    Args:
-      codes: integer codes ``[H, W]``.
-      ascii_only: whether to draw with ``+``, ``-`` and ``|`` instead of box-drawing characters.
-
-    Raises:
-      InputError: for a bad grid.
+    Raises `InputError` for a bad grid.
     """
-    signs, along = (_ASCII, "-") if ascii_only else (LINES, "─")
+    signs, along = (_ASCII, "-") if ascii_only else (_LINES, "─")
     rows = np.asarray(check_grid(codes)).tolist()
     return "\n".join(
         "".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip()
@@ -52,9 +46,11 @@ def draw_svg(grid: ArrayLike) -> str:
         if codes[row, column] & side.bit
     )
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width * scale:.0f}" '
-        f'height="{height * scale:.0f}" fill="none" stroke-linecap="round">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
+        f'width="{width * scale:.0f}" height="{height * scale:.0f}" '
+        f'fill="none" stroke-linecap="round">'
         # One path is drawn twice, wide as the road and narrow as the line in its middle.
-        f'<path fill="#9cb38a" d="M0 0h{width}v{height}H0z"/><path stroke="#4a4d52" stroke-width=".8" d="{roads}"/>'
+        f'<path fill="#9cb38a" d="M0 0h{width}v{height}H0z"/>'
+        f'<path stroke="#4a4d52" stroke-width=".8" d="{roads}"/>'
         f'<path stroke="#f2c230" stroke-width=".05" d="{roads}"/></svg>'
     )

@@ -50,7 +50,8 @@ class Streets(Record):
             # If the tile has its default size, the user changed the lane.
             if self.tile == Streets.tile:
                 raise InputError(
-                    f"lane: expected less than half of a tile, {self.tile / 2:g} m, got {self.lane:g} m"
+                    f"lane: expected less than half of a tile, {self.tile / 2:g} m, "
+                    f"got {self.lane:g} m"
                 )
             raise InputError(
                 f"tile: expected more than two lanes, {2 * self.lane:g} m, got {self.tile:g} m"
@@ -60,15 +61,18 @@ class Streets(Record):
 def to_metres(
     points: Float[np.ndarray, "P 2"], streets: Streets, height: int
 ) -> Complex128[np.ndarray, " P"]:
-    """Converts points, tiles east and south of the north-west corner, to metres east + north·i of the south-west one.
+    """Converts points in tiles to metres east + north·i of the grid's south-west corner.
 
-    `height` is the grid's number of rows.
+    Points are tiles east and south of the north-west corner. `height` is the grid's number of rows.
     """
     return (points[:, 0] + (height - points[:, 1]) * 1j) * streets.tile
 
 
 def giving_way(movements: Iterable[Movement]) -> set[int]:
-    """Returns the headings from which no movement of a crossing goes straight on: at three arms one, at four none."""
+    """Returns the headings from which no movement of a crossing goes straight on.
+
+    At a crossing with three arms there is one such heading, and with four arms none.
+    """
     headings: set[int] = set()
     with_straight: set[int] = set()
     for movement in movements:
@@ -82,9 +86,10 @@ def giving_way(movements: Iterable[Movement]) -> set[int]:
 def bounds(
     movement: Movement, streets: Streets, height: int
 ) -> tuple[Complex128[np.ndarray, " P"], Complex128[np.ndarray, " P"]]:
-    """Returns the left and the right bound of a movement's lane in metres, with the same number of points.
+    """Returns the left and the right bound of a movement's lane in metres.
 
-    At a dead end the left bound leads around an island, a tenth of a lane wide.
+    Both bounds have the same number of points. At a dead end the left bound leads around an island,
+    a tenth of a lane wide.
     """
     lane = streets.lane / streets.tile
     if movement.turn == BACK:

@@ -1,4 +1,6 @@
-"""Road networks for SUMO, the traffic simulator: the plain XML from which its `netconvert` makes a network.
+"""Road networks for SUMO, the traffic simulator.
+
+The files are the plain XML from which SUMO's `netconvert` makes a network.
 
 Roads lead from crossing to crossing, with a lane in each direction; traffic keeps right. They run
 along the middle of straights and the arcs of turns. SUMO has no edge from a node to itself, so a
@@ -84,6 +86,14 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
       streets: their measures. A crossing with lights or stop signs on the map has these, and no
         other right of way.
 
+    Returns:
+      A record of the texts of the files: `nodes`, `edges` and `connections`, plain XML, and
+      `settings` for ``netconvert -c``, which makes the network NAME.net.xml. A node is named
+      ROW_COLUMN after its tile. An edge is named ROW_COLUMN_SIDE after its first tile and the side
+      by which it leaves that tile. Connections lead from each edge to those that start at its end;
+      back along the same road only at dead ends. x is east and y north of the grid's south-west
+      corner, in metres.
+
     Raises:
       InputError: for a bad map, one without any road, a bad name, or bad measures.
     """
@@ -120,9 +130,10 @@ def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
 
 @name_wrong_arguments
 def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]]) -> str:
-    """Writes trips for SUMO, the text of a file ``.rou.xml``. One trip starts each second, in the order of the list.
+    """Writes trips for SUMO, the text of a file ``.rou.xml``.
 
-    A trip leads from the edge of `to_sumo` on which its start is to the edge on which its goal is.
+    One trip starts each second, in the order of the list. A trip leads from the edge of `to_sumo`
+    on which its start is to the edge on which its goal is.
 
     Args:
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
@@ -146,7 +157,8 @@ def to_sumo_trips(source: UserValue, trips: Sequence[tuple[LaneNode, LaneNode]])
             step = LaneNode(row, column, heading).tile_before, (row, column)
         if step is None or step not in edges:
             raise InputError(
-                f"trips: expected starts and goals on roads, got row {row}, column {column}, {heading}"
+                "trips: expected starts and goals on roads, "
+                f"got row {row}, column {column}, {heading}"
             )
         return edges[step]
 
@@ -196,7 +208,9 @@ def _roads(grid: Int8[np.ndarray, "H W"]) -> list[list[Cell]]:
 
 
 def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, "P 2"]:
-    """Returns x and y of the middle of a road from node to node, in tiles, without points on straight lines.
+    """Returns x and y of the middle of a road from node to node, in tiles.
+
+    Points on straight lines are left out.
 
     Each tile is crossed from border to border. For a and b, the vectors from its centre to both
     borders, a·(1 - sin t) + b·(1 - cos t) is the quarter circle of a turn, and on a straight, where
@@ -224,7 +238,10 @@ def _line(road: list[Cell], exits: dict[Cell, list[Cell]]) -> Float[np.ndarray, 
 
 
 def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
-    """Returns the tile behind a node, for a road to a neighbour: on the only other road, otherwise straight behind."""
+    """Returns the tile behind a node, for a road to a neighbour.
+
+    This is the tile on the only other road, or otherwise the tile straight behind.
+    """
     if len(exits[node]) == 2:
         return next(other for other in exits[node] if other != neighbour)
     return 2 * node[0] - neighbour[0], 2 * node[1] - neighbour[1]
@@ -234,14 +251,18 @@ def _node(node: Cell, place: complex, kind: str, streets: Streets) -> str:
     # The radius is SUMO's own, 4 m for lanes of 3.2 m, if there is room. It does not reach the
     # border of the tile, because adjacent crossings need an edge between them.
     radius = min(1.25 * streets.lane, 0.9 * (streets.tile / 2 - streets.lane))
-    return f'id="{_id(node)}" x="{place.real:.4f}" y="{place.imag:.4f}" type="{kind}" radius="{radius:.4f}"'
+    return (
+        f'id="{_id(node)}" x="{place.real:.4f}" y="{place.imag:.4f}" type="{kind}" '
+        f'radius="{radius:.4f}"'
+    )
 
 
 def _edge(road: list[Cell], line: Iterable[complex], streets: Streets) -> str:
     shape = " ".join(f"{point.real:.4f},{point.imag:.4f}" for point in line)
     return (
-        f'id="{_edge_id(road[0], road[1])}" from="{_id(road[0])}" to="{_id(road[-1])}" numLanes="1" '
-        f'speed="{streets.speed:g}" width="{streets.lane:g}" spreadType="right" shape="{shape}"'
+        f'id="{_edge_id(road[0], road[1])}" from="{_id(road[0])}" to="{_id(road[-1])}" '
+        f'numLanes="1" speed="{streets.speed:g}" width="{streets.lane:g}" '
+        f'spreadType="right" shape="{shape}"'
     )
 
 
@@ -254,7 +275,10 @@ def _edge_id(node: Cell, neighbour: Cell) -> str:
 
 
 def _xml(name: str, elements: Iterable[str], root: str | None = None) -> str:
-    """Returns a file of elements, given their attributes. Its root is the plural of their name by default."""
+    """Returns a file of elements, given their attributes.
+
+    The name of its root is by default the plural of the elements' name.
+    """
     if root is None:
         root = f"{name}s"
     lines = "".join(f"    <{name} {attributes}/>\n" for attributes in elements)

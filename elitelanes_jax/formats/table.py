@@ -12,11 +12,16 @@ from elitelanes_jax._util.types import AnyArray, Numeric, Plain
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 Row = dict[str, Plain]
-"""The name of a map, `file`, its `height` and `width` in tiles, and its metrics, which are numbers."""
+"""The measurements of a map.
+
+These are its name, `file`, its `height` and `width` in tiles, and its metrics, which are numbers.
+"""
 
 
 def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
-    """Measures grids, codes ``[H, W]`` of any shapes, a row for each. `names` are those of their files.
+    """Measures grids, a row of the table for each.
+
+    Grids are codes ``[H, W]`` of any shapes. `names` are those of their files.
 
     Raises:
       InputError: for a bad grid.
@@ -30,7 +35,10 @@ def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
 
 
 def shorten_coverage(metrics: Mapping[str, Numeric]) -> Row:
-    """Returns metrics with the coverage, a float32, as its shortest decimal: 0.8, not 0.800000011920929."""
+    """Returns metrics with the coverage as its shortest decimal.
+
+    The coverage is a float32. It becomes 0.8, not 0.800000011920929.
+    """
     return {
         name: float(str(np.float32(value))) if name == "coverage" else value
         for name, value in metrics.items()

@@ -1,6 +1,7 @@
-"""The AprilTags of signs: the numbers of each kind of sign in Duckietown's database ``apriltagsDB.yaml``.
+"""The AprilTags of signs.
 
-All tags are of the family 36h11. The database has several numbers for some street names.
+These are the numbers of each kind of sign in Duckietown's database ``apriltagsDB.yaml``. All tags
+are of the family 36h11. The database has several numbers for some street names.
 """
 
 TAG_FAMILY = "36h11"

@@ -122,13 +122,17 @@ def _file_name(value: UserValue) -> str:
     name = xml_name(value)
     if _MEANING.search(name):
         raise InputError(
-            f"expected a name without @ < > [ ] \\ and line breaks, as in USD, got {shorten(repr(name))}"
+            "expected a name without @ < > [ ] \\ and line breaks, as in USD, "
+            f"got {shorten(repr(name))}"
         )
     return name
 
 
 def _solid(item: Standing, rows: int, number: int, tile_size: float) -> str:
-    """Returns the box of an object. Its scales are halves, because a cube of USD has sides of length 2."""
+    """Returns the box of an object.
+
+    The scales of the box are halves, because a cube of USD has sides of length 2.
+    """
     thing, scale = item.thing, tile_size / TILE_SIZE
     length, width = thing.footprint
     # A name in USD has only letters, digits and underscores, and the number makes it unique.

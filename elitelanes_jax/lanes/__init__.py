@@ -1,4 +1,6 @@
-"""The lanes of a map: nodes, movements and curves, in NumPy. Formats, `drive` and `maps` read this one model.
+"""The lanes of a map: nodes, movements and curves, in NumPy.
+
+Formats, `drive` and `maps` read this one model.
 
 Traffic keeps right. A movement enters a tile with a heading and turns right, goes straight on or
 turns left. Headings and sides are indices of `codes.SIDES`: 0 north, 1 east, 2 south, 3 west. Turns

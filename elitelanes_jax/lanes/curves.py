@@ -21,18 +21,27 @@ from elitelanes_jax.lanes.movements import BACK, Movement
 from elitelanes_jax.network.codes import SIDES
 
 LANE_OFFSET = 0.2
-"""From the road's middle to the centre of a lane, in tiles: half of the yellow tape and half of the lane."""
+"""The distance from the road's middle to the centre of a lane, in tiles.
+
+This is half of the yellow tape and half of the lane.
+"""
 
 # Duckietown's tiles have a side of 0.585 m.
 HALF_ROAD = 0.222 / 0.585
-"""From the road's middle to the inner edge of the white tape, in tiles: half of the yellow tape and the lane."""
+"""The distance from the road's middle to the inner edge of the white tape, in tiles.
+
+This is half of the yellow tape and the lane.
+"""
 
 CHORDS = 16
 """The chords of a quarter circle in formats that have no arcs: 0.12 % of its radius from it."""
 
 
 def is_lane_offset(value: UserValue) -> bool:
-    """Returns whether a value is a distance from the road's middle to the centre of a lane: over 0 and under 0.5."""
+    """Returns whether a value is a distance from the road's middle to the centre of a lane.
+
+    The distance is in tiles, over 0 and under 0.5.
+    """
     return is_real(value) and 0 < value < 0.5
 
 
@@ -53,7 +62,10 @@ def lane_bends(dtype: DTypeLike = np.float64) -> Float[np.ndarray, "3"]:
 def lane_radii(
     offset: float = LANE_OFFSET, dtype: DTypeLike = np.float64
 ) -> Float[np.ndarray, "3"]:
-    """Returns the radius of the lane of each turn: right, straight (0.5, which has no meaning) and left."""
+    """Returns the radius of the lane of each turn in tiles: right, straight and left.
+
+    The radius of straight is 0.5, which has no meaning.
+    """
     return 0.5 + offset * lane_bends(dtype)
 
 
@@ -109,10 +121,11 @@ def moved(point: tuple[float, float], heading: int, distance: float) -> tuple[fl
 
 
 def lane_curves(movement: Movement, offset: float = LANE_OFFSET) -> list[Curve]:
-    """Returns the curves of a single movement across its tile, `offset` tiles to the right of the road's middle.
+    """Returns the curves of a single movement across its tile.
 
-    There is one curve. A movement back has three: a line to the tile's middle, a half circle about
-    it, whose radius is the offset, and a line back. Its offset is not 0.
+    They are `offset` tiles to the right of the road's middle. There is one curve. A movement back
+    has three: a line to the tile's middle, a half circle about it, whose radius is the offset, and
+    a line back. Its offset is not 0.
     """
     heading, bend = movement.heading, movement.turn - 1
     entry = middle_of_side(movement.node.tile, (heading + 2) % 4)
@@ -125,16 +138,17 @@ def lane_curves(movement: Movement, offset: float = LANE_OFFSET) -> list[Curve]:
         return [Curve(*start, heading, 0.5), around, Curve(*end, (heading + 2) % 4, 0.5)]
     if bend == 0:
         return [Curve(*start, heading, 1.0)]
-    # The road's middle is half a tile from the corner of a turn. The lane is nearer to this corner in
-    # a right turn, and farther from it in a left turn.
+    # The road's middle is half a tile from the corner of a turn. The lane is nearer to this corner
+    # in a right turn, and farther from it in a left turn.
     radius = 0.5 + offset * bend
     return [Curve(*start, heading, radius * pi / 2, bend / radius)]
 
 
 def lane_polyline(movement: Movement, offset: float = LANE_OFFSET) -> Float[np.ndarray, "P 2"]:
-    """Returns x and y of points along the curves of a single movement (see `lane_curves`), with both ends.
+    """Returns x and y of points along the curves of a single movement (see `lane_curves`).
 
-    A line has its ends alone, an arc the ends of `CHORDS` equal chords for each quarter circle.
+    The points include both ends. A line has its ends alone, an arc the ends of `CHORDS` equal
+    chords for each quarter circle.
     """
     line = _polyline_in_tile(movement.heading, movement.turn, offset)
     return line + np.array([movement.column, movement.row])
@@ -155,10 +169,11 @@ def _polyline_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarra
 
 
 def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
-    """Returns whether points are on the road of their tile, between the inner edges of the white tape.
+    """Returns whether points are on the road of their tile.
 
-    The road keeps away from closed sides and from the corners between open ones. On a turn it is a
-    ring about the corner between its sides. A stub's road ends as far from the closed sides.
+    The road is between the inner edges of the white tape. The road keeps away from closed sides and
+    from the corners between open ones. On a turn it is a ring about the corner between its sides. A
+    stub's road ends as far from the closed sides.
 
     Args:
       code: codes of tiles.

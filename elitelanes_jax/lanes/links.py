@@ -36,7 +36,10 @@ def linked_codes(codes: Codes) -> Codes:
 
 
 def ends_of_roads(codes: Codes) -> list[Cell]:
-    """Returns the tiles where roads end, row by row: with one connection, or with one that no neighbour returns."""
+    """Returns the tiles where roads end, row by row.
+
+    These tiles have one connection, or a connection that no neighbour returns.
+    """
     grid = np.asarray(check_grid(codes))
     # A connection that `linked_codes` removes also ends a road.
     is_end = (CONNECTIONS[grid] == 1) | (linked_codes(grid) != grid)
@@ -49,7 +52,9 @@ def side_towards(cell: Cell, neighbour: Cell) -> Side:
 
 
 def linked_tiles(codes: Codes) -> dict[Cell, list[Cell]]:
-    """Returns the linked neighbours of each non-empty tile, clockwise from north; tiles in the order of rows.
+    """Returns the linked neighbours of each non-empty tile, clockwise from north.
+
+    Tiles are in the order of rows.
 
     Raises:
       InputError: for a bad grid.

@@ -32,19 +32,28 @@ def exit_heading(heading: Numeric, turn: Numeric) -> Numeric:
 
 
 def turn_between(heading: Numeric, next_heading: Numeric) -> Numeric:
-    """Returns the turn of a movement that enters with a heading and leaves with another; `BACK` for the opposite."""
+    """Returns the turn of a movement that enters with a heading and leaves with another.
+
+    The turn is `BACK` if the headings are opposite.
+    """
     return (heading - next_heading + 1) & 3
 
 
 def step_towards(heading: Numeric) -> tuple[Numeric, Numeric]:
-    """Returns the rows down and the columns right from a tile to its neighbour in a heading, 0 to 3."""
+    """Returns the rows down and the columns right from a tile to its neighbour.
+
+    The neighbour is in a heading, 0 to 3.
+    """
     # It is 1 for east and west.
     is_across = heading & 1
     return (heading - 1) * (1 - is_across), (2 - heading) * is_across
 
 
 EXIT = exit_heading(np.arange(4)[:, None], np.arange(3))
-"""int ``[4, 3]``: the heading with which a movement leaves, by the heading with which it enters and by its turn."""
+"""int ``[4, 3]``: the heading with which a movement leaves a tile.
+
+The axes are the heading with which the movement enters, and its turn.
+"""
 
 
 def _movements_of_codes() -> Bool[np.ndarray, "16 4 4"]:
@@ -65,7 +74,10 @@ def _movements_of_codes() -> Bool[np.ndarray, "16 4 4"]:
 _MOVEMENTS = _movements_of_codes()
 
 MOVEMENTS = _MOVEMENTS[..., :BACK]
-"""bool ``[16, 4, 3]``: whether a tile has a movement, by its code (of links), the heading and the turn."""
+"""bool ``[16, 4, 3]``: whether a tile has a movement.
+
+The axes are the code of the tile (of links), the heading and the turn.
+"""
 
 
 class LaneNode(NamedTuple):
@@ -175,7 +187,9 @@ class LaneGraph(NamedTuple):
 
 
 def movements_of(codes: Codes, *, turn_back: bool = False) -> Movement:
-    """Lists the movements of a map, int ``[M]`` each, in ascending order of row, column, heading and turn.
+    """Lists the movements of a map, int ``[M]`` each.
+
+    Movements are in ascending order of row, column, heading and turn.
 
     Args:
       codes: integer codes ``[H, W]``.

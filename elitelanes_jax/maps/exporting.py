@@ -14,6 +14,7 @@ from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.dt_maps import LAYERS
 from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.lanes.curves import LANE_OFFSET
 
@@ -158,7 +159,7 @@ def lane_offset_of(tiles: "TileSet | None") -> float:
 
 def _floor(
     road_map: RoadMap, tiles: "TileSet | None" = None, tile_px: int | None = None, **size: float
-) -> tuple[bytes, float, "list[formats.Standing]"]:
+) -> tuple[bytes, float, list[Standing]]:
     """Returns the picture of a map, the side of a tile, and the objects on the map.
 
     The picture shows the tags on the floor. The objects are those that stand on the map.

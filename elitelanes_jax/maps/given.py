@@ -34,7 +34,7 @@ class GivenMaps:
       digest: the digest of all fields of all maps.
       paths: the files and folders they were read from.
       names: the names of the maps in messages: the index, and the file if there is one.
-      left_out: the number of other maps, whose roads are those of one of these, see `road_form`.
+      left_out: the number of other maps, whose roads are those of one of these, see `road_forms`.
     """
 
     maps: tuple[RoadMap, ...] = field(compare=False, repr=False)

@@ -10,8 +10,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF, KINDS
-from elitelanes_jax.network.plain_metrics import cut_to_roads
-from elitelanes_jax.network.symmetry import canonical_forms, images_of
+from elitelanes_jax.network.symmetry import box_of_roads, canonical_forms, images_of
 
 ALIKE = 0.15
 """Two maps are alike if their `difference` is less."""
@@ -30,18 +29,8 @@ _Grid: TypeAlias = NDArray[np.int8]
 _Grids: TypeAlias = Sequence[_Grid] | NDArray[np.int8]
 
 
-@name_wrong_arguments
-def road_form(grid: AnyArray) -> bytes:
-    """Returns bytes that are equal for two grids if and only if their roads are the same.
-
-    Roads stay the same if they are moved, rotated or mirrored, or if the grid gets more empty rows
-    and columns. Raises `InputError` for a bad grid.
-    """
-    return road_forms([np.asarray(check_grid(grid), np.int8)])[0]
-
-
 def road_forms(grids: _Grids) -> list[bytes]:
-    """Returns the `road_form` of each of many checked grids, of any sizes."""
+    """Returns the `canonical_form` of the roads of each of many checked grids, of any sizes."""
     forms = [b""] * len(grids)
     for indices, boxes in _by_box(grids):
         for index, form in zip(indices, canonical_forms(boxes), strict=True):
@@ -334,18 +323,12 @@ def _pack(boxes: NDArray[np.int8]) -> NDArray[np.uint64]:
     return np.ascontiguousarray(words.view(np.uint64).swapaxes(1, 2))
 
 
-def _box(grid: _Grid) -> _Grid:
-    """Returns the smallest box that contains all tiles; one empty cell without tiles."""
-    box = cut_to_roads(grid)
-    return box if box.any() else box[:1, :1]
-
-
 def _by_box(grids: _Grids) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int8]]]:
     """Yields grids by their size and the size of the box around their roads.
 
     Each item is the indices ``[N]`` of the grids, and their boxes ``[N, H, W]``.
     """
-    boxes = [_box(grid) for grid in grids]
+    boxes = [box_of_roads(grid) for grid in grids]
     by_size: dict[tuple[int, ...], list[int]] = {}
     for index, box in enumerate(boxes):
         by_size.setdefault((grids[index].size, *box.shape), []).append(index)

@@ -14,6 +14,7 @@ from elitelanes_jax._util.running import transfers
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
+from elitelanes_jax.network.plain_metrics import cut_to_roads
 
 # The grids whose images are in memory at once.
 _TOGETHER = 4096
@@ -45,12 +46,29 @@ def mirror(grid: AnyArray) -> AnyArray:
 
 
 @name_wrong_arguments
-def canonical_form(grid: AnyArray) -> bytes:
+def canonical_form(grid: AnyArray, *, crop: bool = False) -> bytes:
     """Returns bytes that are equal for a grid and its rotations and mirror images.
 
-    The bytes of other grids differ. Raises `InputError` for a bad grid.
+    The bytes of other grids differ.
+
+    Args:
+      grid: integer codes ``[H, W]``.
+      crop: whether empty rows and columns at the border are removed first. Then the bytes of two
+        grids are equal if and only if their roads are the same, at any position.
+
+    Raises:
+      InputError: for a bad grid.
     """
-    return next(canonical_forms(np.asarray(check_grid(grid), np.int8)[None]))
+    codes = np.asarray(check_grid(grid), np.int8)
+    if crop:
+        codes = box_of_roads(codes)
+    return next(canonical_forms(codes[None]))
+
+
+def box_of_roads(grid: Int8[np.ndarray, "H W"]) -> Int8[np.ndarray, "h w"]:
+    """Returns the smallest box that contains all tiles; one empty cell without tiles."""
+    box = cut_to_roads(grid)
+    return box if box.any() else box[:1, :1]
 
 
 def canonical_forms(grids: Int8[np.ndarray, "B H W"]) -> Iterator[bytes]:

@@ -50,7 +50,7 @@ from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.problem import Problem
 
-# The weight of `refit_window` on small grids, measured in experiments/search/moves.md.
+# The weight of `refit` on small grids, measured in experiments/search/moves.md.
 _REFIT = 25
 
 

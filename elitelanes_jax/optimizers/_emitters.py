@@ -21,7 +21,7 @@ _FAR = 2**29
 
 
 class Niches(NamedTuple):
-    """The niches of a descriptor space, in the order of `niche_index`; static.
+    """The niches of a descriptor space, in the order of `Problem.niche`; static.
 
     Attributes:
       shape: the number of bins of each of D axes.

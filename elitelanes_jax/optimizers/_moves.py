@@ -18,7 +18,15 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import LARGEST, check_named, function_of, none_or, real, whole
+from elitelanes_jax._util.checks import (
+    LARGEST,
+    check_named,
+    function_of,
+    none_or,
+    one_of,
+    real,
+    whole,
+)
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record, option
@@ -86,18 +94,27 @@ class MoveWeights(Record):
     (experiments/search/moves.md).
 
     Attributes:
-      link: weight of `toggle_link`.
-      corner: weight of `toggle_corner`.
-      outline: weight of `toggle_outline`.
-      street: weight of `toggle_street`.
-      straight: weight of `lay_straight`.
-      clear: weight of `clear_block`.
-      mirror: weight of `mirror_block`.
-      slide: weight of `slide_lines`.
-      transplant: weight of `transplant` to the same position.
-      displaced: weight of `transplant` from another position.
-      refit: weight of `refit_window`; by default 0, and 25 in MAP-Elites on grids of up to 64
-        cells.
+      link: weight of making or cutting the link between two neighbouring tiles.
+      corner: weight of toggling the four links around a point where four tiles meet: the smallest
+        loop.
+      outline: weight of toggling the links along the outline of a rectangle of at least 2 x 2
+        tiles; all sizes are equally likely.
+      street: weight of toggling the links along a stretch of a row or a column.
+      straight: weight of laying straight tiles along a stretch of a row or a column, over any
+        tiles.
+      clear: weight of emptying a block of tiles.
+      mirror: weight of mirroring a block of tiles in its position, east to west or north to south.
+      slide: weight of rotating the rows between two rows, or the columns between two columns, by
+        one, in either direction.
+      transplant: weight of copying a block of the mate to the same position, after rotating or
+        mirroring the mate: one of the eight symmetries of a square. A grid that is not square is
+        rotated by half turns only.
+      displaced: weight of such a copy from another position in the same rows or in the same
+        columns.
+      refit: weight of replacing a window of 3 x 3 tiles by another valid window that has the same
+        links to the tiles around it. The windows come from a table, and are about equally likely.
+        If no other window fits, the grid does not change. By default 0, and 25 in MAP-Elites on
+        grids of up to 64 cells.
       fill_probability: probability that repair fills the grid after the move, see `with_fill`. No
         effect where repair always fills.
       user_moves: moves of the user by name, each with its weight: ``{"zigzag": (4, zigzag)}``.
@@ -190,17 +207,7 @@ def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> 
     ``[H, W]``, see `repair`.
     """
     weights_by_plan: dict[_Plan, AnyArray] = {
-        _plan_link: weights.link,
-        _plan_corner: weights.corner,
-        _plan_outline: weights.outline,
-        _plan_street: weights.street,
-        _plan_straight: weights.straight,
-        _plan_clearing: weights.clear,
-        _plan_mirroring: weights.mirror,
-        _plan_slide: weights.slide,
-        _plan_transplant: weights.transplant,
-        _plan_displaced_transplant: weights.displaced,
-        _plan_refit: weights.refit,
+        plan: getattr(weights, name) for name, plan in _PLANS.items()
     }
     # Where repair always fills, a refitted window must have no empty cells, and a move that fills
     # would change nothing.
@@ -211,80 +218,18 @@ def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> 
 
 
 @name_wrong_arguments
-def toggle_link() -> Move:
-    """Makes or cuts the link between two neighbouring tiles."""
-    return _move({_plan_link: 1})
+def make_move(name: str, *, empty: bool = True) -> Move:
+    """Makes one of the moves that `MoveWeights` has a weight for.
 
+    Args:
+      name: the name of its weight, such as "street". `MoveWeights` says what each move does.
+      empty: whether the new tiles of "refit" may be empty cells. The other moves ignore it.
 
-@name_wrong_arguments
-def toggle_corner() -> Move:
-    """Toggles the four links around a point where four tiles meet: the smallest loop."""
-    return _move({_plan_corner: 1})
-
-
-@name_wrong_arguments
-def toggle_outline() -> Move:
-    """Toggles the links along the outline of a rectangle of at least 2 x 2 tiles.
-
-    All sizes are equally likely.
+    Raises:
+      InputError: for another name.
     """
-    return _move({_plan_outline: 1})
-
-
-@name_wrong_arguments
-def toggle_street() -> Move:
-    """Toggles the links along a stretch of a row or a column."""
-    return _move({_plan_street: 1})
-
-
-@name_wrong_arguments
-def lay_straight() -> Move:
-    """Lays straight tiles along a stretch of a row or a column, over any tiles."""
-    return _move({_plan_straight: 1})
-
-
-@name_wrong_arguments
-def clear_block() -> Move:
-    """Empties a block of tiles."""
-    return _move({_plan_clearing: 1})
-
-
-@name_wrong_arguments
-def mirror_block() -> Move:
-    """Mirrors a block of tiles in its position, east to west or north to south."""
-    return _move({_plan_mirroring: 1})
-
-
-@name_wrong_arguments
-def slide_lines() -> Move:
-    """Rotates the rows between two rows, or the columns between two columns, by one.
-
-    Both directions are equally likely.
-    """
-    return _move({_plan_slide: 1})
-
-
-@name_wrong_arguments
-def transplant(*, displaced: bool = False) -> Move:
-    """Copies a block of the mate after rotating or mirroring the mate.
-
-    The mate is transformed by one of the eight symmetries of a square. A grid that is not square is
-    rotated by half turns only. A `displaced` block comes from another position in the same rows or
-    in the same columns.
-    """
-    plan = _plan_displaced_transplant if displaced else _plan_transplant
-    return _move({plan: 1})
-
-
-@name_wrong_arguments
-def refit_window(*, empty: bool = True) -> Move:
-    """Replaces a window of 3 x 3 tiles by another valid window.
-
-    Both windows have the same links to the tiles around them. The windows come from a table, are
-    about equally likely, and may have `empty` cells. If no other window fits, the grid does not
-    change.
-    """
-    return _move({_plan_refit: 1}, empty=empty)
+    plan = _PLANS[check_named("name", one_of(*KNOWN_MOVES), name)]
+    return _move({plan: 1}, empty=empty)
 
 
 @name_wrong_arguments
@@ -430,7 +375,7 @@ def _move(
 ) -> Move:
     """Makes one of the plans or moves, drawn in proportion to its weight.
 
-    For `empty` see `refit_window`.
+    For `empty` see `make_move`.
     """
     # Moves of weight 0 are not computed.
     weights_by_plan = {
@@ -758,3 +703,19 @@ def _either(rows: Bool[Array, ""]) -> Bool[Array, " 2"]:
 
 def _row_and_column_indices(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(shape[0])[:, None], np.arange(shape[1])[None]
+
+
+# The plan of each move, by the name of its weight.
+_PLANS: dict[str, _Plan] = {
+    "link": _plan_link,
+    "corner": _plan_corner,
+    "outline": _plan_outline,
+    "street": _plan_street,
+    "straight": _plan_straight,
+    "clear": _plan_clearing,
+    "mirror": _plan_mirroring,
+    "slide": _plan_slide,
+    "transplant": _plan_transplant,
+    "displaced": _plan_displaced_transplant,
+    "refit": _plan_refit,
+}

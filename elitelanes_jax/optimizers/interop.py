@@ -84,7 +84,7 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
     """Returns centroids, float32 ``[N, D]``, that give QDax the same niches.
 
-    They are in the order of `niche_index`. They are whole numbers, so that distances are exact and
+    They are in the order of `Problem.niche`. They are whole numbers, so that distances are exact and
     only the niche's own centroid is nearest.
     """
     if not axes:

@@ -28,7 +28,8 @@ class Population(NamedTuple):
 
     Attributes:
       grids: int8 ``[P, H, W]``.
-      fitness: int32 or float32 ``[P]``, lower is better; `vacant_fitness` in a vacant slot.
+      fitness: int32 or float32 ``[P]``, lower is better; infinity or the largest int32 in a
+        vacant slot.
       features: int32 ``[P, F]``, in the order of `Problem.feature_names`.
     """
 

@@ -5,7 +5,5 @@ from .joining import join_results as join_results
 from .resolve import Search as Search
 from .result import History as History
 from .result import Result as Result
-from .result import RunState as RunState
 from .result import SearchInterrupted as SearchInterrupted
-from .selection import without_flaws as without_flaws
 from .spec import SearchSpec as SearchSpec

@@ -1,5 +1,6 @@
 """The result of a search, and the file that it is saved in."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -34,7 +35,7 @@ from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.problem.ranges import Range, parse_ranges, satisfies
 from elitelanes_jax.search.elites import MeasuredElites, check_metrics, in_short
 from elitelanes_jax.search.resolve import Search, search_from_plain, with_ranges
-from elitelanes_jax.search.selection import MIN_DIFFERENCE, Choice, choose_maps
+from elitelanes_jax.search.selection import MIN_DIFFERENCE, Choice, choose_maps, without_flaws
 from elitelanes_jax.search.settings import CUSTOM, METHODS
 
 _FORMAT = "elitelanes result, version 1"
@@ -183,6 +184,14 @@ class Result:
     def satisfies(self) -> Bool[np.ndarray, "*S N"]:
         """Returns which elites are in all ranges of the search, exactly."""
         return np.asarray(self.elites.valid) & satisfies(self.elites.by_name(), self.search.ranges)
+
+    def without_flaws(self) -> tuple[Bool[np.ndarray, "*S N"], Counter[str]]:
+        """Returns which elites `maps` may choose, and the number of the others in all ranges by reason.
+
+        An elite is rejected for a flaw, such as a dead end, or if it breaks a rule or a fixed cell
+        of the search.
+        """
+        return without_flaws(self.satisfies(), self.elites.by_name(), self.search)
 
     @jax.transfer_guard("allow")
     def maps(self, count: int = 16, *, where: UserValue = ()) -> list[RoadMap]:

@@ -92,9 +92,10 @@ def lay_toned(
     picture: Int[NDArray, "H W"],
     tones: Float[NDArray, "H W 3 2"],
 ) -> UInt8[NDArray, "h w 3"]:
-    """Lays pictures side by side: each is multiplied by its gain, its offset is added, and the sum is rounded.
+    """Lays pictures side by side, each with its own gain and offset.
 
-    `picture` has the index of each cell's picture. Sums are clipped to 0..255.
+    Levels are multiplied by the gain. Then the offset is added, and the sum is rounded. `picture`
+    has the index of each cell's picture. Sums are clipped to 0..255.
     """
     height, width = picture.shape
     size = images.shape[1]
@@ -175,7 +176,10 @@ def _mix(
 
 
 def _meetings(codes: NDArray[np.int8]) -> Iterator[tuple[bool, NDArray[np.bool_]]]:
-    """Yields whether the road continues to the cell on the right, for the grid and for its transpose."""
+    """Yields whether the road continues to the cell on the right.
+
+    The first result is that of the grid, the second one that of its transpose.
+    """
     for turned, (ahead, back) in ((False, (EAST, WEST)), (True, (SOUTH, NORTH))):
         upright = _turn(codes, turned)
         yield turned, (upright[:, :-1] & ahead > 0) & (upright[:, 1:] & back > 0)
@@ -189,7 +193,10 @@ def _turn(layer: NDArray, turned: bool, axis: int = 0) -> NDArray:
 def _equations(
     pairs: Int[NDArray, "N 2"], images: UInt8[NDArray, "T P P 3"], labels: UInt8[NDArray, "T P P"]
 ) -> tuple[Float[NDArray, "3 N 4 4"], Float[NDArray, "3 N 4"]]:
-    """Returns the normal equations of pairs of pictures; the second picture is right of the first."""
+    """Returns the normal equations of N pairs of neighbouring pictures.
+
+    The second picture of a pair is right of the first.
+    """
     depth = max(1, round(_STRIP * labels.shape[1]))
     # Both strips begin at the seam: the first picture's columns are read backwards.
     near, far = np.s_[:, :, : -depth - 1 : -1], np.s_[:, :, :depth]

@@ -20,9 +20,10 @@ _LEAST_GAIN = 0.6
 
 
 def ground_of(image: NDArray[np.uint8], tile_px: float) -> NDArray[np.float32]:
-    """Returns the brightness of the ground at each pixel of an RGB picture, smooth, without the bright lines.
+    """Returns the brightness of the ground at each pixel of an RGB picture.
 
-    `tile_px` is the side of a tile in pixels. Lines are narrower than a fifth of a tile.
+    The result is smooth, and does not contain the bright lines. `tile_px` is the side of a tile in
+    pixels. Lines are narrower than a fifth of a tile.
     """
     # Noise is as large in dark pixels as in bright ones. The 4 grey levels keep quotients of dark
     # pixels near 1.
@@ -39,7 +40,10 @@ def ground_of(image: NDArray[np.uint8], tile_px: float) -> NDArray[np.float32]:
 
 
 def even_light(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Returns an RGB picture of a tile in daylight, whose ground is everywhere as bright as asphalt."""
+    """Returns an RGB picture of a tile in daylight.
+
+    Its ground is everywhere as bright as asphalt.
+    """
     ground = ground_of(image, image.shape[0])
     # Ground between the least and the largest brightness of asphalt keeps its light.
     gain = np.maximum(np.clip(ground, _DARKEST, _BRIGHTEST) / ground, _LEAST_GAIN)

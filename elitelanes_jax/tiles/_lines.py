@@ -1,4 +1,6 @@
-"""Checks that roads and lines in the masks of a tile set agree with each other and with the pictures.
+"""Checks the roads and lines in the masks of a tile set.
+
+They must agree with each other and with the pictures.
 
 Lengths are parts of a tile's side. The limits leave room: of 18 tiles, drawn and photographed, the
 nearest ones have stop lines on 11 % and separators on 3.1 % of a tile, all on the road and all
@@ -94,7 +96,8 @@ def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:
         if share > most:
             yield (
                 name,
-                f"expected {_NAMES[name]} on {most:.0%} of the tile at most, got them on {share:.0%}",
+                f"expected {_NAMES[name]} on {most:.0%} of the tile at most, "
+                f"got them on {share:.0%}",
             )
         elif not sound[name]:
             yield (
@@ -104,7 +107,8 @@ def _faults(tile: Tile, separated: bool) -> Iterator[tuple[str, str]]:
         elif share and (distinct := _distinct(tile, line)) < _DISTINCT:
             yield (
                 name,
-                f"expected {_NAMES[name]} in other colours than the road, got {distinct:.0%} of their area",
+                f"expected {_NAMES[name]} in other colours than the road, "
+                f"got {distinct:.0%} of their area",
             )
     for side in opened:
         # The masks are turned until the side is at the top.
@@ -132,7 +136,8 @@ def _road_faults(tile: Tile, opened: Sequence[Side]) -> Iterator[tuple[str, str]
         if abs(off) > _OFF:
             yield (
                 "road",
-                f"expected the road's middle in the middle of the side {side.letter}, got it {abs(off):.0%} beside it",
+                f"expected the road's middle in the middle of the side {side.letter}, "
+                f"got it {abs(off):.0%} beside it",
             )
     if not set.intersection(*reached):
         yield "road", "expected one road that joins all sides that the tile opens, got pieces"
@@ -162,13 +167,16 @@ def _separator_faults(yellow: NDArray[np.bool_], road: _Road, *, required: bool)
     columns = np.nonzero(yellow[: round(_NEAR * size)])[1]
     off = abs(columns.mean() + 0.5 - road.middle) / size if len(columns) else 0
     if off > _OFF:
-        yield f"expected lane separators in the road's middle, got one {off:.0%} of a tile beside it"
+        yield (
+            f"expected lane separators in the road's middle, got one {off:.0%} of a tile beside it"
+        )
 
 
 def _stop_line_faults(red: NDArray[np.bool_], road: _Road) -> Iterator[str]:
-    """Checks the incoming lane, the left half of a side seen from inside, and the other lane except its end.
+    """Checks the incoming lane and the outgoing lane of a side for stop lines.
 
-    The line of the next side begins at that end.
+    Seen from inside, the incoming lane is the left half of the side. The end of the outgoing lane
+    does not count. The line of the next side begins at that end.
     """
     size = len(red)
     start, middle = round(road.middle - road.width / 2), round(road.middle)
@@ -176,7 +184,10 @@ def _stop_line_faults(red: NDArray[np.bool_], road: _Road) -> Iterator[str]:
     lines = np.asarray(strip.any(axis=0))
     covered = lines[start:middle].mean() if middle > start else 0.0
     if covered < _COVERED:
-        yield f"expected a stop line across the incoming, right-hand lane, got one on {covered:.0%} of it"
+        yield (
+            "expected a stop line across the incoming, right-hand lane, "
+            f"got one on {covered:.0%} of it"
+        )
     elif not strip[: round(_OFF * size), start:middle].any():
         yield "expected a stop line that begins"
     over = lines[middle + round(_OFF * size) : round(road.middle + road.width / 4)]

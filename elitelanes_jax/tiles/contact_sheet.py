@@ -31,9 +31,10 @@ _EM = 29
 def contact_sheet(
     title: str, pictures: Sequence[NDArray[np.uint8]], captions: Sequence[Sequence[str]]
 ) -> NDArray[np.uint8]:
-    """Lays out RGB pictures of one size in rows, each with its lines of ASCII text below it, the first line darker.
+    """Lays out RGB pictures of one size in rows, with their captions below them.
 
-    All pictures have the same number of lines.
+    A caption is lines of ASCII text, of which the first is darker. All pictures have the same
+    number of lines.
     """
     height, width = pictures[0].shape[:2]
     # A column is as wide as the picture or the longest line of text.
@@ -100,7 +101,10 @@ def _face(pictures: ObjectPictures, width: int) -> NDArray[np.uint8]:
 
 
 def _lay(picture: NDArray[np.uint8], face: NDArray[np.uint8], x: int, y: int) -> None:
-    """Lays a face with its middle on a pixel of a picture; what is beyond the picture is left out."""
+    """Lays a face with its middle on a pixel of a picture.
+
+    The part of the face that is beyond the picture is left out.
+    """
     height, width = face.shape[:2]
     top, left = y - height // 2, x - width // 2
     rows = slice(max(top, 0), min(top + height, len(picture)))
@@ -114,7 +118,10 @@ def _lay(picture: NDArray[np.uint8], face: NDArray[np.uint8], x: int, y: int) ->
 
 @cache
 def _font() -> Untyped:
-    """Returns a font of OpenCV 5 whose zeros have no slash, unlike its default font; None in OpenCV 4."""
+    """Returns a font of OpenCV 5, or None in OpenCV 4.
+
+    Unlike the default font, its zeros have no slash.
+    """
     font = cv2.FontFace("uni") if hasattr(cv2, "FontFace") else None
     return font if font is not None and font.getName() else None
 
@@ -134,10 +141,10 @@ def write_text(
     scale: float,
     ink: tuple[int, int, int],
 ) -> None:
-    """Writes a line of text on a picture uint8 ``[H, W, 3]``; letters outside ASCII become question marks.
+    """Writes a line of text on a picture uint8 ``[H, W, 3]``.
 
-    `position` is x and y of its lower left corner in pixels, `scale` 1 about 22 pixels high, `ink`
-    its colour in RGB.
+    Letters outside ASCII become question marks. `position` is x and y of its lower left corner in
+    pixels, `scale` 1 about 22 pixels high, `ink` its colour in RGB.
     """
     # OpenCV 5 crashes for negative sizes.
     check_named("scale", real(0, 100, exclusive=True), scale)

@@ -1,8 +1,9 @@
-"""Corrects a tile set by hand: the places of its tiles in photographs, their kinds, and their masks.
+"""Corrects a tile set by hand.
 
-A page asks for fits, cuts and masks, and keeps the corrections. `HandWork` computes fits, cuts and
-masks as `elitelanes tiles cut` and `elitelanes tiles masks` do, and writes the set. Values of the
-page are plain, as in JSON.
+The corrections are the places of tiles in photographs, the kinds of tiles, and their masks. A page
+asks for fits, cuts and masks, and keeps the corrections. `HandWork` computes fits, cuts and masks
+as `elitelanes tiles cut` and `elitelanes tiles masks` do, and writes the set. Values of the page
+are plain, as in JSON.
 """
 
 import os
@@ -90,7 +91,8 @@ class HandWork:
         is_new = not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
         if is_new and not photographs:
             raise InputError(
-                f"{folder}: expected a tile set, got no files; --photos cuts tiles out of photographs"
+                f"{folder}: expected a tile set, "
+                "got no files; --photos cuts tiles out of photographs"
             )
         tiles = [] if is_new else mask_folder(folder)
         self._tiles = [
@@ -124,7 +126,11 @@ class HandWork:
         return png_of(self._pictures[identifier].layer.pixels)
 
     def fit(self, values: Untyped) -> Plain:
-        """Proposes where the tiles of a photograph are: near its corners, exactly at them, or found without corners."""
+        """Proposes where the tiles of a photograph are.
+
+        The tiles are near the corners in `values`, or exactly at them if `values` says so. Without
+        corners they are searched for.
+        """
         corners = (
             None if values["corners"] is None else np.array(values["corners"], float).reshape(4, 2)
         )
@@ -138,7 +144,10 @@ class HandWork:
         return propose_tiles(photograph, shape=shape, corners=corners, fit=fits)._asdict()
 
     def cut(self, values: Untyped) -> Plain:
-        """Cuts the tiles of a proposal whose kind is sure; returns them with their proposed masks."""
+        """Cuts the tiles of a proposal whose kind is sure.
+
+        Returns the values of these tiles for the page, with their proposed masks.
+        """
         photograph = self.photographs[values["photo"]]
         proposal = Proposal(**values["proposal"])
         size = photograph.image.shape[1], photograph.image.shape[0]
@@ -164,7 +173,9 @@ class HandWork:
         return _pack(propose_layer_masks(layer, colours)[values["mask"]])
 
     def save(self, values: Untyped) -> dict[str, Plain]:
-        """Writes the set, whole or not at all. The first time, the earlier set is copied to a new name next to it.
+        """Writes the set, whole or not at all.
+
+        The first save copies the earlier set to a new name next to it.
 
         Returns:
           The names of the tiles, where the earlier set is, and the problems that
@@ -178,7 +189,8 @@ class HandWork:
             # Another save of this page may have been at work until now.
             if _stamp_of(self.folder) != self._stamp:
                 raise InputError(
-                    f"{self.folder}: another program changed it; nothing was saved. Start the command again"
+                    f"{self.folder}: another program changed it; nothing was saved. "
+                    "Start the command again"
                 )
             is_first = not self.saved
             has_earlier_set = self.folder.exists() and any(self.folder.iterdir())
@@ -215,7 +227,10 @@ class HandWork:
             return _zip_of(folder)
 
     def stop_saving(self) -> None:
-        """Waits for a save that has begun, and lets no other one begin, so that the process can end."""
+        """Waits for a save that has begun, and prevents further ones.
+
+        Then the process can end.
+        """
         self._saving.acquire()
 
     def _start(self, photograph: Photograph, shape: tuple[int, int]) -> dict[str, Plain]:
@@ -266,7 +281,10 @@ class HandWork:
         return {mask: _unpack(tile["masks"][mask], side) for mask in MASKS}
 
     def _write(self, target: Path, tiles: Mapping[str, Untyped]) -> None:
-        """Writes the tiles by name, and copies the files of the set that are not in a tile's folder."""
+        """Writes the tiles by name, and copies the other files of the set.
+
+        Other files are those that are not in a tile's folder.
+        """
         if self.folder.exists():
             _copy_other_files(self.folder, target)
         written = []
@@ -305,7 +323,9 @@ def _picture_of(image: NDArray[np.uint8]) -> _Picture:
 
 
 def _names(tiles: Sequence[Untyped]) -> list[str]:
-    """Returns the folder name of each tile: its earlier one if the kind is the same, otherwise the next of its kind.
+    """Returns the folder name of each tile.
+
+    A tile keeps its name if its kind is the same. Otherwise it gets the next free name of its kind.
 
     Raises:
       InputError: without tiles, or for another kind.
@@ -349,7 +369,10 @@ def _copy_aside(folder: Path) -> Path:
 
 
 def _stamp_of(folder: Path) -> list[tuple[str, int, int]]:
-    """Returns name, size and time of every file in a folder, from which it is seen whether any was changed."""
+    """Returns the name, the size and the time of every file in a folder.
+
+    If a program changes a file, the result changes.
+    """
     stamps = []
     for parent, _, files in os.walk(folder):
         for file in files:
@@ -359,7 +382,10 @@ def _stamp_of(folder: Path) -> list[tuple[str, int, int]]:
 
 
 def _pack(mask: NDArray[np.bool_]) -> str:
-    """Returns the bits of a mask, row by row, eight to a byte, the first in the highest bit, in base 64."""
+    """Returns the bits of a mask in base 64.
+
+    The bits are row by row, eight to a byte, the first in the highest bit.
+    """
     return b64encode(np.packbits(mask).tobytes()).decode()
 
 

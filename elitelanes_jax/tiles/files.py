@@ -70,11 +70,11 @@ class Layer(NamedTuple):
 
 
 def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
-    """Reads a PNG picture of 8 bits per channel; `problems` gets a line if the file exists but is not such a picture.
+    """Reads a PNG picture of 8 bits per channel.
 
-    Returns uint8 ``[H, W, 4]``, RGB and opacity, if the file has transparency, ``[H, W]`` if it is
-    grey, otherwise ``[H, W, 3]``, RGB. Returns None if there is no file, or if `problems` gets a
-    line.
+    `problems` gets a line if the file exists but is not such a picture. Returns uint8
+    ``[H, W, 4]``, RGB and opacity, if the file has transparency, ``[H, W]`` if it is grey,
+    otherwise ``[H, W, 3]``, RGB. Returns None if there is no file, or if `problems` gets a line.
     """
     if not file.is_file():
         return None
@@ -150,7 +150,8 @@ def read_mask(file: Path, image: Layer | None, problems: list[str]) -> Layer | N
     between = np.unique(opacity[opaque & (opacity < 255)])
     if between.size:
         problems.append(
-            f"{file}: expected pixels that are opaque or transparent, got an opacity of {between[0]} of 255"
+            f"{file}: expected pixels that are opaque or transparent, "
+            f"got an opacity of {between[0]} of 255"
         )
         return None
     mask = picture
@@ -228,9 +229,10 @@ def decode_png(content: bytes) -> NDArray | None:
 
 
 def _transparent_grey(content: bytes) -> int | None:
-    """Returns the grey that a PNG file of greys declares transparent, as OpenCV reads it; None if there is none.
+    """Returns the grey that a PNG file of greys declares transparent, or None.
 
-    OpenCV drops this declaration, and reads the transparency of all other files.
+    The grey has the value that OpenCV reads. OpenCV drops this declaration, and reads the
+    transparency of all other files.
     """
     # The header has the bits of a channel in byte 24, and in byte 25 the type of colours, 0 for
     # greys.
@@ -245,10 +247,10 @@ def _transparent_grey(content: bytes) -> int | None:
 
 
 def _plain_png(content: bytes) -> bytes:
-    """Returns the parts of a PNG file that hold its pixels, if they are complete; otherwise raises `ValueError`.
+    """Returns the parts of a PNG file that hold its pixels.
 
-    For damaged files the decoder complains to the terminal, and some of the other parts unpack to
-    any size.
+    Raises `ValueError` if they are not complete. For damaged files the decoder complains to the
+    terminal, and some of the other parts unpack to any size.
     """
     if content[:8] != _PNG or content[12:16] != b"IHDR":
         raise ValueError("it is not a PNG file")

@@ -72,7 +72,9 @@ COLOURS: Mapping[str, Colour] = {
 
 
 def parse_colour(text: str) -> Colour:
-    """Reads a range of colours from text such as ``165..10,100..255,90..255``: hue, saturation, value.
+    """Reads a range of colours from text such as ``165..10,100..255,90..255``.
+
+    The three ranges are of hue, saturation and value.
 
     Raises:
       InputError: for anything else.
@@ -148,7 +150,10 @@ def propose_masks(
 def propose_layer_masks(
     image: Layer, colours: Mapping[str, Colour] = COLOURS
 ) -> dict[str, NDArray[np.bool_]]:
-    """Proposes masks as `propose_masks` does; the transparent pixels of the picture are on no mask."""
+    """Proposes masks as `propose_masks` does, for a picture with transparent pixels.
+
+    The transparent pixels are on no mask.
+    """
     # White is neither asphalt nor a line.
     on_white = np.where(image.opaque[..., None], image.pixels, np.uint8(255))
     return {name: mask & image.opaque for name, mask in propose_masks(on_white, colours).items()}
@@ -218,7 +223,10 @@ def _propose(
     overwrite: Collection[str],
     problems: list[str],
 ) -> Proposal:
-    """Proposes the masks that a tile lacks; `problems` gets a line for each error of an existing mask."""
+    """Proposes the masks that a tile lacks.
+
+    `problems` gets a line for each error of an existing mask.
+    """
     proposed = propose_layer_masks(image, colours)
     masks, names = {}, []
     for name in MASKS:
@@ -291,7 +299,10 @@ def _clean(
 
 
 def _without_slivers(mask: NDArray[np.uint8], margin: int) -> NDArray[np.uint8]:
-    """Removes what the tape along a side separates from the middle: a sliver of the floor around a tile is dark too."""
+    """Removes what the tape along a side separates from the middle of a tile.
+
+    This is a sliver of the floor around the tile, which is dark too.
+    """
     kept = mask.copy()
     for turns in range(4):
         side = np.rot90(kept, turns)[: margin + 1]

@@ -78,7 +78,10 @@ class ObjectPictures:
     top: NDArray[np.uint8]
 
     def view(self, angle: float) -> NDArray[np.uint8]:
-        """Returns the view that is nearest to an angle, in radians counter-clockwise from the front."""
+        """Returns the view that is nearest to an angle.
+
+        The angle is in radians counter-clockwise from the front.
+        """
         return self.views[nearest_view(self.views, degrees(angle))]
 
 
@@ -104,7 +107,10 @@ class ObjectSet:
 
     @property
     def views(self) -> dict[str, Mapping[int, NDArray[np.uint8]]]:
-        """The views of the first object of each kind, by degrees; for the cameras of `elitelanes_jax.drive`."""
+        """The views of the first object of each kind, by degrees.
+
+        The cameras of `elitelanes_jax.drive` take them.
+        """
         return {
             kind: pictures[0].views for kind, pictures in self.kinds.items() if kind in OBJECT_KINDS
         }
@@ -123,7 +129,9 @@ class ObjectSet:
     def choose(
         self, objects: Sequence[MapObject], seed: int | list[int] = 0
     ) -> list[ObjectPictures]:
-        """Chooses pictures for each object at random among those of its kind, with the object's own AprilTag.
+        """Chooses pictures for each object at random among those of its kind.
+
+        If an object has an AprilTag, its pictures show it.
 
         Raises:
           InputError: for a kind without pictures in the set, or a seed that is not whole numbers.
@@ -184,7 +192,9 @@ def _with_tag(pictures: ObjectPictures, number: int) -> ObjectPictures:
 
 @name_wrong_arguments
 def draw_tag(number: UserValue) -> NDArray[np.uint8]:
-    """Draws an AprilTag of the family 36h11, uint8 ``[8, 8]``, 0 or 255: its black square, a pixel for each bit.
+    """Draws an AprilTag of the family 36h11, uint8 ``[8, 8]``, 0 or 255.
+
+    The result is the black square of the tag, with one pixel for each bit.
 
     Raises:
       InputError: for a number that is not 0 to 586.
@@ -199,7 +209,10 @@ def draw_tag(number: UserValue) -> NDArray[np.uint8]:
 def _paint_tag(
     pixels: NDArray[np.uint8], number: int, row: float, high: float, wide: float
 ) -> NDArray[np.uint8]:
-    """Paints an AprilTag around the middle column, as bright as the brightest of the tag that was there."""
+    """Paints an AprilTag around the middle column of a picture.
+
+    White is as bright as the brightest pixels of the tag that it replaces.
+    """
     left, top = (pixels.shape[1] - wide) / 2, row - high / 2
     old = pixels[round(top) : round(top + high), round(left) : round(left + wide), :3]
     white = np.percentile(old, 95, axis=(0, 1)) if old.size else np.full(3, 255)
@@ -214,7 +227,10 @@ def _paint_tag(
 
 
 def lay_flat(thing: MapObject, pictures: ObjectPictures, tile_px: int) -> Placed:
-    """Places an object on a map as seen from above, in pixels of the rendered map; `tile_px` is a tile's side."""
+    """Places an object on a map as seen from above, in pixels of the rendered map.
+
+    `tile_px` is the side of a tile in pixels.
+    """
     rows, columns = pictures.top.shape[:2]
     # The pixels of a metre.
     scale = tile_px / TILE_SIZE
@@ -236,7 +252,10 @@ def lay_flat(thing: MapObject, pictures: ObjectPictures, tile_px: int) -> Placed
 def lay_all_flat(
     objects: Sequence[MapObject], pictures: Sequence[ObjectPictures], tile_px: int
 ) -> tuple[list[Placed], list[int]]:
-    """Places the objects of a map as `lay_flat` does; returns them and their indices, higher ones after lower ones."""
+    """Places the objects of a map as `lay_flat` does, the lowest object first.
+
+    Returns the placed objects and their indices on the map.
+    """
     order = sorted(range(len(objects)), key=lambda index: objects[index].height)
     return [lay_flat(objects[index], pictures[index], tile_px) for index in order], order
 
@@ -308,7 +327,10 @@ def _load_pictures(folder: Path) -> ObjectPictures:
 
 
 def _view_files(folder: Path) -> dict[int, Path]:
-    """Returns the files of views, by degrees. A number in another form would name a view twice, or none."""
+    """Returns the files of views, by degrees.
+
+    A number in another form is an error, because it would name a view twice, or none.
+    """
     views = {0: folder / "image.png"} if (folder / "image.png").is_file() else {}
     for file in sorted(folder.glob("image_*.png")):
         number = file.stem.removeprefix("image_")
@@ -359,7 +381,8 @@ def _read_about(file: Path) -> _About:
         tag = _read_pair(about[_TAG])
         if tag is None or not (0 <= tag[0] <= _MOST and 0 < tag[1] <= _MOST):
             raise InputError(
-                f"{file}: tag: expected [middle, side] in metres, got {shorten(repr(about[_TAG]), 40)}"
+                f"{file}: tag: expected [middle, side] in metres, "
+                f"got {shorten(repr(about[_TAG]), 40)}"
             )
     return _About(kind, float(height), footprint, tag)
 
@@ -378,6 +401,7 @@ def _read(file: Path) -> NDArray[np.uint8]:
         raise InputError(problems[0])
     if picture.ndim != 3 or picture.shape[2] != 4 or not (picture[..., 3] >= OPAQUE).any():
         raise InputError(
-            f"{file}: expected a picture with transparency and some pixels that are opaque, got one without"
+            f"{file}: expected a picture with transparency and some pixels that are opaque, "
+            "got one without"
         )
     return picture

@@ -1,7 +1,8 @@
-"""Pasting flat pictures into a picture, each through a 3 x 3 matrix, with an exact mask of what is seen of each.
+"""Pasting flat pictures into a picture, each through a 3 x 3 matrix.
 
-A pixel of the picture belongs to an object if its centre is on an opaque pixel of the object's
-picture. So masks need no interpolation. Colours are averaged over four samples a pixel.
+An exact mask says what is seen of each picture. A pixel belongs to an object if its centre is on an
+opaque pixel of the object's picture. So masks need no interpolation. Colours are averaged over four
+samples a pixel.
 """
 
 from collections.abc import Mapping, Sequence
@@ -86,7 +87,10 @@ def outline(pixels: UInt8[NDArray, "rows columns 4"]) -> Int[NDArray, "N 2"]:
 
 
 def project(points: Shaped[NDArray, "N 2"], matrix: Float[NDArray, "3 3"]) -> Float[NDArray, "N 3"]:
-    """Returns where a matrix maps points to: x, y and the third coordinate, by which both were divided."""
+    """Returns where a matrix maps points to.
+
+    The result is x, y and the third coordinate. x and y are already divided by it, unless it is 0.
+    """
     across = np.column_stack([points, np.ones(len(points))]) @ matrix.T
     return np.column_stack(
         [across[:, :2] / np.where(across[:, 2:] == 0, 1, across[:, 2:]), across[:, 2]]
@@ -188,7 +192,11 @@ def _seen(
     size: tuple[int, int],
     near: float,
 ) -> Seen:
-    """Describes what is seen of a picture by the mask of its window, and by the pixels that it would have alone."""
+    """Describes what is seen of a picture.
+
+    `mask` has the pixels of the window that are seen. `covered` is the number of pixels that the
+    picture would have alone.
+    """
     if not mask.any():
         return Seen((0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0), 0.0)
     rows, columns = (
@@ -214,14 +222,16 @@ def paste_objects(
     order: Sequence[int],
     near: float = 0.0,
 ) -> tuple[NDArray[np.uint16], list[Seen]]:
-    """Pastes objects into the layers of a picture, which are changed: into "image", and 0 into the masks and labels.
+    """Pastes objects into the layers of a picture, which are changed.
 
-    `order` has the objects' indices on the map. Returns what `paste` does, but with these indices.
-    Raises `InputError` for an object beyond the first 65,535, whose index does not fit.
+    Objects are drawn in "image". In the masks and labels their pixels become 0. `order` has the
+    objects' indices on the map. Returns what `paste` does, but with these indices. Raises
+    `InputError` for an object beyond the first 65,535, whose index does not fit.
     """
     if max(order, default=0) >= _MOST:
         raise InputError(
-            f"objects: expected at most {_MOST:,} in pictures of a map, got {max(order) + 1:,} or more"
+            f"objects: expected at most {_MOST:,} in pictures of a map, "
+            f"got {max(order) + 1:,} or more"
         )
     owners, seen = paste(layers["image"], placed, near)
     for name, layer in layers.items():

@@ -1,4 +1,7 @@
-"""Rendering: from a grid to one picture, its masks and its label map (paper, "Real-World Data Integration")."""
+"""Rendering: from a grid to one picture, its masks and its label map.
+
+See the paper, "Real-World Data Integration".
+"""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -40,7 +43,10 @@ LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
 """A colour for each label, RGB."""
 
 COMPARED_PX = 64
-"""The side of a tile in pixels at which the light of tiles is compared, at all sizes of pictures."""
+"""The side of a tile in pixels at which the light of tiles is compared.
+
+It is the same for all sizes of pictures.
+"""
 
 # The smallest and the largest side of a tile in pixels.
 _SMALLEST, _LARGEST = 16, 512
@@ -67,6 +73,23 @@ class Picture(NamedTuple):
     yellow: NDArray[np.uint8]
     labels: NDArray[np.uint8]
     instances: NDArray[np.uint16] | None = None
+
+    def save(self, folder: str | Path) -> None:
+        """Writes image.png, a PNG file for each mask, and labels.png.
+
+        A picture with objects also gets instances.png, of 16 bits per pixel.
+
+        Args:
+          folder: made if it does not exist. Files of the same names are replaced.
+
+        Raises:
+          OSError: if a file cannot be written.
+        """
+        write_picture(folder, self)
+
+    def overlay(self, opacity: float = 0.6) -> NDArray[np.uint8]:
+        """Lays the labels over the picture in colour, uint8 ``[H·P, W·P, 3]``, RGB; `opacity` is 0 to 1."""
+        return overlay(self, opacity)
 
 
 @name_wrong_arguments
@@ -258,12 +281,15 @@ def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray
         ) from None
     if chosen.shape != (*grid.shape, 2) or not np.issubdtype(chosen.dtype, np.integer):
         raise InputError(
-            f"chosen: expected integers of shape {(*grid.shape, 2)}, got {chosen.dtype} of shape {chosen.shape}"
+            f"chosen: expected integers of shape {(*grid.shape, 2)}, "
+            f"got {chosen.dtype} of shape {chosen.shape}"
         )
     for row, column in _misfits(grid, tiles, chosen):
         raise InputError(
-            f"chosen: expected a tile of the set {tiles.name!r} rotated to show code {grid[row, column]} at row {row}, "
-            f"column {column}, got tile {chosen[row, column, 0]} rotated {chosen[row, column, 1]} times"
+            f"chosen: expected a tile of the set {tiles.name!r} rotated to show code "
+            f"{grid[row, column]} at row {row}, "
+            f"column {column}, "
+            f"got tile {chosen[row, column, 0]} rotated {chosen[row, column, 1]} times"
         )
     return chosen
 
@@ -284,18 +310,7 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
 
 @name_wrong_arguments
 def write_picture(folder: str | Path, picture: Picture) -> None:
-    """Writes a picture's files: image.png, a PNG file for each mask, and labels.png.
-
-    A picture with objects also gets instances.png, of 16 bits per pixel.
-
-    Args:
-      folder: made if it does not exist. Files of the same names are replaced.
-      picture: the picture, from `render`.
-
-    Raises:
-      InputError: for an argument of another type.
-      OSError: if a file cannot be written.
-    """
+    """Writes a picture's files, see `Picture.save`; raises `InputError` for an argument of another type."""
     folder = Path(check_named("folder", path, folder))
     check_named("picture", instance(Picture), picture)
     folder.mkdir(parents=True, exist_ok=True)
@@ -319,9 +334,10 @@ def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
 
 @name_wrong_arguments
 def png_of(pixels: NDArray[np.integer]) -> bytes:
-    """Encodes a PNG file with a picture ``[H, W]``, in RGB ``[H, W, 3]``, or with opacity ``[H, W, 4]``.
+    """Encodes a picture as a PNG file.
 
-    Raises `InputError` for values that are not uint8 or uint16, another shape, or no pixel.
+    The picture is ``[H, W]``, in RGB ``[H, W, 3]``, or with opacity ``[H, W, 4]``. Raises
+    `InputError` for values that are not uint8 or uint16, another shape, or no pixel.
     """
     pixels = np.asarray(pixels)
     if (
@@ -331,7 +347,8 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
         or pixels.shape[2:] not in ((), (3,), (4,))
     ):
         raise InputError(
-            f"pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got {pixels.dtype} {list(pixels.shape)}"
+            "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], "
+            f"got {pixels.dtype} {list(pixels.shape)}"
         )
     if pixels.ndim == 3:
         # OpenCV writes blue first.
@@ -344,12 +361,20 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
 def stand(
     objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path | None = None
 ) -> list[Standing]:
-    """Returns how objects look from their front, for the floors of 3-D simulators; tags on the floor are left out.
+    """Returns how objects look from their front, for the floors of 3-D simulators.
+
+    Tags on the floor are left out.
 
     Args:
       objects: the objects of a map; None is no object.
       pictures: the pictures of objects, a set or its folder; by default the package's own. `render`
         chooses the same ones.
+
+    Returns:
+      A record for each object, for `to_gltf`, `to_mjcf` and `to_usd`: `thing`, the `MapObject`;
+      `picture`, a PNG file with transparency, from the floor to the object's height; `width`, that
+      of the picture in metres; and `colour`, the mean red, green and blue of its opaque pixels, 0
+      to 1.
 
     Raises:
       InputError: for anything else, or a kind without pictures in the set.
@@ -367,7 +392,7 @@ def stand(
 
 @name_wrong_arguments
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
-    """Lays the labels over the picture of `render` in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
+    """Lays the labels over a picture, see `Picture.overlay`."""
     check_named("opacity", real(0, 1), opacity)
     colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
     return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
@@ -380,8 +405,8 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
 
     Returns:
       uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow
-      and labels. Index ``4·t + q`` is tile t, turned counter-clockwise by q quarters. The arrays are
-      read-only: all calls with the same tiles and size share them.
+      and labels. Index ``4·t + q`` is tile t, turned counter-clockwise by q quarters. The arrays
+      are read-only: all calls with the same tiles and size share them.
 
     Raises:
       InputError: for anything else than a tile set, or a size that is not a whole number from 1 on.

@@ -22,7 +22,9 @@ _NEAR = 0.04
 
 
 class SideLines(NamedTuple):
-    """The road at one side of a tile, in tiles from the side's left end, as seen from inside the tile.
+    """The road at one side of a tile.
+
+    Lengths are in tiles from the side's left end, as seen from inside the tile.
 
     Attributes:
       side: N, E, S or W.
@@ -52,9 +54,13 @@ def measure_sides(tile: Tile) -> list[SideLines]:
 
 
 def describe_lanes(tiles: Sequence[Tile], lane_offset: float) -> str:
-    """Returns a table of the lines at each open side, and the mean place of the lanes beside `lane_offset`."""
+    """Returns a table of the lines at each open side.
+
+    The last line compares the mean place of the lanes with `lane_offset`.
+    """
     rows = [
-        "in tiles from the left end of each side, seen from inside: road, separator, white lines; lanes' offset"
+        "in tiles from the left end of each side, seen from inside: road, separator, white lines; "
+        "lanes' offset"
     ]
     offsets_with_separator, offsets_without = list[float](), list[float]()
     for tile in tiles:
@@ -65,7 +71,8 @@ def describe_lanes(tiles: Sequence[Tile], lane_offset: float) -> str:
             else:
                 offsets_with_separator.append(side.lane)
             rows.append(
-                f"  {tile.name:12} {side.side}  {side.road[0]:.3f} to {side.road[1]:.3f}, {_text(side.separator)}, "
+                f"  {tile.name:12} {side.side}  {side.road[0]:.3f} to {side.road[1]:.3f}, "
+                f"{_text(side.separator)}, "
                 f"{left} and {right}; {side.lane:.3f}"
             )
     # Half the width of a separator is part of the offset.
@@ -73,7 +80,8 @@ def describe_lanes(tiles: Sequence[Tile], lane_offset: float) -> str:
     return "\n".join(
         [
             *rows,
-            f"lanes run {offset:.3f} tiles beside the road's middle; lane_offset is {lane_offset:g}",
+            f"lanes run {offset:.3f} tiles beside the road's middle; "
+            f"lane_offset is {lane_offset:g}",
         ]
     )
 
@@ -110,7 +118,10 @@ def _measure(
 
 
 def _white_line(beside: NDArray[np.bool_], size: int) -> float | None:
-    """Returns how far from the road's edge the middle of a white line next to it is, in tiles; None without one."""
+    """Returns how far from the road's edge the middle of a white line next to it is.
+
+    The distance is in tiles. Returns None without a white line.
+    """
     # The line begins at the first white pixel and ends before the next dark one.
     near = np.flatnonzero(beside[: max(1, round(_NEAR * size))])
     if not len(near):

@@ -32,7 +32,9 @@ _FAINT = "#6d737d"
 
 @name_wrong_arguments
 def write_tags(road_map: UserValue, file: str | Path) -> int:
-    """Writes the AprilTags of a map's signs and floor tags, to print without scaling; returns their number.
+    """Writes the AprilTags of a map's signs and floor tags, to print without scaling.
+
+    Returns the number of tags.
 
     A tag is a black square of 6.5 cm. It has a white margin, a grey line to cut along, and a
     caption with its number and the kind of its sign. Tags are in ascending order, each as often as

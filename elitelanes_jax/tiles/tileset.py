@@ -137,7 +137,10 @@ class TileSet:
         return digest.hexdigest()[:16]
 
     def to_plain(self) -> dict[str, Plain]:
-        """Returns all that pictures of maps depend on, plain values for JSON: the pictures as their digest."""
+        """Returns all that pictures of maps depend on, as plain values for JSON.
+
+        The pictures are represented by their digest.
+        """
         about: dict[str, Plain] = {
             name: getattr(self, name) for name in ("name", "licence", "blend")
         }
@@ -147,7 +150,10 @@ class TileSet:
 
     @property
     def alphabet(self) -> tuple[int, ...]:
-        """The codes of new maps, sorted: those with two or more connections that the set's tiles draw."""
+        """The codes of new maps, sorted.
+
+        These are the codes with two or more connections that the set's tiles draw.
+        """
         return tuple(code for code in self.rotations if CONNECTIONS[code] >= 2)
 
 
@@ -213,7 +219,8 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
     # A kind may be missing because its folder has an error.
     if missing and not problems:
         problems.append(
-            f"{folder}: expected tiles of every kind a map needs (straight, turn, crossing3 or crossing4), "
+            f"{folder}: expected tiles of every kind a map needs "
+            "(straight, turn, crossing3 or crossing4), "
             f"got no {' and no '.join(missing)}"
         )
     if problems:
@@ -263,7 +270,10 @@ def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
 
 
 def edge_pixels(picture: np.ndarray, side: Side) -> np.ndarray:
-    """Returns the outermost pixels along a side of a picture ``[S, S, ...]``, seen from inside: ``[S, ...]``."""
+    """Returns the outermost pixels along a side of a picture, seen from inside.
+
+    The picture is ``[S, S, ...]``, and the result ``[S, ...]``.
+    """
     return np.rot90(picture, SIDES.index(side))[0]
 
 
@@ -288,7 +298,8 @@ def describe_tiles(tiles: TileSet) -> str:
         lines.append(f"no {kind}: {effect}")
     if any(tile.transparent for tile in tiles.tiles):
         lines.append(
-            "transparent pixels of a mask are 0; those of a picture are ground, without road and lines"
+            "transparent pixels of a mask are 0; those of a picture are ground, "
+            "without road and lines"
         )
     if not any(tile.yellow.any() for tile in tiles.tiles):
         lines.append("no lane separators")
@@ -324,7 +335,10 @@ def _about(file: Path, problems: list[str]) -> dict[str, Plain]:
 
 
 def _names_to_save(folder: Path, missing: list[str]) -> str:
-    """Returns the end of a message: which files of the folder to save under the missing names, such as image.jpg."""
+    """Returns the end of a message about missing files.
+
+    It says which files of the folder, such as image.jpg, to save under the missing names.
+    """
     files = sorted(file.name for file in folder.iterdir())
     advice = ""
     for name in missing:
@@ -339,7 +353,8 @@ def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
     missing = [f"{name}.png" for name in _FILES if not (folder / f"{name}.png").is_file()]
     if missing:
         problems.append(
-            f"{folder}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}"
+            f"{folder}: expected image.png, road.png, red.png and yellow.png, "
+            f"got no {', '.join(missing)}"
             f"{_names_to_save(folder, missing)}"
         )
     # All files are read, so that one call names all problems.
@@ -360,7 +375,8 @@ def _load_tile(folder: Path, problems: list[str]) -> Tile | None:
         if (road.pixels & ~image.opaque).any():
             got += ", because image.png is transparent on a part of the road"
         problems.append(
-            f"{folder / 'road.png'}: expected a road that reaches {_EXPECTED[kind]} of the tile, got {got}"
+            f"{folder / 'road.png'}: expected a road that reaches {_EXPECTED[kind]} of the tile, "
+            f"got {got}"
         )
         return None
     layers = {"image": image, "road": road, "red": red, "yellow": yellow}

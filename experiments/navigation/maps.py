@@ -16,7 +16,6 @@ from elitelanes_jax.formats import from_duckietown, without_dead_ends
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.optimizers import seed_keys
-from elitelanes_jax.problem import niche_bins
 
 __all__ = ["SIDE", "Grids", "MapBudget", "Maps", "draw_levels", "human_maps", "make_maps"]
 
@@ -107,7 +106,8 @@ def _archive(seed: int, budget: MapBudget) -> tuple[NDArray[np.int8], NDArray[np
     found = _search(keys, evaluations=budget.evaluations, axes=AXES)
     whole = np.asarray(found.elites.valid) & (np.asarray(found.elites.metrics.components) == 1)
     grids = np.asarray(found.elites.grids)[whole]
-    bins = np.asarray(niche_bins(np.asarray(found.elites.descriptor)[whole], found.search.axes))
+    _, niches = np.nonzero(whole)
+    bins = np.stack(np.unravel_index(niches, [axis.bins for axis in found.search.axes]), axis=-1)
     different = {canonical_form(grid): number for number, grid in reversed(list(enumerate(grids)))}
     order = sorted(different.values())
     return grids[order], bins[order]

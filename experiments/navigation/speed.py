@@ -35,14 +35,14 @@ from elitelanes_jax.drive import (
     Sight,
     Variation,
     auto_reset,
-    look_around,
+    look,
     make_levels,
     make_scenes,
     make_sight,
     random_pose,
     views,
 )
-from elitelanes_jax.tiles import load_tiles, scale_tiles
+from elitelanes_jax.tiles import load_tiles
 from experiments.common import Parser, Pytree, leave, run
 
 __all__ = ["main"]
@@ -85,10 +85,9 @@ def measured(count: int, batch: int) -> Iterator[tuple[str, Begin, Step]]:
     yield "RoadNav, window 5 x 5", *_of_ours(RoadNav, RoadNavParams(levels, window=5), _turn)
     yield "LaneDrive, lane poses", *_of_ours(LaneDrive, LaneDriveParams(levels), _steer)
     tiles = load_tiles()
-    scaled = scale_tiles(tiles, 64)
     maps = jnp.resize(grids, (batch, *SHAPE))
     for words, noise in (("with labels", None), ("and noise", 3.0)):
-        sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=48, columns=64, noise=noise))
+        sight = make_sight(tiles, Camera(rows=48, columns=64, noise=noise))
         yield f"camera 64 x 48 {words}, poses given", *_of_the_camera(maps, sight, inside=False)
         yield f"camera 64 x 48 {words}, poses drawn", *_of_the_camera(maps, sight, inside=True)
     scenes = make_scenes(np.asarray(grids[:64]), tiles, tile_px=256)
@@ -155,7 +154,7 @@ def _of_the_camera(grids: Int8[Array, "B H W"], sight: Sight, *, inside: bool) -
     def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
         poses, maps = state
         drawn = jax.vmap(random_pose)(keys, maps) if inside else Pose(*poses.T)
-        seen = jax.vmap(lambda pose, grid: look_around(pose, grid, sight))(drawn, maps)
+        seen = jax.vmap(lambda pose, grid: look(pose, grid, sight))(drawn, maps)
         return ((poses + 0.013) % 12, maps), seen
 
     return begin, step

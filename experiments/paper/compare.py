@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from elitelanes_jax import __version__
-from elitelanes_jax.formats import RoadMap, map_to_json, table_to_csv
-from elitelanes_jax.network import Metrics, check_shape
+from elitelanes_jax.formats import RoadMap, table_to_csv
+from elitelanes_jax.network import Metrics
 from elitelanes_jax.search import use_compile_cache
-from elitelanes_jax.tiles import load_tiles, render, write_picture
+from elitelanes_jax.tiles import load_tiles, render
 from experiments.common import Parser, add_cores, leave, open_results, run, save, whole, write
 from experiments.paper.figures import plot_comparison
 from experiments.paper.published import SHAPE
@@ -52,7 +52,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _size(text: str) -> tuple[int, int]:
     try:
         sides = [int(side) for side in text.split("x")]
-        return check_shape(sides * 2 if len(sides) == 1 else sides, new=True)
+        height, width = sides * 2 if len(sides) == 1 else sides
+        if not 2 <= min(sides) <= max(sides) <= 1024:
+            raise ValueError
+        return height, width
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a size, 12 or 9x14, sides from 2 to 1024, got {text!r}") from None
 
@@ -116,8 +119,8 @@ def _draw_maps(methods: Sequence[str], settings: Settings, out: Path) -> None:
             road_map = min(best, key=lambda one: one.fitness or 0)
             folder = out / f"maps_{_PICTURED[0]}x{_PICTURED[1]}" / method
             folder.mkdir(parents=True, exist_ok=True)
-            write_picture(folder, render(road_map, tiles, tile_px=64, seed=settings.seed))
-            write(folder / "map.json", map_to_json(road_map))
+            render(road_map, tiles, tile_px=64, seed=settings.seed).save(folder)
+            write(folder / "map.json", road_map.to_json())
 
 
 if __name__ == "__main__":

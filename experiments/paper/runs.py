@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from elitelanes_jax import SearchSpec, evolve, fitness, measure
-from elitelanes_jax.network import METRIC_NAMES
+from elitelanes_jax.network import Metrics
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.optimizers import PRESETS, seed_keys
 from experiments.common import kept
@@ -115,7 +115,7 @@ def run_method(method: str, shape: tuple[int, int], settings: Settings, *, alone
             drawn = np.random.default_rng([seed, index]).integers(filled.size)
             chosen |= {"random": filled[[drawn]], "archive": filled}
         for elite, slots in chosen.items():
-            values = {name: float(columns[name][slots].mean()) for name in (*METRIC_NAMES, "coverage", "fitness")}
+            values = {name: float(columns[name][slots].mean()) for name in (*Metrics._fields, "fitness")}
             if elite == "archive":
                 # An elite's score is the distance of its fitness from that of a grid of dead ends: larger is better.
                 score = (480 * shape[0] * shape[1] - elites.fitness[filled]).sum()

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
+from elitelanes_jax.network import rotate
 from elitelanes_jax.tiles import (
-    SURE,
     Photograph,
     Proposal,
     TileSet,
@@ -33,7 +33,6 @@ from elitelanes_jax.tiles import (
     inspect_tiles,
     load_tiles,
     propose_tiles,
-    turn_floor,
     write_cuts,
 )
 from experiments.common import Parser, leave, run, table, whole, write
@@ -54,6 +53,7 @@ _SHAPES = ((3, 4), (4, 4), (3, 5), (4, 5), (3, 6), (4, 6), (5, 5), (5, 6))
 _HELD_BACK = (401, 402, 403, 404)  # seeds of tile sets that no parameter was chosen with
 _DRAW = 2027  # seed of the photographs; parameters were chosen with photographs of another one
 _RIGHT = 0.01  # tiles
+_SURE = 0.5  # scores from which tiles are cut
 _KINDS = {"floors": 50, "tiles": 120, "hand": 48, "wrong": 24}
 _MEMBERS = 8  # of each tile that is taped by hand: on a real floor, no two tiles are the same
 
@@ -171,7 +171,7 @@ def _measure(kind: str, index: int, folders: tuple[Path, ...]) -> Row:
         seconds = time.perf_counter() - start
         problems = [line for line in inspect_tiles(out, lines=True)[1] if "of every kind a map needs" not in line]
     error, laid = _error(seen, proposal, codes)
-    unsure = np.array(proposal.sure) < SURE
+    unsure = np.array(proposal.sure) < _SURE
     wrong = (np.array(proposal.codes) != laid) & ~unsure
     passes = not problems and len(cuts) > 0
     return Row(
@@ -262,7 +262,7 @@ def _summary_of_lies(lies: Sequence[Lie]) -> str:
     lines = []
     for lie in dict.fromkeys(lie.lie for lie in lies):
         group = [row for row in lies if row.lie == lie]
-        cut = [row for row in group if row.score >= SURE]
+        cut = [row for row in group if row.score >= _SURE]
         right = sum(row.error <= _RIGHT for row in cut)
         lines.append([lie, *map(str, (len(group), len(group) - len(cut), right, len(cut) - right))])
     totals = np.array([[int(cell) for cell in line[1:]] for line in lines]).sum(axis=0)
@@ -279,7 +279,7 @@ def _error(seen: Photographed, proposal: Proposal, codes: NDArray[np.int8]) -> t
     rows, columns = np.shape(proposal.codes)
     best, laid = np.inf, codes
     for turns in range(4):
-        turned = turn_floor(codes, turns)
+        turned = np.asarray(rotate(codes, turns))
         if turned.shape != (rows, columns):
             continue
         around = np.pad(turned, 1) > 0
@@ -302,7 +302,7 @@ def _summary(rows: Sequence[Row]) -> str:
         if not group:
             continue
         error = np.array([row.error for row in group])
-        cut = np.array([row.score >= SURE for row in group])
+        cut = np.array([row.score >= _SURE for row in group])
         right = error <= _RIGHT
         read = sum(row.cells - row.unsure for row, is_cut in zip(group, cut, strict=True) if is_cut)
         wrong = sum(row.wrong for row, is_cut in zip(group, cut, strict=True) if is_cut)

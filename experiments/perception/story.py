@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, load_tiles, render
-from elitelanes_jax.drive import Camera, look, make_atlas, random_pose
+from elitelanes_jax.drive import Camera, look, make_sight, random_pose
 from elitelanes_jax.tiles import (
-    MASKS,
     Cut,
     Photograph,
     Proposal,
@@ -27,9 +26,7 @@ from elitelanes_jax.tiles import (
     cut_tiles,
     propose_masks,
     propose_tiles,
-    scale_tiles,
     write_cuts,
-    write_text,
 )
 from experiments.common import Parser, leave, run
 from experiments.perception.synthetic_photographs import draw_set, photograph
@@ -43,7 +40,7 @@ FLOOR = np.array([[6, 7, 5, 3], [14, 15, 5, 11], [12, 13, 5, 9]], np.int8)
 WIDTH, HEIGHT, GAP, HEAD = 560, 420, 16, 34
 PAPER, INK, OUTLINE = (250, 249, 246), (40, 40, 44), (235, 40, 160)
 POSE = 4  # seed of the robot's pose
-COLOURS = np.array([(90, 150, 200), (255, 0, 60), (255, 225, 0)], np.uint8)  # of `MASKS`
+COLOURS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}  # of masks
 TITLES = (
     "1. A photograph of a floor",
     "2. Its tiles, with masks",
@@ -124,17 +121,15 @@ def _row(pictures: list[Picture]) -> Picture:
 
 def _masks_of(image: Picture) -> Picture:
     masks, picture = propose_masks(image), np.full_like(image, 60)
-    for name, colour in zip(MASKS, COLOURS, strict=True):
+    for name, colour in COLOURS.items():
         picture[masks[name]] = colour
     return picture
 
 
 def _robot_view(codes: NDArray[np.int8], tiles: TileSet) -> Picture:
-    scaled, chosen = scale_tiles(tiles, 256), choose_tiles(codes, tiles)
-    atlas, cells = make_atlas(scaled["image"], scaled["labels"]), chosen[..., 0] * 4 + chosen[..., 1]
     pose = random_pose(jax.random.key(POSE), codes, lane_offset=tiles.lane_offset)
-    camera = Camera(rows=4 * HEIGHT, columns=4 * WIDTH)
-    return np.asarray(look(jax.random.key(0), pose, cells.astype(np.int32), atlas, camera).image)
+    sight = make_sight(tiles, Camera(rows=4 * HEIGHT, columns=4 * WIDTH), tile_px=256)
+    return np.asarray(look(pose, codes, sight, chosen=choose_tiles(codes, tiles)).image)
 
 
 def _panel(title: str, picture: Picture) -> Picture:
@@ -145,7 +140,7 @@ def _panel(title: str, picture: Picture) -> Picture:
     panel = np.full((HEAD + HEIGHT + GAP, WIDTH + GAP, 3), PAPER, np.uint8)
     top, left = HEAD + (HEIGHT - size[1]) // 2, (WIDTH - size[0]) // 2 + GAP // 2
     panel[top : top + size[1], left : left + size[0]] = scaled
-    write_text(panel, title, (GAP // 2, 24), 0.75, INK)
+    cv2.putText(panel, title, (GAP // 2, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.75, INK, 1, cv2.LINE_AA)
     return panel
 
 

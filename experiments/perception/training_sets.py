@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax import InputError, SearchSpec, evolve
-from elitelanes_jax.dataset import STANDARD, Transforms, draw_sample
+from elitelanes_jax.dataset import DatasetSpec, Transforms, draw_sample
 from elitelanes_jax.formats import RoadMap
 from elitelanes_jax.network import rotate
 from elitelanes_jax.network.wfc import generate_batch
@@ -34,6 +34,7 @@ SOURCES = ("map-elites", "ea", "wfc")
 """The sources of maps."""
 
 SIDE, TILE_PX = 8, 32
+_STANDARD = DatasetSpec().transforms
 _WHITE_LINE = 0.12  # tiles from a tile's side to the middle of its white line
 
 
@@ -53,7 +54,7 @@ class Condition(NamedTuple):
     source: str
     maps: int
     drawings: int
-    transforms: Transforms = STANDARD
+    transforms: Transforms = _STANDARD
     one_picture: bool = False
 
 
@@ -165,7 +166,7 @@ def draw_maps(
     sets: Sequence[TileSet],
     seed: int,
     tile_px: int = TILE_PX,
-    views: Sequence[Transforms] = (STANDARD,),
+    views: Sequence[Transforms] = (_STANDARD,),
 ) -> Pictures:
     """Draws each map once; views take turns, and after each round of them the tile sets."""
     samples = [

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elitelanes_jax import InputError, evolve
-from elitelanes_jax.search import use_compile_cache, without_flaws
+from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, leave, run, whole
 
 __all__ = ["main"]
@@ -34,7 +34,7 @@ def _compare(options: argparse.Namespace) -> None:
     result = evolve(
         0, tuple(options.size), seeds=options.seeds, style=options.style, evaluations=options.evaluations, progress=True
     )
-    filled, _ = without_flaws(result.satisfies(), result.elites.by_name(), result.search)
+    filled, _ = result.without_flaws()
     if not filled.any():
         raise InputError(f"evaluations: expected enough to fill a niche, got {options.evaluations}")
     runs = filled.sum(axis=1) / filled.any(axis=0).sum()

@@ -36,9 +36,6 @@ from elitelanes_jax.benchmark import (
     Task,
     confidence_interval,
     find_task,
-    grade_submission,
-    score_submission,
-    write_submission,
 )
 from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, leave, require, run, save, table, whole, write
@@ -143,9 +140,9 @@ def _measure_row(name: str, row: Row, task: Task, runs: int, out: Path) -> None:
     began = time.process_time()
     submission = Submission(task, row.play(task, range(runs), budgets))
     seconds = time.process_time() - began
-    _, scores = score_submission(submission)
-    of_runs = scores._asdict() | {"graded": grade_submission(submission)}
-    write_submission(out / f"{name}-{task.name}.npz", submission)
+    _, scores = submission.score()
+    of_runs = scores._asdict() | {"graded": submission.grade()}
+    submission.save(out / f"{name}-{task.name}.npz")
     record: Record = {"row": name, "task": task.name, "evaluations": budgets, "seconds": round(seconds, 1)}
     for field, values in of_runs.items():
         rounded = np.round(values, 4).astype(object)

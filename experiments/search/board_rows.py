@@ -34,7 +34,7 @@ from elitelanes_jax.optimizers.interop import (
     qdax_scoring_fn,
     ribs_archive_space,
 )
-from elitelanes_jax.problem import Population, Problem, insert, road_problem, tuned_axes, vacant_fitness
+from elitelanes_jax.problem import Population, Problem, insert, road_problem, tuned_axes
 from elitelanes_jax.search import MeasuredElites
 from experiments.common import Pytree, Untyped
 
@@ -165,7 +165,8 @@ def _qdax(
         repertoire = state[0]
         found = evaluate(problem, grids(repertoire.genotypes))
         filled = repertoire.fitnesses.reshape(-1) > -jnp.inf
-        return found._replace(fitness=jnp.where(filled, found.fitness, vacant_fitness(found.fitness.dtype)))
+        vacant = problem.empty_archive(found.fitness.dtype)
+        return found._replace(fitness=jnp.where(filled, found.fitness, vacant.fitness))
 
     return Optimizer(init, step, elites, batch)
 

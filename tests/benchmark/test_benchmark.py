@@ -19,10 +19,6 @@ from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval,
 from elitelanes_jax.benchmark.submissions import (
     LEAST_RUNS,
     Submission,
-    grade_submission,
-    read_submission,
-    score_submission,
-    write_submission,
 )
 from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task
 from elitelanes_jax.cli.main import main
@@ -60,10 +56,10 @@ def test_the_tasks_of_a_version_do_not_change():
 @pytest.mark.parametrize("size", ["5x5A", *(pytest.param(size, marks=pytest.mark.slow) for size in SIZES[1:])])
 def test_the_witnesses_have_the_highest_scores(size):
     task = find_task(f"{size}-10000")
-    best, scores = score_submission(perfect(task))
+    best, scores = perfect(task).score()
     np.testing.assert_array_equal(best[0, 0], task.optimum)
     assert all((values == 1).all() and values.shape == (10, 1) for values in scores)
-    assert (grade_submission(perfect(task)) == 1).all()
+    assert (perfect(task).grade() == 1).all()
 
 
 @pytest.mark.parametrize("name", ["5x5A", "5x5A-1000", "12x12B-10000", "5x5-10000", "5x5C-10000", "", 3])
@@ -79,7 +75,7 @@ def test_what_does_not_count_is_vacant():
     open_cell = next(grid for grid in unfilled if (grid == 0).any())
     ring = np.array([[6, 5, 3, 6, 3], [10, 0, 10, 10, 10], [12, 5, 9, 12, 9], [0] * 5, [0] * 5])  # turns side by side
     submission.grids[1, 0, 0], submission.grids[2, 0, 0] = open_cell, ring
-    best, scores = score_submission(submission)
+    best, scores = submission.score()
     assert np.isinf(best[:3, 0, 0]).all() and np.isfinite(best[:3, 0, 1]).all()
     np.testing.assert_array_equal(scores.coverage[:, 0], [0.5] * 3 + [1] * 7)
     np.testing.assert_array_equal(scores.precision, 1)
@@ -100,7 +96,7 @@ def test_the_graded_score_has_partial_credit_for_few_flaws(name):
     grids = task.witnesses[draws.integers(len(task.witnesses), size=(len(rates), 1, 9))]
     spoilt = draws.random(grids.shape) < rates.reshape(-1, 1, 1, 1, 1)
     grids = np.where(spoilt, draws.integers(16, size=grids.shape), grids).astype(np.int8)
-    graded = grade_submission(Submission(task, grids))
+    graded = Submission(task, grids).grade()
     for archive, score in zip(grids[:, 0], graded[:, 0], strict=True):
         of_niches = []
         for cyclomatic, optimum in zip(task.cyclomatic, task.optimum, strict=True):
@@ -112,7 +108,7 @@ def test_the_graded_score_has_partial_credit_for_few_flaws(name):
                     of_niche.append(1 / (2 + 2 * flaws) if flaws else (1 + nearness) / 2)
             of_niches.append(max(of_niche))
         assert score == pytest.approx(np.mean(of_niches))
-    _, scores = score_submission(Submission(task, grids))
+    _, scores = Submission(task, grids).score()
     assert ((scores.reliability == 0) & (graded > 0)).any()
 
 
@@ -200,11 +196,11 @@ def test_other_files_are_refused_in_one_line(content, tmp_path, capsys):
 )
 def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
     with pytest.raises(InputError, match=words):
-        score_submission(perfect()._replace(task=TASK._replace(**wrong)))
+        perfect()._replace(task=TASK._replace(**wrong)).score()
 
 
 def test_the_page_lists_the_arrays_of_an_archive(tmp_path):
-    write_submission(tmp_path / "perfect.npz", perfect())
+    perfect().save(tmp_path / "perfect.npz")
     listed = re.findall(r"^\| `(\w+)` \| (?:a|whole) ", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     with np.load(tmp_path / "perfect.npz") as stored:
         assert sorted(listed) == sorted(stored)
@@ -277,7 +273,7 @@ def test_runs_keep_their_archive_at_every_budget():
             np.testing.assert_array_equal(kept, grids[first])
             assert flaws[first] == oracle_flaws(grids[first], TASK.fill)
     assert len(grids) - len(seen[-1][0]) < 100_000  # and no batch more
-    best, _ = score_submission(submission)
+    best, _ = submission.score()
     assert best.shape == (1, 2, len(TASK.optimum)) and (best[0, 1] <= best[0, 0]).all()
 
 
@@ -298,8 +294,8 @@ def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
     one, other = run(task, walk), run(task, walk, 10)
     np.testing.assert_array_equal(one.grids, other.grids)
     assert len({grids.tobytes() for grids in one.grids}) > 1
-    write_submission(tmp_path / "mine.npz", one)
-    read = read_submission(tmp_path / "mine.npz")
+    one.save(tmp_path / "mine.npz")
+    read = Submission.load(tmp_path / "mine.npz")
     assert read.task.name == task.name
     np.testing.assert_array_equal(read.grids, one.grids)
 
@@ -307,7 +303,7 @@ def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
 def test_a_search_may_end_early_and_faults_are_named():
     task = find_task("5x5A-100000")
     submission = run(task, lambda task, rng: iter_once(task.witnesses), 2)
-    _, scores = score_submission(submission)
+    _, scores = submission.score()
     assert (scores.reliability == 1).all() and scores.reliability.shape == (2, 2)
     for batch, words in (
         (np.zeros((3, 4, 5), int), r"expected grids \[B, 5, 5\] of whole numbers, got int64 \[3, 4, 5\]"),
@@ -349,7 +345,7 @@ def iter_once(batch):
 def test_grids_that_do_not_fit_the_task_get_no_score(change, words):
     grids = np.asarray(perfect().grids, int)
     with pytest.raises(InputError, match=f"^submission: {words}"):
-        score_submission(perfect()._replace(grids=change(grids)))
+        perfect()._replace(grids=change(grids)).score()
 
 
 def masked(values):
@@ -365,7 +361,7 @@ def test_masked_numbers_are_refused():
     with pytest.raises(InputError, match="^values: expected a number at each index, got a masked array"):
         confidence_interval(masked([1.0, 0.5]))
     hidden = perfect()._replace(grids=masked(perfect().grids))
-    for use in (score_submission, grade_submission, lambda submission: write_submission("hidden.npz", submission)):
+    for use in (Submission.score, Submission.grade, lambda submission: submission.save("hidden.npz")):
         with pytest.raises(InputError, match="^submission: grids: expected a number at each index, got a masked"):
             use(hidden)
     with pytest.raises(InputError, match="^search: expected a number at each index, got a masked array"):

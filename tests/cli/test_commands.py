@@ -21,6 +21,7 @@ from elitelanes_jax._util.interruption import catch_interrupts
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.cli import program
 from elitelanes_jax.cli.main import main
+from elitelanes_jax.formats import map_to_json
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.search.resolve import plain_spec
 from elitelanes_jax.tiles import default_tiles
@@ -396,3 +397,22 @@ def test_the_program_is_named_as_it_can_be_started(monkeypatch):
         monkeypatch.setattr(program, "which", lambda _, found=found: found)
         monkeypatch.setattr("sys.argv", [started])
         assert program.program_name() == name
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (
+            ["plan", "town", "--out", "my map: a.doc"],
+            "--out: expected a name that ends in .pdf, .svg or .png, got 'my map",
+        ),
+        (["render", "town"], "--out: expected a folder for the pictures of town, which has no suffix to leave out"),
+        (["generate", "--floor", "1000", "1000", "--out", "maps"], "--floor: expected sides from 2 to 1024"),
+    ],
+)
+def test_a_message_names_the_argument_that_was_given(command, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("town").write_text(map_to_json(np.full((3, 3), 5, np.int8)))
+    assert main(command) == 2
+    assert capsys.readouterr().err.startswith(f"elitelanes: {message}")
+    assert [path.name for path in tmp_path.iterdir()] == ["town"]

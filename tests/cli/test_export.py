@@ -10,8 +10,8 @@ import pytest
 
 from elitelanes_jax import RoadMap, measure, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import Streets, draw_text, table_to_csv, to_sumo
-from elitelanes_jax.formats import map_to_json as map_json
+from elitelanes_jax.formats import Streets, table_to_csv, to_sumo
+from elitelanes_jax.formats.road_map import map_to_json as map_json
 from elitelanes_jax.formats.table import measure_maps
 
 GRID = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 13, 9], [8, 0, 0, 0]], np.int8)
@@ -28,11 +28,11 @@ def maps(tmp_path):
 
 
 def test_a_map_in_boxes():
-    assert draw_text(GRID).splitlines() == ["┌───┬─┐", "│   │ │", "├───┴─┘", "╵"]
-    assert draw_text(GRID, ascii_only=True).splitlines() == ["+---+-+", "|   | |", "+---+-+", "|"]
+    assert RoadMap(GRID).to_text().splitlines() == ["┌───┬─┐", "│   │ │", "├───┴─┘", "╵"]
+    assert RoadMap(GRID).to_text(ascii_only=True).splitlines() == ["+---+-+", "|   | |", "+---+-+", "|"]
     sides = {8: "╵│└├┘┤┴┼", 4: "╶─└┌├┬┴┼", 2: "╷│┌┐├┤┬┼", 1: "╴─┐┘┤┬┴┼"}  # who has a line to the north, and so on
     for code in range(16):
-        sign = draw_text([[code, 0], [0, 0]])[:1].strip()
+        sign = RoadMap([[code, 0], [0, 0]]).to_text()[:1].strip()
         assert {side for side, signs in sides.items() if sign and sign in signs} == {s for s in sides if code & s}
 
 
@@ -122,7 +122,7 @@ def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
 def test_show(maps, tmp_path, capsys):
     assert main(["show", maps[1]]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[:5] == [*draw_text(GRID).splitlines(), ""]
+    assert lines[:5] == [*RoadMap(GRID).to_text().splitlines(), ""]
     assert lines[5].startswith("4 x 4 tiles, components 1, cyclomatic 2, dead ends 1, ")
     assert max(map(len, lines)) <= 100
     (tmp_path / "map.yaml").write_text("tiles:\n- [curve_left/W, curve_left/N]\n- [curve_left/S, curve_left/E]\n")

@@ -19,12 +19,12 @@ from jax.random import key_data
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, load_tiles, make_dataset, measure, mirror, render, rotate
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.dataset import STANDARD
 from elitelanes_jax.dataset._card import sample_sheet
 from elitelanes_jax.dataset._layouts import write_sample
 from elitelanes_jax.dataset._plan import _Size
 from elitelanes_jax.dataset._samples import Sample
 from elitelanes_jax.dataset._splits import split_maps
+from elitelanes_jax.dataset._transforms import STANDARD
 from elitelanes_jax.dataset._views import View, warp
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.spec import SPLITS

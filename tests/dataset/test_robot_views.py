@@ -18,7 +18,7 @@ from elitelanes_jax.dataset._tiled_maps import TiledMap, can_tile, see_tiled_lab
 from elitelanes_jax.dataset._transforms import Viewpoints
 from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.drive._camera import Camera, look, make_atlas
+from elitelanes_jax.drive import Camera, look, make_sight
 from elitelanes_jax.drive._objects import make_objects, touches
 from elitelanes_jax.drive.lanes import Pose, lane_curvature, lane_errors, lane_pose
 from elitelanes_jax.formats.objects import MapObject
@@ -27,7 +27,7 @@ from elitelanes_jax.lanes.curves import LANE_OFFSET
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.tiles.object_set import load_objects
-from elitelanes_jax.tiles.rendering import choose_tiles, render, scale_tiles, show_paved
+from elitelanes_jax.tiles.rendering import choose_tiles, render, show_paved
 
 TOWN = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 15, 11], [12, 5, 13, 9]], np.int8)
 SMALL = Viewpoints(rows=48, columns=64)
@@ -85,10 +85,8 @@ def test_a_sample_follows_the_lanes_of_its_tiles(drawn_tiles):
 def test_labels_and_pictures_are_those_of_the_environments_camera(drawn_tiles):
     chosen = choose_tiles(TOWN, drawn_tiles, 3)
     picture = render(TOWN, drawn_tiles, tile_px=PX, chosen=chosen)
-    scaled = scale_tiles(drawn_tiles, PX)
-    atlas = make_atlas(scaled["image"], scaled["labels"])
-    place = jnp.asarray(chosen[..., 0] * 4 + chosen[..., 1], jnp.int32)
-    looking = jax.jit(lambda pose, camera: look(jax.random.key(0), pose, place, atlas, camera))
+    sight = make_sight(drawn_tiles, tile_px=PX)
+    looking = jax.jit(lambda pose, camera: look(pose, TOWN, sight._replace(camera=camera), chosen=chosen))
     ground = tuple(drawn_tiles.pictures[-1].image[0, 0].tolist())
     same, away = [], []
     for viewpoint in viewpoints(30):

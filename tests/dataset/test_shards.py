@@ -18,8 +18,8 @@ from folders import files, read_picture
 from given_maps import small
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset
-from elitelanes_jax.dataset import STANDARD
 from elitelanes_jax.dataset._drawing import Samples
+from elitelanes_jax.dataset._transforms import STANDARD
 from elitelanes_jax.maps.spec import SPLITS
 
 SHARDS = ["webdataset", "parquet"]

@@ -10,13 +10,13 @@ import pytest
 from driving_oracle import drawn_maps
 
 from elitelanes_jax import InputError, render
-from elitelanes_jax.drive import Camera, Pose, look, look_around, make_atlas, make_sight, movements, random_pose
-from elitelanes_jax.drive._camera import _undistort, ground_points
+from elitelanes_jax.drive import Camera, Pose, look, make_sight, movements, random_pose
+from elitelanes_jax.drive._camera import _undistort, ground_points, make_atlas, pack_sight
 from elitelanes_jax.drive._hashing import hash_normal
 from elitelanes_jax.drive.lanes import lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.lanes.movements import Movement
-from elitelanes_jax.tiles import choose_tiles, scale_tiles
+from elitelanes_jax.tiles import choose_tiles
 
 TILE_PX = 32
 frame = jax.jit(look)
@@ -28,10 +28,8 @@ undistort = jax.jit(_undistort)
 def scene(drawn_tiles):
     grid = drawn_maps(0, 1, (5, 6), fill=True)[0]
     chosen = choose_tiles(grid, drawn_tiles, 1)
-    scaled = scale_tiles(drawn_tiles, TILE_PX)
     picture = render(grid, drawn_tiles, tile_px=TILE_PX, chosen=chosen)
-    tiles = (chosen[..., 0] * 4 + chosen[..., 1]).astype(np.int32)
-    return grid, tiles, make_atlas(scaled["image"], scaled["labels"]), picture
+    return grid, chosen, make_sight(drawn_tiles, tile_px=TILE_PX), picture
 
 
 def some_poses(grid, count):
@@ -62,11 +60,11 @@ def homography(pose, camera):
 
 
 def test_labels_and_colours_are_those_of_opencvs_warp(scene):
-    grid, tiles, atlas, picture = scene
+    grid, chosen, sight, picture = scene
     camera = Camera(rows=60, columns=80)
     same = total = seen = 0
     for pose in some_poses(grid, 12):
-        view = jax.device_get(frame(jax.random.key(0), pose, tiles, atlas, camera))
+        view = jax.device_get(frame(pose, grid, sight._replace(camera=camera), chosen=chosen))
         matrix = homography(pose, camera)
         # A pixel in front of the camera has a positive third coordinate on the ground, one above the horizon has not.
         columns, rows = np.meshgrid(np.arange(80), np.arange(60))
@@ -124,10 +122,10 @@ def test_parts_of_the_lens_and_of_colours_may_differ_in_a_batch():
 
 
 def test_light_and_noise_change_colours_alone(scene):
-    grid, tiles, atlas, _ = scene
+    grid, chosen, sight, _ = scene
     (pose,) = some_poses(grid, 1)
     plain, dark, noisy = (
-        jax.device_get(frame(jax.random.key(2), pose, tiles, atlas, camera))
+        jax.device_get(frame(pose, grid, sight._replace(camera=camera), key=jax.random.key(2), chosen=chosen))
         for camera in (Camera(), Camera(light=0.5), Camera(noise=5.0))
     )
     assert (plain.labels == dark.labels).all() and (plain.labels == noisy.labels).all()
@@ -135,8 +133,8 @@ def test_light_and_noise_change_colours_alone(scene):
     change = noisy.image.astype(float) - plain.image
     assert 4 < change[plain.image < 200].std() < 6
     poses = Pose(*np.array([pose, pose], np.float32).T)
-    frames = jax.jit(jax.vmap(look, in_axes=(0, 0, None, None, None)))
-    both = frames(jax.random.split(jax.random.key(0), 2), poses, tiles, atlas, Camera())
+    frames = jax.jit(jax.vmap(look, in_axes=(0, None, None, None, 0, None)))
+    both = frames(poses, grid, sight, None, jax.random.split(jax.random.key(0), 2), chosen)
     np.testing.assert_array_equal(both.labels[1], plain.labels)
     np.testing.assert_array_equal(both.image[0], plain.image)
 
@@ -145,9 +143,9 @@ def test_pictures_of_a_code_alternate_and_noise_depends_on_the_pose():
     """From straight above the middle of a map of one code, whose three pictures have a shade each."""
     shades = np.arange(16, dtype=np.uint8).repeat(8 * 8 * 3).reshape(16, 8, 8, 3) // 4 * 60
     camera = Camera(height=2.0, forward=0.0, pitch=90.0, rows=45, columns=45, field_of_view=60.0, noise=2.0)
-    sight = make_sight(shades, shades[..., 0], {0: [(0, 0)], 15: [(1, 0), (2, 0), (3, 0)]}, camera)
+    sight = pack_sight(shades, shades[..., 0], {0: [(0, 0)], 15: [(1, 0), (2, 0), (3, 0)]}, camera)
     poses = [Pose(*jnp.array([2.5, 2.5, theta])) for theta in (np.pi / 2, np.pi / 2, np.pi / 2 + 1e-4)]
-    seen = jax.jit(look_around)
+    seen = jax.jit(look)
     first, again, other = (np.asarray(seen(pose, np.full((5, 5), 15), sight).image) for pose in poses)
     cells = np.rint(first[11:34:11, 11:34:11, 0] / 60)
     assert set(cells.flat) == {1, 2, 3} and np.diff(cells).all() and np.diff(cells, axis=0).all()
@@ -167,11 +165,11 @@ def test_noise_is_nearly_normal_and_differs_between_pixels_colours_and_seeds():
 
 @pytest.mark.slow
 def test_a_pose_that_the_same_program_draws_costs_little(scene):
-    grid, tiles, atlas, _ = scene
-    camera = Camera(noise=3.0)
+    grid, chosen, sight, _ = scene
+    noisy = sight._replace(camera=Camera(noise=3.0))
 
     def render_each(poses):
-        return jax.vmap(lambda pose: look(jax.random.key(0), pose, tiles, atlas, camera))(poses)[:2]
+        return jax.vmap(lambda pose: look(pose, grid, noisy, key=jax.random.key(0), chosen=chosen))(poses)[:2]
 
     keys = jax.random.split(jax.random.key(0), 128)
     poses = jax.jit(jax.vmap(random_pose, in_axes=(0, None)))(keys, grid)
@@ -200,4 +198,4 @@ def test_faults_are_named():
     for tile in ((2, 0), (-1, 0), (0, 5)):
         words = f"0 to 3 quarter turns, got {tile[0]} and {tile[1]} for code 6$"
         with pytest.raises(InputError, match=f"^rotations: expected tiles of the 8 pictures, .* {words}"):
-            make_sight(shades, shades[..., 0], {0: [(0, 0)], 6: [tile]})
+            pack_sight(shades, shades[..., 0], {0: [(0, 0)], 6: [tile]})

@@ -10,11 +10,11 @@ from driving_oracle import pick
 from standing_oracle import CAMERA, TOWN, draw_back_to_front, some_objects, some_poses
 
 from elitelanes_jax import InputError, RoadMap
-from elitelanes_jax.drive import Camera, LaneDrive, Pose, look_around, make, make_billboards, make_objects, make_sight
-from elitelanes_jax.drive._objects import pack_billboards, touches
+from elitelanes_jax.drive import Camera, LaneDrive, Pose, look, make, make_objects, make_sight
+from elitelanes_jax.drive._objects import make_billboards, pack_billboards, touches
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
-from elitelanes_jax.tiles import load_objects, scale_tiles
+from elitelanes_jax.tiles import load_objects
 
 # The pictures in a view have 64 x 64 pixels.
 SIDE = 64
@@ -22,9 +22,8 @@ SIDE = 64
 
 @pytest.fixture(scope="module")
 def sight(drawn_tiles):
-    scaled = scale_tiles(drawn_tiles, 16)
     camera = Camera(rows=CAMERA["rows"], columns=CAMERA["columns"], objects=12)
-    return make_sight(scaled["image"], scaled["labels"], drawn_tiles.rotations, camera, load_objects().views)
+    return make_sight(drawn_tiles, camera, tile_px=16, objects=load_objects())
 
 
 def shrink(picture):
@@ -37,11 +36,11 @@ def test_views_are_those_of_a_renderer_that_draws_back_to_front(sight, distortio
     things = some_objects(12)
     objects = pick(make_objects([RoadMap(TOWN, objects=things)]), 0)
     sight = sight._replace(camera=sight.camera.replace(distortion=distortion))
-    look = jax.jit(lambda pose: look_around(pose, TOWN, sight, objects))
-    plain = jax.jit(lambda pose: look_around(pose, TOWN, sight))
+    full = jax.jit(lambda pose: look(pose, TOWN, sight, objects))
+    plain = jax.jit(lambda pose: look(pose, TOWN, sight))
     views, same, seen = load_objects().views, [], set()
     for pose in some_poses(4):
-        view, road = jax.device_get((look(Pose(*map(jnp.float32, pose))), plain(Pose(*map(jnp.float32, pose)))))
+        view, road = jax.device_get((full(Pose(*map(jnp.float32, pose))), plain(Pose(*map(jnp.float32, pose)))))
         owners, colours = draw_back_to_front(things, views, pose, CAMERA | {"distortion": distortion}, shrink)
         agree = view.instances == owners
         same.append(agree.mean())
@@ -61,11 +60,11 @@ def test_the_nearest_objects_are_shown(sight):
     first, second = pick(batch, 0), pick(batch, 1)
     for count in (1, 3):
         few = sight._replace(camera=sight.camera.replace(objects=count))
-        shown = set(np.unique(jax.jit(look_around)(pose, TOWN, few, first).instances)) - {0}
+        shown = set(np.unique(jax.jit(look)(pose, TOWN, few, first).instances)) - {0}
         assert shown == {9 - index for index in range(count)}
-    empty = jax.jit(look_around)(pose, TOWN, sight, second)
+    empty = jax.jit(look)(pose, TOWN, sight, second)
     assert not empty.instances.any()
-    np.testing.assert_array_equal(empty.image, jax.jit(look_around)(pose, TOWN, sight).image)
+    np.testing.assert_array_equal(empty.image, jax.jit(look)(pose, TOWN, sight).image)
     assert make_objects([RoadMap(TOWN)]) is None
 
 

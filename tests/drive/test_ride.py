@@ -12,13 +12,13 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.drive import Camera, look_around, make_sight
+from elitelanes_jax.drive import Camera, look, make_sight
 from elitelanes_jax.drive import rides as rides_module
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.rides import film, load_policy, make_rides, trails, write_film
 from elitelanes_jax.formats import MapObject, RoadMap
 from elitelanes_jax.lanes.curves import on_road
-from elitelanes_jax.tiles.rendering import render, scale_tiles
+from elitelanes_jax.tiles.rendering import render
 
 GRID = np.array([[6, 7, 3], [12, 13, 9]], np.int8)
 
@@ -189,11 +189,10 @@ def test_a_policy_with_a_camera_sees_its_picture_alone(drawn_tiles):
     sees.camera = Camera(rows=24, columns=32)
     own = make_rides(GRID, 1, policy=sees, seconds=0.2, tiles=drawn_tiles)
     assert asked[0][:5] == (None,) * 5 and asked[0].image.shape == (24, 32, 3) and asked[0].image.dtype == np.uint8
-    scaled = scale_tiles(drawn_tiles, 128)
-    sight = make_sight(scaled["image"], scaled["labels"], drawn_tiles.rotations, sees.camera)
+    sight = make_sight(drawn_tiles, sees.camera, tile_px=128)
     for step, observation in enumerate(asked):
         pose = Pose(own.x[0, step], own.y[0, step], own.theta[0, step])
-        close = np.isclose(observation.image, look_around(pose, GRID, sight).image, atol=1)
+        close = np.isclose(observation.image, look(pose, GRID, sight).image, atol=1)
         assert close.mean() > 0.99
 
 

@@ -21,7 +21,6 @@ from elitelanes_jax.drive import (
     puffer_env,
     sb3_vec_env,
 )
-from elitelanes_jax.tiles import scale_tiles
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
@@ -31,9 +30,7 @@ LEVELS = make_levels(jax.random.key(2), drawn_maps(1, 16, (4, 5), fill=True))
 
 @pytest.fixture(scope="module")
 def made():
-    tiles = load_tiles()
-    scaled = scale_tiles(tiles, 16)
-    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=36, columns=48, noise=2.0))
+    sight = make_sight(load_tiles(), Camera(rows=36, columns=48, noise=2.0), tile_px=16)
     return {
         "road-nav": (RoadNav, RoadNavParams(LEVELS, limit=6, window=3)),
         "lane-drive": (LaneDrive, LaneDriveParams(LEVELS, limit=20, task="lane")),

@@ -20,12 +20,12 @@ from elitelanes_jax.drive import (
     RoadNavParams,
     auto_reset,
     gymnasium_env,
-    look_around,
+    look,
     make_levels,
     make_sight,
 )
 from elitelanes_jax.drive._batch import flatten
-from elitelanes_jax.tiles import scale_tiles
+from elitelanes_jax.drive._camera import pack_sight
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
@@ -45,9 +45,7 @@ def params(levels):
 
 @pytest.fixture(scope="module")
 def seeing(levels):
-    tiles = load_tiles()
-    scaled = scale_tiles(tiles, 16)
-    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=12, columns=16, noise=2.0))
+    sight = make_sight(load_tiles(), Camera(rows=12, columns=16, noise=2.0), tile_px=16)
     return LaneDriveParams(levels, limit=20, observe="camera", sight=sight)
 
 
@@ -58,13 +56,13 @@ def test_the_camera_is_an_observation_of_all_wrappers(seeing):
     key = jax.random.key(0)
     image, state = jax.jit(env.reset)(key)
     assert image.dtype == jnp.uint8 and image.shape == (12, 16, 3)
-    np.testing.assert_array_equal(image, jax.jit(look_around)(state.pose, state.grid, seeing.sight).image)
+    np.testing.assert_array_equal(image, jax.jit(look)(state.pose, state.grid, seeing.sight).image)
     action = jnp.array([0.3, 0.5])
     moved, after, *_, info = jax.jit(env.step)(key, state, action)
     assert (moved != image).any() and (moved == info["final_observation"]).all()
     np.testing.assert_array_equal(moved, LaneDrive.observe(after, seeing).image)
     with pytest.raises(InputError, match="rotations: expected a picture of code 0"):
-        make_sight(np.zeros((4, 8, 8, 3), np.uint8), np.zeros((4, 8, 8), np.uint8), {5: [(0, 0)]})
+        pack_sight(np.zeros((4, 8, 8, 3), np.uint8), np.zeros((4, 8, 8), np.uint8), {5: [(0, 0)]})
 
 
 def test_gymnax_has_our_values_as_vectors(params):
@@ -110,7 +108,7 @@ def test_gymnasium_accepts_them(environment, params, levels, seeing):
 
     def render(state):
         pose = getattr(state, "pose", Pose(1.0, 1.0, 0.0))
-        return look_around(pose, state.grid, seeing.sight).image
+        return look(pose, state.grid, seeing.sight).image
 
     alone = gymnasium_env(*given, gymnasium, render=render)
     check_env(alone, skip_render_check=True)

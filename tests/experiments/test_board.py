@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elitelanes_jax.benchmark.submissions import read_submission
+from elitelanes_jax.benchmark import Submission
 from elitelanes_jax.benchmark.tasks import BUDGETS, find_task
 from elitelanes_jax.cli.main import main as command
 from experiments.search import board, tune
@@ -47,7 +47,7 @@ def test_a_row_is_measured_and_compared_with_the_published_rows(tmp_path, monkey
         "tuned, 5x5A-10000, 10 runs: coverage 0.750, reliability 0.750, precision 1.000, optimal 0.750, graded 0.750"
         in (capsys.readouterr().out)
     )
-    assert read_submission(tmp_path / "tuned-5x5A-10000.npz").grids.shape == (10, 1, 2, 5, 5)
+    assert Submission.load(tmp_path / "tuned-5x5A-10000.npz").grids.shape == (10, 1, 2, 5, 5)
     assert command(["score", str(tmp_path / "tuned-5x5A-10000.npz")]) == 0
     scores = ["0.75 (0.60 to 0.90)"] * 2 + ["1.00 (1.00 to 1.00)"] + ["0.75 (0.60 to 0.90)"] * 2
     assert rows_of(tmp_path / "board.md") == [["Ours", *scores], [ROWS["ea"].title, *["0.25 (0.20 to 0.30)"] * 4, ""]]

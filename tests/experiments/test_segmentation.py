@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax import RoadMap, rotate
-from elitelanes_jax.dataset import STANDARD, Transforms, draw_sample
+from elitelanes_jax.dataset import Transforms, draw_sample
+from elitelanes_jax.dataset._transforms import STANDARD
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.tiles import default_tiles
 from experiments.perception.photographs import main as photographed

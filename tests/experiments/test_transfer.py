@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive import Camera, Pose, look, make_atlas, random_pose
+from elitelanes_jax.drive import Camera, Pose, look, make_sight, random_pose
 from elitelanes_jax.drive.lanes import lane_pose
-from elitelanes_jax.tiles import choose_tiles, scale_tiles
+from elitelanes_jax.tiles import choose_tiles
 
 nets = pytest.importorskip(
     "experiments.perception.gym_duckietown.nets", reason="flax and optax are not here", exc_type=ImportError
@@ -72,12 +72,11 @@ def test_pure_pursuit_holds_the_lane_from_both_sides():
 def look_along(drawn_tiles):
     """Our camera on a straight road, in the middle of the lane."""
     road = np.full((1, 8), 5, np.int8)
-    scaled, chosen = scale_tiles(drawn_tiles, 64), choose_tiles(road, drawn_tiles)
-    atlas = make_atlas(scaled["image"], scaled["labels"])
+    sight, chosen = make_sight(drawn_tiles, Camera(rows=120, columns=160)), choose_tiles(road, drawn_tiles)
 
     def look_at(phi):
         pose = Pose(*map(np.float32, (2.5, 0.7, phi)))
-        return look(jax.random.key(0), pose, chosen[..., 0] * 4 + chosen[..., 1], atlas, Camera(rows=120, columns=160))
+        return look(pose, road, sight, chosen=chosen)
 
     return look_at
 

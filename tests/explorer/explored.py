@@ -10,12 +10,14 @@ import pytest
 
 from elitelanes_jax import Metrics, Result, SearchSpec
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.network import METRIC_NAMES, plain_measure
+from elitelanes_jax.network import plain_measure
 from elitelanes_jax.network.plain_metrics import plain_town
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.problem import paper_axes
-from elitelanes_jax.search import History, MeasuredElites, RunState
+from elitelanes_jax.search import History, MeasuredElites
 from elitelanes_jax.search.resolve import resolve
+from elitelanes_jax.search.result import RunState
 
 __all__ = ["IN_BROWSER", "big_result", "float_result", "own_result", "write_run"]
 

@@ -18,10 +18,13 @@ from explored import IN_BROWSER, big_result, float_result, own_result, write_run
 from sign_cases import placed_again
 
 from elitelanes_jax import DatasetSpec, Result, RoadMap, Weights, load_tiles, read_map, render, repair
-from elitelanes_jax.explorer import collect, page_of
-from elitelanes_jax.formats import MapObject, make_plan, map_to_json, read_maps, to_duckietown
+from elitelanes_jax.explorer._collect import collect
+from elitelanes_jax.explorer.page import page_of
+from elitelanes_jax.formats import MapObject, make_plan, to_duckietown
+from elitelanes_jax.formats.road_map import map_to_json, read_maps
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.network import METRIC_NAMES, measure_town, plain_measure
+from elitelanes_jax.network import measure_town, plain_measure
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.inventory import COUNTED, parse_inventory
 from elitelanes_jax.tiles import LABEL_COLOURS

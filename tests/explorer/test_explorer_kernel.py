@@ -11,9 +11,9 @@ import pytest
 from kernel_cases import ALPHABET, CASES, WEIGHTS, kernel_cases
 
 from elitelanes_jax import fitness, measure, random_grids, repair
-from elitelanes_jax.network import METRIC_NAMES, plain_measure
+from elitelanes_jax.network import plain_measure
 from elitelanes_jax.network.metrics import stack_metrics
-from elitelanes_jax.network.records import TownFeatures
+from elitelanes_jax.network.records import METRIC_NAMES, TownFeatures
 from elitelanes_jax.problem.kernels import measure_features
 
 HERE = Path(__file__).parent

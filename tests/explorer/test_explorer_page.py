@@ -18,9 +18,11 @@ from explored import big_result, own_result, write_run
 
 from elitelanes_jax import InputError, Result, RoadMap, evolve, load_tiles, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.explorer import collect, explore, page, page_of
-from elitelanes_jax.formats import map_to_json
-from elitelanes_jax.problem import vacant_fitness
+from elitelanes_jax.explorer import explore, page
+from elitelanes_jax.explorer._collect import collect
+from elitelanes_jax.explorer.page import page_of
+from elitelanes_jax.formats.road_map import map_to_json
+from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.tiles import choose_tiles, default_tiles
 from elitelanes_jax.tiles.rendering import recall_choice
 
@@ -318,3 +320,12 @@ def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, c
     assert main(["explore", str(home / "runs" / "one"), "--out", str(tmp_path / "page.html")]) == 0
     said = "mine: expected the tile pictures of the run, got none; the package's own are shown; see --tiles\n"
     assert capsys.readouterr().err == said
+
+
+def test_runs_and_maps_of_the_same_name_are_told_apart(run, tmp_path, monkeypatch):
+    for name in ("maps", "runs/maps", "runs/maps (2)"):
+        shutil.copytree(run, tmp_path / name)
+    RoadMap(np.full((5, 6), 5, np.int8)).save(tmp_path / "town.json")
+    monkeypatch.chdir(tmp_path)
+    runs = collect(["maps", "runs", "town.json"]).values["runs"]
+    assert [run["name"] for run in runs] == ["maps", "maps (3)", "maps (2)", "maps (4)"]

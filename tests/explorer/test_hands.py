@@ -6,12 +6,14 @@ import io
 import json
 import re
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import zipfile
 from contextlib import suppress
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 
 import cv2
 import numpy as np
@@ -403,3 +405,17 @@ def test_corners_masks_and_undo_in_a_browser(tmp_path):
     assert main(["tiles", "check", str(tmp_path / "mine")]) == 0
     turn = next(tile for tile in load_tiles(tmp_path / "mine").tiles if tile.name == "turn_1")
     assert not turn.road[60:68, 60:68].any()  # the stroke that erased
+
+
+def test_a_page_that_is_closed_while_it_loads_prints_nothing(tiles, capfd):
+    with HandServer(HandWork(tiles, [], (1, 1))) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        ended = Event()
+        server.shutdown_request = lambda request: (HandServer.shutdown_request(server, request), ended.set())
+        with socket.create_connection(server.server_address) as page:
+            # A reset instead of an orderly end, as from a browser that reloads the page.
+            page.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            page.sendall(b"GET /")
+        assert ended.wait(60)
+        server.shutdown()
+    assert capfd.readouterr().err == ""

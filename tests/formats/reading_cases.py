@@ -10,8 +10,8 @@ import tempfile
 from pathlib import Path
 
 from elitelanes_jax import InputError
-from elitelanes_jax.formats import read_maps
 from elitelanes_jax.formats.objects import object_values
+from elitelanes_jax.formats.road_map import read_maps
 
 __all__ = ["CASES", "reading_cases"]
 

@@ -18,7 +18,7 @@ from elitelanes_jax import InputError, evolve, measure, random_grids, read_map, 
 from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.formats import from_duckietown, to_duckietown, without_dead_ends
 from elitelanes_jax.lanes.movements import Movement
-from elitelanes_jax.network import ROAD_ALPHABET
+from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.wfc import generate_batch
 

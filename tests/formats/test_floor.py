@@ -17,7 +17,7 @@ from odd_names import ODD_NAMES, REFUSED
 from scipy.ndimage import distance_transform_edt
 
 from elitelanes_jax import InputError, RoadMap
-from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
+from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_sight
 from elitelanes_jax.drive.lanes import lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats import MapObject
@@ -26,7 +26,7 @@ from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
 from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.maps.exporting import FORMATS, as_bytes
 from elitelanes_jax.network import wfc
-from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles, stand
+from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, stand
 from elitelanes_jax.tiles.tileset import default_tiles
 
 TOWN = wfc.generate_batch(np.random.default_rng(0), 1, (6, 8), border="closed").grid[0]
@@ -294,8 +294,7 @@ def test_the_camera_of_mujoco_sees_lines_where_ours_does(mujoco, any_types):
     ahead.
     """
     tiles, camera = load_tiles(), Camera(rows=480, columns=640)
-    layers = scale_tiles(tiles, 256)
-    atlas = make_atlas(layers["image"], layers["labels"])
+    sight = make_sight(tiles, camera, tile_px=256)
     furthest = 0.0
     for number in range(10):
         rng, codes = np.random.default_rng(number), city(number, 10)
@@ -309,7 +308,7 @@ def test_the_camera_of_mujoco_sees_lines_where_ours_does(mujoco, any_types):
                 put(mujoco, data, Pose(*line[:, at], np.arctan2(-step[1], step[0])), len(codes))
                 renderer.update_scene(data, "camera")
                 pose = Pose(*where(data, len(codes)))
-                ours = look(jax.random.key(0), pose, chosen[..., 0] * 4 + chosen[..., 1], atlas, camera)
+                ours = look(pose, codes, sight, chosen=chosen)
                 one, other = renderer.render().astype(int), np.asarray(ours.image).astype(int)
                 for colour, faint in ((is_white, 0.6), (is_yellow, 0.4), (is_red, 0.4)):
                     furthest = max(furthest, apart(colour(one, 1), colour(other, faint)))

@@ -9,8 +9,8 @@ import pytest
 
 from elitelanes_jax import RoadMap, mirror, read_map, rotate
 from elitelanes_jax._util import progress
-from elitelanes_jax.formats import MapObject, read_maps
-from elitelanes_jax.formats.road_map import refresh
+from elitelanes_jax.formats import MapObject
+from elitelanes_jax.formats.road_map import read_maps, refresh
 from elitelanes_jax.formats.signals import _FAR, _distance, crossing_of
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.faults import warn_of_faults

@@ -9,7 +9,8 @@ from oracle import difference as slow_difference
 
 from elitelanes_jax import InputError, mirror, rotate
 from elitelanes_jax.network import likeness
-from elitelanes_jax.network.likeness import RoadSet, difference, group_alike, road_form, road_forms
+from elitelanes_jax.network.likeness import RoadSet, difference, group_alike, road_forms
+from elitelanes_jax.network.symmetry import canonical_form
 
 TOWN = np.array([[6, 5, 3, 0], [10, 0, 14, 3], [12, 5, 13, 9]], np.int8)
 
@@ -40,7 +41,7 @@ def test_it_is_the_least_share_over_all_images_and_positions(pair, below):
     one, other = one[:3, :4], other[:3, :4]
     expected = slow_difference(one, other)
     assert difference(one, other) == difference(other, one) == expected
-    assert (road_form(one) == road_form(other)) == (expected == 0)
+    assert (canonical_form(one, crop=True) == canonical_form(other, crop=True)) == (expected == 0)
     (limited,) = RoadSet([one]).differences(other, below)
     assert limited == (expected if expected < below else np.inf)
 
@@ -49,7 +50,7 @@ def test_it_is_the_least_share_over_all_images_and_positions(pair, below):
 def test_neither_position_nor_image_counts(data):
     one = data.draw(grids())
     image = data.draw(moved(one))
-    assert road_form(image) == road_form(one) and difference(image, one) == 0
+    assert canonical_form(image, crop=True) == canonical_form(one, crop=True) and difference(image, one) == 0
     counts = [difference(grid, TOWN) * max(grid.size, TOWN.size) for grid in (one, image)]
     assert counts[0] == pytest.approx(counts[1])
 
@@ -69,7 +70,7 @@ def test_a_set_of_many_sizes_gives_what_pairs_give():
         expected = np.array([difference(grid, other) for other in many])
         np.testing.assert_array_equal(roads.differences(grid, np.inf), expected)
         np.testing.assert_array_equal(roads.differences(grid, 0.4), np.where(expected < 0.4, expected, np.inf))
-    assert road_forms(many) == [road_form(grid) for grid in many]
+    assert road_forms(many) == [canonical_form(grid, crop=True) for grid in many]
 
 
 def test_many_maps_are_compared_with_a_set_as_one_by_one(monkeypatch):
@@ -114,6 +115,6 @@ def test_a_chain_of_alike_maps_is_a_group():
 
 
 def test_bad_grids_are_refused():
-    for compare in (road_form, lambda grid: difference(TOWN, grid)):
+    for compare in (canonical_form, lambda grid: difference(TOWN, grid)):
         with pytest.raises(InputError, match="grid: expected"):
             compare([[16]])

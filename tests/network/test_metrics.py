@@ -13,10 +13,11 @@ from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
 from elitelanes_jax import Metrics, fitness, measure, mirror, repair, rotate
-from elitelanes_jax.network import METRIC_NAMES, measure_town, plain_measure
+from elitelanes_jax.network import measure_town, plain_measure
 from elitelanes_jax.network._faces import _label, label_faces
 from elitelanes_jax.network.metrics import stack_metrics, unstack_metrics
 from elitelanes_jax.network.plain_metrics import count_tiles
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.xla import PaddedLayout
 from experiments.search.corridors import serpentine, spiral
 

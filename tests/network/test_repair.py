@@ -12,7 +12,7 @@ from oracle import raster_rank
 from oracle import repair as oracle_repair
 
 from elitelanes_jax import InputError, measure, repair
-from elitelanes_jax.network import ROAD_ALPHABET
+from elitelanes_jax.network.codes import ROAD_ALPHABET
 
 
 @given(grids(ALL_SHAPES), st.integers(0, 2**32 - 1))

@@ -13,7 +13,7 @@ from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
 from elitelanes_jax import Optimizer, annealed_gwo, annealed_pso, road_problem
-from elitelanes_jax.network import random_bits
+from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import AnnealedGwoConfig, AnnealedPsoConfig, AnnealingConfig, _annealed, seed_keys
 from elitelanes_jax.optimizers._annealed import AnnealedState
 from elitelanes_jax.optimizers._annealing import Cooling, StepBits

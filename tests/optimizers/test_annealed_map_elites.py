@@ -11,7 +11,8 @@ import pytest
 from certified import evolve
 
 from elitelanes_jax import Axis, Weights, annealed_map_elites, fitness, measure, repair, road_problem
-from elitelanes_jax.network import random_bits, random_grids
+from elitelanes_jax.network import random_grids
+from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers import AnnealedMapElitesConfig, AnnealingConfig
 from elitelanes_jax.optimizers._cycles import Cycle, CycleBits, Groups
 from elitelanes_jax.problem import tuned_axes

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from oracle import measure as oracle
 
 from elitelanes_jax import Axis, InputError, random_grids, repair, road_problem
-from elitelanes_jax.network import METRIC_NAMES
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.optimizers import MoveWeights
 from elitelanes_jax.optimizers.interop import (
     evosax_task,
@@ -25,8 +25,8 @@ from elitelanes_jax.optimizers.interop import (
     ribs_evaluate,
     ribs_grids,
 )
-from elitelanes_jax.problem import Problem, niche_index
-from elitelanes_jax.problem.descriptor import compute_descriptor
+from elitelanes_jax.problem import Problem
+from elitelanes_jax.problem.descriptor import compute_descriptor, niche_index
 
 # Other libraries' warnings are theirs.
 pytestmark = [pytest.mark.filterwarnings("default"), pytest.mark.usefixtures("standard")]

@@ -12,41 +12,33 @@ import pytest
 from oracle import measure as oracle
 from oracle import road_graph
 
-from elitelanes_jax.network import mirror, random_bits, repair, rotate
+from elitelanes_jax.network import mirror, repair, rotate
+from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.network.codes import CONNECTIONS
 from elitelanes_jax.optimizers import (
     Move,
     MoveWeights,
     Variation,
-    clear_block,
-    lay_straight,
-    mirror_block,
+    make_move,
     random_move,
-    refit_window,
-    slide_lines,
-    toggle_corner,
-    toggle_link,
-    toggle_outline,
-    toggle_street,
-    transplant,
     with_fill,
     with_symmetric_copy,
 )
 from elitelanes_jax.optimizers._moves import KNOWN_MOVES
 from elitelanes_jax.optimizers._windows import valid_windows
 
-CYCLES = {"corner": toggle_corner(), "outline": toggle_outline()}
+CYCLES = {"corner": make_move("corner"), "outline": make_move("outline")}
 # By the names of their weights.
 MOVES = CYCLES | {
-    "link": toggle_link(),
-    "street": toggle_street(),
-    "straight": lay_straight(),
-    "clear": clear_block(),
-    "mirror": mirror_block(),
-    "slide": slide_lines(),
-    "transplant": transplant(),
-    "displaced": transplant(displaced=True),
-    "refit": refit_window(empty=False),
+    "link": make_move("link"),
+    "street": make_move("street"),
+    "straight": make_move("straight"),
+    "clear": make_move("clear"),
+    "mirror": make_move("mirror"),
+    "slide": make_move("slide"),
+    "transplant": make_move("transplant"),
+    "displaced": make_move("displaced"),
+    "refit": make_move("refit", empty=False),
 }
 SHAPES = [(6, 6), (4, 7)]
 
@@ -97,13 +89,9 @@ def edges(grid):
 
 def test_the_page_has_the_names_of_all_weights():
     page = (Path(__file__).parents[2] / "docs" / "moves.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `([\w=()]+)` \| (.+?) \|", page, re.MULTILINE)
-    names = [name.strip("`") for _, name in rows if name != "-"]
-    assert sorted(names) == sorted(set(MoveWeights.options()) - {"fill_probability", "user_moves"})
-    of_page = dict(rows)
-    for name in names:  # the docstring says which move a weight is of
-        (move,) = re.findall(rf"^ +{name}: weight of `(\w+)`", MoveWeights.__doc__, re.MULTILINE)
-        assert of_page["transplant(displaced=True)" if name == "displaced" else move] == f"`{name}`"
+    names = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert names == [*KNOWN_MOVES, "refit_strip", "with_fill", "with_symmetric_copy"]
+    assert re.findall(r"^ +(\w+): weight of ", MoveWeights.__doc__, re.MULTILINE) == list(KNOWN_MOVES)
 
 
 def different(varied):
@@ -160,13 +148,13 @@ def test_loops_keep_the_parity_of_every_tile_and_undo_themselves(name, shape):
 
 
 def test_every_corner_and_every_outline_comes():
-    assert len(different(many(toggle_corner(), network((4, 5))))) == 3 * 4
-    assert len(different(many(toggle_outline(), network((4, 5)), count=5000))) == 6 * 10
+    assert len(different(many(make_move("corner"), network((4, 5))))) == 3 * 4
+    assert len(different(many(make_move("outline"), network((4, 5)), count=5000))) == 6 * 10
 
 
 def test_a_link_is_made_or_cut_and_each_comes_equally_often():
     grid = network((4, 5))
-    results, counts = np.unique(many(toggle_link(), grid, count=6200).grid, axis=0, return_counts=True)
+    results, counts = np.unique(many(make_move("link"), grid, count=6200).grid, axis=0, return_counts=True)
     changes = [edges(grid) ^ edges(result) for result in results]
     assert all(len(change) == 1 for change in changes)
     counts = dict(zip(map(frozenset, changes), counts.tolist(), strict=True))
@@ -176,7 +164,7 @@ def test_a_link_is_made_or_cut_and_each_comes_equally_often():
 
 def test_a_street_is_a_stretch_of_a_line():
     grid = network((4, 5))
-    for varied, _ in different(many(toggle_street(), grid)):
+    for varied, _ in different(many(make_move("street"), grid)):
         change = sorted(sorted(edge) for edge in edges(grid) ^ edges(varied))
         if change:
             street = nx.Graph(change)
@@ -187,7 +175,7 @@ def test_a_street_is_a_stretch_of_a_line():
 
 def test_straights_lie_along_a_line():
     grid = np.full((5, 6), 15, np.int8)
-    seen = different(many(lay_straight(), grid))
+    seen = different(many(make_move("straight"), grid))
     assert len(seen) == 5 * 21 + 6 * 15
     for varied, dirty in seen:
         rows, columns = np.argwhere(dirty).T
@@ -220,7 +208,7 @@ def test_a_window_gets_each_other_valid_window_with_the_same_links_out(empty):
             result[north : north + 3, west : west + 3] = window[:, None] >> 4 * np.arange(3) & 15
             if not (window == rows).all():
                 expected.add(result.tobytes())
-    seen = different(many(refit_window(empty=empty), grid, count=4000))
+    seen = different(many(make_move("refit", empty=empty), grid, count=4000))
     assert {varied.tobytes() for varied, _ in seen} - {grid.tobytes()} == expected
     changed = {dirty.tobytes() for varied, dirty in seen if (varied != grid).any()}
     assert not changed & {dirty.tobytes() for varied, dirty in seen if (varied == grid).all()}
@@ -239,7 +227,7 @@ def test_the_tile_at_the_centre_is_the_one_that_the_move_made():
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_block_is_emptied(shape):
-    seen = different(many(clear_block(), network(shape), count=40_000))
+    seen = different(many(make_move("clear"), network(shape), count=40_000))
     for varied, dirty in seen:
         assert not varied[block_of(dirty)].any()
     height, width = shape
@@ -249,7 +237,7 @@ def test_a_block_is_emptied(shape):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_block_is_mirrored_in_its_place(shape):
     grid = network(shape)
-    for varied, dirty in different(many(mirror_block(), grid)):
+    for varied, dirty in different(many(make_move("mirror"), grid)):
         block = block_of(dirty)
         images = mirrored_block(grid[block]), mirrored_block(grid[block].T, swap=True).T
         assert any((varied[block] == image).all() for image in images)
@@ -266,7 +254,7 @@ def mirrored_block(block, swap=False):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_lines_slide_by_one(shape):
     grid = network(shape)
-    for varied, dirty in different(many(slide_lines(), grid)):
+    for varied, dirty in different(many(make_move("slide"), grid)):
         block = block_of(dirty)
         whole_rows = block[1] == slice(0, shape[1])
         whole_columns = block[0] == slice(0, shape[0])
@@ -282,7 +270,7 @@ def test_a_block_of_the_mate_is_set_in(shape, displaced):
     turns = range(4) if shape[0] == shape[1] else (0, 2)
     images = [np.asarray(rotate(side, turn)) for side in (mate, mirror(mate)) for turn in turns]
     used = set()
-    for varied, dirty in different(many(transplant(displaced=displaced), grid, mate)):
+    for varied, dirty in different(many(make_move("displaced" if displaced else "transplant"), grid, mate)):
         block = block_of(dirty)
         height, width = varied[block].shape
         sources = [

@@ -8,7 +8,8 @@ from conftest import grids
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elitelanes_jax.network import CROSSINGS, ROAD_ALPHABET, random_bits
+from elitelanes_jax.network.bits import random_bits
+from elitelanes_jax.network.codes import CROSSINGS, ROAD_ALPHABET
 from elitelanes_jax.optimizers._mutations import change_tile, insert_crossing, paper_mutation
 
 ALPHABETS = (ROAD_ALPHABET, (3, 15), (7,))

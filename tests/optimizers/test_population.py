@@ -18,8 +18,8 @@ from elitelanes_jax import (
     road_problem,
     run,
 )
-from elitelanes_jax.optimizers import EvolutionConfig, Move, Variation, random_population, seed_keys
-from elitelanes_jax.optimizers._population import breed, evaluate, survivors, tournament
+from elitelanes_jax.optimizers import EvolutionConfig, Move, Variation, seed_keys
+from elitelanes_jax.optimizers._population import breed, evaluate, random_population, survivors, tournament
 from elitelanes_jax.problem import Population
 
 PROBLEM = road_problem((4, 5))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, Problem, gwo, pso, road_problem
-from elitelanes_jax.network import ROAD_ALPHABET, random_bits
-from elitelanes_jax.network.bits import categorical, random_bits16
+from elitelanes_jax.network.bits import categorical, random_bits, random_bits16
+from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.optimizers import GwoConfig, PsoConfig, evaluate
 
 SHAPE = (3, 4)

@@ -15,9 +15,8 @@ from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
 from elitelanes_jax.network import measure_town, plain_measure, repair
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.records import features_without_gaps
-from elitelanes_jax.problem import SHARES
 from elitelanes_jax.problem.bounds import check_feasible, check_ranges, find_bounds
-from elitelanes_jax.problem.features import FEATURES, feature_unit
+from elitelanes_jax.problem.features import FEATURES, SHARES, feature_unit
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import map_constraints

@@ -9,7 +9,8 @@ import pytest
 from certified import evolve
 
 from elitelanes_jax import InputError, Result, SearchSpec, random_grids, road_problem
-from elitelanes_jax.network import METRIC_NAMES, measure_town
+from elitelanes_jax.network import measure_town
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem.kernels import digest
 from elitelanes_jax.problem.road import _sum_exceeds
 from elitelanes_jax.search.resolve import resolve

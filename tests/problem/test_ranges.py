@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from oracle import measure as oracle
 
 from elitelanes_jax import InputError, Weights, measure, road_problem
-from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.network.metrics import stack_metrics
-from elitelanes_jax.problem import SHARES
-from elitelanes_jax.problem.features import FEATURES, default_width, with_shares
+from elitelanes_jax.network.records import METRIC_NAMES
+from elitelanes_jax.problem.features import FEATURES, SHARES, default_width, with_shares
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges, range_limits, range_penalty, satisfies
 

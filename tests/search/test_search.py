@@ -15,8 +15,8 @@ from oracle import measure as oracle
 
 from elitelanes_jax import Axis, GenerateSpec, InputError, Optimizer, SearchSpec, Weights, ea, fitness
 from elitelanes_jax.optimizers import PRESETS, EvolutionConfig, Info, MapElitesConfig, seed_keys
-from elitelanes_jax.search import RunState
 from elitelanes_jax.search.resolve import resolve
+from elitelanes_jax.search.result import RunState
 from elitelanes_jax.search.settings import METHODS
 
 SHAPE = (5, 6)

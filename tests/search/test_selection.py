@@ -11,12 +11,15 @@ import pytest
 from certified import evolve
 
 from elitelanes_jax import InputError, Result, SearchSpec, measure, mirror, repair, rotate
-from elitelanes_jax.network import METRIC_NAMES, ROAD_ALPHABET, canonical_form
+from elitelanes_jax.network import canonical_form
+from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.metrics import stack_metrics
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem import paper_axes
 from elitelanes_jax.problem.descriptor import compute_descriptor
-from elitelanes_jax.search import History, MeasuredElites, RunState
+from elitelanes_jax.search import History, MeasuredElites
 from elitelanes_jax.search.resolve import resolve
+from elitelanes_jax.search.result import RunState
 from elitelanes_jax.search.selection import _spread
 
 AXES = paper_axes((6, 6))
@@ -64,6 +67,15 @@ def test_what_is_chosen_is_valid_and_different(evolved):
         assert road_map.seed[0] == 9
         grids = evolved.elites.grids[road_map.seed[1]]
         assert (grids == road_map.codes).all(axis=(1, 2)).any()
+
+
+def test_elites_with_flaws_are_counted_by_reason(evolved):
+    flawless, reasons = evolved.without_flaws()
+    metrics = evolved.elites.by_name()
+    for name, right in (("components", 1), ("dead_ends", 0), ("boundary_violations", 0)):
+        assert (metrics[name][flawless] == right).all()
+    assert flawless.any() and (flawless <= evolved.satisfies()).all()
+    assert sum(reasons.values()) == (evolved.satisfies() & ~flawless).sum() > 0
 
 
 def test_a_result_hands_its_maps_over(evolved):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import render
-from elitelanes_jax.tiles import choose_tiles, scale_tiles
+from elitelanes_jax.tiles import choose_tiles
 from elitelanes_jax.tiles._blend import feather, lay_toned, solve_tones
+from elitelanes_jax.tiles.rendering import scale_tiles
 
 TOWN = np.array([[6, 5, 7, 3, 0], [10, 0, 10, 14, 3], [14, 5, 15, 13, 11], [12, 5, 9, 0, 8]], np.int8)
 PX = 64

@@ -13,7 +13,6 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.tiles import (
-    SURE,
     Photograph,
     Proposal,
     TileSet,
@@ -23,11 +22,11 @@ from elitelanes_jax.tiles import (
     propose_tiles,
     read_photograph,
     render,
-    turn_floor,
 )
 from elitelanes_jax.tiles.photographs import borders, kinds, proposals, reading
-from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_to_plan
+from elitelanes_jax.tiles.photographs.comparison import find_differences, turn_floor, turn_to_plan
 from elitelanes_jax.tiles.photographs.cutting import mask_cut
+from elitelanes_jax.tiles.photographs.proposals import SURE
 from elitelanes_jax.tiles.photographs.reading import read_lens
 from elitelanes_jax.tiles.photographs.views import View, places_of, view_of
 from elitelanes_jax.tiles.sides import measure_sides
@@ -448,6 +447,7 @@ def test_a_calibrated_lens_is_straightened(tmp_path):
     cv2.circle(dots, (120, 90), 4, (255, 255, 255), -1)
     photographed.write(tmp_path / "dots.png", dots)
     shot = read_photograph(tmp_path / "dots.png", lens)
+    np.testing.assert_array_equal(read_photograph(tmp_path / "dots.png", tmp_path / "camera.yaml").image, shot.image)
     seen = np.argwhere(shot.image[..., 0] > 128).mean(axis=0)[::-1]
     np.testing.assert_allclose(shot.pixels_of(np.array([[120.0, 90.0]]))[0], seen, atol=0.3)
     assert np.linalg.norm(seen - [120, 90]) > 5

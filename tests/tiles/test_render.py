@@ -7,19 +7,9 @@ import pytest
 from folders import read_picture
 
 from elitelanes_jax import InputError, RoadMap, render, repair, rotate
-from elitelanes_jax.formats import map_to_json
-from elitelanes_jax.formats.road_map import Drawn
-from elitelanes_jax.tiles import (
-    LABEL_COLOURS,
-    LABELS,
-    TileSet,
-    choose_tiles,
-    default_tiles,
-    overlay,
-    scale_tiles,
-    write_picture,
-)
-from elitelanes_jax.tiles.rendering import recall_choice
+from elitelanes_jax.formats.road_map import Drawn, map_to_json
+from elitelanes_jax.tiles import LABEL_COLOURS, LABELS, TileSet, choose_tiles, default_tiles
+from elitelanes_jax.tiles.rendering import recall_choice, scale_tiles
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
 RNG = np.random.default_rng(12)
@@ -123,10 +113,10 @@ def test_a_turned_map_is_the_turned_picture(drawn_tiles):
 
 def test_an_overlay_colours_each_label(drawn_tiles):
     picture = render(GRID, drawn_tiles, tile_px=32)
-    solid = overlay(picture, opacity=1)
+    solid = picture.overlay(opacity=1)
     for label, colour in enumerate(LABEL_COLOURS):
         assert (solid[picture.labels == label] == colour).all()
-    np.testing.assert_array_equal(overlay(picture, opacity=0), picture.image)
+    np.testing.assert_array_equal(picture.overlay(opacity=0), picture.image)
 
 
 @pytest.fixture
@@ -198,7 +188,7 @@ def test_wrong_arguments_are_refused(drawn_tiles):
 def test_a_picture_is_written_with_its_masks(drawn_tiles, tmp_path):
     picture = render([[6, 3], [12, 9]], drawn_tiles, tile_px=32)
     folder = tmp_path / "new" / "folder"
-    write_picture(folder, picture)
+    picture.save(folder)
     assert sorted(path.name for path in folder.iterdir()) == sorted(f"{name}.png" for name in PIXELS)
     for name in PIXELS[1:]:
         np.testing.assert_array_equal(read_picture(folder / f"{name}.png"), getattr(picture, name))

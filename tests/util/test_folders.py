@@ -370,3 +370,12 @@ def test_an_interruption_at_any_line_before_the_work_leaves_nothing(tmp_path):
         finally:
             sys.settrace(None)
     assert line > 5
+
+
+def test_a_lock_leaves_no_folder_that_it_made_and_its_folder_may_be_removed(tmp_path):
+    folder = tmp_path / "new" / "deep" / "jobs"
+    with pytest.raises(KeyError), locked(folder, folder):
+        raise KeyError
+    with locked(folder, folder):
+        shutil.rmtree(folder)
+    assert not any(tmp_path.iterdir())

@@ -138,3 +138,17 @@ def test_an_error_leaves_the_state_at_which_it_came(listen, fast):
     assert stream.getvalue().endswith("\n")
     work()
     assert "digging 10/10" in stream.getvalue()
+
+
+def test_the_remaining_time_follows_from_what_was_done_since_the_last_step(monkeypatch):
+    times = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: times[0])
+    bar = Progress("digging", 10, "holes")
+    bar.update(5)
+    times[0] = 50.0
+    with bar.doing("sharpening"):
+        times[0] = 60.0
+    bar.update(6)
+    times[0] = 70.0
+    # One hole took 10 s, and 4 are left.
+    assert str(bar) == "digging 6/10 holes, 0:40 left"

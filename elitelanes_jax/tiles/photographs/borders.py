@@ -1,4 +1,6 @@
-"""Measures where the border of tiles is seen, by the colours that tell their ground from the floor around them.
+"""Measures where the border of tiles is seen in a photograph.
+
+The colours near the border tell the ground of the tiles from the floor around them.
 
 On a floor that is nearly as dark as asphalt, no edge is seen at most points of a side. So each side
 is first the line that separates the colours inside from those outside best: all pixels near the
@@ -68,7 +70,10 @@ class Border(NamedTuple):
 
 
 def outer_sides(codes: NDArray[np.int8]) -> Sides:
-    """Returns the middle of each side of a tile that has no neighbour, and the direction out of the tile."""
+    """Returns the middle of each side of a tile that has no neighbour.
+
+    With each middle comes the direction out of the tile.
+    """
     around, sides = np.pad(codes, 1), []
     for row, column in np.argwhere(codes > 0).tolist():
         for side in SIDES:
@@ -99,7 +104,10 @@ def contrasts(image: NDArray[np.uint8], view: View, sides: Sides) -> NDArray[np.
 def _profiles(
     image: NDArray[np.uint8], view: View, sides: Sides, steps: NDArray[np.float64]
 ) -> tuple[Points, Points, NDArray[np.float64]]:
-    """Returns points ``[S, A, 2]`` on the sides, the directions ``[S, 1, 2]`` out, and colours ``[S, F, T, 3]``.
+    """Returns the colours at points on the sides, and across the sides at each point.
+
+    Returns points ``[S, A, 2]`` on the sides, the directions ``[S, 1, 2]`` out, and colours
+    ``[S, F, T, 3]``.
 
     The colours are logarithms, at the distances `steps` outwards, of `_FINE` places for each point.
     """
@@ -119,13 +127,19 @@ def _profiles(
 def _point_colours(
     image: NDArray[np.uint8], view: View, sides: Sides, steps: NDArray[np.float64]
 ) -> tuple[Points, Points, NDArray[np.float64]]:
-    """Returns points, directions, and the mean colours ``[S, A, T, 3]`` at each point, as `_profiles` does."""
+    """Returns the mean colours across the sides at each point.
+
+    Returns points and directions as `_profiles` does, and colours ``[S, A, T, 3]``.
+    """
     points, outwards, colours = _profiles(image, view, sides, steps)
     return points, outwards, colours.reshape(len(sides), ALONG, _FINE, len(steps), 3).mean(axis=2)
 
 
 def colour_border(image: NDArray[np.uint8], view: View, sides: Sides, reach: float) -> Border:
-    """Returns where the colours of sides separate, within a reach in tiles of where a view has them."""
+    """Returns where the colours of sides separate.
+
+    The border is searched for within `reach` tiles of where the view has it.
+    """
     steps = np.arange(reach + _RING, -reach - _RING, -2 * _STEP)
     points, outwards, colours = _point_colours(image, view, sides, steps)
     return Border(
@@ -138,7 +152,10 @@ def colour_border(image: NDArray[np.uint8], view: View, sides: Sides, reach: flo
 def _likelihoods(
     colours: NDArray[np.float64], steps: NDArray[np.float64], reach: float
 ) -> NDArray[np.float64]:
-    """Returns the logarithm of how much likelier each colour ``[A, T, 3]`` of a side is the tile's than the floor's."""
+    """Returns how much likelier each colour ``[A, T, 3]`` of a side is the tile's than the floor's.
+
+    The result is the logarithm of the ratio.
+    """
     floor = colours[:, steps > reach].reshape(-1, 3)
     tile = colours[:, steps < -reach].reshape(-1, 3)
     value = tile.max(axis=1)
@@ -151,7 +168,10 @@ def _likelihoods(
 
 
 def _log_density(colours: NDArray[np.float64], sample: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the logarithm of the normal density of a sample ``[N, 3]`` at colours ``[..., 3]``."""
+    """Returns the logarithm of the normal density of a sample at some colours.
+
+    The sample is ``[N, 3]``, and the colours are ``[..., 3]``.
+    """
     mean = np.median(sample, axis=0)
     # Specks in the sample would widen the density. Therefore its farthest tenth is left out.
     distance = np.abs(sample - mean).sum(axis=1)
@@ -166,9 +186,10 @@ def _log_density(colours: NDArray[np.float64], sample: NDArray[np.float64]) -> N
 def _separate(
     likely: NDArray[np.float64], steps: NDArray[np.float64], reach: float
 ) -> NDArray[np.float64]:
-    """Returns the offset outwards of the border at each point ``[A]`` of a side, near the line that separates it best.
+    """Returns the offset outwards of the border at each point ``[A]`` of a side.
 
-    NaN where nothing separates near the line.
+    The border is near the line that separates the side best. NaN where nothing separates near the
+    line.
     """
     points = np.arange(len(likely))
     inner = np.flatnonzero(np.abs(steps) <= reach)
@@ -196,7 +217,10 @@ def _separate(
 
 
 def sharpest_border(image: NDArray[np.uint8], view: View, sides: Sides) -> Border:
-    """Returns where colours change most near the sides of a view, on the average along a third of a side."""
+    """Returns where colours change most near the sides of a view.
+
+    The change is the mean along a third of a side.
+    """
     points, outwards, steps, contrasting = _contrasting_profiles(image, view, sides)
     part = (1, _FINE * _PART + 1)
     offsets = []
@@ -209,10 +233,10 @@ def sharpest_border(image: NDArray[np.uint8], view: View, sides: Sides) -> Borde
 
 
 def shadow_width(image: NDArray[np.uint8], view: View, sides: Sides, reach: float) -> float:
-    """Returns how far outside of the sharpest edge the border by colours is, in tiles, on the average of all sides.
+    """Returns how far outside of the sharpest edge the border by colours is.
 
-    A shadow under the tiles moves the border by colours outwards. NaN if no change of colours is
-    the largest nearby.
+    The distance is in tiles, and is the mean of all sides. A shadow under the tiles moves the
+    border by colours outwards. NaN if no change of colours is the largest nearby.
     """
     _, _, steps, contrasting = _contrasting_profiles(image, view, sides)
     # One edge for all sides averages over the noise of single points.
@@ -225,7 +249,11 @@ def shadow_width(image: NDArray[np.uint8], view: View, sides: Sides, reach: floa
 def _contrasting_profiles(
     image: NDArray[np.uint8], view: View, sides: Sides
 ) -> tuple[Points, Points, NDArray[np.float64], NDArray[np.float64]]:
-    """Returns points, directions, steps, and colours ``[S, F, T, 3]`` in standard deviations of the floor's colours."""
+    """Returns the colours across the sides, by how rare they are on the floor.
+
+    Returns points, directions, steps, and colours ``[S, F, T, 3]`` in standard deviations of the
+    floor's colours.
+    """
     steps = np.arange(_SHARP_REACH + _RING, -_SHARP_REACH - 4.5 * _STEP, -_STEP)
     points, outwards, colours = _profiles(image, view, sides, steps)
     for side in range(len(sides)):
@@ -239,7 +267,10 @@ def _contrasting_profiles(
 
 
 def _sharpest(colours: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the offset outwards of the largest change in each row of colours ``[A, T, 3]``; NaN at the reach."""
+    """Returns the offset outwards of the largest change in each row of colours ``[A, T, 3]``.
+
+    The offset is NaN if the largest change is at the reach.
+    """
     inner = np.flatnonzero(np.abs(steps - _STEP / 2) <= _SHARP_REACH)
     # The change between a step and the next one, over three steps.
     change = np.pad(np.linalg.norm(colours[:, 3:] - colours[:, :-3], axis=2), ((0, 0), (1, 2)))

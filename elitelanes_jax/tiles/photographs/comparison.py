@@ -32,7 +32,10 @@ class Difference(NamedTuple):
         place = f"row {self.row + 1}, column {self.column + 1}"
         if KIND_OF[self.planned] == KIND_OF[self.laid]:
             kind, planned = KIND_OF[self.planned], _sides(self.planned)
-            return f"{place}: expected a {kind} that opens {planned}, got it turned: {_sides(self.laid)}"
+            return (
+                f"{place}: expected a {kind} that opens {planned}, "
+                f"got it turned: {_sides(self.laid)}"
+            )
         return f"{place}: expected {_tile(self.planned)}, got {_tile(self.laid)}"
 
 
@@ -68,7 +71,10 @@ def turn_floor(codes: ArrayLike, turns: int) -> NDArray[np.int8]:
 
 
 def find_differences(codes: ArrayLike, plan: ArrayLike) -> list[Difference]:
-    """Returns the cells where a floor differs from a plan of the same shape ``[H, W]``, by row and column."""
+    """Returns the cells where a floor differs from a plan of the same shape ``[H, W]``.
+
+    Cells are sorted by row and column.
+    """
     floor, planned = np.asarray(check_grid(codes)), np.asarray(check_grid(plan))
     return [
         Difference(row, column, int(planned[row, column]), int(floor[row, column]))

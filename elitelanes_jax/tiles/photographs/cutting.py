@@ -98,7 +98,10 @@ def cut_tiles(photograph: Photograph, proposal: Proposal, earlier: Sequence[Cut]
 
 
 def _find_original(of_kind: Sequence[Cut], code: int, image: NDArray[np.uint8]) -> str:
-    """Returns the name of the first tile of a kind, itself no copy, that looks like an image; empty if none does."""
+    """Returns the name of the first tile of a kind that looks like an image.
+
+    Copies of other tiles do not count. Returns an empty text if no tile looks like the image.
+    """
     for cut in of_kind:
         if not cut.copy_of and likeness(cut, code, image) > _COPY:
             return cut.name
@@ -106,7 +109,10 @@ def _find_original(of_kind: Sequence[Cut], code: int, image: NDArray[np.uint8]) 
 
 
 def likeness(cut: Cut, code: int, image: NDArray[np.uint8]) -> float:
-    """Returns the correlation of the grounds of two tiles of a kind, in the rotation in which they agree most."""
+    """Returns the correlation of the grounds of two tiles of a kind.
+
+    The rotation in which they agree most counts.
+    """
     ground, bare = _texture(cut.code, cut.image)
     other, other_bare = _texture(code, image)
     best = 0.0
@@ -120,7 +126,10 @@ def likeness(cut: Cut, code: int, image: NDArray[np.uint8]) -> float:
 
 
 def _texture(code: int, image: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Returns the fine brightness of a tile turned to its kind's first code, and where there is no tape near."""
+    """Returns the fine brightness of a tile, and where there is no tape near.
+
+    The tile is turned to the first code of its kind.
+    """
     turned = np.rot90(image, _turns_to_first(code)[0])
     small = np.asarray(
         cv2.resize(turned, (_COMPARED_PX,) * 2, interpolation=cv2.INTER_AREA), np.uint8
@@ -151,7 +160,10 @@ def mask_cut(cut: Cut) -> dict[str, NDArray[np.bool_]]:
 
 
 def _without_red_rim(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Replaces what is red near the sides by the pixels inside of it: a neighbour's stop line lies over the border."""
+    """Replaces what is red near the sides by the pixels inside of it.
+
+    The stop line of a neighbour may be over the border.
+    """
     rim = round(len(image) * _RIM)
     inside = cv2.copyMakeBorder(image[rim:-rim, rim:-rim], rim, rim, rim, rim, cv2.BORDER_REPLICATE)
     hue, saturation, _ = np.moveaxis(cv2.cvtColor(in_daylight(image), cv2.COLOR_RGB2HSV), -1, 0)
@@ -164,7 +176,9 @@ def _without_red_rim(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @name_wrong_arguments
 def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[Masked]:
-    """Writes a tile set: the picture of each tile, and proposed masks. Files of the same names are replaced.
+    """Writes a tile set: the picture of each tile, and proposed masks.
+
+    Files of the same names are replaced.
 
     Returns:
       What was written, for `proposal_sheet`.

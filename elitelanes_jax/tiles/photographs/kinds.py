@@ -1,4 +1,6 @@
-"""Reads the kind and the direction of every tile of a floor: which picture of a tile set each cell looks like.
+"""Reads the kind and the direction of every tile of a floor.
+
+They are those of the picture of a tile set that the tile's cell looks like.
 
 Each cell is compared with all pictures of the set in all rotations, displaced by up to an eighth of
 a tile, without the light: colours are relative to the ground around them. Then each cell is also
@@ -106,7 +108,10 @@ def read_kinds(flat: NDArray[np.uint8], rows: int, columns: int, tiles: TileSet)
 
 
 def _best(scores: NDArray[np.float64]) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
-    """Returns the best code of each cell ``[H, W]``, and by how much it is better than any other."""
+    """Returns the best code of each cell ``[H, W]``, and its lead.
+
+    The lead is by how much the code is better than any other.
+    """
     second, first = np.moveaxis(np.sort(scores, axis=-1)[..., -2:], -1, 0)
     return scores.argmax(axis=-1), first - second
 
@@ -129,7 +134,10 @@ def _correlate(
 
 
 def _compare_cells(flat: NDArray[np.uint8], scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns scores ``[H, W, 16]`` that also count each cell's correlation with the cells whose kind is clear."""
+    """Returns scores ``[H, W, 16]`` that also compare cells with each other.
+
+    A score counts the cell's correlation with the cells whose kind is clear.
+    """
     floor, compared = _without_light(flat), scores.copy()
     rows, columns = scores.shape[:2]
     codes, lead = _best(scores)
@@ -174,7 +182,10 @@ def _templates(tiles: TileSet) -> list[tuple[int, NDArray[np.float32]]]:
 
 
 def _handed(flat: NDArray[np.uint8], scores: NDArray[np.float64], tiles: TileSet) -> float:
-    """Returns by how much crossings look less like mirrored ones, whose stop lines are on the left lane."""
+    """Returns by how much crossings look less like mirrored crossings.
+
+    The stop lines of mirrored crossings are on the left lane.
+    """
     floor = _without_light(flat)
     mirrored = [
         np.ascontiguousarray(template[:, ::-1])
@@ -221,7 +232,10 @@ def _lacks_colour(
 
 
 def _shows_no_tile(flat: NDArray[np.uint8], scores: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Finds cells ``[H, W]`` of a floor that have no lines inside and do not look like a crossing."""
+    """Finds the cells ``[H, W]`` of a floor that show no tile.
+
+    These have no lines inside, and do not look like a crossing.
+    """
     floor = _without_light(flat)
     contrasts = np.zeros(scores.shape[:2])
     for row, column in np.ndindex(*contrasts.shape):
@@ -236,7 +250,10 @@ def _shows_no_tile(flat: NDArray[np.uint8], scores: NDArray[np.float64]) -> NDAr
 
 
 def _without_light(flat: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Returns how bright, red and yellow each pixel is beside the ground around it, ``[H, W, 3]``."""
+    """Returns how bright, red and yellow each pixel is beside the ground around it.
+
+    The result is float32 ``[H, W, 3]``.
+    """
     relative = (flat.astype(np.float32) + 4) / ground_of(flat, READ_PX)[..., None]
     red, green, blue = np.moveaxis(relative, -1, 0)
     bright = np.clip(np.maximum(np.maximum(red, green), blue), 0, 3)
@@ -250,7 +267,10 @@ def _without_light(flat: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def _agree(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the score of the best floor with each code in each cell, ``[H, W, 16]``, by max-sum messages."""
+    """Returns the score of the best floor with each code in each cell, ``[H, W, 16]``.
+
+    Max-sum messages between neighbours compute it.
+    """
     rows, columns = scores.shape[:2]
     codes = np.arange(16)
     # The messages to each cell, from its neighbour on each side.

@@ -24,7 +24,10 @@ _LEAST = 0.03
 
 
 def find_corners(image: NDArray[np.uint8]) -> list[Points]:
-    """Returns guesses of the corners of the tiles, float ``[4, 2]`` in pixels, clockwise, the top left one first."""
+    """Returns guesses of the corners of the tiles in a photograph.
+
+    Each guess is float ``[4, 2]`` in pixels, clockwise, the top left corner first.
+    """
     scale = _SEARCH_PX / max(image.shape[:2])
     size = max(16, round(image.shape[1] * scale)), max(16, round(image.shape[0] * scale))
     small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
@@ -88,7 +91,10 @@ def _tape(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _other_colour(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Separates what has another hue than the photograph's border, in light and shadow: grey asphalt on a floor."""
+    """Separates what has another hue than the photograph's border, in light and shadow.
+
+    An example is grey asphalt on a floor.
+    """
     logs = np.log(cv2.GaussianBlur(small, (0, 0), 2).astype(np.float32) + 4)
     # Quotients of channels are the same in light and shadow.
     hue = logs[..., [0, 2]] - logs[..., [1]]
@@ -105,7 +111,10 @@ def _other_colour(small: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
-    """Returns the corners of the smallest quadrangle around the largest piece of a mask, None if there is none."""
+    """Returns the corners of the smallest quadrangle around the largest piece of a mask.
+
+    Returns None if there is no such quadrangle.
+    """
     # Gaps are closed and holes filled. Then specks and thin strips are removed.
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((17, 17), np.uint8))
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -143,7 +152,10 @@ def _quadrangle(mask: NDArray[np.uint8]) -> Points | None:
 
 
 def first_at_top_left(corners: Points) -> Points:
-    """Returns corners in clockwise order as seen, beginning with the one nearest to the picture's top left."""
+    """Returns corners in clockwise order as seen.
+
+    The first corner is the one nearest to the picture's top left.
+    """
     x, y = corners.T
     if (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() < 0:
         corners = corners[::-1]

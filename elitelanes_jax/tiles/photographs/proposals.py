@@ -46,7 +46,9 @@ _FEW = 0.25
 
 
 class Proposal(NamedTuple):
-    """Where the tiles in a photograph are. All values are plain, as JSON has them: `Proposal(**values)`.
+    """Where the tiles in a photograph are.
+
+    All values are plain, as in JSON: `Proposal(**values)` reads them.
 
     Attributes:
       photo: the name of the photograph.
@@ -57,10 +59,10 @@ class Proposal(NamedTuple):
       homography: ``[3][3]``, from tiles (x to the right, y down) to pixels without distortion.
       radial: distortion of the lens, see `View`.
       codes: the codes of the tiles ``[H][W]``; 0 is a cell without a tile.
-      sure: how sure each cell's code is ``[H][W]``, 0 to 1.
+      sure: how sure each cell's code is ``[H][W]``, 0 to 1. `cut_tiles` cuts the cells from 0.5 on.
       score: how sure it is that the corners of every tile are within 1 % of a tile, 0 to 1.
       evidence: measurements by name. The score is made of most, the others are on the sheet.
-      advice: what is wrong and what to do if the score is below `SURE`, otherwise empty.
+      advice: what is wrong and what to do if the score is below 0.5, otherwise empty.
     """
 
     photo: str
@@ -86,11 +88,14 @@ _UNLIKE = (
     "the size, and give the corners"
 )
 _CROPPED = (
-    "the outlined tiles are no squares in space; check the size, take a photograph that is not cropped, or give the "
-    "corners"
+    "the outlined tiles are no squares in space; check the size, "
+    "take a photograph that is not cropped, or give the corners"
 )
 _MIRRORED = "the photograph is mirrored or shows left-hand traffic; do not flip it"
-_HIDDEN = "the tile's border is not seen; photograph it on a floor of another colour, or give its exact corners"
+_HIDDEN = (
+    "the tile's border is not seen; photograph it on a floor of another colour, "
+    "or give its exact corners"
+)
 
 
 class _Limit(NamedTuple):
@@ -121,7 +126,8 @@ _LIMITS: dict[str, dict[str, _Limit]] = {
         "repeats": _Limit(
             0.87,
             0.015,
-            "the tiles do not repeat in this grid; check the size, take away what stands on them, and give the corners",
+            "the tiles do not repeat in this grid; check the size, take away what stands on them, "
+            "and give the corners",
         ),
         "spread": _Limit(
             0.009,
@@ -212,7 +218,8 @@ def propose_tiles(
         starts += _starts(image, quad, shape, codes, tiles, corners is None)
     if not quads:
         raise InputError(
-            f"{photograph.name}: expected tiles that stand out from the floor, found none; give their corners, or "
+            f"{photograph.name}: expected tiles that stand out from the floor, found none; "
+            "give their corners, or "
             "photograph them on a floor of another colour"
         )
     if not starts:
@@ -274,19 +281,24 @@ def _is_grey(image: NDArray[np.uint8]) -> bool:
 
 
 def _check_grey_tiles(photograph: Photograph, tiles: TileSet) -> None:
-    """Raises unless the tiles are grey too: beside coloured tiles, grey crossings are read as straights."""
+    """Raises `InputError` unless the tiles of a set are grey too.
+
+    Compared with coloured tiles, grey crossings are read as straights.
+    """
     if not all(_is_grey(tile.image) for tile in tiles.tiles):
         raise InputError(
-            f"{photograph.name}: expected a photograph in colours, which tell crossings from straights, got a grey one"
+            f"{photograph.name}: expected a photograph in colours, "
+            "which tell crossings from straights, got a grey one"
         )
 
 
 def _corrected_codes(
     kinds: Kinds, codes: NDArray[np.int8], *, is_map: bool
 ) -> NDArray[np.int8] | None:
-    """Returns the codes of a fitted floor if they are others than those that it was fitted with, otherwise None.
+    """Returns the codes of a fitted floor if they differ from those of the fit.
 
-    A few tiles that surely differ from a map are laid wrongly; if many differ, the map is another.
+    Otherwise returns None. A few tiles that surely differ from a map are laid wrongly; if many
+    differ, the map is another.
     """
     differs = kinds.codes != codes
     if is_map:
@@ -301,7 +313,10 @@ def _corrected_codes(
 
 
 def _check_corners(photograph: Photograph, corners: Points) -> Points:
-    """Checks four corners in pixels ``[4, 2]``: in the photograph, clockwise, around a convex area."""
+    """Checks four corners in pixels ``[4, 2]``.
+
+    They must be in the photograph, clockwise, around a convex area.
+    """
     points = np.asarray(corners, np.float64)
     if points.shape != (4, 2) or not np.isfinite(points).all():
         raise InputError(f"corners: expected four points x, y, got {list(points.shape)}")
@@ -318,7 +333,8 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
     area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
     if not cv2.isContourConvex(points.astype(np.float32)) or abs(area) < 100:
         raise InputError(
-            "corners: expected the corners of a convex area in order around it, got lines that cross"
+            "corners: expected the corners of a convex area in order around it, "
+            "got lines that cross"
         )
     if area < 0:
         raise InputError(
@@ -328,10 +344,11 @@ def _check_corners(photograph: Photograph, corners: Points) -> Points:
 
 
 def _out_of_square(view: View) -> float:
-    """Returns how far the tiles are from squares in space, 0 for squares: ratio of the sides, and angle in radians.
+    """Returns how far the tiles are from squares in space, 0 for squares.
 
-    The camera's axis is the photograph's middle, and its pixels are square. The focal length is
-    unknown; the usual one that fits best counts.
+    The distance combines the ratio of the sides and the angle in radians. The camera's axis is the
+    photograph's middle, and its pixels are square. The focal length is unknown; the usual one that
+    fits best counts.
     """
     middle = np.array([[1, 0, -(view.width - 1) / 2], [0, 1, -(view.height - 1) / 2], [0, 0, 1.0]])
     # These are a tile's sides in space, except that x and y are multiplied by the focal length.
@@ -450,15 +467,18 @@ def _proposal(
 
 
 def _edge(alike: NDArray[np.float64]) -> float:
-    """Returns how alike the best tile is in the outermost row or column where this is least; 0 if it has none."""
+    """Returns how alike the best tile is in the weakest outermost row or column.
+
+    The result is 0 if this row or column has no tile.
+    """
     return float(min(edge.max() for edge in (alike[0], alike[-1], alike[:, 0], alike[:, -1])))
 
 
 def _judge(evidence: dict[str, float], kind: str, ignored: Collection[str]) -> tuple[float, str]:
     """Returns the score of a proposal, and what to do about its weakest evidence.
 
-    Evidence that the user's corners replace, `ignored`, does not count: a cropped photograph looks as
-    if its tiles were no squares, and exact corners need no contrast.
+    Evidence that the user's corners replace, `ignored`, does not count: a cropped photograph looks
+    as if its tiles were no squares, and exact corners need no contrast.
     """
     limits = {name: limit for name, limit in _LIMITS[kind].items() if name not in ignored}
     if kind == "floor":
@@ -468,7 +488,8 @@ def _judge(evidence: dict[str, float], kind: str, ignored: Collection[str]) -> t
         for name, limit in limits.items()
     }
     weakest = min(sures, key=lambda name: sures[name])
-    # Nothing else counts where there are no tiles at all, except that mirrored tiles look like none.
+    # Nothing else counts where there are no tiles at all, except that mirrored tiles look like no
+    # tiles.
     reason = next((name for name in ("handed", "alike") if sures[name] < SURE), weakest)
     # In a product, each measurement alone can refuse the proposal.
     return float(np.prod(list(sures.values()))), limits[reason].advice
@@ -477,7 +498,10 @@ def _judge(evidence: dict[str, float], kind: str, ignored: Collection[str]) -> t
 def _weigh_border(
     evidence: dict[str, float], limits: dict[str, _Limit]
 ) -> tuple[dict[str, float], dict[str, _Limit]]:
-    """Returns what the score of a floor is made of, and its limits, by how well the border is seen."""
+    """Returns what the score of a floor is made of, and its limits.
+
+    Both depend on how well the border is seen.
+    """
     limits = dict(limits)
     if evidence["spread"] > _BORDER_TELLS:
         differ = max(1.0, (1 - evidence["repeats"]) / _DIFFER)

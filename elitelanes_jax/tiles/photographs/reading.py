@@ -1,4 +1,7 @@
-"""Reads photographs of phones and cameras, at a size that fits the memory, and calibrations of lenses."""
+"""Reads photographs of phones and cameras, and calibrations of lenses.
+
+Photographs are read at a size that fits the memory.
+"""
 
 import re
 from math import isfinite
@@ -83,11 +86,15 @@ class Lens(NamedTuple):
     height: int
 
     def scaled(self, image: NDArray[np.uint8]) -> "Lens":
-        """Returns the lens for pictures of an image's size; raises `InputError` if its sides have another ratio."""
+        """Returns the lens for pictures of an image's size.
+
+        Raises `InputError` if the sides of the image have another ratio.
+        """
         height, width = image.shape[:2]
         if abs(width * self.height - height * self.width) > 0.01 * width * self.height:
             raise InputError(
-                f"expected a photograph of the camera's ratio {self.width} x {self.height}, got {width} x {height}"
+                f"expected a photograph of the camera's ratio {self.width} x {self.height}, "
+                f"got {width} x {height}"
             )
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return Lens(scale @ self.matrix, self.distortion, self.fisheye, width, height)
@@ -110,19 +117,22 @@ class Lens(NamedTuple):
 
 
 @name_wrong_arguments
-def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
+def read_photograph(file: str | Path, lens: Lens | str | Path | None = None) -> Photograph:
     """Reads a JPEG or PNG file of a photograph, turned upright as its EXIF data say.
 
     Args:
       file: the file, of at most 128 MiB. A JPEG of more than 26 megapixels is read at a half, a
         quarter or an eighth of its size.
-      lens: the lens, from `read_lens`. Its distortion is removed.
+      lens: the calibration of the camera, a YAML file as ROS's camera_calibration and Duckietown
+        write it. The distortion of its lens is removed.
 
     Raises:
       InputError: for another file, transparent pixels, or sides below 200 pixels; the message says
         what to do.
     """
     file = Path(check_named("file", path, file))
+    if isinstance(lens, str | Path):
+        lens = read_lens(lens)
     content = _read_content(file)
     shrunk = _choose_reduction(file, content)
     picture = _decode(file, content, shrunk)
@@ -134,7 +144,8 @@ def read_photograph(file: str | Path, lens: Lens | None = None) -> Photograph:
     # A JPEG file has no transparency.
     if not _is_jpeg(content) and _is_transparent(content):
         raise InputError(
-            f"{file}: expected a photograph without transparent pixels, which hide colours; save it as JPEG"
+            f"{file}: expected a photograph without transparent pixels, which hide colours; "
+            "save it as JPEG"
         )
     image = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
     if lens is not None:
@@ -155,7 +166,8 @@ def _read_content(file: Path) -> bytes:
         raise InputError(f"{file}: {_WORDS}, got: {reason(error)}") from None
     if content[4:8] == b"ftyp":
         raise InputError(
-            f"{file}: {_WORDS}, got HEIC, AVIF or a film; convert it to JPEG, or let the phone take JPEGs"
+            f"{file}: {_WORDS}, "
+            "got HEIC, AVIF or a film; convert it to JPEG, or let the phone take JPEGs"
         )
     if not _is_jpeg(content) and content[:8] != b"\x89PNG\r\n\x1a\n":
         raise InputError(f"{file}: {_WORDS}, got another file")
@@ -167,7 +179,10 @@ def _is_jpeg(content: bytes) -> bool:
 
 
 def _choose_reduction(file: Path, content: bytes) -> int:
-    """Returns how many times smaller than its picture a file is read: 1, 2, 4 or 8, and 1 for PNG."""
+    """Returns how many times smaller than its picture a file is read.
+
+    The result is 1, 2, 4 or 8, and always 1 for PNG.
+    """
     if _is_jpeg(content):
         size, most, remedy = _jpeg_size(content), _MOST_PIXELS, "save it smaller"
     else:
@@ -198,7 +213,9 @@ def _unreadable_error(file: Path) -> InputError:
 
 
 def read_lens(file: str | Path) -> Lens:
-    """Reads the calibration of a camera, a YAML file as ROS's camera_calibration and Duckietown write it.
+    """Reads the calibration of a camera.
+
+    The file is YAML, as ROS's camera_calibration and Duckietown write it.
 
     Raises:
       InputError: for another file; the message names the entry.
@@ -222,7 +239,8 @@ def read_lens(file: str | Path) -> Lens:
     matrix = _numbers(file, values, "camera_matrix", (9,)).reshape(3, 3)
     if not (matrix.diagonal()[:2] > 0).all():
         raise InputError(
-            f"{file}: camera_matrix: expected focal lengths over 0, got {matrix[0, 0]:g} and {matrix[1, 1]:g}"
+            f"{file}: camera_matrix: expected focal lengths over 0, "
+            f"got {matrix[0, 0]:g} and {matrix[1, 1]:g}"
         )
     # OpenCV's model of a fisheye lens has four coefficients. Its other model has any of these
     # numbers.
@@ -267,7 +285,10 @@ def _png_size(content: bytes) -> tuple[int, int]:
 
 
 def _jpeg_size(content: bytes) -> tuple[int, int] | None:
-    """Returns width and height from the frame header of a JPEG file; None if it has none before its pixels."""
+    """Returns width and height from the frame header of a JPEG file.
+
+    Returns None if the file has no frame header before its pixels.
+    """
     position = 2
     while (marker := _MARKER.search(content, position)) is not None:
         kind, position = marker[1][0], marker.end()

@@ -126,7 +126,10 @@ def fit_view(image: NDArray[np.uint8], view: View, codes: NDArray[np.int8]) -> F
 
 
 def _are_where_cells_have_them(side_offsets: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Returns for each side's offsets in tiles whether the border is where cells have it, or is not seen."""
+    """Returns whether the border of each side is where cells have it, or is not seen.
+
+    `side_offsets` are in tiles.
+    """
     medians = [
         np.nanmedian(offsets) if np.isfinite(offsets).any() else 0.0 for offsets in side_offsets
     ]
@@ -139,9 +142,10 @@ def _fit_colours(
     codes: NDArray[np.int8],
     groups: list[list["_Seen"]],
 ) -> Fit:
-    """Fits the border by colours, where no edge is seen at single points: on floors nearly as dark as asphalt.
+    """Fits the border by colours, where no edge is seen at single points.
 
-    Returns `fit` itself, which is by edges, if the colours do not say where the border is.
+    This happens on floors that are nearly as dark as asphalt. Returns `fit` itself, which is by
+    edges, if the colours do not say where the border is.
     """
     fit_by_edges = fit
     rows, columns = codes.shape
@@ -185,7 +189,10 @@ def _refine(
     rounds: int,
     trusted: NDArray[np.bool_],
 ) -> Fit:
-    """Takes Gauss-Newton steps at one size, with the borders to the north, east, south and west that are trusted."""
+    """Takes Gauss-Newton steps at one size.
+
+    `trusted` says which of the borders to the north, east, south and west count.
+    """
     rows, columns = codes.shape
     for _ in range(rounds):
         # Each round begins with what is known before, and adds the cells and the trusted borders at
@@ -203,7 +210,10 @@ def _refine(
 
 
 def begin_equations(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the normal equations of what is known before: a guess of the view, and the usual bend of a lens."""
+    """Returns the normal equations of what is known before the pixels are read.
+
+    These are a guess of the view, and the usual bend of a lens.
+    """
     matrix, vector = np.diag([_WEAK] * 8 + [_BEND**-2]), np.zeros(9)
     vector[8] = -view.radial * matrix[8, 8]
     return matrix, vector
@@ -226,7 +236,10 @@ class Step(NamedTuple):
 def solve_equations(
     view: View, matrix: NDArray[np.float64], vector: NDArray[np.float64], rows: int, columns: int
 ) -> Step | None:
-    """Takes the step that solves the normal equations at a view; returns None if it leaves the photograph."""
+    """Takes the step that solves the normal equations at a view.
+
+    Returns None if the step leaves the photograph.
+    """
     spread = np.asarray(np.linalg.inv(matrix), np.float64)
     change = spread @ vector
     moved = _moved_view(view, change, rows, columns)
@@ -236,7 +249,10 @@ def solve_equations(
 
 
 def _is_seen(view: View, rows: int, columns: int) -> bool:
-    """Returns whether a view is one of a convex floor near the photograph: a fit to nothing may leave it."""
+    """Returns whether a view is one of a convex floor near the photograph.
+
+    A fit to pixels that show no tiles may leave the photograph.
+    """
     corners = view.pixels_of(floor_corners(rows, columns))
     if not np.isfinite(corners).all() or np.abs(corners).max() > 4 * max(view.width, view.height):
         return False
@@ -254,7 +270,10 @@ def largest_spread(fit: Fit, rows: int, columns: int) -> float:
 
 
 def tape_of(flat: NDArray[np.uint8], tile_px: int) -> Field:
-    """Returns how much brighter than the ground around it each pixel is, as a logarithm: tape without light."""
+    """Returns how much brighter than the ground around it each pixel is.
+
+    The result is a logarithm. It shows tape without the light.
+    """
     value = flat.max(axis=2).astype(np.float32) + 4
     tape = np.clip(
         np.log(cv2.GaussianBlur(value, (0, 0), tile_px / 40) / ground_of(flat, tile_px)), -0.2, 1.2
@@ -342,9 +361,10 @@ def _add_cells(
     groups: list[list[_Seen]],
     tile_px: int,
 ) -> float:
-    """Adds the comparison of cells to the normal equations; returns the cells' correlation with their kind's mean.
+    """Adds the comparison of cells to the normal equations.
 
-    Without groups it adds nothing, and returns 0.
+    Returns the correlation of the cells with the mean of their kind. Without groups it adds
+    nothing, and returns 0.
     """
     if not groups:
         return 0.0
@@ -433,7 +453,11 @@ def _add_border(
     reach: float,
     trusted: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Adds the border's place to the normal equations; returns the share of each side's points where one is seen."""
+    """Adds the place of the border to the normal equations.
+
+    Returns the share of points where a border is seen, for the sides to the north, east, south and
+    west.
+    """
     border = _border_offsets(image, view, codes, reach)
     weight = (
         _tukey(np.nan_to_num(border.offsets / reach, nan=1.0))
@@ -474,10 +498,10 @@ def add_offsets(
 
 
 def _first_edges(colours: Field, steps: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
-    """Returns how far outside the border is at each point ``[S, A]`` in tiles; NaN where none is seen.
+    """Returns how far outside the border is at each point ``[S, A]``.
 
-    Going inwards, the border is the first strong edge where the colour stops to be the ground's for
-    a while.
+    The distance is in tiles, or NaN where no border is seen. Going inwards, the border is the first
+    strong edge where the colour stops to be the ground's for a while.
 
     Args:
       colours: Lab ``[S, A, T, 3]``, from outside to inside.

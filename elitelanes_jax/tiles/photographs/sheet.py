@@ -1,4 +1,7 @@
-"""Draws a sheet of photographs with the outlines of their tiles, and of all tiles with their masks."""
+"""Draws a sheet of photographs and of the tiles in them.
+
+Photographs have the outlines of their tiles, and tiles have their masks.
+"""
 
 from collections.abc import Sequence
 
@@ -20,7 +23,10 @@ _PAPER = (250, 249, 246)
 
 
 def draw_proposal(photograph: Photograph, proposal: Proposal) -> NDArray[np.uint8]:
-    """Returns the photograph, 640 x 480 pixels, with the outline and the kind of each tile; orange if it is unsure."""
+    """Returns the photograph, 640 x 480 pixels, with the outline and the kind of each tile.
+
+    Unsure tiles are orange.
+    """
     height, width = photograph.image.shape[:2]
     scale = min(_WIDTH / width, _HEIGHT / height)
     view = proposal.view.scaled(scale)
@@ -50,7 +56,10 @@ def draw_sheet(
     proposals: Sequence[Proposal],
     tiles: NDArray[np.uint8],
 ) -> NDArray[np.uint8]:
-    """Returns one picture, RGB: the photographs of `draw_proposal`, below them the sheet of tiles with their masks."""
+    """Returns one RGB picture of photographs and tiles.
+
+    The photographs of `draw_proposal` are above. The sheet of tiles with their masks is below them.
+    """
     captions = []
     for proposal in proposals:
         fits = f"score {proposal.score:.2f}" + ("" if proposal.score >= SURE else ": refused")

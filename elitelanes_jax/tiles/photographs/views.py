@@ -70,19 +70,28 @@ class View(NamedTuple):
 
 
 def floor_corners(rows: int, columns: int) -> Points:
-    """Returns the corners of a floor in tiles, x and y ``[4, 2]``: clockwise, from the first row's first tile."""
+    """Returns the corners of a floor in tiles, x and y ``[4, 2]``.
+
+    The order is clockwise, from the first row's first tile.
+    """
     return np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], float)
 
 
 def view_of(corners: Points, rows: int, columns: int, width: int, height: int) -> View:
-    """Returns the view, without distortion, in which a floor's corners are at pixels ``[4, 2]``, clockwise."""
+    """Returns the view in which a floor's corners are at pixels ``[4, 2]``, clockwise.
+
+    The view has no distortion.
+    """
     places = floor_corners(rows, columns).astype(np.float32)
     homography = cv2.getPerspectiveTransform(places, np.asarray(corners, np.float32))
     return View(np.asarray(homography, np.float64), 0.0, width, height)
 
 
 def places_of(rows: int, columns: int, tile_px: int, margin: int) -> Points:
-    """Returns the positions in tiles of the pixels of a floor seen from above, with a margin of pixels around it."""
+    """Returns the positions in tiles of the pixels of a floor seen from above.
+
+    A margin of `margin` pixels is around the floor.
+    """
     x = (np.arange(-margin, columns * tile_px + margin) + 0.5) / tile_px
     y = (np.arange(-margin, rows * tile_px + margin) + 0.5) / tile_px
     return np.stack(np.meshgrid(x, y), axis=-1)

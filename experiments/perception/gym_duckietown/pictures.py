@@ -19,8 +19,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax import load_tiles
-from elitelanes_jax.drive import Camera, Pose, lane_pose, look, make_atlas
-from elitelanes_jax.tiles import MASKS, TileSet, choose_tiles, propose_masks, scale_tiles
+from elitelanes_jax.drive import Camera, Pose, Sight, lane_pose, look, make_sight
+from elitelanes_jax.tiles import TileSet, choose_tiles, propose_masks
 from experiments.common import Parser, leave, run, whole
 from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
 from experiments.perception.gym_duckietown.world import DuckietownMap, World, data_folder, random_poses, read_maps
@@ -136,8 +136,9 @@ def label_tiles(style: str) -> dict[str, UInt8[NDArray, "H W 3"]]:
         file = data_folder() / "textures" / "tiles-processed" / style / kind / "texture.jpg"
         image = np.asarray(cv2.imread(str(file)))[..., ::-1].copy()
         classes = np.where(image.min(axis=-1) > _BRIGHT, CLASSES.index("white line"), 0)
-        for name, mask in propose_masks(image).items():
-            classes[mask] = MASKS.index(name) + 1
+        masks = propose_masks(image)
+        for label, name in enumerate(("road", "red", "yellow"), start=1):
+            classes[masks[name]] = label
         # Larger pixels: OpenGL mixes neighbouring ones, and a mixed colour may be that of a third class.
         drawn[kind] = np.kron(_COLOURS[classes].astype(np.uint8), np.ones((4, 4, 1), np.uint8))
     return drawn
@@ -177,18 +178,17 @@ def our_views(
 ) -> UInt8[NDArray, "N 480 640 3"]:
     """Draws our camera's pictures at poses, by default with the package's own tiles."""
     tiles = load_tiles() if tiles is None else tiles
-    scaled, chosen = scale_tiles(tiles, 384), choose_tiles(codes, tiles)
-    atlas, cells = make_atlas(scaled["image"], scaled["labels"]), chosen[..., 0] * 4 + chosen[..., 1]
-    return np.asarray(_look_from(Pose(*poses.T.astype(np.float32)), cells, atlas))
+    sight, chosen = make_sight(tiles, tile_px=384), choose_tiles(codes, tiles)
+    return np.asarray(_look_from(Pose(*poses.T.astype(np.float32)), codes, sight, chosen))
 
 
 @jax.jit
 def _look_from(
-    poses: Pose, cells: Int[ArrayLike, "H W"], atlas: UInt8[Array, "T P P 4"]
+    poses: Pose, codes: Int[ArrayLike, "H W"], sight: Sight, chosen: Int[ArrayLike, "H W 2"]
 ) -> UInt8[Array, "N 480 640 3"]:
     """Draws our camera's pictures at poses. A program serves all maps of a size."""
-    camera = Camera(rows=480, columns=640)
-    return jax.vmap(lambda pose: look(jax.random.key(0), pose, cells, atlas, camera).image)(poses)
+    sight = sight._replace(camera=Camera(rows=480, columns=640))  # its numbers are constants of the program
+    return jax.vmap(lambda pose: look(pose, codes, sight, chosen=chosen).image)(poses)
 
 
 def read_pictures(file: Path) -> Pictures:

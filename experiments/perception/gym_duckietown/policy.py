@@ -29,7 +29,6 @@ from elitelanes_jax.drive import (
     make_sight,
 )
 from elitelanes_jax.search import use_compile_cache
-from elitelanes_jax.tiles import scale_tiles
 from experiments.common import Parser, Pytree, leave, run, whole
 from experiments.navigation.ppo import Outputs, Ppo, train
 from experiments.perception.gym_duckietown.nets import NETS, POLICY_ROWS, write_weights
@@ -115,14 +114,11 @@ def varied(environment: Environment) -> Environment:
 def _sight() -> Sight:
     """Makes the camera, for tiles whose white lines are in several places."""
     tiles = load_tiles()
-    sets = [scale_tiles(shift_lines(tiles, shift), 64) for shift in _SHIFTS]
-    images, labels = (np.concatenate([scaled[name] for scaled in sets]) for name in ("image", "labels"))
-    count = len(tiles.pictures)
-    rotations = {
-        code: [(tile + count * index, turns) for tile, turns in drawn for index in range(len(_SHIFTS))]
-        for code, drawn in tiles.rotations.items()
-    }
-    return make_sight(images, labels, rotations, _CAMERA)
+    sights = [make_sight(shift_lines(tiles, shift)) for shift in _SHIFTS]
+    count = len(sights[0].atlas)
+    pictures = [sight.tiles + count * index for index, sight in enumerate(sights)]
+    atlas = jnp.concatenate([sight.atlas for sight in sights])
+    return Sight(_CAMERA, atlas, jnp.stack(pictures, axis=-1).reshape(16, -1))
 
 
 def train_policy(updates: int, seed: int, file: Path) -> None:

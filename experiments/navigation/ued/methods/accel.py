@@ -12,7 +12,6 @@ from jaxtyping import Array, Key
 
 from elitelanes_jax import repair
 from elitelanes_jax.drive import UNREACHABLE, Level, distances, random_level
-from elitelanes_jax.network import random_bits
 from elitelanes_jax.optimizers import MoveWeights, random_move
 from experiments.navigation.ppo import Ppo
 from experiments.navigation.ued.agent import Agent, learn, new_agent, rollout, score
@@ -62,7 +61,7 @@ def edit(key: Key[Array, ""], levels: Level) -> Level:
 
     def edit_level(key: Array, level: Level) -> Level:
         changing, drawing = jax.random.split(key)
-        grid = repair(*move.apply(random_bits(changing, (move.bits,)), level.grid), fill=True)
+        grid = repair(*move.apply(jax.random.bits(changing, (move.bits,), jnp.uint32), level.grid), fill=True)
         shortest = distances(grid, level.goal)[level.start.row, level.start.column, level.start.heading]
         edited = level._replace(grid=grid, shortest=shortest)
         drawn = random_level(drawing, grid)._replace(ways=level.ways)

@@ -1,0 +1,44 @@
+"""Checks of single values, words for messages, and files of arrays: what they refuse."""
+
+import sys
+import zipfile
+
+import pytest
+
+from elitelanes_jax._util.checks import folder, real
+from elitelanes_jax._util.errors import InputError, suggest
+from elitelanes_jax._util.npz import unpack
+
+
+@pytest.mark.parametrize(
+    "number",
+    [10**400, -(10**400), float("inf"), "1e400", float("nan")],
+    ids=["large", "small", "infinite", "text", "nan"],
+)
+def test_a_number_that_no_float_holds_is_refused(number):
+    with pytest.raises(InputError, match="expected a number, 0 or more, got"):
+        real(0)(number)
+    assert real(0)(10**300) == 1e300 and real(0)(sys.float_info.max) == sys.float_info.max
+
+
+def test_a_folder_with_the_long_name_of_a_file_is_refused_in_one_line():
+    with pytest.raises(InputError, match="expected a folder, got the name of a file"):
+        folder("a" * 300 + ".png")
+
+
+def test_nothing_is_suggested_for_an_empty_name():
+    assert suggest("", ["size"]) == suggest("--", ["--size"]) == ""
+    assert suggest("siz", ["size"]) == "; is it size?"
+
+
+def test_code_without_a_module_is_warned():
+    with pytest.warns(UserWarning, match="of ours"):
+        exec("from elitelanes_jax._util.errors import warn_user; warn_user('of ours')", {})
+
+
+@pytest.mark.parametrize("name", ["grids", "settings"])
+def test_an_archive_with_other_members_than_arrays_is_refused(name, tmp_path):
+    with zipfile.ZipFile(tmp_path / "runs.npz", "w") as archive:
+        archive.writestr(name, "[]")
+    with pytest.raises(InputError, match=rf"runs.npz: expected NumPy's .npz, .*: {name} is no array"):
+        unpack(tmp_path / "runs.npz")
