@@ -21,7 +21,7 @@ from elitelanes_jax._util.interruption import catch_interrupts
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.cli import program
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import map_to_json
+from elitelanes_jax.formats.road_map import map_to_json
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.search.resolve import plain_spec
 from elitelanes_jax.tiles import default_tiles
