@@ -8,6 +8,8 @@ border belong to the outer face.
     tile --- tile     tile     tile     a road between two tiles separates the corners beside it;
          .       .        .             without one, both corners belong to the same face
     tile     tile --- tile     tile
+         a    |   b        c            the road between a and b separates these two corners;
+    tile     tile     tile     tile     b and c belong to the same face
 
 Once the faces are labelled, Euler's formula gives these counts exactly, without a spanning tree or
 a search:
@@ -231,8 +233,10 @@ class _Walls(NamedTuple):
     grid. With walls made from those, a search takes 1.1 times as long.
 
     Attributes:
-      east: the walls along the links to the east.
-      south: the walls along the links to the south.
+      east: the walls along the links to the east, each between the tile's corner and the corner to
+        the north.
+      south: the walls along the links to the south, each between the tile's corner and the corner
+        to the west.
     """
 
     east: Array
@@ -260,8 +264,9 @@ def _far_walls(arrangement: _Arrangement, walls: _Walls) -> _Walls:
     """
 
     def any_wall(walls: Array, step: int) -> Array:
-        # The wall at a cell cuts the last step. The walls at the cells behind it cut the steps
-        # before.
+        # Steps lead south or east to a cell. The wall at this cell cuts the last step, and the
+        # walls at the cells before it cut the earlier steps. Steps that leave a row or a grid pass
+        # through corners of the outer face, so they never connect two inner faces.
         first = (_FAR - 1) * step
         far = walls[first:]
         for start in range(0, first, step):
@@ -293,8 +298,9 @@ def _sweep(
 
     least = shifted(labels, 0)
     for ahead, wall in (
-        # These are the neighbours to the north, south, west and east. The wall between two corners
-        # is stored at the southern or eastern one.
+        # These are the neighbours to the north, south, west and east. A link to the east is a wall
+        # on the way north or south. It is stored at the southern one of the two corners, and a link
+        # to the south at the eastern one.
         (-steps * stride, shifted(walls.east, 0)),
         (steps * stride, shifted(walls.east, steps * stride)),
         (-steps, shifted(walls.south, 0)),
@@ -319,13 +325,16 @@ def _propagate(arrangement: _Arrangement, labels: Array, walls: _Walls) -> tuple
     pairs = _PAIRS_BESIDE if arrangement.beside else _PAIRS
 
     def sweep_on(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        here, there, _, sweeps = carry
+        near, far, _, sweeps = carry
         for _ in range(pairs):
-            there = _sweep(arrangement, here, far_walls, there, _FAR)
-            here = _sweep(arrangement, there, walls, here, 1)
-        # XLA computes the largest difference faster than it computes whether there is a difference.
-        changing = jnp.max(here ^ there, initial=0) > 0
-        return here, there, changing, sweeps + 2 * pairs
+            far = _sweep(arrangement, near, far_walls, far, _FAR)
+            near = _sweep(arrangement, far, walls, near, 1)
+        # If the last sweep, which goes one step, changes nothing, neighbours in a face have equal
+        # labels. The corner whose initial label is the least of its face has kept it, so all
+        # corners of the face have this label. XLA computes the largest difference faster than it
+        # computes whether there is a difference.
+        changing = jnp.max(near ^ far, initial=0) > 0
+        return near, far, changing, sweeps + 2 * pairs
 
     def unsettled(carry: tuple[Array, Array, Array, Array]) -> Array:
         _, _, changing, sweeps = carry

@@ -290,13 +290,14 @@ class _Method:
         varied = self._vary(bits, temperature, cycles.restarts, grids, mates)
         # Grids that are not evaluated yet are their own children. They are accepted, because the
         # fitness of the chains is that of vacant slots.
-        starts = state.cooling.step < 0
+        is_unevaluated = state.cooling.step < 0
         varied = Variation(
-            select(starts, grids, varied.grid), varied.dirty & ~starts[:, None, None]
+            select(is_unevaluated, grids, varied.grid),
+            varied.dirty & ~is_unevaluated[:, None, None],
         )
         # Random grids are repaired in raster order, initial grids and grown towns are not.
         in_raster_order = self.drawn & (not self.starts_from_towns)
-        raster = begins & cycles.restarts | starts & in_raster_order
+        raster = begins & cycles.restarts | is_unevaluated & in_raster_order
         repair = jax.vmap(self.problem.repair)
         repaired = repair(select(begins, first_grids, varied.grid), varied.dirty, raster=raster)
         return evaluate(self.problem, repaired)

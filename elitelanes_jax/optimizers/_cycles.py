@@ -72,8 +72,8 @@ class Groups(NamedTuple):
     Attributes:
       niches: the N niches of each archive.
       isolated: whether each chain is isolated, as the first half of them are.
-      first: the first index of the archive that each chain knows.
-      last: the first index of the archive of all chains.
+      first: the index at which the archive that each chain knows begins.
+      last: the index at which the archive of all chains, the last one, begins.
       accept_equal: whether a grid replaces an elite of equal fitness.
     """
 

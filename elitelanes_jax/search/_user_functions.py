@@ -53,7 +53,7 @@ class Digest(NamedTuple):
     uses_floats: bool
 
 
-def ask_for_method(
+def set_method(
     spec: SearchSpec, options: Mapping[str, UserValue], extensions: Extensions
 ) -> SearchSpec:
     """Returns a specification that asks for the method of a configuration.
@@ -152,7 +152,7 @@ def find_config(search: Search, extensions: Extensions) -> Config | None:
     return config
 
 
-def name_what_makes(search: Search, config: Config | None, extensions: Extensions) -> Search:
+def record_method(search: Search, config: Config | None, extensions: Extensions) -> Search:
     """Returns a search whose settings say what makes the result, if it is no preset of a method."""
     if extensions.optimizer is not None:
         return with_method(search, CUSTOM, _name_of(extensions.optimizer))

@@ -10,8 +10,8 @@
    states, and adds a piece to the history.
 5. `Run.result` collects the elites from the states.
 
-Steps 3 and 4 keep the seeds in parts of equal size, one for each call of a program on a device.
-Step 5 joins the parts.
+Steps 3 and 4 keep the seeds in parts of equal size. Each part has a device, and a call of a program
+runs one part. A device may have several parts. Step 5 joins the parts.
 """
 
 import time
@@ -57,11 +57,11 @@ from elitelanes_jax.search._programs import MOST_GENERATIONS, Programs, States, 
 from elitelanes_jax.search._setup import Setup, make_setup
 from elitelanes_jax.search._user_functions import (
     Extensions,
-    ask_for_method,
     check_extensions,
     digest_functions,
     find_config,
-    name_what_makes,
+    record_method,
+    set_method,
 )
 from elitelanes_jax.search.keys import SearchKeys, check_keys
 from elitelanes_jax.search.resolve import Room, Search, resolve
@@ -176,8 +176,9 @@ def evolve(
     if features is not None:
         all_options["features"] = tuple(kernels)
     spec = _with_options(spec, all_options)
-    spec = ask_for_method(spec, options, extensions)
-    # The user's optimiser may make any grids.
+    spec = set_method(spec, options, extensions)
+    # `resolve` refuses constraints that no repaired grid satisfies. The user's optimiser may make
+    # other grids, so `resolve` omits this check for it.
     room_for: Room = "grids" if optimizer is None else "anything"
     search = resolve(spec, shape, room_for=room_for, shape_name="shape")
     keys = check_keys(key, seeds)
@@ -288,7 +289,7 @@ class Run:
     """One call of `evolve`, checked and planned.
 
     Attributes:
-      search: what makes the result.
+      search: the resolved search. Its method and preset say what makes the result.
       config: the configuration of the method; None for the user's own optimiser.
       setup: the setup of the programs.
       keys: the keys of all seeds.
@@ -381,7 +382,7 @@ def plan_run(
     # continued.
     fingerprint = zlib.crc32(_describe(setup).encode() + keys.data.tobytes())
     return Run(
-        search=name_what_makes(search, config, extensions),
+        search=record_method(search, config, extensions),
         config=config,
         setup=setup,
         keys=keys,
@@ -408,12 +409,15 @@ def _evolve(
     """
     # The budget counts from the user's state. A checkpoint is an earlier part of the same budget.
     last = first + run.search.steps(run.programs.facts.evaluations_per_step)
+    # `first` is the generation of the user's state, or 0. The next generation to run is always
+    # `generation` + 1.
     generation = first
     histories: list[History] = []
     if checkpoint is not None:
         earlier = checkpoint.load()
         if earlier is not None:
-            # A checkpoint is a later state of the same run, therefore it replaces the user's state.
+            # An earlier call with the same user's state wrote the checkpoint after that state,
+            # therefore it replaces the user's state.
             generation, inner = _restore(earlier.state, run)
             _check_budget(run, checkpoint, generation, last)
             histories.append(_with_seed_axis(earlier.history))
