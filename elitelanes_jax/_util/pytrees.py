@@ -30,8 +30,9 @@ def traced(default: UserValue, check: Check) -> UserValue:
 
 
 def pytree(kind: type[R]) -> type[R]:
-    """Registers a record as a pytree: its static fields belong to the structure, all others are children.
+    """Registers a record as a pytree.
 
+    Its static fields belong to the structure, and all others are children.
     `jax.tree_util.register_dataclass` would call the constructor, which checks the fields. But
     transformations make records of tracers, axes and None.
     """
