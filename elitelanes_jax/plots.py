@@ -164,15 +164,16 @@ def archive_map(
     ax: "Axes | None" = None,
     **image: Untyped,
 ) -> "Axes":
-    """Draws an archive as a heat map: one axis of the descriptor across, one or several others down.
+    """Draws an archive as a heat map.
 
-    Each cell shows the lowest fitness over the axes that are not named, and over all seeds. A cell
-    without filled niches is hatched.
+    One axis of the descriptor is across, and one or several others are down. Each cell shows the
+    lowest fitness over the axes that are not named, and over all seeds. A cell without filled
+    niches is hatched.
 
     Args:
       fitness: a `Result` or its elites; or numbers ``[..., N]``, lower is better, in the order of
-        `Problem.niche`: the fitness of a `Population`, or of a QDax repertoire with its sign changed
-        and one axis. The largest int32 and numbers that are not finite mean vacant.
+        `Problem.niche`: the fitness of a `Population`, or of a QDax repertoire with its sign
+        changed and one axis. The largest int32 and numbers that are not finite mean vacant.
       axes: the axes of the descriptor space; by default those of the result.
       across: the metric of an axis; by default the one with most bins among those that `down` does
         not name, the first of several.
@@ -258,7 +259,10 @@ def _names_of(
 def _niche_table(
     fitness: NDArray[np.float64], axes: "Sequence[Axis]", shown: Sequence[str]
 ) -> NDArray[np.float64]:
-    """Returns the lowest fitness ``[rows, columns]`` over seeds and hidden axes; infinite where no niche is filled."""
+    """Returns the lowest fitness ``[rows, columns]`` over seeds and hidden axes.
+
+    It is infinite where no niche is filled.
+    """
     names = [axis.metric for axis in axes]
     bins = [axis.bins for axis in axes]
     if not fitness.size or fitness.shape[-1:] != (prod(bins),):
@@ -288,7 +292,10 @@ def _label_columns(ax: "Axes", axis: "Axis") -> None:
 
 
 def _label_rows(ax: "Axes", axes: "Sequence[Axis]") -> None:
-    """Labels the rows by their bins on the axes down, and draws lines between the groups of the last one."""
+    """Labels the rows by their bins on the axes down.
+
+    Lines separate the groups of bins on the last axis.
+    """
     if not axes:
         # The descriptor has one axis.
         ax.set_yticks([])
@@ -320,7 +327,9 @@ def history(
     quantiles: tuple[float, float] = (0.25, 0.75),
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draws a run against the evaluations of a seed: the median over its seeds, and a band around it.
+    """Draws a run against the evaluations of a seed.
+
+    The line is the median over the run's seeds. The band reaches from one quantile to another.
 
     Args:
       record: a `Result`, or its `History`, of one seed or of many.
@@ -457,7 +466,10 @@ def _links(codes: NDArray[np.int8]) -> tuple[list[_Line], list[_Line]]:
 
 
 def _half_line(code: int, side: int, tile: tuple[int, int]) -> _Line:
-    """Returns the line from the junction of a tile's roads to one side; in a turn from the middle of its arc."""
+    """Returns the line from the junction of a tile's roads to one side.
+
+    In a turn, the line starts at the middle of the arc.
+    """
     middle = np.array(tile[::-1]) + 0.5
     to_side = np.array(_TO_SIDE[side])
     if code not in KINDS["turn"]:
@@ -473,7 +485,10 @@ def _half_line(code: int, side: int, tile: tuple[int, int]) -> _Line:
 
 
 def _directions(line: _Line) -> NDArray[np.float64]:
-    """Returns unit vectors along a line at each of its points, exact at its ends, so that ribbons meet."""
+    """Returns unit vectors along a line at each of its points.
+
+    They are exact at the ends of the line, so that ribbons meet.
+    """
     step = np.gradient(line, axis=0, edge_order=2)
     return step / np.linalg.norm(step, axis=1, keepdims=True)
 

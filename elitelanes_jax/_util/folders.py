@@ -259,8 +259,8 @@ def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
                     f"{folder}: expected a file to replace that is no input, got {path}"
                 )
             raise InputError(
-                f"{folder}: expected a folder to replace that contains no input, got one with "
-                f"{path}"
+                f"{folder}: expected a folder to replace that contains no input, "
+                f"got one with {path}"
             )
 
 
@@ -311,8 +311,8 @@ def _check_replaceable(
     foreign_name = foreign and foreign(out)
     if force and foreign_name:
         raise InputError(
-            f"{asked}: expected a folder with files of an earlier run alone, got one with "
-            f"{foreign_name}"
+            f"{asked}: expected a folder with files of an earlier run alone, "
+            f"got one with {foreign_name}"
         )
     if not force or foreign is None:
         hint = "; force=True replaces it" if foreign and not foreign_name else ""

@@ -121,7 +121,10 @@ def add_options(command: argparse.ArgumentParser, defaults: Record) -> None:
 
 
 def _listed(defaults: Record | SearchSpec) -> Iterator[tuple[str, Option, UserValue, str]]:
-    """Yields the name, option, default and description of each field that is an option, also in nested records."""
+    """Yields the name, option, default and description of each field that is an option.
+
+    The fields of nested records are among them.
+    """
     fields = _fields_of(defaults)
     description_of = descriptions(type(fields.defaults))
     for name, option in fields.options.items():
@@ -160,7 +163,8 @@ class _Cores(argparse.Action):
 _SHARED: dict[str, dict[str, Untyped]] = {
     "map": {
         "type": checked_by(path),
-        "help": "a map.json, any JSON file with codes, or a Duckietown map: .yaml, or a folder of layers",
+        "help": "a map.json, any JSON file with codes, or a Duckietown map: .yaml, or a "
+        "folder of layers",
     },
     "--out": {
         "type": checked_by(folder),
@@ -248,7 +252,10 @@ def naming_options(defaults: Record | SearchSpec, *only: str, **more: str) -> It
 
 
 def _name_flag(message: str, flags: Mapping[str, str]) -> str:
-    """Replaces a field's name at the start of a message by its option, and settings such as field='value' in it."""
+    """Replaces a field's name at the start of a message by its option.
+
+    Settings such as field='value' in the message are replaced too.
+    """
 
     def name_setting(match: re.Match[str]) -> str:
         name, value = match[1], match[2]

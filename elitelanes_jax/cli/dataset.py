@@ -26,8 +26,9 @@ def add_dataset(commands: Commands) -> None:
         "dataset",
         _dataset,
         help="make a dataset for segmentation",
-        description="Evolves maps of mixed sizes, or takes given ones, draws them, and writes pictures, labels and "
-        "metadata in splits. After an interruption or a kill, the same command resumes.",
+        description="Evolves maps of mixed sizes, or takes given ones, draws them, and writes "
+        "pictures, labels and metadata in splits. After an interruption or a kill, the same "
+        "command resumes.",
         epilog=COMPILING,
     )
     add_shared(command, "--out")

@@ -15,7 +15,8 @@ def add_drive(commands: Commands) -> None:
         "drive",
         _drive,
         help="drive on a map and film it",
-        description="Lets a robot drive on a map: a film of its camera beside the map, or a picture of many trails.",
+        description="Lets a robot drive on a map: a film of its camera beside the map, or a "
+        "picture of many trails.",
     )
     add_shared(command, "map")
     command.add_argument(
@@ -30,8 +31,9 @@ def add_drive(commands: Commands) -> None:
         type=checked_by(_policy),
         default="route",
         metavar="NAME|FILE.py",
-        help="route: pure pursuit along a shortest way to a goal; random: wheels that turn at random; or a file of "
-        "Python with a function act(observation) that returns the commands of both wheels; by default route",
+        help="route: pure pursuit along a shortest way to a goal; random: wheels that turn at "
+        "random; or a file of Python with a function act(observation) that returns the commands of "
+        "both wheels; by default route",
     )
     command.add_argument(
         "--rides",
@@ -44,8 +46,8 @@ def add_drive(commands: Commands) -> None:
         type=checked_by(real(0, 600, unit="seconds, a number", exclusive=True)),
         default=60,
         metavar="S",
-        help="longest time of a ride, which ends at its goal; from 2.2 seconds on, all goals are within reach; by "
-        "default 60",
+        help="longest time of a ride, which ends at its goal; from 2.2 seconds on, all goals are "
+        "within reach; by default 60",
     )
     add_shared(command, "--tiles")
     add_shared(command, "--tile-px", default=128)

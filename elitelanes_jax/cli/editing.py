@@ -18,9 +18,10 @@ def add_edit(commands: Commands) -> None:
         "edit",
         _edit,
         help="correct corners, kinds and masks on a page in the browser",
-        description="Serves a page to this computer alone, on which a tile set is corrected by hand: the corners of "
-        "tiles in photographs, their kinds and directions, and masks. Save on the page writes the set; the earlier one "
-        "is kept next to it. Finish on the page, or Ctrl-C, ends the command.",
+        description="Serves a page to this computer alone, on which a tile set is corrected by "
+        "hand: the corners of tiles in photographs, their kinds and directions, and masks. Save on "
+        "the page writes the set; the earlier one is kept next to it. Finish on the page, or "
+        "Ctrl-C, ends the command.",
         notes="""examples:
   elitelanes tiles edit my-tiles --open
   elitelanes tiles edit my-tiles --photos floor.jpg --size 3 4 --open

@@ -46,14 +46,16 @@ def add_export(commands: Commands) -> None:
         "export",
         _export,
         help="maps for other programs, or a table of their metrics",
-        description="Writes maps for other programs: Duckietown's map files, networks, floors, tables of metrics.",
+        description="Writes maps for other programs: Duckietown's map files, networks, floors, "
+        "tables of metrics.",
     )
     command.add_argument(
         "maps",
         type=checked_by(path),
         nargs="+",
         metavar="MAP",
-        help="a map.json, or a map of Duckietown: .yaml, or a folder of layers; or a folder with such maps",
+        help="a map.json, or a map of Duckietown: .yaml, or a folder of layers; "
+        "or a folder with such maps",
     )
     command.add_argument(
         "--to",
@@ -67,7 +69,8 @@ def add_export(commands: Commands) -> None:
         type=checked_by(path),
         required=True,
         metavar="PATH",
-        help="a new file, if it has the format's suffix or is a table; otherwise a folder, new or empty",
+        help="a new file, if it has the format's suffix or is a table; "
+        "otherwise a folder, new or empty",
     )
     add_options(command, FormatOptions())
 
@@ -76,7 +79,8 @@ def _export(options: argparse.Namespace) -> int:
     # The message of argparse's `choices` has another form, and does not shorten the text.
     if options.to not in (*FORMATS, _TABLE):
         raise InputError(
-            f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got {shorten(repr(options.to))}"
+            f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got "
+            f"{shorten(repr(options.to))}"
         )
     settings = read_options(options, FormatOptions())
     options.maps = _files_of_maps(options.maps)
@@ -216,8 +220,9 @@ def add_pack(commands: Commands) -> None:
         "pack",
         _pack,
         help="maps for other programs, with splits, trips and checksums",
-        description="Writes a folder with maps for other programs, splits that share no niche, and trips with their "
-        "exact lengths. After an interruption or a kill, the same command resumes.",
+        description="Writes a folder with maps for other programs, splits that share no niche, and "
+        "trips with their exact lengths. After an interruption or a kill, the same command "
+        "resumes.",
     )
     command.add_argument(
         "sources",

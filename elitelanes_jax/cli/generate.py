@@ -47,7 +47,8 @@ def add_generate(commands: Commands) -> None:
         "generate",
         _generate,
         help="evolve maps and draw them",
-        description="Evolves maps that are valid, different and spread over the niches; draws them with their masks.",
+        description="Evolves maps that are valid, different and spread over the niches; draws them "
+        "with their masks.",
         notes=f"""examples:
   elitelanes generate --size 12 12 --maps 16 --out maps
   elitelanes generate --where crossings=6..10 straight_share=0.3..0.6 --out in-range
@@ -66,8 +67,8 @@ def add_generate(commands: Commands) -> None:
         type=checked_by(real(0, 10_000, unit="metres, a number", exclusive=True)),
         nargs=2,
         metavar=("WIDTH", "DEPTH"),
-        help="instead of --size: metres from west to east and from north to south; the size is the largest with tiles "
-        "of 0.585 m and room for signs around the map",
+        help="instead of --size: metres from west to east and from north to south; the size is the "
+        "largest with tiles of 0.585 m and room for signs around the map",
     )
     add_shared(command, "--force", "--cores", "--quiet")
 
@@ -105,7 +106,8 @@ def _generate(options: argparse.Namespace) -> int:
             width, depth = options.floor
             lines.insert(
                 1,
-                f"{spec.size[0]} x {spec.size[1]} tiles each, for a floor of {width:g} x {depth:g} m",
+                f"{spec.size[0]} x {spec.size[1]} tiles each, for a floor of "
+                f"{width:g} x {depth:g} m",
             )
         say("\n".join(lines))
     else:
@@ -146,8 +148,8 @@ def add_merge(commands: Commands) -> None:
         "merge",
         _merge,
         help="join the parts of a run or a dataset",
-        description="Joins the results of elitelanes generate --part or dataset --part, and writes the folder of a run "
-        "without parts.",
+        description="Joins the results of elitelanes generate --part or dataset --part, and writes "
+        "the folder of a run without parts.",
     )
     command.add_argument(
         "parts",
@@ -184,7 +186,8 @@ def add_pick(commands: Commands) -> None:
         "pick",
         _pick,
         help="choose more, other or filtered maps from archives of generate",
-        description="Chooses maps among the elites of earlier searches, and draws them, without another search.",
+        description="Chooses maps among the elites of earlier searches, and draws them, without "
+        "another search.",
         notes="""examples:
   elitelanes pick maps/archive.npz --maps 40 --out more
   elitelanes pick maps/archive.npz --unlike maps/maps/*/map.json --out others
@@ -204,7 +207,8 @@ def add_pick(commands: Commands) -> None:
     command.add_argument(
         "--force-archive",
         action="store_true",
-        help="like --force, but also replace a folder with an archive.npz, which pick does not write again",
+        help="like --force, but also replace a folder with an archive.npz, which pick does not "
+        "write again",
     )
     add_shared(command, "--quiet")
 

@@ -19,8 +19,9 @@ def add_metrics(commands: Commands) -> None:
         "metrics",
         _metrics,
         help="list all metrics, or show one",
-        description="Lists all metrics, shares and features of a town that --where, --axes and --weights name, with "
-        "known ranges on maps of 12 x 12 tiles; or shows one, with maps at both ends of its range.",
+        description="Lists all metrics, shares and features of a town that --where, --axes and "
+        "--weights name, with known ranges on maps of 12 x 12 tiles; or shows one, with maps at "
+        "both ends of its range.",
     )
     command.add_argument(
         "name", nargs="?", type=checked_by(name), metavar="NAME", help="what to show"
@@ -57,8 +58,8 @@ def _list(listed: dict[str, tuple[str, str]]) -> str:
 
 
 _NOTE = (
-    "Searches\nfound maps with these ranges. With --rules cells may stay empty. Without, a town feature marked filled\n"
-    "has this value on all maps."
+    "Searches\nfound maps with these ranges. With --rules cells may stay empty. Without, a town "
+    "feature marked filled\nhas this value on all maps."
 )
 _MEASURED = "measured only in searches that name it, because it costs time"
 

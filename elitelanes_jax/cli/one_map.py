@@ -67,13 +67,15 @@ def add_render(commands: Commands) -> None:
         "--seed",
         type=_SEED,
         metavar="N",
-        help="draw other variants of tiles and objects; by default the map's own tiles, if the set has them",
+        help="draw other variants of tiles and objects; "
+        "by default the map's own tiles, if the set has them",
     )
     command.add_argument(
         "--dead-ends",
         type=checked_by(one_of("grass")),
         metavar="HOW",
-        help="grass: remove roads that lead nowhere; by default they are drawn with the set's tiles of kind end",
+        help="grass: remove roads that lead nowhere; "
+        "by default they are drawn with the set's tiles of kind end",
     )
     command.add_argument(
         "--overlay", action="store_true", help="also write the picture with the labels over it"
@@ -121,8 +123,8 @@ def add_plan(commands: Commands) -> None:
         "plan",
         _plan,
         help="a plan to build a map from: tiles, tape, signs",
-        description="Writes a plan to build a map from: where each tile lies, the sides of the floor, signs and "
-        "objects, and a bill of tiles and tape. A PDF also has a check-list.",
+        description="Writes a plan to build a map from: where each tile lies, the sides of the "
+        "floor, signs and objects, and a bill of tiles and tape. A PDF also has a check-list.",
     )
     add_shared(command, "map")
     out = "a new file that ends in .pdf, .svg or .png"
@@ -130,7 +132,8 @@ def add_plan(commands: Commands) -> None:
     command.add_argument(
         "--tags",
         action="store_true",
-        help="write the AprilTags of the map's signs instead, to print: black squares of 6.5 cm on A4, .pdf",
+        help="write the AprilTags of the map's signs instead, to print: "
+        "black squares of 6.5 cm on A4, .pdf",
     )
     command.add_argument(
         "--tile-size",
@@ -145,7 +148,8 @@ def _plan(options: argparse.Namespace) -> int:
 
     if options.tags and options.tile_size is not None:
         raise InputError(
-            f"--tile-size: expected none with --tags, which have one size, got {options.tile_size:g}"
+            "--tile-size: expected none with --tags, which have one size, got "
+            f"{options.tile_size:g}"
         )
     road_map = read_map(options.map)
     warn_of_faults(str(options.map), road_map)
@@ -189,7 +193,8 @@ def add_furnish(commands: Commands) -> None:
         "furnish",
         _furnish,
         help="place signs, buildings, trees, vehicles and duckies on a map",
-        description="Places signs by Duckietown's rules, and other objects at random; replaces the map's objects.",
+        description="Places signs by Duckietown's rules, and other objects at random; "
+        "replaces the map's objects.",
         notes="""examples:
   elitelanes furnish map.json signs --out signed.json
   elitelanes furnish map.json all trees=0.4 duckies=6 --seed 3 --out furnished.json
@@ -202,8 +207,8 @@ def add_furnish(commands: Commands) -> None:
         type=checked_by(name),
         nargs="+",
         metavar="WHAT",
-        help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of the cells without "
-        "road, and a file .toml, .json or .yaml with objects of your own",
+        help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of "
+        "the cells without road, and a file .toml, .json or .yaml with objects of your own",
     )
     command.add_argument(
         "--unique-tags",
@@ -217,7 +222,10 @@ def add_furnish(commands: Commands) -> None:
     command.add_argument(
         "--seed", type=_SEED, default=0, metavar="N", help="seed of the places; by default 0"
     )
-    tiles = "tile pictures in whose lanes lane_robots and lane_duckies are; by default the package's own"
+    tiles = (
+        "tile pictures in whose lanes lane_robots and lane_duckies are; "
+        "by default the package's own"
+    )
     command.add_argument("--tiles", type=checked_by(path), metavar="DIR", help=tiles)
 
 

@@ -33,8 +33,9 @@ def add_cut(commands: Commands) -> None:
         "cut",
         _cut,
         help="cut a tile set out of photographs",
-        description="Finds the tiles in photographs and writes a tile set: a square picture of each tile, its proposed "
-        "masks, and sheet.png to check all by eye. A photograph shows one tile, or a floor of --size or --map.",
+        description="Finds the tiles in photographs and writes a tile set: a square picture of "
+        "each tile, its proposed masks, and sheet.png to check all by eye. A photograph shows one "
+        "tile, or a floor of --size or --map.",
         notes="""examples:
   elitelanes tiles cut turn.jpg straight.jpg crossing.jpg --out my-tiles
   elitelanes tiles cut floor.jpg --size 3 4 --out my-tiles
@@ -68,8 +69,8 @@ def add_read(commands: Commands) -> None:
         "read",
         _read,
         help="read the map of a laid floor from a photograph",
-        description="Draws the map of a floor in the terminal, and names tiles that are unsure. With --against, names "
-        "the tiles that differ from a plan.",
+        description="Draws the map of a floor in the terminal, and names tiles that are unsure. "
+        "With --against, names the tiles that differ from a plan.",
     )
     command.add_argument("photo", type=checked_by(path), metavar="PHOTO", help="a JPEG or PNG file")
     add_shared(command, "--tiles")
@@ -95,8 +96,8 @@ def _add_floor(command: argparse.ArgumentParser) -> None:
         nargs=8,
         action="append",
         metavar="X",
-        help="the corners of the tiles in the photograph, roughly: x and y in pixels, clockwise from the top left one; "
-        "by default they are found. Repeat it for each photograph",
+        help="the corners of the tiles in the photograph, roughly: x and y in pixels, clockwise "
+        "from the top left one; by default they are found. Repeat it for each photograph",
     )
     command.add_argument(
         "--exact",
@@ -156,7 +157,8 @@ def _check_replaceable(out: Path, *, overwrite: bool) -> None:
         return
     if not overwrite:
         raise InputError(
-            f"{out}: expected a folder that is new or empty, got one with files; --overwrite replaces it"
+            f"{out}: expected a folder that is new or empty, got one with files; "
+            "--overwrite replaces it"
         )
     check_renamable(out)
 
@@ -171,7 +173,10 @@ def _cut_photographs(
     shape: tuple[int, int],
     plan: "NDArray[np.int8] | None",
 ) -> _CutPhotographs:
-    """Cuts tiles out of the photographs in which they are found; holds one photograph in memory at a time."""
+    """Cuts tiles out of the photographs in which they are found.
+
+    Only one photograph is in memory at a time.
+    """
     from elitelanes_jax.tiles.photographs.cutting import cut_tiles
     from elitelanes_jax.tiles.photographs.proposals import SURE
     from elitelanes_jax.tiles.photographs.reading import read_photograph
@@ -230,7 +235,10 @@ def _write_set(out: Path, photographs: _CutPhotographs, *, overwrite: bool) -> P
 
 
 def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | None) -> list[str]:
-    """Returns lines about a tile set that was written: its tiles, what was left out, and what to correct."""
+    """Returns lines about a tile set that was written.
+
+    They name its tiles, what was left out, and what to correct.
+    """
     from elitelanes_jax.tiles.tileset import inspect_tiles
 
     lines = _summary(photographs.cuts, photographs.proposals, out)
@@ -370,13 +378,17 @@ def _read_plan(file: Path | None) -> "NDArray[np.int8] | None":
 
 
 def _shape(options: argparse.Namespace, plan: "NDArray[np.int8] | None") -> tuple[int, int]:
-    """Returns rows and columns of the floor: those of the plan, or of --size; (1, 1) for single tiles."""
+    """Returns the rows and columns of the floor.
+
+    They are those of the plan, or of --size; (1, 1) for single tiles.
+    """
     if plan is None:
         return (1, 1) if options.size is None else tuple(options.size)
     shape = plan.shape
     if options.size is not None and tuple(options.size) != shape:
         raise InputError(
-            f"--size: expected {shape[0]} {shape[1]} like the map, got {options.size[0]} {options.size[1]}"
+            f"--size: expected {shape[0]} {shape[1]} like the map, "
+            f"got {options.size[0]} {options.size[1]}"
         )
     return shape
 
@@ -391,8 +403,8 @@ def _corners_of_each(
         return [None] * len(files)
     if len(options.corners) != len(files):
         raise InputError(
-            f"--corners: expected the option once for each of {pluralize(len(files), 'photograph')}, "
-            f"got it for {len(options.corners)}"
+            "--corners: expected the option once for each of "
+            f"{pluralize(len(files), 'photograph')}, got it for {len(options.corners)}"
         )
     return options.corners
 
@@ -412,7 +424,10 @@ def _propose(
     codes: "NDArray[np.int8] | None" = None,
     tiles: "TileSet | None" = None,
 ) -> "Proposal":
-    """Proposes where tiles are, by corners in pixels of the file's picture; without corners they are found."""
+    """Proposes where the tiles are in a photograph.
+
+    `corners` are pixels of the file's picture. Without corners, the tiles are found.
+    """
     import numpy as np
 
     from elitelanes_jax.tiles.photographs.proposals import propose_tiles

@@ -114,7 +114,10 @@ def program_name() -> str:
 
 
 def fail(program: str, message: str, code: int) -> int:
-    """Prints a message on standard error in one line, with line breaks escaped; returns the exit code."""
+    """Prints a message on standard error in one line, and returns the exit code.
+
+    Line breaks in the message are escaped.
+    """
     warn(f"{program}: " + "\\n".join(message.splitlines()))
     return code
 
@@ -170,7 +173,10 @@ def _flush(stream: TextIO) -> None:
 
 
 def _give_up(stream: TextIO) -> None:
-    """Redirects a stream to nowhere; otherwise the interpreter would try to flush it at its end, and complain."""
+    """Redirects a stream to nowhere.
+
+    Otherwise the interpreter would try to flush the stream at its end, and complain.
+    """
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 

@@ -17,7 +17,8 @@ def add_score(commands: Commands) -> None:
         "score",
         _score,
         help="score raw archives of the benchmark",
-        description="Measures the grids of raw archives again and prints their scores, with 95 % intervals over runs.",
+        description="Measures the grids of raw archives again and prints their scores, "
+        "with 95 % intervals over runs.",
     )
     command.add_argument(
         "archives",

@@ -39,8 +39,9 @@ def add_tiles(commands: Commands) -> None:
         "masks",
         _masks,
         help="propose masks for photographs, by colour",
-        description="Writes road.png, red.png and yellow.png next to each image.png that lacks them, to be corrected "
-        "by hand. Ranges of colours are H..H,S..S,V..V: hues 0 to 179, saturations and values 0 to 255.",
+        description="Writes road.png, red.png and yellow.png next to each image.png that lacks "
+        "them, to be corrected by hand. Ranges of colours are H..H,S..S,V..V: hues 0 to 179, "
+        "saturations and values 0 to 255.",
     )
     masks.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
     for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
@@ -50,7 +51,8 @@ def add_tiles(commands: Commands) -> None:
     masks.add_argument(
         "--overwrite",
         action="store_true",
-        help="also replace existing masks: those whose colours are given, or all; a copy of each is kept next to it",
+        help="also replace existing masks: those whose colours are given, or all; "
+        "a copy of each is kept next to it",
     )
 
 
