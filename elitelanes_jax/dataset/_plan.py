@@ -167,7 +167,7 @@ class _Size(NamedTuple):
 
     def keys(self, number: int) -> SearchKeys:
         """Returns the keys of a round."""
-        # Rounds have consecutive seeds, so no two rounds search alike.
+        # Each round has the next seeds, so no two rounds search alike.
         return keys_of_seeds(self.seed, range(number * _SEEDS, (number + 1) * _SEEDS))
 
     def _evolve(
