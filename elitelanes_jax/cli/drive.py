@@ -61,6 +61,7 @@ def add_drive(commands: Commands) -> None:
 
 
 def _policy(text: str) -> str | Path:
+    # A name that ends in .py is a file, and any other name is one of the package's.
     return Path(text) if text.endswith(".py") else one_of("route", "random", "FILE.py")(text)
 
 
@@ -84,10 +85,12 @@ def _drive(options: argparse.Namespace) -> int:
         # A film needs only the ride that it shows.
         rides_shown = 1
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    # The ride may fail because of such a fault, so the warning comes before it.
     warn_of_faults(str(options.map), road_map)
     policy = options.policy
     if isinstance(policy, Path):
         policy = load_policy(policy)
+    # The ride compiles programs, which later commands read from the cache.
     use_compile_cache()
     try:
         # A map that was drawn with this tile set looks as it did there.
@@ -101,6 +104,7 @@ def _drive(options: argparse.Namespace) -> int:
         message = str(error)
         source = "--" if message.startswith("policy:") else f"{options.map}: "
         raise InputError(source + message) from None
+    # Films and trails look alike: the same tiles at the same size.
     look = {"tile_px": options.tile_px, "chosen": chosen}
     with never_replacing(options.out):
         if kind == ".png":

@@ -57,11 +57,13 @@ def _edit(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.editing import HandWork
     from elitelanes_jax.tiles.photographs.reading import read_photograph
 
+    # Photographs are read before the server starts, so that a bad file is an error in the terminal.
     photographs = [read_photograph(file) for file in options.photos]
     work = HandWork(options.folder, photographs, tuple(options.size))
     try:
         server = HandServer(work, options.port or 0)
     except OSError as error:
+        # Another program may listen on the port.
         raise InputError(
             f"--port: expected a free port, got {options.port}: {reason(error)}"
         ) from None
@@ -69,6 +71,7 @@ def _edit(options: argparse.Namespace) -> int:
         with server:
             _serve(server, options)
     except KeyboardInterrupt:
+        # A request that is in progress must not save after the message below.
         work.stop_saving()
         result = f"{options.folder} is as it was saved last" if work.saved else "nothing was saved"
         return fail("elitelanes", f"interrupted; {result}", INTERRUPTED)

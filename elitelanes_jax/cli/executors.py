@@ -86,6 +86,7 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
         with locked(jobs, options.out), _keeping_logs(jobs):
             yield Pool(_open_submitit(options.slurm, jobs), options.parts)
     elif options.parts is not None:
+        # Without an executor, this process does all the work, and parts would have no meaning.
         raise InputError("--parts: expected --dask or --slurm with it, got neither")
     else:
         yield None
@@ -140,6 +141,7 @@ def _keeping_logs(jobs: Path) -> Iterator[None]:
 
 def _open_submitit(text: str, jobs: Path) -> Engine:
     submitit = import_optional("submitit", "--slurm needs Submitit", "submitit")
+    # Errors come as one line of this command instead of Submitit's log.
     logging.getLogger("submitit").setLevel(logging.CRITICAL)
     values: UserValue = {}
     try:
@@ -147,6 +149,7 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
         words = shlex.split(text)
     except ValueError:
         raise InputError(f"--slurm: expected quotes in pairs, got {text!r}") from None
+    # Options have the form name=value, as in Submitit's own functions.
     for word in words:
         option, equals, value = word.partition("=")
         if not option.isidentifier() or not equals:
@@ -159,6 +162,7 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
         values[option] = _value_of(option, value)
     # Submitit's own default is to run here if it finds no SLURM, which nobody asked for.
     cluster = values.pop("cluster", "slurm")
+    # Submitit starts jobs with one of these programs, and their tasks with the other one.
     for program in ("sbatch", "srun"):
         if cluster == "slurm" and which(program) is None:
             raise InputError(
@@ -177,8 +181,10 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
 
 def _value_of(option: str, text: str) -> UserValue:
     """Returns the value of an option: a list of one text, a truth value, a number, or the text."""
+    # A list on the command line has one item, because a command may contain any separator.
     if option.endswith(_LISTS):
         return [text]
+    # `bool("False")` is True, so truth values are read as words.
     if text in ("True", "False"):
         return text == "True"
     for kind in (int, float):

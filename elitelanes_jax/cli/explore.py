@@ -61,6 +61,7 @@ def _explore(options: argparse.Namespace) -> int:
     from elitelanes_jax.explorer.page import explore
 
     first = options.sources[0]
+    # The page of one run is in the run's folder, where it is found again.
     out = options.out or (
         first / _PAGE if len(options.sources) == 1 and _is_run(first) else Path(_PAGE)
     )
@@ -75,6 +76,7 @@ def _explore(options: argparse.Namespace) -> int:
     if options.open:
         import webbrowser
 
+        # Hosts without a screen have no browser. The page is written nevertheless.
         if not webbrowser.open(out.resolve().as_uri()):
             say("no browser was found; open the page in one")
     return 0

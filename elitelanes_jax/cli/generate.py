@@ -87,6 +87,7 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.generation import generate_planned
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
+    # Later commands read the compiled programs from a folder.
     use_compile_cache()
     try:
         # While maps are made, only errors about `furnish` are about an option. Others may name a
@@ -122,6 +123,7 @@ def _size_for_floor(options: argparse.Namespace) -> tuple[int, int]:
     """Returns the size of maps for the floor that is named instead of a size."""
     from elitelanes_jax.maps.furnishing.floors import floor_size
 
+    # argparse stores only options that were given, so this attribute means --size.
     if hasattr(options, "size"):
         raise InputError("--floor: expected it without --size, got both")
     try:
@@ -173,6 +175,7 @@ def _merge(options: argparse.Namespace) -> int:
         return 0
     from elitelanes_jax.maps.parts import merge
 
+    # A merge writes as many maps as the run without parts, so none is missing.
     maps = merge(options.parts, options.out, force=options.force)
     say(describe_maps(maps, len(maps), options.out))
     return 0
@@ -238,12 +241,14 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     heads = ("map", *(name.replace("_", " ") for name in _COLUMNS))
     lines = ["  ".join(heads)]
     for index, road_map in enumerate(maps):
+        # A map's fitness is no metric, but has a column too.
         figures = {"fitness": road_map.fitness} | dict(road_map.metrics or {})
         row = [f"{index:04d}", *(str(figures[name]) for name in _COLUMNS)]
         lines.append(
             "  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True))
         )
     count = pluralize(len(maps), "map")
+    # Fewer maps than asked for are named as such, and are no error here.
     if len(maps) < wanted:
         count += f" of {wanted:,}"
     they_are = "it is" if len(maps) == 1 else "all of them"

@@ -35,6 +35,7 @@ def _show(options: argparse.Namespace) -> int:
         drawn.encode(getattr(sys.stdout, "encoding", None) or "ascii")
     except UnicodeEncodeError:
         drawn = draw_text(codes, ascii_only=True)
+    # The size comes first, and the file's name is left out, because the user has given it.
     words = [f"{figures.pop('height')} x {figures.pop('width')} tiles"]
     words += [
         f"{key.replace('_', ' ')} {round(value, 3)}"
@@ -92,7 +93,9 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    # The folder of the pictures has the name of the map without its suffix.
     out = options.out or options.map.with_suffix("")
+    # Otherwise the pictures would be written over the map itself.
     if options.out is None and (options.map.is_dir() or out == options.map):
         which = "is a folder too" if options.map.is_dir() else "has no suffix to leave out"
         raise InputError(
@@ -103,6 +106,7 @@ def _render(options: argparse.Namespace) -> int:
         # The faults that are announced below are those of the map as it is drawn.
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     warn_of_faults(str(options.map), road_map)
+    # An error of drawing does not name the map's file.
     with naming(options.map):
         picture = render(
             road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects
@@ -153,6 +157,7 @@ def _plan(options: argparse.Namespace) -> int:
         )
     road_map = read_map(options.map)
     warn_of_faults(str(options.map), road_map)
+    # An existing file is an error before the plan is drawn, which takes longer.
     check_new(options.out)
     write = _write_tags if options.tags else _write_plan
     try:
@@ -173,6 +178,7 @@ def _write_plan(road_map: RoadMap, options: argparse.Namespace) -> str:
     """Writes a plan; returns what it needs."""
     from elitelanes_jax.formats.plan_pages import write_plan
 
+    # The default side of a tile is that of `write_plan`.
     size = {} if options.tile_size is None else {"tile_size": options.tile_size}
     plan = write_plan(road_map, options.out, **size)
     tape = ", ".join(f"{metres:.2f} m {colour}" for colour, metres in plan.tape.items())
@@ -236,11 +242,14 @@ def _furnish(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.furnishing.signs import crossings
     from elitelanes_jax.maps.furnishing.spec import parse_furnish
 
+    # The words are checked before the map is read, and --unique-tags is one of them.
     spec = check_named(
         "furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags
     )
+    # An existing file is an error before objects are placed.
     check_new(options.out)
     road_map, lane_offset = read_map(options.map), LANE_OFFSET
+    # Lanes of another tile set may be nearer to the road's middle or farther from it.
     if options.tiles is not None:
         from elitelanes_jax.tiles.tileset import load_tiles
 

@@ -182,6 +182,7 @@ def _cut_photographs(
     from elitelanes_jax.tiles.photographs.reading import read_photograph
     from elitelanes_jax.tiles.photographs.sheet import draw_proposal
 
+    # One camera has taken all photographs.
     lens = _read_lens(options)
     photographs = _CutPhotographs([], [], [])
     for file, corners_of_file in zip(options.photos, corners, strict=True):
@@ -241,6 +242,7 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
     """
     from elitelanes_jax.tiles.tileset import inspect_tiles
 
+    # What was cut comes first, then what needs the user's attention.
     lines = _summary(photographs.cuts, photographs.proposals, out)
     lines += [f"refused: {line}" for line in photographs.refused()]
     if earlier_set is not None:
@@ -257,6 +259,7 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
 def _summary(cuts: "list[Cut]", proposals: "list[Proposal]", out: Path) -> list[str]:
     from elitelanes_jax.tiles.photographs.proposals import SURE
 
+    # The counts show which kinds of tiles the set still lacks.
     kinds = Counter(KIND_OF[cut.code] for cut in cuts)
     listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
     used = [proposal for proposal in proposals if proposal.score >= SURE]
@@ -267,6 +270,7 @@ def _summary(cuts: "list[Cut]", proposals: "list[Proposal]", out: Path) -> list[
     ]
     lines += [f"{cut.name} is nearly a copy of {cut.copy_of}" for cut in cuts if cut.copy_of]
     for proposal in used:
+        # A tile of an unsure kind was not cut, and the user can add it by hand.
         for cell in _unsure_cells(proposal.sure):
             place = _describe_cell(*cell)
             lines.append(f"{proposal.photo}: left out the tile at {place}, its kind is unsure")
@@ -310,6 +314,7 @@ def _read(options: argparse.Namespace) -> int:
         raise InputError(
             f"--size: expected the rows and columns of a floor of 2 tiles or more, got {got}"
         )
+    # The command takes one photograph, and so one set of corners.
     (corners,) = _corners_of_each(options, [options.photo])
     if options.out is not None:
         check_new(options.out)
@@ -318,6 +323,7 @@ def _read(options: argparse.Namespace) -> int:
         # The photograph may be taken from any side of the floor.
         floor = _turn_to_plan(floor, plan, options.against)
     unsure = _unsure_cells(floor.sure)
+    # The map comes first, then unsure tiles, then differences from the plan.
     lines = [draw_text(floor.codes)]
     lines += [f"{_describe_cell(row, column)}: unsure" for row, column in unsure]
     if plan is not None:
@@ -343,6 +349,7 @@ def _read_floor(
 
     photograph = read_photograph(options.photo, _read_lens(options))
     proposal = _propose(photograph, shape, corners, exact=options.exact, tiles=tiles)
+    # A floor that was not found has no codes that mean anything.
     if proposal.score < SURE:
         raise InputError(f"{options.photo}: {proposal.advice}")
     return _Floor(np.array(proposal.codes, np.int8), np.array(proposal.sure))
@@ -356,6 +363,7 @@ def _turn_to_plan(floor: _Floor, plan: "NDArray[np.int8]", plan_file: Path) -> _
 
     with naming(plan_file):
         turns = turn_to_plan(floor.codes, plan)
+    # The certainty of each cell turns with its code.
     return _Floor(turn_floor(floor.codes, turns), np.rot90(floor.sure, turns))
 
 
@@ -398,6 +406,7 @@ def _corners_of_each(
 ) -> Sequence[list[float] | None]:
     """Returns the corners in each photograph, x and y by turns; None if they are to be found."""
     if options.corners is None:
+        # Without corners there is nothing to take exactly.
         if options.exact:
             raise InputError("--exact: expected --corners, got none")
         return [None] * len(files)
@@ -432,6 +441,7 @@ def _propose(
 
     from elitelanes_jax.tiles.photographs.proposals import propose_tiles
 
+    # Without corners, the outlines are found in the photograph.
     if corners is None:
         return propose_tiles(photograph, shape=shape, codes=codes, tiles=tiles)
     # The user reads the corners in the file. The picture that was read may be smaller, and is
@@ -443,6 +453,7 @@ def _propose(
         )
     except InputError as error:
         message = str(error)
+        # The message names the function's argument, which is the option here.
         if message.startswith("corners: "):
             raise InputError(f"--{message}") from None
         raise

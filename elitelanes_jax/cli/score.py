@@ -37,6 +37,7 @@ def _score(options: argparse.Namespace) -> int:
     )
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
+    # Grids are measured by a compiled program.
     use_compile_cache()
     for file in options.archives:
         submission = read_submission(file)

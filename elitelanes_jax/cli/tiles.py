@@ -61,6 +61,7 @@ def _check(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles
 
     tiles, problems = inspect_tiles(options.folder, lines=True)
+    # All errors are listed at once, so that the user corrects them together.
     if tiles is None:
         warn("\n".join(problems))
         return 2
@@ -74,6 +75,7 @@ def _masks(options: argparse.Namespace) -> int:
     colours = dict(COLOURS)
     for mask in _MASKED:
         if getattr(options, mask) is not None:
+            # An error about a range names its option.
             with naming(f"--{mask}"):
                 colours[mask] = parse_colour(getattr(options, mask))
     sheet = options.folder / "masks.png"
@@ -91,6 +93,7 @@ def _masks(options: argparse.Namespace) -> int:
     if sheet.exists():
         _keep(sheet)
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
+    # Masks that exist and were not replaced may have been made by hand.
     unchanged = len(_MASKED) * len(proposals) - len(masks)
     written = f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')}"
     written += f" in {options.folder}"

@@ -170,8 +170,8 @@ def _write_data(folder: Path) -> None:
     for name in SHORT_NAMES:
         if name in splits:
             lines.append(f"{name}: images/{name}")
-        # Ultralytics does not need a split for tests.
         elif name != "test":
+            # Ultralytics does not need a split for tests.
             lines.append(f"{name}: images/{splits[0]} # this split is empty")
     lines += ["names:", *(f"  {index}: {name}" for index, name in enumerate(OBJECT_KINDS))]
     write_atomic(folder / "data.yaml", "\n".join(lines).encode() + b"\n")
