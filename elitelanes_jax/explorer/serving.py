@@ -59,6 +59,7 @@ class HandServer(ThreadingHTTPServer):
         Port 0 means any free port.
         """
         super().__init__(("127.0.0.1", port), _Handler)
+        # 24 random bytes cannot be guessed.
         self.token = secrets.token_urlsafe(24)
         # The server knows its port only after it listens.
         self.hosts = [f"{name}:{self.server_address[1]}" for name in ("127.0.0.1", "localhost")]
@@ -66,6 +67,7 @@ class HandServer(ThreadingHTTPServer):
         self.work = work
         # One request at a time computes or saves.
         self.lock = Lock()
+        # The names of the actions are the paths to which the page posts.
         self.actions: dict[str, Callable[[Untyped], Plain | bytes]] = {
             "fit": work.fit,
             "cut": work.cut,
@@ -90,6 +92,7 @@ class _Handler(BaseHTTPRequestHandler):
         path = self._path()
         if path is None:
             return
+        # The path of a photograph or a picture has its number or its name after the slash.
         name, _, item = path.partition("/")
         work = self.server.work
         try:
@@ -106,6 +109,7 @@ class _Handler(BaseHTTPRequestHandler):
             else:
                 self._send_json(404, {"error": "no such page"})
         except (LookupError, ValueError):
+            # A number or a name that does not exist is a missing page.
             self._send_json(404, {"error": "no such page"})
 
     def do_POST(self) -> None:
@@ -118,6 +122,7 @@ class _Handler(BaseHTTPRequestHandler):
         if action is None or self.headers.get_content_type() != "application/json":
             self._send_json(404, {"error": "no such action"})
             return
+        # The length is checked before anything is read.
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal() or int(length) > _MOST_BYTES:
             self._send_json(
@@ -137,6 +142,7 @@ class _Handler(BaseHTTPRequestHandler):
                 # It follows the answer, because the process ends after it.
                 self.server.shutdown()
         except InputError as error:
+            # The page shows these errors next to the work that they are about.
             self._send_json(422, {"error": str(error)})
         except OSError as error:
             self._send_json(
@@ -144,6 +150,7 @@ class _Handler(BaseHTTPRequestHandler):
                 {"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)},
             )
         except (LookupError, TypeError, ValueError, RecursionError) as error:
+            # Only a program that is not the page sends values of another form.
             self._send_json(
                 400, {"error": f"expected a request of this page, got {shorten(repr(error))}"}
             )
@@ -153,6 +160,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _path(self) -> str | None:
         """Returns the path without the token; answers None to whom may not ask."""
+        # Requests without `Origin`, such as for a picture of the page itself, have only `Host` to
+        # check.
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         is_ours = host in self.server.hosts and origin in (None, f"http://{host}")
         _, token, path = ("/" + self.path.partition("?")[0].lstrip("/") + "/").split("/", 2)
@@ -167,6 +176,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send(self, status: int, kind: str, content: bytes) -> None:
         self.send_response(status)
+        # The headers forbid other sources, frames of other pages, guesses of content types, and
+        # caches.
         for name, value in {
             "Content-Type": kind,
             "Content-Length": str(len(content)),
