@@ -82,13 +82,16 @@ def road_map(
         expected = f"a mask of the grid's shape {(rows, columns)}"
         raise InputError(f"marked: expected {expected}, got {is_marked.shape}")
 
+    # The arguments are checked before the figure is made, so that an error leaves no empty figure.
     ax = _axes(ax)
+    # One unit is a tile. Rows count downwards, so the vertical axis is reversed.
     ax.set_aspect("equal")
     ax.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], facecolor=_GROUND)
     ax.spines[:].set_visible(False)
 
     lines, ends = _links(codes)
     _draw_marked_cells(ax, is_marked)
+    # The wider kerb is drawn first, so that the road covers its middle.
     _draw_ribbons(ax, lines, _KERB_WIDTH * width, _KERB, "kerb")
     _draw_ribbons(ax, lines, width, _ROAD, "road")
     if lanes:
@@ -207,6 +210,7 @@ def archive_map(
         raise InputError(
             "axes: expected ones with a width, such as result.search.axes, got one without"
         )
+    # The names say in which order the table has its axes.
     shown_names = _names_of(axes, across, down)
     axis_by_name = {axis.metric: axis for axis in axes}
     shown_axes = [axis_by_name[name] for name in shown_names]
@@ -247,6 +251,7 @@ def _names_of(
         across = max(candidates or axes, key=lambda axis: axis.bins).metric
     if down is None:
         names_down = [name for name in names if name != across]
+    # The axis across comes last, because its niches are neighbours in a row of the table.
     shown_names = [*names_down, across]
     for name in shown_names:
         if name not in names or shown_names.count(name) > 1:
@@ -379,6 +384,7 @@ def seed_band(
     """
     x_values = np.asarray(x)
     check_named("values", unmasked, values)
+    # Values of one seed become a table with one row.
     samples = np.atleast_2d(np.asarray(values, float))
     is_table = samples.ndim == 2 and len(samples) > 0
     if x_values.ndim != 1 or not is_table or samples.shape[1] != x_values.size:
@@ -392,8 +398,10 @@ def seed_band(
         raise InputError(f"quantiles: expected {expected}, got {quantiles!r}")
     low, high = limits
     ax = _axes(ax)
+    # Quantiles are over the seeds, for each evaluation alone.
     bottom, middle, top = np.quantile(samples, [low, 0.5, high], axis=0)
     (median_line,) = ax.plot(x_values, middle, label=label, **line)
+    # The band has the colour that matplotlib has chosen for the line.
     colour = median_line.get_color()
     ax.fill_between(x_values, bottom, top, color=colour, alpha=0.2, linewidth=0)
     ax.grid(alpha=0.3)
@@ -460,6 +468,7 @@ def _links(codes: NDArray[np.int8]) -> tuple[list[_Line], list[_Line]]:
                 # The tile to the west or north draws the link of both, and their common point once.
                 other_half = _half_line(neighbour_code, side.opposite, neighbour)
                 lines.append(np.concatenate([half_line, other_half[-2::-1]]))
+            # A tile with a single connection is a dead end, which has a bar at its junction.
             if CONNECTIONS[code] == 1:
                 ends.append(half_line)
     return lines, ends

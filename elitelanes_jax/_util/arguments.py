@@ -248,8 +248,10 @@ def _describe(annotation: UserValue) -> str:
     origin, parts = get_origin(annotation), get_args(annotation)
     if annotation == ArrayLike or origin in _ARRAYS:
         return "an array of numbers"
+    # Parts of a union may have the same words, such as `ArrayLike` and `NDArray`.
     if origin in (Union, UnionType):
         return " or ".join(_distinct_words(parts))
+    # A key of JAX has dtypes like an array, so it is asked for first.
     if "prng_key" in getattr(annotation, "dtypes", ()):
         return "a jax.random.key"
     if hasattr(annotation, "dims"):

@@ -331,6 +331,7 @@ def _has_work(hidden: Path) -> bool:
 def _resume(
     asked: str | Path, hidden: Path, settings: Mapping[str, Plain], force: bool, resume_files: bool
 ) -> None:
+    # Work with other settings is of no use to this run. With `force`, it is deleted.
     files, kept = hidden / _FILES, hidden / _KEPT
     same = _has_work(hidden)
     if same:
@@ -347,6 +348,7 @@ def _resume(
             same = False
     if not same:
         _clear(hidden, _LOCK)
+    # The settings are written before any work, so that work always has its settings.
     write_json(hidden / _SETTINGS, settings)
     for folder in (files, kept):
         folder.mkdir(exist_ok=True)

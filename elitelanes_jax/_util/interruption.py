@@ -25,6 +25,8 @@ def catch_interrupts() -> Iterator[None]:
     """
     global _interrupted
     _interrupted = False
+    # Python would print the traceback of a `KeyboardInterrupt` that it drops, such as in a
+    # destructor.
     hook = sys.unraisablehook
 
     def report_dropped(dropped: "sys.UnraisableHookArgs") -> None:

@@ -49,6 +49,7 @@ def pytree(kind: type[R]) -> type[R]:
         keys = map(jax.tree_util.GetAttrKey, children)
         return list(zip(keys, values, strict=True)), values_of_structure
 
+    # The record is made without its constructor, see above.
     def unflatten(values_of_structure: tuple[UserValue, ...], values: Iterable[UserValue]) -> R:
         record = object.__new__(kind)
         vars(record).update(

@@ -175,6 +175,7 @@ def _check(task: Task, batch: UserValue) -> Int8[np.ndarray, "B H W"]:
             f"search: expected grids {shape} of whole numbers, "
             f"got {codes.dtype} {list(codes.shape)}"
         )
+    # Codes are checked before the conversion to int8, in which larger ones would overflow.
     if not 0 <= codes.min() <= codes.max() <= 15:
         raise InputError(f"search: expected tile codes 0 to 15, got {codes.min()} to {codes.max()}")
     return codes.astype(np.int8)

@@ -60,6 +60,7 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
         raise InputError(
             f"best: expected no fitness below the optimum, {least} in niche {niche}, got {value:g}"
         )
+    # A vacant niche has the fitness of a vacant slot, or an infinite one.
     filled = best < VACANT
     nearness = _nearness(task, best)
     total, count = nearness.sum(axis=-1), filled.sum(axis=-1)

@@ -222,6 +222,7 @@ def _write_set(out: Path, photographs: _CutPhotographs, *, overwrite: bool) -> P
         # Renamed, so that nothing in it is lost.
         kept = out.rename(free_name(out, f"{out.name}.before"))
     try:
+        # The folder appears complete or not at all.
         with output_folder(out, {"command": "tiles cut"}) as work:
             masked = write_cuts(work.files, photographs.cuts)
             tiles = proposal_sheet("Tiles and their masks", masked)

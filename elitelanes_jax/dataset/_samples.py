@@ -274,6 +274,7 @@ def _describe(
     transform = view._asdict() | {"matrix": view.matrix.tolist()}
     # The entry `pixels` has the size.
     del transform["size"]
+    # Maps from files may lack metrics, fitness, a niche or a seed.
     metadata = {
         "number": index,
         "size": list(road_map.codes.shape),

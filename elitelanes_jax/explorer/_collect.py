@@ -195,7 +195,10 @@ def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
 
 
 def _distinct_names(names: Sequence[str]) -> list[str]:
-    """Numbers the names that occur again, from the second on, with numbers that no other name has."""
+    """Numbers the names that occur again, from the second on.
+
+    The numbered names differ from all other names.
+    """
     distinct: list[str] = []
     for name in names:
         numbered = name

@@ -110,6 +110,7 @@ def pack(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: str) -> 
 
 
 def _run_values(run: ShownRun, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
+    # Arrays go into the blob, and all else into the page's JSON.
     return {
         "name": run.name,
         "shape": list(run.grids.shape[1:]),

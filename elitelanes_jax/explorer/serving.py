@@ -22,7 +22,8 @@ from elitelanes_jax.tiles.editing import HandWork
 _MOST_BYTES = 256 * MIB
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    "img-src 'self' data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'none'"
 )
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -78,7 +79,10 @@ class HandServer(ThreadingHTTPServer):
         }
 
     def handle_error(self, request: Untyped, client_address: Untyped) -> None:
-        """Prints the traceback of a failed answer, unless the browser closed the connection, as it does on a reload."""
+        """Prints the traceback of a failed answer.
+
+        Nothing is printed if the browser closed the connection, as it does on a reload.
+        """
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
