@@ -114,8 +114,7 @@ def see_tiled_labels(tiled: TiledMap, rays: Rays) -> SeenLabels:
         _pixels_with_border(rays.y, size, height),
         _pixels_with_border(rays.x, size, width),
     )
-    # Arrays are changed in place below, because new arrays of this size take longer than the
-    # arithmetic.
+    # Arrays are changed in place below, which saves new arrays of this size.
     tile_row, tile_column = row // np.int32(size), column // np.int32(size)
     tile_row *= np.int32(width)
     tile_row += tile_column

@@ -167,7 +167,6 @@ def _run_folders(folder: Path) -> list[Path]:
     # of `read_run` says what is missing.
     if (folder / "run.json").is_file() or (folder / "archive.npz").is_file():
         return [folder]
-    # Only direct subfolders are searched. A deeper search could take long in a home folder.
     folders = sorted(file.parent for file in folder.glob("*/run.json"))
     if folders:
         return folders
