@@ -122,7 +122,6 @@ def fail(program: str, message: str, code: int) -> int:
 
     Line breaks in the message are escaped.
     """
-    # A message of several lines would break tools that read one error a line.
     warn(f"{program}: " + "\\n".join(message.splitlines()))
     return code
 

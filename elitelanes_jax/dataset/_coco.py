@@ -34,7 +34,7 @@ SHORT_NAMES = ("train", "val", "test")
 def annotate(sample: Sample) -> Record:
     """Returns the annotations of a sample's classes, and of its objects if it has any."""
     labels = sample.layers["labels"]
-    # Label 0 is the background, which COCO does not annotate.
+    # Label 0 is the background, which has no annotation.
     present = [label for label in range(1, len(LABELS)) if (labels == label).any()]
     note: Record = {
         "classes": [{"category_id": label} | _runs(labels == label) for label in present]

@@ -395,7 +395,7 @@ def _draw_shard(
     with new_file(files / layout.shard_file(block.split, block.number, block.total)) as part:
         part.parent.mkdir(parents=True, exist_ok=True)
         with layout.open_shard(part, drawing.fields) as write:
-            # The sample that the shard needs next.
+            # This is the sample that the shard needs next.
             due = next(following)
 
             def complete(_: None) -> None:

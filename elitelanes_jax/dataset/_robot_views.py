@@ -128,7 +128,7 @@ def draw_viewpoint(
     height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
     # At 180 degrees the focal length would be 0.
     view = float(min(viewpoints.field_of_view * wide, 175))
-    # The pose on the lane that was drawn. The nearest lane may be another one, such as on a
+    # These values are on the lane that was drawn. The nearest lane may be another one, such as on a
     # crossing.
     on_lane = {"d": place.d, "phi": place.phi, "curvature": place.curvature}
     x, y, theta = place.x, place.y, place.theta
@@ -308,10 +308,10 @@ def see_parts(
     # Rows of pixels that show sky alone are not averaged.
     plain = rays.sky // _FINER
     fine = np.empty((rows * _FINER - plain * _FINER, columns * _FINER, channels), np.uint8)
-    # The rows of sky that share a row of pixels with ground.
+    # These rows of sky share a row of pixels with ground.
     horizon = rays.sky - plain * _FINER
     fine[:horizon] = above
-    # A view of the same array, into which the rays on the ground are sampled.
+    # This is a view of the same array. The rays on the ground are sampled into it.
     on_ground = fine[horizon:]
     # Distant rows are sampled from smaller maps, so that nothing aliases.
     for rank, lines in _runs(_levels(rays)):

@@ -70,7 +70,7 @@ def _counts_of_others(
     """
     if not others:
         return {}
-    # The size of the group that each map is in.
+    # Each map has the size of its group.
     sizes = np.bincount(groups)[groups]
     # Groups larger than the smallest of these splits do not fit into it. Their maps do not count.
     small = int((sizes <= min(counts[split] for split in others)).sum())

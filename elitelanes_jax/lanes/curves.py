@@ -195,7 +195,7 @@ def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
     Returns:
       bool. The arguments are arrays of NumPy or JAX, or numbers, that broadcast against each other.
     """
-    # The distance from a closed side of the tile to the road.
+    # The road keeps this distance from a closed side of the tile.
     edge = 0.5 - HALF_ROAD
     # The depth from each side, clockwise from north.
     depths = (south, 1 - east, 1 - south, east)
