@@ -82,13 +82,16 @@ def road_map(
         expected = f"a mask of the grid's shape {(rows, columns)}"
         raise InputError(f"marked: expected {expected}, got {is_marked.shape}")
 
+    # The arguments are checked before the figure is made, so that an error leaves no empty figure.
     ax = _axes(ax)
+    # One unit is a tile. Rows count downwards, so the vertical axis is reversed.
     ax.set_aspect("equal")
     ax.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], facecolor=_GROUND)
     ax.spines[:].set_visible(False)
 
     lines, ends = _links(codes)
     _draw_marked_cells(ax, is_marked)
+    # The wider kerb is drawn first, so that the road covers its middle.
     _draw_ribbons(ax, lines, _KERB_WIDTH * width, _KERB, "kerb")
     _draw_ribbons(ax, lines, width, _ROAD, "road")
     if lanes:
@@ -164,15 +167,16 @@ def archive_map(
     ax: "Axes | None" = None,
     **image: Untyped,
 ) -> "Axes":
-    """Draws an archive as a heat map: one axis of the descriptor across, one or several others down.
+    """Draws an archive as a heat map.
 
-    Each cell shows the lowest fitness over the axes that are not named, and over all seeds. A cell
-    without filled niches is hatched.
+    One axis of the descriptor is across, and one or several others are down. Each cell shows the
+    lowest fitness over the axes that are not named, and over all seeds. A cell without filled
+    niches is hatched.
 
     Args:
       fitness: a `Result` or its elites; or numbers ``[..., N]``, lower is better, in the order of
-        `Problem.niche`: the fitness of a `Population`, or of a QDax repertoire with its sign changed
-        and one axis. The largest int32 and numbers that are not finite mean vacant.
+        `Problem.niche`: the fitness of a `Population`, or of a QDax repertoire with its sign
+        changed and one axis. The largest int32 and numbers that are not finite mean vacant.
       axes: the axes of the descriptor space; by default those of the result.
       across: the metric of an axis; by default the one with most bins among those that `down` does
         not name, the first of several.
@@ -206,6 +210,7 @@ def archive_map(
         raise InputError(
             "axes: expected ones with a width, such as result.search.axes, got one without"
         )
+    # The names say in which order the table has its axes.
     shown_names = _names_of(axes, across, down)
     axis_by_name = {axis.metric: axis for axis in axes}
     shown_axes = [axis_by_name[name] for name in shown_names]
@@ -246,6 +251,7 @@ def _names_of(
         across = max(candidates or axes, key=lambda axis: axis.bins).metric
     if down is None:
         names_down = [name for name in names if name != across]
+    # The axis across comes last, because its niches are neighbours in a row of the table.
     shown_names = [*names_down, across]
     for name in shown_names:
         if name not in names or shown_names.count(name) > 1:
@@ -258,7 +264,10 @@ def _names_of(
 def _niche_table(
     fitness: NDArray[np.float64], axes: "Sequence[Axis]", shown: Sequence[str]
 ) -> NDArray[np.float64]:
-    """Returns the lowest fitness ``[rows, columns]`` over seeds and hidden axes; infinite where no niche is filled."""
+    """Returns the lowest fitness ``[rows, columns]`` over seeds and hidden axes.
+
+    It is infinite where no niche is filled.
+    """
     names = [axis.metric for axis in axes]
     bins = [axis.bins for axis in axes]
     if not fitness.size or fitness.shape[-1:] != (prod(bins),):
@@ -288,7 +297,10 @@ def _label_columns(ax: "Axes", axis: "Axis") -> None:
 
 
 def _label_rows(ax: "Axes", axes: "Sequence[Axis]") -> None:
-    """Labels the rows by their bins on the axes down, and draws lines between the groups of the last one."""
+    """Labels the rows by their bins on the axes down.
+
+    Lines separate the groups of bins on the last axis.
+    """
     if not axes:
         # The descriptor has one axis.
         ax.set_yticks([])
@@ -320,7 +332,9 @@ def history(
     quantiles: tuple[float, float] = (0.25, 0.75),
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draws a run against the evaluations of a seed: the median over its seeds, and a band around it.
+    """Draws a run against the evaluations of a seed.
+
+    The line is the median over the run's seeds. The band reaches from one quantile to another.
 
     Args:
       record: a `Result`, or its `History`, of one seed or of many.
@@ -370,6 +384,7 @@ def seed_band(
     """
     x_values = np.asarray(x)
     check_named("values", unmasked, values)
+    # Values of one seed become a table with one row.
     samples = np.atleast_2d(np.asarray(values, float))
     is_table = samples.ndim == 2 and len(samples) > 0
     if x_values.ndim != 1 or not is_table or samples.shape[1] != x_values.size:
@@ -383,8 +398,10 @@ def seed_band(
         raise InputError(f"quantiles: expected {expected}, got {quantiles!r}")
     low, high = limits
     ax = _axes(ax)
+    # Quantiles are over the seeds, for each evaluation alone.
     bottom, middle, top = np.quantile(samples, [low, 0.5, high], axis=0)
     (median_line,) = ax.plot(x_values, middle, label=label, **line)
+    # The band has the colour that matplotlib has chosen for the line.
     colour = median_line.get_color()
     ax.fill_between(x_values, bottom, top, color=colour, alpha=0.2, linewidth=0)
     ax.grid(alpha=0.3)
@@ -451,13 +468,17 @@ def _links(codes: NDArray[np.int8]) -> tuple[list[_Line], list[_Line]]:
                 # The tile to the west or north draws the link of both, and their common point once.
                 other_half = _half_line(neighbour_code, side.opposite, neighbour)
                 lines.append(np.concatenate([half_line, other_half[-2::-1]]))
+            # A tile with a single connection is a dead end, which has a bar at its junction.
             if CONNECTIONS[code] == 1:
                 ends.append(half_line)
     return lines, ends
 
 
 def _half_line(code: int, side: int, tile: tuple[int, int]) -> _Line:
-    """Returns the line from the junction of a tile's roads to one side; in a turn from the middle of its arc."""
+    """Returns the line from the junction of a tile's roads to one side.
+
+    In a turn, the line starts at the middle of the arc.
+    """
     middle = np.array(tile[::-1]) + 0.5
     to_side = np.array(_TO_SIDE[side])
     if code not in KINDS["turn"]:
@@ -473,7 +494,10 @@ def _half_line(code: int, side: int, tile: tuple[int, int]) -> _Line:
 
 
 def _directions(line: _Line) -> NDArray[np.float64]:
-    """Returns unit vectors along a line at each of its points, exact at its ends, so that ribbons meet."""
+    """Returns unit vectors along a line at each of its points.
+
+    They are exact at the ends of the line, so that ribbons meet.
+    """
     step = np.gradient(line, axis=0, edge_order=2)
     return step / np.linalg.norm(step, axis=1, keepdims=True)
 

@@ -3,4 +3,7 @@
 import time
 
 LOADED = time.time_ns()
-"""When this process loaded the package, whose rooms all load this one first, in nanoseconds since 1970."""
+"""When this process loaded the package, in nanoseconds since 1970.
+
+Every room of the package loads this room first.
+"""

@@ -43,10 +43,10 @@ class WrongArgumentError(InputError):
 
 
 def name_wrong_arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorates a public function: an argument of another type causes a `WrongArgumentError` that names it.
+    """Decorates a public function to raise a `WrongArgumentError` for an argument of another type.
 
-    Public functions call each other. The outermost one with a wrong argument names it, because this
-    is the one that the user has called.
+    The error names the argument. Public functions call each other. The outermost one with a wrong
+    argument names it, because this is the one that the user has called.
     """
 
     @wraps(function)
@@ -92,7 +92,10 @@ def _expected(name: str, annotation: UserValue, value: UserValue) -> str:
 def _find_wrong(
     function: Callable[..., UserValue], args: UserValue, kwargs: UserValue, error: Exception
 ) -> str | None:
-    """Returns a message about the arguments that caused an error; None if it may have another cause."""
+    """Returns a message about the arguments that caused an error, or None.
+
+    None means that the error may have another cause.
+    """
     try:
         bound = signature(function).bind(*args, **kwargs)
     except TypeError:
@@ -173,7 +176,10 @@ def _is_iterable(origin: UserValue) -> bool:
 
 
 def _is_list_of(value: UserValue, origin: UserValue, parts: tuple[UserValue, ...]) -> bool:
-    """Returns whether a value has several items of the type that an annotation such as ``list[int]`` names."""
+    """Returns whether a value has several items of the annotation's type.
+
+    An example of the annotation is ``list[int]``.
+    """
     is_several = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
     if not is_several or getattr(value, "ndim", 1) == 0:
         return False
@@ -191,7 +197,10 @@ def _is_key(value: UserValue) -> bool:
 
 
 def _is_array(value: UserValue, annotation: UserValue, batch: bool = False) -> bool:
-    """Returns whether a value is an array of numbers or can be one; the annotation may say how many axes."""
+    """Returns whether a value is an array of numbers or can be one.
+
+    The annotation may say how many axes the array has.
+    """
     # A map stands for its codes.
     value = getattr(value, "codes", value)
     dtypes = getattr(annotation, "dtypes", ())
@@ -222,7 +231,10 @@ def _is_key_array(value: UserValue, annotation: UserValue, batch: bool) -> bool:
 
 
 def _has_axes(annotation: UserValue, axes: int, batch: bool) -> bool:
-    """Returns whether the annotation of an array means a number of axes; one without axes means any number."""
+    """Returns whether the annotation of an array allows a number of axes.
+
+    An annotation without axes allows any number.
+    """
     dims = getattr(annotation, "dims", None)
     if not isinstance(dims, tuple):
         return True
@@ -236,8 +248,10 @@ def _describe(annotation: UserValue) -> str:
     origin, parts = get_origin(annotation), get_args(annotation)
     if annotation == ArrayLike or origin in _ARRAYS:
         return "an array of numbers"
+    # Parts of a union may have the same words, such as `ArrayLike` and `NDArray`.
     if origin in (Union, UnionType):
         return " or ".join(_distinct_words(parts))
+    # A key of JAX has dtypes like an array, so it is asked for first.
     if "prng_key" in getattr(annotation, "dtypes", ()):
         return "a jax.random.key"
     if hasattr(annotation, "dims"):

@@ -1,4 +1,7 @@
-"""Checks of single values: each takes a value or its text, and returns the checked value or raises `InputError`."""
+"""Checks of single values.
+
+Each takes a value or its text, and returns the checked value or raises `InputError`.
+"""
 
 import re
 import sys
@@ -41,7 +44,10 @@ def is_real(value: UserValue) -> bool:
 
 
 def is_flag(value: UserValue) -> bool:
-    """Returns whether a value is True or False, of Python or NumPy: `array.any()` is one of NumPy."""
+    """Returns whether a value is True or False, of Python or NumPy.
+
+    For example, `array.any()` is a flag of NumPy.
+    """
     return isinstance(value, bool | np.bool_)
 
 
@@ -59,7 +65,10 @@ def clip_to_int32(value: UserValue) -> UserValue:
 
 
 def unmasked(value: UserValue) -> UserValue:
-    """Checks that an array has no masked numbers, because `numpy.asarray` shows what the mask hides."""
+    """Checks that an array has no masked numbers.
+
+    `numpy.asarray` would show the numbers that the mask hides.
+    """
     if np.ma.is_masked(value):
         raise InputError("expected a number at each index, got a masked array")
     return value
@@ -163,7 +172,10 @@ def name(value: UserValue) -> str:
 
 
 def text_name(value: UserValue) -> str:
-    """Checks for a text that is not blank and that UTF-8 can hold; the name of a file may have other bytes."""
+    """Checks for a text that is not blank and that UTF-8 can hold.
+
+    The name of a file may have bytes that are not UTF-8.
+    """
     text = name(value)
     try:
         text.encode()
@@ -233,7 +245,10 @@ def function(value: UserValue) -> Callable[..., UserValue]:
 
 
 def function_of(*arguments: str, **named: UserValue) -> Check:
-    """Makes a check of a function: that it can be called with these arguments, by position or by name."""
+    """Makes a check that a function can be called with these arguments.
+
+    The function takes `arguments` by position and `named` by name.
+    """
 
     def check(value: UserValue) -> UserValue:
         try:
@@ -260,7 +275,10 @@ def ends_as_file(file: Path) -> bool:
 
 
 def file_named(suffix: str) -> Check:
-    """Makes a check for the path of a file to write, with this suffix or without the suffix of another format."""
+    """Makes a check for the path of a file to write.
+
+    The path has this suffix, or no suffix of another format.
+    """
 
     def check(value: UserValue) -> Path:
         file = path(value)
@@ -299,7 +317,10 @@ def flag(value: UserValue) -> bool:
 def check_named(
     name: str, check: Callable[..., UserValue], value: UserValue, *further: UserValue
 ) -> UserValue:
-    """Checks a value with the further arguments of the check; the error's message starts with `name`."""
+    """Checks a value with the further arguments of the check.
+
+    The message of an `InputError` starts with `name`.
+    """
     try:
         return check(value, *further)
     except InputError as error:
@@ -310,7 +331,10 @@ def check_named(
 
 
 def split_settings(text: str) -> list[str]:
-    """Splits a text such as ``crossings=6..10 bridges=0`` or ``cyclomatic:10 turns:10`` as a shell would."""
+    """Splits a text with several settings as a shell would.
+
+    Examples are ``crossings=6..10 bridges=0`` and ``cyclomatic:10 turns:10``.
+    """
     # A space separates settings only before the name of another one, so that "a = 1" is one
     # setting.
     return re.split(r"\s+(?=\w+\s*[=:])", text.strip())

@@ -49,14 +49,23 @@ _OURS = (InputError, NotEnoughMapsError, NotEnoughMemoryError, OSError)
 # Type checks in tests ask whether an object is an `Engine`.
 @runtime_checkable
 class Engine(Protocol):
-    """What divides work among workers: a `concurrent.futures.Executor`, or another class with its `submit`."""
+    """The interface of an executor, which divides work among workers.
+
+    A `concurrent.futures.Executor` has it, and so has any other class with its `submit`.
+    """
 
     def submit(self, function: Callable[..., Untyped], /, *args: Untyped) -> Untyped:
-        """Starts a call on a worker; returns its future, with the methods `done`, `result` and `cancel`."""
+        """Starts a call on a worker, and returns its future.
+
+        The future has the methods `done`, `result` and `cancel`.
+        """
 
 
 class Pool(NamedTuple):
-    """An executor, and the number of parts to divide work into; None for the default of the work."""
+    """An executor, and the number of parts to divide work into.
+
+    If `parts` is None, the work has a default number.
+    """
 
     executor: Engine
     parts: int | None = None
@@ -67,7 +76,10 @@ class Pool(NamedTuple):
 
 
 def check_pool(executor: UserValue, parts: UserValue) -> Pool | None:
-    """Checks the arguments `executor` and `parts` of a public function; returns None without an executor."""
+    """Checks the arguments `executor` and `parts` of a public function.
+
+    Returns None without an executor.
+    """
     parts = check_named("parts", none_or(whole(1)), parts)
     if executor is None:
         if parts is not None:
@@ -92,7 +104,8 @@ def part_with(count: int, position: int, parts: int) -> int:
 class _Outcome(NamedTuple):
     """What a worker returns: the result of a call, or its error.
 
-    An error is a value here because executors change what a call raises. Submitit makes a text of it.
+    An error is a value here because executors change what a call raises. Submitit makes a text of
+    it.
     """
 
     value: Untyped
@@ -105,11 +118,11 @@ def call_on_workers(
     arguments: Sequence[A],
     packages: Sequence[str] = (),
 ) -> Iterator[tuple[int, R]]:
-    """Calls a function with each argument on an executor's workers; yields (index, result) as the calls end.
+    """Calls a function with each argument on the workers of an executor.
 
-    The function, the arguments and the results travel by pickle, the function by cloudpickle where
-    it is installed. A worker loads the function once. When the iterator ends early, calls that have
-    not started are cancelled.
+    Yields (index, result) as the calls end. The function, the arguments and the results travel by
+    pickle, the function by cloudpickle where it is installed. A worker loads the function once.
+    When the iterator ends early, calls that have not started are cancelled.
 
     Args:
       executor: starts the calls.
@@ -227,7 +240,7 @@ def _check_versions(expected: dict[str, str]) -> None:
 
 
 def _name_worker(error: Exception) -> Exception:
-    """Returns an error with the worker's name, unless the error is about the input and not about the worker."""
+    """Returns an error with the worker's name, unless the error is about the input."""
     worker = f"worker {platform.node()}"
     if isinstance(error, OSError) and error.errno is not None:
         place = worker if error.filename is None else f"{worker}: {error.filename}"
@@ -238,9 +251,10 @@ def _name_worker(error: Exception) -> Exception:
 
 
 def _add_worker(error: Exception) -> Exception:
-    """Returns another error, such as one of the user's functions, with notes: the worker and the traceback there.
+    """Returns another error, such as one of the user's functions, with notes.
 
-    An error that pickle cannot send becomes a `RuntimeError` with its type and message.
+    The notes are the worker and the traceback there. An error that pickle cannot send becomes a
+    `RuntimeError` with its type and message.
     """
     place = "".join(traceback.format_exception(error)).rstrip()
     worker = platform.node()
@@ -274,7 +288,10 @@ def _read(future: Untyped, index: int, count: int) -> Untyped:
 
 @contextmanager
 def _naming_loss(index: int, count: int, expected: str) -> Iterator[None]:
-    """Makes an executor's own errors one line: those of workers without this package, or of lost workers and jobs."""
+    """Makes an executor's own errors one line.
+
+    They come from workers without this package, or from lost workers and jobs.
+    """
     try:
         yield
     except ImportError as error:

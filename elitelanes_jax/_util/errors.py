@@ -27,7 +27,10 @@ class MissingPackageError(InputError):
 
 
 class NotEnoughMapsError(Exception):
-    """A search found fewer maps than requested; the message says how many, and why it rejected others."""
+    """A search found fewer maps than requested.
+
+    The message says how many, and why the search rejected others.
+    """
 
 
 class NotEnoughMemoryError(MemoryError):
@@ -46,7 +49,10 @@ def warn_user(message: str) -> None:
 
 
 def suggest(name: UserValue, known: Iterable[str]) -> str:
-    """Returns the known name that an unknown name probably means, as the end of a message; "" if there is none."""
+    """Returns the known name that an unknown name probably means.
+
+    The result is the end of a message, or "" if no known name is similar.
+    """
     # Dashes that all options begin with would make any two of them alike: --floor and --force.
     names_by_word = {candidate.lstrip("-"): candidate for candidate in known}
     word = str(name)[:40].lower().lstrip("-")

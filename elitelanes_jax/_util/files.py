@@ -29,7 +29,10 @@ _KEPT: ContextVar[Path | None] = ContextVar("kept", default=None)
 
 
 def read_bytes(file: str | Path, limit: int) -> bytes:
-    """Reads a file; raises `InputError` if it has more than `limit` bytes, so that no file fills the memory."""
+    """Reads a file of at most `limit` bytes.
+
+    A larger file raises `InputError`, so that no file fills the memory.
+    """
     with Path(file).open("rb") as stream:
         # One byte more tells a file that is too large. The size that the system reports may be 0,
         # as for a pipe.
@@ -41,7 +44,10 @@ def read_bytes(file: str | Path, limit: int) -> bytes:
 
 
 def read_text(file: str | Path, limit: int) -> str:
-    """Reads a file as UTF-8 without a byte order mark, see `read_bytes`; raises `UnicodeDecodeError` for other text."""
+    """Reads a file as UTF-8 without a byte order mark, see `read_bytes`.
+
+    Other text raises `UnicodeDecodeError`.
+    """
     return read_bytes(file, limit).decode("utf-8-sig")
 
 
@@ -88,9 +94,10 @@ def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
 
 
 def parse_json(text: str) -> Plain:
-    """Parses JSON; raises `InputError` if an object has a key twice, or a number is NaN or infinite.
+    """Parses JSON in which keys are unique and numbers are finite.
 
-    Other errors are a `ValueError`, or a `RecursionError` for a text that is nested too deeply.
+    If an object has a key twice, or a number is NaN or infinite, raises `InputError`. Other errors
+    are a `ValueError`, or a `RecursionError` for a text that is nested too deeply.
     """
     return json.loads(text, object_pairs_hook=_object, parse_constant=_refuse, parse_float=_finite)
 
@@ -114,11 +121,12 @@ def _finite(number: str) -> float:
 
 @contextmanager
 def new_file(file: Path) -> Iterator[Path]:
-    """Provides a path next to a file for the block to write to; at the end it is renamed to the file.
+    """Provides a path next to a file for the block to write to.
 
-    A reader finds the whole file or none, even after a kill. Two processes may write the same file
-    at once. Missing folders are made. An existing file is replaced and keeps its permissions; a
-    symbolic link is followed. An `OSError` names `file`, and no part of the file is left.
+    At the end of the block, the path is renamed to the file. A reader finds the whole file or none,
+    even after a kill. Two processes may write the same file at once. Missing folders are made. An
+    existing file is replaced and keeps its permissions; a symbolic link is followed. An `OSError`
+    names `file`, and no part of the file is left.
     """
     target = Path(os.path.realpath(file)) if file.is_symlink() else file
     if not file.name:
@@ -164,7 +172,10 @@ def write_json(file: Path, values: Plain) -> None:
 
 
 def free_name(path: Path, name: str) -> Path:
-    """Returns a path next to another one that does not exist: with this name, or with -2, -3 and so on after it."""
+    """Returns a path next to another one, for a new file or folder.
+
+    Nothing exists there. The path has this name, or the name with -2, -3 and so on after it.
+    """
     names = (name if number == 1 else f"{name}-{number}" for number in count(1))
     return next(free for free in map(path.with_name, names) if not free.exists())
 
@@ -183,14 +194,20 @@ def check_new(file: Path) -> None:
 
 
 def copy_mode(old: Path, new: Path) -> None:
-    """Gives a file or folder the permissions of an older one, if there is one and the file system has permissions."""
+    """Gives a file or folder the permissions of an older one.
+
+    Does nothing if there is no older one, or the file system has no permissions.
+    """
     with suppress(OSError):
         copymode(old, new)
 
 
 @contextmanager
 def never_replacing(file: Path) -> Iterator[None]:
-    """Within the block, `new_file` raises the error of `check_new` if another process has written the file."""
+    """Makes `new_file` refuse to replace a file within the block.
+
+    If another process has written the file, it raises the error of `check_new`.
+    """
     check_new(file)
     token = _KEPT.set(file)
     try:

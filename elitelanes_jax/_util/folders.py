@@ -1,7 +1,8 @@
-"""Output folders that are complete or do not exist, written by runs that can be killed at any moment and resumed.
+"""Output folders that are complete or do not exist.
 
-Unfinished work is kept in a hidden folder next to the output folder, ``.NAME-unfinished``. Of a
-name longer than 243 bytes, the start and a digest are in the hidden name. The hidden folder has:
+The runs that write them can be killed at any moment and resumed. Unfinished work is kept in a
+hidden folder next to the output folder, ``.NAME-unfinished``. Of a name longer than 243 bytes, the
+start and a digest are in the hidden name. The hidden folder has:
 
 - ``lock`` is held by the process that works. The system releases it when the process ends.
 - ``settings.json`` has what the work depends on.
@@ -119,9 +120,10 @@ def output_folder(
 
 
 def check_renamable(folder: str | Path) -> None:
-    """Checks that a folder, if it exists, is no mount and not the current folder; raises `InputError`.
+    """Checks that a folder, if it exists, is no mount and not the current folder.
 
-    Raises `OSError` for a name that the system refuses, such as one that is too long.
+    Raises `InputError` for these. Raises `OSError` for a name that the system refuses, such as one
+    that is too long.
     """
     target = Path(os.path.realpath(folder))
     with suppress(FileNotFoundError, NotADirectoryError):
@@ -159,10 +161,11 @@ def settle(out: str | Path) -> None:
 
 @contextmanager
 def locked(folder: Path, asked: str | Path) -> Iterator[None]:
-    """Locks a folder, so that one process at a time works in it; a second one gets an `InputError` that names `asked`.
+    """Locks a folder, so that only one process at a time works in it.
 
-    The folder and its parents are made if they do not exist, and those that were made are removed at
-    the end if they are empty. The block may remove the folder.
+    A second process gets an `InputError` that names `asked`. The folder and its parents are made if
+    they do not exist, and those that were made are removed at the end if they are empty. The block
+    may remove the folder.
     """
     # Imported here, because loading it takes 50 ms.
     from filelock import FileLock, Timeout
@@ -229,7 +232,10 @@ def compare_settings(
 def first_difference(
     table: Mapping[str, Plain], other: Mapping[str, Plain]
 ) -> tuple[str, Plain, Plain] | None:
-    """Returns the name and both values of the first difference between tables, or between tables in them."""
+    """Returns the name and both values of the first difference between tables.
+
+    Tables within the tables are compared in the same way.
+    """
     for name in {**table, **other}:
         value, other_value = table.get(name), other.get(name)
         if isinstance(value, Mapping) and isinstance(other_value, Mapping):
@@ -242,7 +248,10 @@ def first_difference(
 
 
 def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
-    """Checks that a folder or file to be replaced is no input and contains none, with symbolic links followed."""
+    """Checks that a folder or file to be replaced is no input and contains none.
+
+    Symbolic links are followed.
+    """
     for path in inputs:
         if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
             if not Path(folder).is_dir():
@@ -250,7 +259,8 @@ def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
                     f"{folder}: expected a file to replace that is no input, got {path}"
                 )
             raise InputError(
-                f"{folder}: expected a folder to replace that contains no input, got one with {path}"
+                f"{folder}: expected a folder to replace that contains no input, "
+                f"got one with {path}"
             )
 
 
@@ -301,7 +311,8 @@ def _check_replaceable(
     foreign_name = foreign and foreign(out)
     if force and foreign_name:
         raise InputError(
-            f"{asked}: expected a folder with files of an earlier run alone, got one with {foreign_name}"
+            f"{asked}: expected a folder with files of an earlier run alone, "
+            f"got one with {foreign_name}"
         )
     if not force or foreign is None:
         hint = "; force=True replaces it" if foreign and not foreign_name else ""
@@ -320,6 +331,7 @@ def _has_work(hidden: Path) -> bool:
 def _resume(
     asked: str | Path, hidden: Path, settings: Mapping[str, Plain], force: bool, resume_files: bool
 ) -> None:
+    # Work with other settings is of no use to this run. With `force`, it is deleted.
     files, kept = hidden / _FILES, hidden / _KEPT
     same = _has_work(hidden)
     if same:
@@ -336,6 +348,7 @@ def _resume(
             same = False
     if not same:
         _clear(hidden, _LOCK)
+    # The settings are written before any work, so that work always has its settings.
     write_json(hidden / _SETTINGS, settings)
     for folder in (files, kept):
         folder.mkdir(exist_ok=True)
@@ -347,7 +360,10 @@ def _resume(
 
 
 def _move(hidden: Path, out: Path) -> None:
-    """Renames the files to the output folder, or leaves everything as it was and raises an error."""
+    """Renames the files to the output folder.
+
+    An error leaves everything as it was.
+    """
     replaced = hidden / _REPLACED
     if out.exists():
         # The earlier folder is renamed instead of deleted, so that it can come back after an error.

@@ -16,14 +16,17 @@ _interrupted = False
 
 @contextmanager
 def catch_interrupts() -> Iterator[None]:
-    """Makes SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in its block. Signals that are ignored stay ignored.
+    """Makes SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in its block.
 
-    While the exception is handled, another signal raises nothing, so that cleanup can finish. While
-    a module loads, a signal raises nothing, because native modules crash; `raise_if_interrupted`
-    raises it later. If Python drops the exception, nothing is printed.
+    Signals that are ignored stay ignored. While the exception is handled, another signal raises
+    nothing, so that cleanup can finish. While a module loads, a signal raises nothing, because
+    native modules crash; `raise_if_interrupted` raises it later. If Python drops the exception,
+    nothing is printed.
     """
     global _interrupted
     _interrupted = False
+    # Python would print the traceback of a `KeyboardInterrupt` that it drops, such as in a
+    # destructor.
     hook = sys.unraisablehook
 
     def report_dropped(dropped: "sys.UnraisableHookArgs") -> None:
@@ -77,7 +80,10 @@ def _is_loading(frame: FrameType | None) -> bool:
 
 
 def _is_handled() -> bool:
-    """Returns whether the calling thread handles a `KeyboardInterrupt`, or an error that followed from it."""
+    """Returns whether the calling thread handles a `KeyboardInterrupt`.
+
+    This includes the handling of an error that followed from it.
+    """
     error = sys.exc_info()[1]
     # Cleanup may fail with another error while it handles the interruption.
     while error is not None and not isinstance(error, KeyboardInterrupt):

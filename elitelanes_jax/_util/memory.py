@@ -8,7 +8,10 @@ _GROUPS = Path("/sys/fs/cgroup")
 
 
 def free_memory() -> int:
-    """Returns the bytes that this process can still use: within the machine, the container and the process's limit."""
+    """Returns the bytes that this process can still use.
+
+    They are limited by the machine, the container and the process's limit.
+    """
     import psutil
 
     free = [psutil.virtual_memory().available, *_of_groups()]
@@ -39,7 +42,10 @@ def in_gigabytes(size: float) -> str:
 
 
 def _of_groups() -> Iterator[int]:
-    """Yields the free bytes of the process's control groups, by which containers and cluster jobs limit memory."""
+    """Yields the free bytes of the process's control groups.
+
+    Containers and cluster jobs limit memory by these groups.
+    """
     with suppress(OSError, ValueError, StopIteration):
         lines = Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines()
         group = _GROUPS / next(line for line in lines if line.startswith("0::")).removeprefix(

@@ -44,7 +44,10 @@ def pack(arrays: Mapping[str, np.ndarray], settings: Plain) -> bytes:
 
 
 def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
-    """Returns the JSON values of a file, or None, and its arrays by name; raises `InputError` if it cannot be read."""
+    """Returns the JSON values of a file, or None, and its arrays by name.
+
+    Raises `InputError` if the file cannot be read.
+    """
     try:
         with Path(path).open("rb") as stream:
             if stream.read(2) != b"PK":

@@ -30,7 +30,10 @@ EXTRAS = {
 
 
 def installed_versions(*others: str) -> dict[str, str]:
-    """Returns the versions that results depend on, by name, and of other packages, "none" if one is missing."""
+    """Returns the versions that results depend on, by name, and those of other packages.
+
+    The version of a missing package is "none".
+    """
     versions = {"elitelanes_jax": __version__, "python": platform.python_version()}
     versions |= {name: version(name) for name in ("jax", "jaxlib", "numpy")}
     versions["opencv"] = next(filter(None, map(_version, _OPENCV)), "unknown")

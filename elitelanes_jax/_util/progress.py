@@ -54,7 +54,10 @@ def is_quiet() -> bool:
 
 
 def announce(text: str) -> None:
-    """Prints a line on standard error, in commands that are not quiet; raises after an interruption."""
+    """Prints a line on standard error, in commands that are not quiet.
+
+    Raises `KeyboardInterrupt` after an interruption.
+    """
     raise_if_interrupted()
     if _quiet is False and sys.stderr is not None:
         drawn = any(
@@ -105,7 +108,10 @@ class Progress:
         self._shown = shown
 
     def update(self, done: int, note: str = "") -> None:
-        """Sets the count, and a text to show after it; raises `KeyboardInterrupt` after an interruption."""
+        """Sets the count, and a text to show after it.
+
+        Raises `KeyboardInterrupt` after an interruption.
+        """
         raise_if_interrupted()
         self._done, self._note = done, note
 
@@ -116,14 +122,18 @@ class Progress:
 
     @contextmanager
     def doing(self, step: str) -> Iterator[None]:
-        """Shows the name of a step, such as compiling, instead of the count while the block runs."""
+        """Shows the name of a step instead of the count while the block runs.
+
+        Compiling is one such step.
+        """
         raise_if_interrupted()
         before, self._step, self._since = self._step, step, time.monotonic()
         try:
             yield
         finally:
             self._step = before
-            # The step took time and counted nothing, so the remaining time follows from later counts.
+            # The step took time and counted nothing, so the remaining time follows from later
+            # counts.
             self._since, self._first = time.monotonic(), self._done
         raise_if_interrupted()
 
@@ -134,7 +144,10 @@ class Progress:
             return f"{self._name}{self._step and f': {self._step}'}, {seconds:.0f} s"
         done, rest = self._done - self._first, self._total - self._done
         left = f", {_clock(seconds / done * rest)} left" if done and rest else ""
-        return f"{self._name} {self._done:,}/{self._total:,} {self._unit}{self._note and f', {self._note}'}{left}"
+        return (
+            f"{self._name} {self._done:,}/{self._total:,} "
+            f"{self._unit}{self._note and f', {self._note}'}{left}"
+        )
 
     def __enter__(self) -> "Progress":
         raise_if_interrupted()
@@ -166,7 +179,10 @@ def _start_display(shown: bool | None) -> "_Display | None":
 
 
 class _Display(Thread):
-    """A thread that draws the running work: again and again in one line, or in a line of a log every 30 seconds."""
+    """A thread that draws the running work.
+
+    It redraws one line again and again, or prints a line of a log every 30 seconds.
+    """
 
     def __init__(self, stream: TextIO, at_once: bool, redraws: bool) -> None:
         super().__init__(daemon=True)
@@ -185,7 +201,10 @@ class _Display(Thread):
                 self._draw()
 
     def end(self, *, finished: bool) -> None:
-        """Ends the thread, and draws the last state if anything was drawn or the work is shown at once."""
+        """Ends the thread, and draws the last state.
+
+        Draws nothing if nothing was drawn, unless the work is shown at once.
+        """
         self._ended.put(None)
         self.join()
         if self.drawn or self._at_once:

@@ -30,8 +30,9 @@ def traced(default: UserValue, check: Check) -> UserValue:
 
 
 def pytree(kind: type[R]) -> type[R]:
-    """Registers a record as a pytree: its static fields belong to the structure, all others are children.
+    """Registers a record as a pytree.
 
+    Its static fields belong to the structure, and all others are children.
     `jax.tree_util.register_dataclass` would call the constructor, which checks the fields. But
     transformations make records of tracers, axes and None.
     """
@@ -48,6 +49,7 @@ def pytree(kind: type[R]) -> type[R]:
         keys = map(jax.tree_util.GetAttrKey, children)
         return list(zip(keys, values, strict=True)), values_of_structure
 
+    # The record is made without its constructor, see above.
     def unflatten(values_of_structure: tuple[UserValue, ...], values: Iterable[UserValue]) -> R:
         record = object.__new__(kind)
         vars(record).update(

@@ -61,7 +61,10 @@ def nested(default: "Record") -> UserValue:
 
 
 class Record:
-    """The base of frozen dataclasses whose fields are declared by `option`, `nested`, `static` and `traced`."""
+    """The base of frozen dataclasses that check their fields.
+
+    The fields are declared by `option`, `nested`, `static` and `traced`.
+    """
 
     def __post_init__(self) -> None:
         """Checks each field, then all together.
@@ -115,10 +118,11 @@ class Record:
 def inputs_among(
     values: Mapping[str, UserValue], options: Mapping[str, Option] = MappingProxyType({})
 ) -> Iterator[str]:
-    """Yields the files and folders that options name, also by a word of a text, such as "signs objects.toml".
+    """Yields the files and folders that options name.
 
-    A text names a folder only where the option's metavar says so: in ``--style town --out town`` it
-    is a word. A `Path` is always one.
+    A word of a text, such as "signs objects.toml", may also name one. A text names a folder only
+    where the option's metavar says so: in ``--style town --out town`` it is a word. A `Path` is
+    always one.
     """
     for name, value in values.items():
         takes_folders = name in options and options[name].metavar in _METAVARS_OF_FOLDERS
@@ -144,9 +148,10 @@ def check_names(names: Iterable[str], known: Iterable[str]) -> None:
 
 
 def descriptions(kind: type) -> dict[str, str]:
-    """Returns the descriptions of a record's fields, by name, from its docstring and those of its bases.
+    """Returns the descriptions of a record's fields, by name.
 
-    Python's option -OO leaves out docstrings; then all are empty.
+    They come from its docstring and the docstrings of its bases. Python's option -OO leaves out
+    docstrings; then all are empty.
     """
     texts: dict[str, str] = {}
     # A class overrides the descriptions of its bases.

@@ -1,8 +1,8 @@
 """Runs JAX under any settings of the user, and JAX and OpenCV in forked processes.
 
-Transfers of arrays are allowed. A process that was forked after JAX started is refused. OpenCV works
-in a forked process. This module does not import JAX or OpenCV, so that functions for arrays of NumPy
-and JAX can use it.
+Transfers of arrays are allowed. A process that was forked after JAX started is refused. OpenCV
+works in a forked process. This module does not import JAX or OpenCV, so that functions for arrays
+of NumPy and JAX can use it.
 """
 
 import os
@@ -45,16 +45,17 @@ def check_not_forked() -> None:
     """Raises `InputError` in a process that was forked after JAX started."""
     if _forked:
         raise InputError(
-            "process: expected a process in which JAX can run, got a fork of a process that had started JAX; "
-            "start workers with multiprocessing's method spawn or forkserver"
+            "process: expected a process in which JAX can run, got a fork of a process that had "
+            "started JAX; start workers with multiprocessing's method spawn or forkserver"
         )
 
 
 def transfers() -> AbstractContextManager[None]:
-    """Allows transfers of arrays in its block, also where JAX's setting `jax_transfer_guard` forbids them.
+    """Allows transfers of arrays in its block.
 
-    An array of NumPy as an argument of a compiled function is a transfer, and so is a number in an
-    operation on arrays of JAX.
+    They are allowed even if JAX's setting `jax_transfer_guard` forbids them. An array of NumPy as
+    an argument of a compiled function is a transfer, and so is a number in an operation on arrays
+    of JAX.
     """
     jax = sys.modules.get("jax")
     return nullcontext() if jax is None else jax.transfer_guard("allow")

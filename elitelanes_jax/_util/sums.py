@@ -41,7 +41,10 @@ def read_sums(folder: Path) -> dict[str, str]:
 
 
 def read_checked(folder: Path, path: str, sums: Mapping[str, str]) -> bytes:
-    """Reads a file of a folder; raises `InputError` if it is missing or has another checksum than in `sums`."""
+    """Reads a file of a folder, and checks it.
+
+    Raises `InputError` if the file is missing or has another checksum than in `sums`.
+    """
     file = folder / path
     if path not in sums:
         raise InputError(f"{folder / SUMS}: expected a checksum of {path}, got none")

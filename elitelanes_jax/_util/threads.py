@@ -18,9 +18,9 @@ _limit: int | None = None
 
 @name_wrong_arguments
 def use_cores(count: int) -> None:
-    """Limits searches and drawing in this process to a number of the processor's cores, from the next call on.
+    """Limits searches and drawing in this process to a number of the processor's cores.
 
-    Does not change results, or JAX's own settings.
+    The limit holds from the next call on. Does not change results, or JAX's own settings.
 
     Raises:
       InputError: for a number under 1.

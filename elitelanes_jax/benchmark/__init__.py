@@ -1,4 +1,7 @@
-"""A benchmark of quality-diversity search: road networks, with a certified optimum for each niche."""
+"""A benchmark of quality-diversity search on road networks.
+
+Each niche has a certified optimum.
+"""
 
 import lazy_loader
 

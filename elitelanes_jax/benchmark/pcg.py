@@ -1,4 +1,7 @@
-"""Road networks as problems of the PCG Benchmark (Khalifa et al., 2025), which is imported when they are registered."""
+"""Road networks as problems of the PCG Benchmark (Khalifa et al., 2025).
+
+The package of the PCG Benchmark is imported when the problems are registered.
+"""
 
 from collections.abc import Mapping
 from functools import cache
@@ -59,7 +62,10 @@ def register_pcg_problems() -> list[str]:
 
 @cache
 def _problem_class() -> type:
-    """Makes the class that the PCG Benchmark expects: a subclass of its `Problem`, with its spaces."""
+    """Makes the class that the PCG Benchmark expects.
+
+    It is a subclass of the PCG Benchmark's `Problem`, with its spaces.
+    """
     from pcg_benchmark.probs import Problem
     from pcg_benchmark.spaces import ArraySpace, DictionarySpace, IntegerSpace
 
@@ -75,7 +81,9 @@ def _problem_class() -> type:
 
 
 class RoadNetworks:
-    """The evaluation of road networks in the PCG Benchmark, by its names; see `register_pcg_problems`.
+    """The evaluation of road networks in the PCG Benchmark.
+
+    The methods have the names that the PCG Benchmark expects; see `register_pcg_problems`.
 
     Args:
       size: a size of the benchmark, such as ``7x7B``.
@@ -114,7 +122,10 @@ class RoadNetworks:
         return min(float(differing) / (DIVERSITY * self.shape[0] * self.shape[1]), 1.0)
 
     def controlability(self, info: _Info, control: Mapping[str, int]) -> float:
-        """Returns 1 for the wanted cyclomatic number, and less the farther the network's is from it."""
+        """Returns how close a network comes to the wanted cyclomatic number.
+
+        The result is 1 for this number, and less the farther the network's number is from it.
+        """
         low, high = self.cyclomatic
         return max(1 - abs(info["cyclomatic"] - int(control["cyclomatic"])) / (high - low + 1), 0.0)
 
@@ -126,7 +137,10 @@ class RoadNetworks:
 
 
 def draw_roads(codes: NDArray[np.int8]) -> UInt8[np.ndarray, "h w 3"]:
-    """Draws any codes ``[H, W]`` as roads from the middle of each tile to its open sides, 16 pixels a tile."""
+    """Draws any codes ``[H, W]`` as roads, 16 pixels a tile.
+
+    The roads lead from the middle of each tile to its open sides.
+    """
     # An arm is the middle third of the tile, from one side to the end of the middle square.
     third = slice(_PIXELS // 3, -(_PIXELS // 3))
     first, last = slice(_PIXELS - _PIXELS // 3), slice(_PIXELS // 3, None)

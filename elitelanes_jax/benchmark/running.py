@@ -70,7 +70,8 @@ def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUN
     numbers = _check_seeds(seeds)
     if not callable(search):
         raise InputError(
-            f"search: expected a generator function, which yields grids, got {shorten(repr(search))}"
+            "search: expected a generator function, which yields grids, "
+            f"got {shorten(repr(search))}"
         )
     # Otherwise a function of other arguments would raise a `TypeError` that does not name `search`.
     check_named("search", function_of("task", "generator"), search)
@@ -102,7 +103,8 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
     # A function that returns its grids instead of yielding them would receive no measurements.
     if not isinstance(search, Generator):
         raise InputError(
-            f"search: expected a generator function, which yields grids, got {shorten(repr(search))}"
+            "search: expected a generator function, which yields grids, "
+            f"got {shorten(repr(search))}"
         )
     budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
     archive = _Archive(task)
@@ -131,7 +133,10 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
 
 
 class _Archive:
-    """The best grid of each cyclomatic number: with the fewest flaws, and among these of the lowest fitness."""
+    """The best grid of each cyclomatic number.
+
+    The best grid has the fewest flaws, and among these the lowest fitness.
+    """
 
     def __init__(self, task: Task) -> None:
         # Linked tiles form fewer loops than there are tiles, so every cyclomatic number is an
@@ -142,7 +147,10 @@ class _Archive:
         self._ranks = [(np.inf, np.inf)] * niches
 
     def insert(self, codes: Int8[np.ndarray, "H W"], measured: Measured, number: int) -> None:
-        """Keeps a grid if it is better than its niche's; `measured` has the figures of its batch."""
+        """Keeps a grid if it is better than its niche's.
+
+        `measured` has the figures of the grid's batch, in which it is at index `number`.
+        """
         niche = measured.cyclomatic[number]
         rank = (measured.flaws[number], measured.fitness[number])
         # Of equal ranks the first stays.
@@ -164,8 +172,10 @@ def _check(task: Task, batch: UserValue) -> Int8[np.ndarray, "B H W"]:
     ):
         shape = f"[B, {task.shape[0]}, {task.shape[1]}]"
         raise InputError(
-            f"search: expected grids {shape} of whole numbers, got {codes.dtype} {list(codes.shape)}"
+            f"search: expected grids {shape} of whole numbers, "
+            f"got {codes.dtype} {list(codes.shape)}"
         )
+    # Codes are checked before the conversion to int8, in which larger ones would overflow.
     if not 0 <= codes.min() <= codes.max() <= 15:
         raise InputError(f"search: expected tile codes 0 to 15, got {codes.min()} to {codes.max()}")
     return codes.astype(np.int8)

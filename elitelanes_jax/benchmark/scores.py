@@ -1,4 +1,7 @@
-"""The scores of the benchmark (Mouret and Clune, "Illuminating search spaces by mapping elites", 2015, section 4)."""
+"""The scores of the benchmark.
+
+They follow Mouret and Clune, "Illuminating search spaces by mapping elites", 2015, section 4.
+"""
 
 from typing import NamedTuple
 
@@ -45,7 +48,8 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     best = np.asarray(check_named("best", unmasked, best))
     if best.ndim < 2 or best.shape[-1] != len(task.optimum):
         raise InputError(
-            f"best: expected shape [..., {len(task.optimum)}] for {task.name}, got {list(best.shape)}"
+            f"best: expected shape [..., {len(task.optimum)}] for {task.name}, "
+            f"got {list(best.shape)}"
         )
     if np.isnan(best).any():
         raise InputError("best: expected numbers, infinite in vacant niches, got nan")
@@ -56,6 +60,7 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
         raise InputError(
             f"best: expected no fitness below the optimum, {least} in niche {niche}, got {value:g}"
         )
+    # A vacant niche has the fitness of a vacant slot, or an infinite one.
     filled = best < VACANT
     nearness = _nearness(task, best)
     total, count = nearness.sum(axis=-1), filled.sum(axis=-1)
@@ -88,10 +93,10 @@ def grade(task: Task, best: NDArray[np.float64], flaws: NDArray[np.float64]) -> 
 
 @name_wrong_arguments
 def confidence_interval(values: ArrayLike) -> tuple[float, float]:
-    """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``; equal values give equal limits.
+    """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``.
 
-    Runs with NaN are ignored. If all runs are NaN, both limits are NaN. Raises `InputError` for
-    another shape, and for anything but finite numbers and NaN.
+    Equal values give equal limits. Runs with NaN are ignored. If all runs are NaN, both limits are
+    NaN. Raises `InputError` for another shape, and for anything but finite numbers and NaN.
     """
     values = np.atleast_1d(np.asarray(check_named("values", unmasked, values)))
     if values.dtype.kind not in "biuf" or np.isinf(values).any():

@@ -1,4 +1,7 @@
-"""Raw archives of runs on a task: their files, and their scores from grids that are measured again."""
+"""Raw archives of runs on a task.
+
+This module reads and writes their files, and computes scores from grids that are measured again.
+"""
 
 import io
 from collections.abc import Callable
@@ -54,7 +57,10 @@ class Submission(NamedTuple):
 
     @classmethod
     def load(cls, file: str | Path) -> "Submission":
-        """Reads a raw archive; raises `InputError` for another file, version or task, or grids that do not fit it."""
+        """Reads a raw archive.
+
+        Raises `InputError` for another file, version or task, or grids that do not fit the task.
+        """
         return read_submission(file)
 
     def score(self) -> tuple[NDArray[np.float64], Scores]:
@@ -71,10 +77,11 @@ class Submission(NamedTuple):
         return score_submission(self)
 
     def grade(self) -> NDArray[np.float64]:
-        """Computes the graded score of each run at each budget, which gives flawed grids partial credit.
+        """Computes the graded score of each run at each budget.
 
-        A niche with a flawless network scores (1 + nearness) / 2, see `Scores`. A niche whose best
-        grid has n flaws, see `Measured`, scores 1 / (2 + 2n). A vacant niche scores 0.
+        The graded score gives flawed grids partial credit. A niche with a flawless network scores
+        (1 + nearness) / 2, see `Scores`. A niche whose best grid has n flaws, see `Measured`,
+        scores 1 / (2 + 2n). A vacant niche scores 0.
 
         Returns:
           float ``[R, T]`` in [0, 1], the means over feasible niches.
@@ -123,10 +130,12 @@ def _check_fields(submission: UserValue) -> None:
 
 
 def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) -> None:
+    # The size is checked first, before all grids are read.
     if grids.nbytes > _MOST_BYTES:
         raise InputError(
             f"{source}: expected grids of at most {_MOST_BYTES:,} bytes, got {grids.nbytes:,}"
         )
+    # A run is scored at its own budget and at all lower ones.
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
     if grids.ndim != 5 or grids.shape[1] != budgets or grids.shape[3:] != task.shape:
@@ -160,7 +169,8 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
         index = tuple(beyond[0].tolist())
         got = f"one at {measured['cyclomatic'][index]}, {_slot(index)}"
         raise InputError(
-            f"grids: expected none in niches that are certified to be empty, got {got}: please report it"
+            f"grids: expected none in niches that are certified to be empty, got {got}: "
+            "please report it"
         )
     best = np.full((*grids.shape[:2], len(task.cyclomatic)), np.inf)
     for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
@@ -172,7 +182,8 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
             index = tuple(better[0].tolist())
             got = f"{measured['fitness'][index]} at cyclomatic number {cyclomatic}, {_slot(index)}"
             raise InputError(
-                f"grids: expected none better than the certified {optimum}, got {got}: please report it"
+                f"grids: expected none better than the certified {optimum}, got {got}: "
+                "please report it"
             )
     return best, compute_scores(task, best)
 
@@ -190,7 +201,10 @@ def grade_submission(submission: Submission) -> NDArray[np.float64]:
 
 
 def _measure(submission: Submission) -> dict[str, np.ndarray]:
-    """Measures all grids of a checked submission; returns the fields of `Measured`, each ``[R, T, N]``."""
+    """Measures all grids of a checked submission.
+
+    Returns the fields of `Measured`, each ``[R, T, N]``.
+    """
     grids = np.asarray(submission.grids)
     measured = measure_grids(grids.reshape(-1, *submission.task.shape), fill=submission.task.fill)
     return {name: values.reshape(grids.shape[:3]) for name, values in measured.items()}
@@ -201,7 +215,10 @@ def _slot(index: tuple[int, ...]) -> str:
 
 
 def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> dict[str, np.ndarray]:
-    """Measures grids in batches of one size, so that one program serves them all; returns the fields of `Measured`."""
+    """Measures grids in batches of one size, and returns the fields of `Measured`.
+
+    Batches of one size need only one compiled program.
+    """
     batches = []
     for start in range(0, len(grids), _BATCH):
         batch = grids[start : start + _BATCH].astype(np.int8)

@@ -68,6 +68,7 @@ def checked_by(check: Check) -> Callable[[str], UserValue]:
         try:
             return check(text)
         except InputError as error:
+            # argparse adds the name of the option, and prints the message as one line.
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return parse
@@ -75,6 +76,7 @@ def checked_by(check: Check) -> Callable[[str], UserValue]:
 
 def file_ending(*suffixes: str) -> Callable[[str], UserValue]:
     """Makes a type of argument: the path of a file whose name ends in one of the suffixes."""
+    # The last suffix follows "or", and the others are separated by commas.
     known = " or ".join(filter(None, [", ".join(suffixes[:-1]), suffixes[-1]]))
 
     def check(text: UserValue) -> Path:
@@ -121,7 +123,10 @@ def add_options(command: argparse.ArgumentParser, defaults: Record) -> None:
 
 
 def _listed(defaults: Record | SearchSpec) -> Iterator[tuple[str, Option, UserValue, str]]:
-    """Yields the name, option, default and description of each field that is an option, also in nested records."""
+    """Yields the name, option, default and description of each field that is an option.
+
+    The fields of nested records are among them.
+    """
     fields = _fields_of(defaults)
     description_of = descriptions(type(fields.defaults))
     for name, option in fields.options.items():
@@ -129,6 +134,7 @@ def _listed(defaults: Record | SearchSpec) -> Iterator[tuple[str, Option, UserVa
         if option.metavar is not None:
             yield name, option, default, description_of[name]
         elif isinstance(default, Record | SearchSpec):
+            # A field that is a record has the options of its own fields.
             yield from _listed(default)
 
 
@@ -145,6 +151,7 @@ class _Fields(NamedTuple):
 
 
 def _fields_of(defaults: Record | SearchSpec) -> _Fields:
+    # A specification of a search keeps its options in a mapping, and is no `Record`.
     if isinstance(defaults, SearchSpec):
         return _Fields(OPTIONS, Settings(**defaults.options))
     return _Fields(defaults.options(), defaults)
@@ -160,7 +167,8 @@ class _Cores(argparse.Action):
 _SHARED: dict[str, dict[str, Untyped]] = {
     "map": {
         "type": checked_by(path),
-        "help": "a map.json, any JSON file with codes, or a Duckietown map: .yaml, or a folder of layers",
+        "help": "a map.json, any JSON file with codes, or a Duckietown map: .yaml, or a "
+        "folder of layers",
     },
     "--out": {
         "type": checked_by(folder),
@@ -225,6 +233,7 @@ def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> 
             # An option that was not given keeps the value of `defaults`. A specification tells it
             # from one that was given with the same value, which overrides a style.
             values[name] = getattr(options, name)
+    # The record checks its fields here, and its errors name them.
     with naming_options(defaults):
         return defaults.replace(**values)
 
@@ -239,6 +248,7 @@ def naming_options(defaults: Record | SearchSpec, *only: str, **more: str) -> It
     try:
         yield
     except InputError as error:
+        # Errors name fields, and the user knows options.
         flags = {
             name: _flag(name, option)
             for name, option, *_ in _listed(defaults)
@@ -248,7 +258,10 @@ def naming_options(defaults: Record | SearchSpec, *only: str, **more: str) -> It
 
 
 def _name_flag(message: str, flags: Mapping[str, str]) -> str:
-    """Replaces a field's name at the start of a message by its option, and settings such as field='value' in it."""
+    """Replaces a field's name at the start of a message by its option.
+
+    Settings such as field='value' in the message are replaced too.
+    """
 
     def name_setting(match: re.Match[str]) -> str:
         name, value = match[1], match[2]
@@ -264,14 +277,17 @@ def _name_flag(message: str, flags: Mapping[str, str]) -> str:
 
 
 def _flag(name: str, option: Option) -> str:
+    # Fields have underscores, and options have dashes.
     return f"--{(option.flag or name).replace('_', '-')}"
 
 
 def _kind(option: Option, default: UserValue) -> dict[str, Untyped]:
+    # A flag takes no value on the command line. To name it means True.
     if isinstance(default, bool):
         return {"action": "store_true", "default": argparse.SUPPRESS}
     # Without a default, argparse stores only options that were given, see `read_options`.
     kind: dict[str, Untyped] = {"default": argparse.SUPPRESS, "metavar": option.metavar}
+    # Each name of a value in the help stands for one value.
     if isinstance(option.metavar, tuple):
         return kind | {"nargs": len(option.metavar)}
     if option.many == "once":

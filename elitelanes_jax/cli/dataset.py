@@ -26,8 +26,9 @@ def add_dataset(commands: Commands) -> None:
         "dataset",
         _dataset,
         help="make a dataset for segmentation",
-        description="Evolves maps of mixed sizes, or takes given ones, draws them, and writes pictures, labels and "
-        "metadata in splits. After an interruption or a kill, the same command resumes.",
+        description="Evolves maps of mixed sizes, or takes given ones, draws them, and writes "
+        "pictures, labels and metadata in splits. After an interruption or a kill, the same "
+        "command resumes.",
         epilog=COMPILING,
     )
     add_shared(command, "--out")
@@ -41,6 +42,7 @@ def _dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.dataset.spec import DatasetSpec
 
     spec = read_options(options, DatasetSpec())
+    # The plan checks the options together with tiles and objects, so its errors are about options.
     with naming_options(DatasetSpec()):
         plan = plan_dataset(spec)
     # This module loads JAX. Wrong options are refused without it.
@@ -52,6 +54,7 @@ def _dataset(options: argparse.Namespace) -> int:
     # file that has the name of an option.
     with naming_options(DatasetSpec(), "furnish"), open_pool(options) as pool:
         about = make_planned(plan, options.out, force=options.force, pool=pool)
+    # A part has only some pictures, so it has no table of classes yet.
     if spec.part is None:
         say(describe_dataset(about, options.out))
     else:
@@ -63,6 +66,7 @@ def _dataset(options: argparse.Namespace) -> int:
 
 def describe_dataset(about: dict[str, Plain], out: Path) -> str:
     """Returns a table of a dataset's classes in each split, from its record."""
+    # The first row has the names of the splits.
     table = {"": about["pictures"], "pictures": about["pictures"].values()}
     for class_ in about["classes"]:
         cells = []

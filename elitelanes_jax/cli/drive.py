@@ -15,7 +15,8 @@ def add_drive(commands: Commands) -> None:
         "drive",
         _drive,
         help="drive on a map and film it",
-        description="Lets a robot drive on a map: a film of its camera beside the map, or a picture of many trails.",
+        description="Lets a robot drive on a map: a film of its camera beside the map, or a "
+        "picture of many trails.",
     )
     add_shared(command, "map")
     command.add_argument(
@@ -30,8 +31,9 @@ def add_drive(commands: Commands) -> None:
         type=checked_by(_policy),
         default="route",
         metavar="NAME|FILE.py",
-        help="route: pure pursuit along a shortest way to a goal; random: wheels that turn at random; or a file of "
-        "Python with a function act(observation) that returns the commands of both wheels; by default route",
+        help="route: pure pursuit along a shortest way to a goal; random: wheels that turn at "
+        "random; or a file of Python with a function act(observation) that returns the commands of "
+        "both wheels; by default route",
     )
     command.add_argument(
         "--rides",
@@ -44,8 +46,8 @@ def add_drive(commands: Commands) -> None:
         type=checked_by(real(0, 600, unit="seconds, a number", exclusive=True)),
         default=60,
         metavar="S",
-        help="longest time of a ride, which ends at its goal; from 2.2 seconds on, all goals are within reach; by "
-        "default 60",
+        help="longest time of a ride, which ends at its goal; from 2.2 seconds on, all goals are "
+        "within reach; by default 60",
     )
     add_shared(command, "--tiles")
     add_shared(command, "--tile-px", default=128)
@@ -59,6 +61,7 @@ def add_drive(commands: Commands) -> None:
 
 
 def _policy(text: str) -> str | Path:
+    # A name that ends in .py is a file, and any other name is one of the package's.
     return Path(text) if text.endswith(".py") else one_of("route", "random", "FILE.py")(text)
 
 
@@ -82,10 +85,12 @@ def _drive(options: argparse.Namespace) -> int:
         # A film needs only the ride that it shows.
         rides_shown = 1
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    # The ride may fail because of such a fault, so the warning comes before it.
     warn_of_faults(str(options.map), road_map)
     policy = options.policy
     if isinstance(policy, Path):
         policy = load_policy(policy)
+    # The ride compiles programs, which later commands read from the cache.
     use_compile_cache()
     try:
         # A map that was drawn with this tile set looks as it did there.
@@ -99,6 +104,7 @@ def _drive(options: argparse.Namespace) -> int:
         message = str(error)
         source = "--" if message.startswith("policy:") else f"{options.map}: "
         raise InputError(source + message) from None
+    # Films and trails look alike: the same tiles at the same size.
     look = {"tile_px": options.tile_px, "chosen": chosen}
     with never_replacing(options.out):
         if kind == ".png":

@@ -18,9 +18,10 @@ def add_edit(commands: Commands) -> None:
         "edit",
         _edit,
         help="correct corners, kinds and masks on a page in the browser",
-        description="Serves a page to this computer alone, on which a tile set is corrected by hand: the corners of "
-        "tiles in photographs, their kinds and directions, and masks. Save on the page writes the set; the earlier one "
-        "is kept next to it. Finish on the page, or Ctrl-C, ends the command.",
+        description="Serves a page to this computer alone, on which a tile set is corrected by "
+        "hand: the corners of tiles in photographs, their kinds and directions, and masks. Save on "
+        "the page writes the set; the earlier one is kept next to it. Finish on the page, or "
+        "Ctrl-C, ends the command.",
         notes="""examples:
   elitelanes tiles edit my-tiles --open
   elitelanes tiles edit my-tiles --photos floor.jpg --size 3 4 --open
@@ -56,11 +57,13 @@ def _edit(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.editing import HandWork
     from elitelanes_jax.tiles.photographs.reading import read_photograph
 
+    # Photographs are read before the server starts, so that a bad file is an error in the terminal.
     photographs = [read_photograph(file) for file in options.photos]
     work = HandWork(options.folder, photographs, tuple(options.size))
     try:
         server = HandServer(work, options.port or 0)
     except OSError as error:
+        # Another program may listen on the port.
         raise InputError(
             f"--port: expected a free port, got {options.port}: {reason(error)}"
         ) from None
@@ -68,6 +71,7 @@ def _edit(options: argparse.Namespace) -> int:
         with server:
             _serve(server, options)
     except KeyboardInterrupt:
+        # A request that is in progress must not save after the message below.
         work.stop_saving()
         result = f"{options.folder} is as it was saved last" if work.saved else "nothing was saved"
         return fail("elitelanes", f"interrupted; {result}", INTERRUPTED)

@@ -18,7 +18,8 @@ from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.cli.arguments import checked_by
 
-# Seconds that a scheduler has to answer. The whole command fails within ten, also on a busy machine.
+# Seconds that a scheduler has to answer. The whole command fails within ten, also on a busy
+# machine.
 _ANSWER = 4
 
 _ADDRESS = "the address of a Dask scheduler, such as tcp://host:8786"
@@ -55,21 +56,25 @@ def add_executors(command: argparse.ArgumentParser) -> None:
         "--slurm",
         type=checked_by(_text_of(_OPTIONS)),
         metavar="OPTIONS",
-        help="share the work among jobs of SLURM, by Submitit, with its options, such as 'cpus_per_task=4 "
-        "timeout_min=60 slurm_partition=short'; cluster=local starts processes here",
+        help="share the work among jobs of SLURM, by Submitit, with its options, such as "
+        "'cpus_per_task=4 timeout_min=60 slurm_partition=short'; "
+        "cluster=local starts processes here",
     )
     command.add_argument(
         "--parts",
         type=checked_by(whole(1)),
         metavar="N",
-        help="with --dask or --slurm, the number of parts to divide the work into; by default up to 32 seeds or 250 "
-        "pictures each",
+        help="with --dask or --slurm, the number of parts to divide the work into; by default up "
+        "to 32 seeds or 250 pictures each",
     )
 
 
 @contextmanager
 def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
-    """Opens the executor that the options name, and closes it at the end of its block; None without one."""
+    """Opens the executor that the options name, and closes it at the end of its block.
+
+    Yields None if the options name no executor.
+    """
     if options.dask is not None:
         with _open_dask(options.dask) as executor:
             yield Pool(executor, options.parts)
@@ -81,6 +86,7 @@ def open_pool(options: argparse.Namespace) -> Iterator[Pool | None]:
         with locked(jobs, options.out), _keeping_logs(jobs):
             yield Pool(_open_submitit(options.slurm, jobs), options.parts)
     elif options.parts is not None:
+        # Without an executor, this process does all the work, and parts would have no meaning.
         raise InputError("--parts: expected --dask or --slurm with it, got neither")
     else:
         yield None
@@ -104,9 +110,10 @@ def _open_dask(address: str) -> Iterator[Engine]:
 
 
 async def _shake_hands(distributed: ModuleType, address: str) -> None:
-    """Connects to a scheduler and disconnects; raises `TimeoutError` if another program never answers.
+    """Connects to a scheduler and disconnects.
 
-    A client of Dask waits for that answer without a limit.
+    Raises `TimeoutError` if another program at the address never answers. A client of Dask waits
+    for that answer without a limit.
     """
     options = distributed.Security().get_connection_args("client")
     connection = distributed.comm.connect(address, timeout=_ANSWER, **options)
@@ -115,7 +122,10 @@ async def _shake_hands(distributed: ModuleType, address: str) -> None:
 
 @contextmanager
 def _keeping_logs(jobs: Path) -> Iterator[None]:
-    """Removes Submitit's folder at the end of its block, unless it has the logs of a job that was lost."""
+    """Removes Submitit's folder at the end of its block.
+
+    The folder is kept if it has the logs of a job that was lost.
+    """
     try:
         yield
     except ConnectionError:
@@ -131,6 +141,7 @@ def _keeping_logs(jobs: Path) -> Iterator[None]:
 
 def _open_submitit(text: str, jobs: Path) -> Engine:
     submitit = import_optional("submitit", "--slurm needs Submitit", "submitit")
+    # Errors come as one line of this command instead of Submitit's log.
     logging.getLogger("submitit").setLevel(logging.CRITICAL)
     values: UserValue = {}
     try:
@@ -138,6 +149,7 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
         words = shlex.split(text)
     except ValueError:
         raise InputError(f"--slurm: expected quotes in pairs, got {text!r}") from None
+    # Options have the form name=value, as in Submitit's own functions.
     for word in words:
         option, equals, value = word.partition("=")
         if not option.isidentifier() or not equals:
@@ -150,10 +162,12 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
         values[option] = _value_of(option, value)
     # Submitit's own default is to run here if it finds no SLURM, which nobody asked for.
     cluster = values.pop("cluster", "slurm")
+    # Submitit starts jobs with one of these programs, and their tasks with the other one.
     for program in ("sbatch", "srun"):
         if cluster == "slurm" and which(program) is None:
             raise InputError(
-                f"--slurm: expected SLURM's program {program} on the PATH, got none; cluster=local needs none"
+                f"--slurm: expected SLURM's program {program} on the PATH, got none; "
+                "cluster=local needs none"
             )
     try:
         executor = submitit.AutoExecutor(jobs, cluster=cluster)
@@ -167,8 +181,10 @@ def _open_submitit(text: str, jobs: Path) -> Engine:
 
 def _value_of(option: str, text: str) -> UserValue:
     """Returns the value of an option: a list of one text, a truth value, a number, or the text."""
+    # A list on the command line has one item, because a command may contain any separator.
     if option.endswith(_LISTS):
         return [text]
+    # `bool("False")` is True, so truth values are read as words.
     if text in ("True", "False"):
         return text == "True"
     for kind in (int, float):

@@ -16,8 +16,8 @@ def add_explore(commands: Commands) -> None:
         "explore",
         _explore,
         help="show runs and maps in a browser, and draw maps",
-        description="Writes one page, without a server, that shows all niches of runs, opens, filters and compares "
-        "maps, and edits maps.",
+        description="Writes one page, without a server, that shows all niches of runs, opens, "
+        "filters and compares maps, and edits maps.",
         notes="""examples:
   elitelanes explore maps --open
   elitelanes explore maps more-maps --out both.html
@@ -29,20 +29,22 @@ def add_explore(commands: Commands) -> None:
         type=checked_by(path),
         nargs="+",
         metavar="RUN_DIR|MAP",
-        help="a folder of generate or pick, or a folder of such folders; an archive.npz; a map.json or a map "
-        "of Duckietown, .yaml or a folder of layers",
+        help="a folder of generate or pick, or a folder of such folders; an archive.npz; a "
+        "map.json or a map of Duckietown, .yaml or a folder of layers",
     )
     command.add_argument(
         "--out",
         type=file_ending(".html", ".htm"),
         metavar="FILE",
-        help=f"new file; by default {_PAGE} in the folder of the run, or here for several runs and for maps",
+        help=f"new file; by default {_PAGE} in the folder of the run, "
+        "or here for several runs and for maps",
     )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_shared(
         command,
         "--tiles",
-        help="tile pictures; by default those of the first run whose pictures are found, or the package's own",
+        help="tile pictures; by default those of the first run whose pictures are found, "
+        "or the package's own",
     )
     add_shared(command, "--tile-px")
     add_shared(command, "--force", help="replace an earlier page")
@@ -59,6 +61,7 @@ def _explore(options: argparse.Namespace) -> int:
     from elitelanes_jax.explorer.page import explore
 
     first = options.sources[0]
+    # The page of one run is in the run's folder, where it is found again.
     out = options.out or (
         first / _PAGE if len(options.sources) == 1 and _is_run(first) else Path(_PAGE)
     )
@@ -73,6 +76,7 @@ def _explore(options: argparse.Namespace) -> int:
     if options.open:
         import webbrowser
 
+        # Hosts without a screen have no browser. The page is written nevertheless.
         if not webbrowser.open(out.resolve().as_uri()):
             say("no browser was found; open the page in one")
     return 0

@@ -46,14 +46,16 @@ def add_export(commands: Commands) -> None:
         "export",
         _export,
         help="maps for other programs, or a table of their metrics",
-        description="Writes maps for other programs: Duckietown's map files, networks, floors, tables of metrics.",
+        description="Writes maps for other programs: Duckietown's map files, networks, floors, "
+        "tables of metrics.",
     )
     command.add_argument(
         "maps",
         type=checked_by(path),
         nargs="+",
         metavar="MAP",
-        help="a map.json, or a map of Duckietown: .yaml, or a folder of layers; or a folder with such maps",
+        help="a map.json, or a map of Duckietown: .yaml, or a folder of layers; "
+        "or a folder with such maps",
     )
     command.add_argument(
         "--to",
@@ -67,7 +69,8 @@ def add_export(commands: Commands) -> None:
         type=checked_by(path),
         required=True,
         metavar="PATH",
-        help="a new file, if it has the format's suffix or is a table; otherwise a folder, new or empty",
+        help="a new file, if it has the format's suffix or is a table; "
+        "otherwise a folder, new or empty",
     )
     add_options(command, FormatOptions())
 
@@ -76,8 +79,10 @@ def _export(options: argparse.Namespace) -> int:
     # The message of argparse's `choices` has another form, and does not shorten the text.
     if options.to not in (*FORMATS, _TABLE):
         raise InputError(
-            f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got {shorten(repr(options.to))}"
+            f"--to: expected one of {', '.join((*FORMATS, _TABLE))}, got "
+            f"{shorten(repr(options.to))}"
         )
+    # Options are checked before the maps are read, which may be many.
     settings = read_options(options, FormatOptions())
     options.maps = _files_of_maps(options.maps)
     with naming_options(FormatOptions()):
@@ -95,6 +100,7 @@ def _files_of_maps(sources: Sequence[Path]) -> list[Path]:
 
     files: list[Path] = []
     for source in sources:
+        # The maps of a dataset are in its records, and not in files of their own.
         if (source / "dataset.json").is_file():
             raise InputError(
                 f"{source}: expected files of maps, got a dataset; elitelanes pack exports its maps"
@@ -109,6 +115,7 @@ def _export_table(options: argparse.Namespace) -> None:
 
     # All maps are read before the file is written, so that a damaged one leaves no file.
     grids = [read_map(file).codes for file in options.maps]
+    # The rows of the table have the maps' files as names.
     names = [str(file) for file in options.maps]
     _write_new(options.out, table_to_csv(measure_maps(names, grids)))
     say(f"{pluralize(len(grids), 'map')} in {options.out}")
@@ -121,8 +128,11 @@ def _export_files(options: argparse.Namespace, target: Format, settings: FormatO
         # Writing a small map refuses bad options before any map is read.
         target.files(LOOP, "map", **loaded)
     maps = {file: read_map(file) for file in options.maps}
+    # All files are written before anything is announced, so that a failed export says only its
+    # error.
     _write_maps(maps, target, loaded, options.out)
     for file, road_map in maps.items():
+        # Faults and limits are those of the map as it was written.
         written = without_ends(road_map, settings.dead_ends)
         warn_of_faults(str(file), written)
         for limit in target.limits(written):
@@ -154,15 +164,18 @@ def _write_maps(
     only = None
     if len(target.suffixes) == 1 and target.catalogue is None:
         only = target.suffixes[0]
+    # A single file is written under exactly the name that the user gave.
     if only and out.name.lower().endswith(only):
         if len(maps) > 1:
             raise InputError(f"--out: expected a folder for {len(maps)} maps, got a file, {out}")
         for file in maps:
             _write_new(out, *contents(file, out.name[: -len(only)]))
         return
+    # A name such as maps.txt was meant for a file, and would make a folder of this name.
     if ends_as_file(out):
         expected = f"a folder, or a file that ends in {only}" if only else "a folder"
         raise InputError(f"--out: expected {expected}, got {out}")
+    # In a folder, each map has a file name of its own.
     names = _names(list(maps))
     with output_folder(out, {"command": "export"}) as work:
         written: list[Path] = []
@@ -170,6 +183,7 @@ def _write_maps(
             for place, content in zip(target.paths(stem), contents(file, stem), strict=True):
                 written.append(work.files / place)
                 write_atomic(written[-1], as_bytes(content))
+        # A catalogue lists the files, so it is written after them.
         if target.catalogue is not None:
             for index_name, content in target.catalogue(work.files, written).items():
                 write_atomic(work.files / index_name, content)
@@ -180,6 +194,7 @@ def _names(files: Sequence[Path]) -> dict[Path, str]:
 
     If two maps have the same name, all names begin with as many folders as tell the maps apart.
     """
+    # Maps of a run are all called map.json, so the names of their folders tell them apart.
     stems = [_stem(file) for file in files]
     folders_and_names = [stem.relative_to(stem.anchor).parts for stem in stems]
     names: list[str] = []
@@ -216,8 +231,9 @@ def add_pack(commands: Commands) -> None:
         "pack",
         _pack,
         help="maps for other programs, with splits, trips and checksums",
-        description="Writes a folder with maps for other programs, splits that share no niche, and trips with their "
-        "exact lengths. After an interruption or a kill, the same command resumes.",
+        description="Writes a folder with maps for other programs, splits that share no niche, and "
+        "trips with their exact lengths. After an interruption or a kill, the same command "
+        "resumes.",
     )
     command.add_argument(
         "sources",
@@ -239,6 +255,7 @@ def _pack(options: argparse.Namespace) -> int:
 
     with naming_options(PackSpec(), tile="--tile-size"):
         about = pack(spec, options.sources, options.out, force=options.force)
+    # The line says how many maps and niches each split has.
     splits = []
     for split, part in about["splits"].items():
         splits.append(

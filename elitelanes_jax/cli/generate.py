@@ -47,7 +47,8 @@ def add_generate(commands: Commands) -> None:
         "generate",
         _generate,
         help="evolve maps and draw them",
-        description="Evolves maps that are valid, different and spread over the niches; draws them with their masks.",
+        description="Evolves maps that are valid, different and spread over the niches; draws them "
+        "with their masks.",
         notes=f"""examples:
   elitelanes generate --size 12 12 --maps 16 --out maps
   elitelanes generate --where crossings=6..10 straight_share=0.3..0.6 --out in-range
@@ -66,8 +67,8 @@ def add_generate(commands: Commands) -> None:
         type=checked_by(real(0, 10_000, unit="metres, a number", exclusive=True)),
         nargs=2,
         metavar=("WIDTH", "DEPTH"),
-        help="instead of --size: metres from west to east and from north to south; the size is the largest with tiles "
-        "of 0.585 m and room for signs around the map",
+        help="instead of --size: metres from west to east and from north to south; the size is the "
+        "largest with tiles of 0.585 m and room for signs around the map",
     )
     add_shared(command, "--force", "--cores", "--quiet")
 
@@ -86,6 +87,7 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.generation import generate_planned
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
+    # Later commands read the compiled programs from a folder.
     use_compile_cache()
     try:
         # While maps are made, only errors about `furnish` are about an option. Others may name a
@@ -105,7 +107,8 @@ def _generate(options: argparse.Namespace) -> int:
             width, depth = options.floor
             lines.insert(
                 1,
-                f"{spec.size[0]} x {spec.size[1]} tiles each, for a floor of {width:g} x {depth:g} m",
+                f"{spec.size[0]} x {spec.size[1]} tiles each, for a floor of "
+                f"{width:g} x {depth:g} m",
             )
         say("\n".join(lines))
     else:
@@ -120,6 +123,7 @@ def _size_for_floor(options: argparse.Namespace) -> tuple[int, int]:
     """Returns the size of maps for the floor that is named instead of a size."""
     from elitelanes_jax.maps.furnishing.floors import floor_size
 
+    # argparse stores only options that were given, so this attribute means --size.
     if hasattr(options, "size"):
         raise InputError("--floor: expected it without --size, got both")
     try:
@@ -146,8 +150,8 @@ def add_merge(commands: Commands) -> None:
         "merge",
         _merge,
         help="join the parts of a run or a dataset",
-        description="Joins the results of elitelanes generate --part or dataset --part, and writes the folder of a run "
-        "without parts.",
+        description="Joins the results of elitelanes generate --part or dataset --part, and writes "
+        "the folder of a run without parts.",
     )
     command.add_argument(
         "parts",
@@ -171,6 +175,7 @@ def _merge(options: argparse.Namespace) -> int:
         return 0
     from elitelanes_jax.maps.parts import merge
 
+    # A merge writes as many maps as the run without parts, so none is missing.
     maps = merge(options.parts, options.out, force=options.force)
     say(describe_maps(maps, len(maps), options.out))
     return 0
@@ -184,7 +189,8 @@ def add_pick(commands: Commands) -> None:
         "pick",
         _pick,
         help="choose more, other or filtered maps from archives of generate",
-        description="Chooses maps among the elites of earlier searches, and draws them, without another search.",
+        description="Chooses maps among the elites of earlier searches, and draws them, without "
+        "another search.",
         notes="""examples:
   elitelanes pick maps/archive.npz --maps 40 --out more
   elitelanes pick maps/archive.npz --unlike maps/maps/*/map.json --out others
@@ -204,7 +210,8 @@ def add_pick(commands: Commands) -> None:
     command.add_argument(
         "--force-archive",
         action="store_true",
-        help="like --force, but also replace a folder with an archive.npz, which pick does not write again",
+        help="like --force, but also replace a folder with an archive.npz, which pick does not "
+        "write again",
     )
     add_shared(command, "--quiet")
 
@@ -234,12 +241,14 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     heads = ("map", *(name.replace("_", " ") for name in _COLUMNS))
     lines = ["  ".join(heads)]
     for index, road_map in enumerate(maps):
+        # A map's fitness is no metric, but has a column too.
         figures = {"fitness": road_map.fitness} | dict(road_map.metrics or {})
         row = [f"{index:04d}", *(str(figures[name]) for name in _COLUMNS)]
         lines.append(
             "  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True))
         )
     count = pluralize(len(maps), "map")
+    # Fewer maps than asked for are named as such, and are no error here.
     if len(maps) < wanted:
         count += f" of {wanted:,}"
     they_are = "it is" if len(maps) == 1 else "all of them"

@@ -46,6 +46,7 @@ def _act(options: argparse.Namespace) -> int:
     try:
         return int(options.action(options))
     except (KeyboardInterrupt, OSError) as error:
+        # Commands without --out have nothing to resume.
         out = getattr(options, "out", None)
         if out is None or not has_unfinished(out):
             raise
@@ -66,6 +67,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.set_defaults(quiet=False)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    # The order of the commands is that of the help: from making maps to using them.
     for add in (
         add_generate,
         add_merge,

@@ -19,8 +19,9 @@ def add_metrics(commands: Commands) -> None:
         "metrics",
         _metrics,
         help="list all metrics, or show one",
-        description="Lists all metrics, shares and features of a town that --where, --axes and --weights name, with "
-        "known ranges on maps of 12 x 12 tiles; or shows one, with maps at both ends of its range.",
+        description="Lists all metrics, shares and features of a town that --where, --axes and "
+        "--weights name, with known ranges on maps of 12 x 12 tiles; or shows one, with maps at "
+        "both ends of its range.",
     )
     command.add_argument(
         "name", nargs="?", type=checked_by(name), metavar="NAME", help="what to show"
@@ -31,7 +32,9 @@ def _metrics(options: argparse.Namespace) -> int:
     from elitelanes_jax.problem.extremes import describe_features
     from elitelanes_jax.problem.features import check_feature
 
+    # The list and a single metric have the same texts.
     listed = describe_features()
+    # An unknown name is an error with a suggestion.
     if options.name is not None:
         say(_show(check_feature("metrics", options.name), *listed[options.name]), asked=True)
         return 0
@@ -46,6 +49,7 @@ def _list(listed: dict[str, tuple[str, str]]) -> str:
     lines = [f"{'':{wide}}  at 12 x 12"]
     for feature, (meaning, values) in listed.items():
         head = f"{feature:{wide}}  {values:{_VALUES_WIDE}}  "
+        # A meaning of several lines continues below its first one.
         for part in wrap(meaning, _WIDTH - indent):
             lines.append(head + part)
             head = " " * indent
@@ -57,8 +61,8 @@ def _list(listed: dict[str, tuple[str, str]]) -> str:
 
 
 _NOTE = (
-    "Searches\nfound maps with these ranges. With --rules cells may stay empty. Without, a town feature marked filled\n"
-    "has this value on all maps."
+    "Searches\nfound maps with these ranges. With --rules cells may stay empty. Without, a town "
+    "feature marked filled\nhas this value on all maps."
 )
 _MEASURED = "measured only in searches that name it, because it costs time"
 
@@ -70,16 +74,19 @@ def _show(feature: str, meaning: str, values: str) -> str:
 
     lines = wrap(f"{feature}: {meaning}", _WIDTH)
     lines.append("")
+    # For features of towns, no maps at both ends of the range are known.
     if feature in TOWN_FEATURES:
         lines.append(f"{values}; {_MEASURED}")
         return "\n".join(lines)
     lines.append(f"{values} on maps of 12 x 12 tiles")
     low, high = feature_range(feature)
+    # Two maps of one value would show nothing.
     if low == high:
         lines.append("all maps of generate have this value")
         return "\n".join(lines)
     lines += ["", f"{value_text(low):{_SKETCH_WIDE}}{value_text(high)}"]
     least, most = extreme_maps(feature)
+    # Both maps are side by side, the one with the least value on the left.
     rows = zip_longest(draw_text(least).splitlines(), draw_text(most).splitlines(), fillvalue="")
     lines += [f"{left:{_SKETCH_WIDE}}{right}" for left, right in rows]
     return "\n".join(lines)

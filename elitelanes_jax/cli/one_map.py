@@ -35,6 +35,7 @@ def _show(options: argparse.Namespace) -> int:
         drawn.encode(getattr(sys.stdout, "encoding", None) or "ascii")
     except UnicodeEncodeError:
         drawn = draw_text(codes, ascii_only=True)
+    # The size comes first, and the file's name is left out, because the user has given it.
     words = [f"{figures.pop('height')} x {figures.pop('width')} tiles"]
     words += [
         f"{key.replace('_', ' ')} {round(value, 3)}"
@@ -67,13 +68,15 @@ def add_render(commands: Commands) -> None:
         "--seed",
         type=_SEED,
         metavar="N",
-        help="draw other variants of tiles and objects; by default the map's own tiles, if the set has them",
+        help="draw other variants of tiles and objects; "
+        "by default the map's own tiles, if the set has them",
     )
     command.add_argument(
         "--dead-ends",
         type=checked_by(one_of("grass")),
         metavar="HOW",
-        help="grass: remove roads that lead nowhere; by default they are drawn with the set's tiles of kind end",
+        help="grass: remove roads that lead nowhere; "
+        "by default they are drawn with the set's tiles of kind end",
     )
     command.add_argument(
         "--overlay", action="store_true", help="also write the picture with the labels over it"
@@ -90,7 +93,9 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    # The folder of the pictures has the name of the map without its suffix.
     out = options.out or options.map.with_suffix("")
+    # Otherwise the pictures would be written over the map itself.
     if options.out is None and (options.map.is_dir() or out == options.map):
         which = "is a folder too" if options.map.is_dir() else "has no suffix to leave out"
         raise InputError(
@@ -101,6 +106,7 @@ def _render(options: argparse.Namespace) -> int:
         # The faults that are announced below are those of the map as it is drawn.
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     warn_of_faults(str(options.map), road_map)
+    # An error of drawing does not name the map's file.
     with naming(options.map):
         picture = render(
             road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects
@@ -121,8 +127,8 @@ def add_plan(commands: Commands) -> None:
         "plan",
         _plan,
         help="a plan to build a map from: tiles, tape, signs",
-        description="Writes a plan to build a map from: where each tile lies, the sides of the floor, signs and "
-        "objects, and a bill of tiles and tape. A PDF also has a check-list.",
+        description="Writes a plan to build a map from: where each tile lies, the sides of the "
+        "floor, signs and objects, and a bill of tiles and tape. A PDF also has a check-list.",
     )
     add_shared(command, "map")
     out = "a new file that ends in .pdf, .svg or .png"
@@ -130,7 +136,8 @@ def add_plan(commands: Commands) -> None:
     command.add_argument(
         "--tags",
         action="store_true",
-        help="write the AprilTags of the map's signs instead, to print: black squares of 6.5 cm on A4, .pdf",
+        help="write the AprilTags of the map's signs instead, to print: "
+        "black squares of 6.5 cm on A4, .pdf",
     )
     command.add_argument(
         "--tile-size",
@@ -145,10 +152,12 @@ def _plan(options: argparse.Namespace) -> int:
 
     if options.tags and options.tile_size is not None:
         raise InputError(
-            f"--tile-size: expected none with --tags, which have one size, got {options.tile_size:g}"
+            "--tile-size: expected none with --tags, which have one size, got "
+            f"{options.tile_size:g}"
         )
     road_map = read_map(options.map)
     warn_of_faults(str(options.map), road_map)
+    # An existing file is an error before the plan is drawn, which takes longer.
     check_new(options.out)
     write = _write_tags if options.tags else _write_plan
     try:
@@ -169,6 +178,7 @@ def _write_plan(road_map: RoadMap, options: argparse.Namespace) -> str:
     """Writes a plan; returns what it needs."""
     from elitelanes_jax.formats.plan_pages import write_plan
 
+    # The default side of a tile is that of `write_plan`.
     size = {} if options.tile_size is None else {"tile_size": options.tile_size}
     plan = write_plan(road_map, options.out, **size)
     tape = ", ".join(f"{metres:.2f} m {colour}" for colour, metres in plan.tape.items())
@@ -189,7 +199,8 @@ def add_furnish(commands: Commands) -> None:
         "furnish",
         _furnish,
         help="place signs, buildings, trees, vehicles and duckies on a map",
-        description="Places signs by Duckietown's rules, and other objects at random; replaces the map's objects.",
+        description="Places signs by Duckietown's rules, and other objects at random; "
+        "replaces the map's objects.",
         notes="""examples:
   elitelanes furnish map.json signs --out signed.json
   elitelanes furnish map.json all trees=0.4 duckies=6 --seed 3 --out furnished.json
@@ -202,8 +213,8 @@ def add_furnish(commands: Commands) -> None:
         type=checked_by(name),
         nargs="+",
         metavar="WHAT",
-        help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of the cells without "
-        "road, and a file .toml, .json or .yaml with objects of your own",
+        help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of "
+        "the cells without road, and a file .toml, .json or .yaml with objects of your own",
     )
     command.add_argument(
         "--unique-tags",
@@ -217,7 +228,10 @@ def add_furnish(commands: Commands) -> None:
     command.add_argument(
         "--seed", type=_SEED, default=0, metavar="N", help="seed of the places; by default 0"
     )
-    tiles = "tile pictures in whose lanes lane_robots and lane_duckies are; by default the package's own"
+    tiles = (
+        "tile pictures in whose lanes lane_robots and lane_duckies are; "
+        "by default the package's own"
+    )
     command.add_argument("--tiles", type=checked_by(path), metavar="DIR", help=tiles)
 
 
@@ -228,11 +242,14 @@ def _furnish(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.furnishing.signs import crossings
     from elitelanes_jax.maps.furnishing.spec import parse_furnish
 
+    # The words are checked before the map is read, and --unique-tags is one of them.
     spec = check_named(
         "furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags
     )
+    # An existing file is an error before objects are placed.
     check_new(options.out)
     road_map, lane_offset = read_map(options.map), LANE_OFFSET
+    # Lanes of another tile set may be nearer to the road's middle or farther from it.
     if options.tiles is not None:
         from elitelanes_jax.tiles.tileset import load_tiles
 

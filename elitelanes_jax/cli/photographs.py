@@ -33,8 +33,9 @@ def add_cut(commands: Commands) -> None:
         "cut",
         _cut,
         help="cut a tile set out of photographs",
-        description="Finds the tiles in photographs and writes a tile set: a square picture of each tile, its proposed "
-        "masks, and sheet.png to check all by eye. A photograph shows one tile, or a floor of --size or --map.",
+        description="Finds the tiles in photographs and writes a tile set: a square picture of "
+        "each tile, its proposed masks, and sheet.png to check all by eye. A photograph shows one "
+        "tile, or a floor of --size or --map.",
         notes="""examples:
   elitelanes tiles cut turn.jpg straight.jpg crossing.jpg --out my-tiles
   elitelanes tiles cut floor.jpg --size 3 4 --out my-tiles
@@ -68,8 +69,8 @@ def add_read(commands: Commands) -> None:
         "read",
         _read,
         help="read the map of a laid floor from a photograph",
-        description="Draws the map of a floor in the terminal, and names tiles that are unsure. With --against, names "
-        "the tiles that differ from a plan.",
+        description="Draws the map of a floor in the terminal, and names tiles that are unsure. "
+        "With --against, names the tiles that differ from a plan.",
     )
     command.add_argument("photo", type=checked_by(path), metavar="PHOTO", help="a JPEG or PNG file")
     add_shared(command, "--tiles")
@@ -95,8 +96,8 @@ def _add_floor(command: argparse.ArgumentParser) -> None:
         nargs=8,
         action="append",
         metavar="X",
-        help="the corners of the tiles in the photograph, roughly: x and y in pixels, clockwise from the top left one; "
-        "by default they are found. Repeat it for each photograph",
+        help="the corners of the tiles in the photograph, roughly: x and y in pixels, clockwise "
+        "from the top left one; by default they are found. Repeat it for each photograph",
     )
     command.add_argument(
         "--exact",
@@ -156,7 +157,8 @@ def _check_replaceable(out: Path, *, overwrite: bool) -> None:
         return
     if not overwrite:
         raise InputError(
-            f"{out}: expected a folder that is new or empty, got one with files; --overwrite replaces it"
+            f"{out}: expected a folder that is new or empty, got one with files; "
+            "--overwrite replaces it"
         )
     check_renamable(out)
 
@@ -171,12 +173,16 @@ def _cut_photographs(
     shape: tuple[int, int],
     plan: "NDArray[np.int8] | None",
 ) -> _CutPhotographs:
-    """Cuts tiles out of the photographs in which they are found; holds one photograph in memory at a time."""
+    """Cuts tiles out of the photographs in which they are found.
+
+    Only one photograph is in memory at a time.
+    """
     from elitelanes_jax.tiles.photographs.cutting import cut_tiles
     from elitelanes_jax.tiles.photographs.proposals import SURE
     from elitelanes_jax.tiles.photographs.reading import read_photograph
     from elitelanes_jax.tiles.photographs.sheet import draw_proposal
 
+    # One camera has taken all photographs.
     lens = _read_lens(options)
     photographs = _CutPhotographs([], [], [])
     for file, corners_of_file in zip(options.photos, corners, strict=True):
@@ -216,6 +222,7 @@ def _write_set(out: Path, photographs: _CutPhotographs, *, overwrite: bool) -> P
         # Renamed, so that nothing in it is lost.
         kept = out.rename(free_name(out, f"{out.name}.before"))
     try:
+        # The folder appears complete or not at all.
         with output_folder(out, {"command": "tiles cut"}) as work:
             masked = write_cuts(work.files, photographs.cuts)
             tiles = proposal_sheet("Tiles and their masks", masked)
@@ -230,9 +237,13 @@ def _write_set(out: Path, photographs: _CutPhotographs, *, overwrite: bool) -> P
 
 
 def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | None) -> list[str]:
-    """Returns lines about a tile set that was written: its tiles, what was left out, and what to correct."""
+    """Returns lines about a tile set that was written.
+
+    They name its tiles, what was left out, and what to correct.
+    """
     from elitelanes_jax.tiles.tileset import inspect_tiles
 
+    # What was cut comes first, then what needs the user's attention.
     lines = _summary(photographs.cuts, photographs.proposals, out)
     lines += [f"refused: {line}" for line in photographs.refused()]
     if earlier_set is not None:
@@ -249,6 +260,7 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
 def _summary(cuts: "list[Cut]", proposals: "list[Proposal]", out: Path) -> list[str]:
     from elitelanes_jax.tiles.photographs.proposals import SURE
 
+    # The counts show which kinds of tiles the set still lacks.
     kinds = Counter(KIND_OF[cut.code] for cut in cuts)
     listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
     used = [proposal for proposal in proposals if proposal.score >= SURE]
@@ -259,6 +271,7 @@ def _summary(cuts: "list[Cut]", proposals: "list[Proposal]", out: Path) -> list[
     ]
     lines += [f"{cut.name} is nearly a copy of {cut.copy_of}" for cut in cuts if cut.copy_of]
     for proposal in used:
+        # A tile of an unsure kind was not cut, and the user can add it by hand.
         for cell in _unsure_cells(proposal.sure):
             place = _describe_cell(*cell)
             lines.append(f"{proposal.photo}: left out the tile at {place}, its kind is unsure")
@@ -302,6 +315,7 @@ def _read(options: argparse.Namespace) -> int:
         raise InputError(
             f"--size: expected the rows and columns of a floor of 2 tiles or more, got {got}"
         )
+    # The command takes one photograph, and so one set of corners.
     (corners,) = _corners_of_each(options, [options.photo])
     if options.out is not None:
         check_new(options.out)
@@ -310,6 +324,7 @@ def _read(options: argparse.Namespace) -> int:
         # The photograph may be taken from any side of the floor.
         floor = _turn_to_plan(floor, plan, options.against)
     unsure = _unsure_cells(floor.sure)
+    # The map comes first, then unsure tiles, then differences from the plan.
     lines = [draw_text(floor.codes)]
     lines += [f"{_describe_cell(row, column)}: unsure" for row, column in unsure]
     if plan is not None:
@@ -335,6 +350,7 @@ def _read_floor(
 
     photograph = read_photograph(options.photo, _read_lens(options))
     proposal = _propose(photograph, shape, corners, exact=options.exact, tiles=tiles)
+    # A floor that was not found has no codes that mean anything.
     if proposal.score < SURE:
         raise InputError(f"{options.photo}: {proposal.advice}")
     return _Floor(np.array(proposal.codes, np.int8), np.array(proposal.sure))
@@ -348,6 +364,7 @@ def _turn_to_plan(floor: _Floor, plan: "NDArray[np.int8]", plan_file: Path) -> _
 
     with naming(plan_file):
         turns = turn_to_plan(floor.codes, plan)
+    # The certainty of each cell turns with its code.
     return _Floor(turn_floor(floor.codes, turns), np.rot90(floor.sure, turns))
 
 
@@ -370,13 +387,17 @@ def _read_plan(file: Path | None) -> "NDArray[np.int8] | None":
 
 
 def _shape(options: argparse.Namespace, plan: "NDArray[np.int8] | None") -> tuple[int, int]:
-    """Returns rows and columns of the floor: those of the plan, or of --size; (1, 1) for single tiles."""
+    """Returns the rows and columns of the floor.
+
+    They are those of the plan, or of --size; (1, 1) for single tiles.
+    """
     if plan is None:
         return (1, 1) if options.size is None else tuple(options.size)
     shape = plan.shape
     if options.size is not None and tuple(options.size) != shape:
         raise InputError(
-            f"--size: expected {shape[0]} {shape[1]} like the map, got {options.size[0]} {options.size[1]}"
+            f"--size: expected {shape[0]} {shape[1]} like the map, "
+            f"got {options.size[0]} {options.size[1]}"
         )
     return shape
 
@@ -386,13 +407,14 @@ def _corners_of_each(
 ) -> Sequence[list[float] | None]:
     """Returns the corners in each photograph, x and y by turns; None if they are to be found."""
     if options.corners is None:
+        # Without corners there is nothing to take exactly.
         if options.exact:
             raise InputError("--exact: expected --corners, got none")
         return [None] * len(files)
     if len(options.corners) != len(files):
         raise InputError(
-            f"--corners: expected the option once for each of {pluralize(len(files), 'photograph')}, "
-            f"got it for {len(options.corners)}"
+            "--corners: expected the option once for each of "
+            f"{pluralize(len(files), 'photograph')}, got it for {len(options.corners)}"
         )
     return options.corners
 
@@ -412,11 +434,15 @@ def _propose(
     codes: "NDArray[np.int8] | None" = None,
     tiles: "TileSet | None" = None,
 ) -> "Proposal":
-    """Proposes where tiles are, by corners in pixels of the file's picture; without corners they are found."""
+    """Proposes where the tiles are in a photograph.
+
+    `corners` are pixels of the file's picture. Without corners, the tiles are found.
+    """
     import numpy as np
 
     from elitelanes_jax.tiles.photographs.proposals import propose_tiles
 
+    # Without corners, the outlines are found in the photograph.
     if corners is None:
         return propose_tiles(photograph, shape=shape, codes=codes, tiles=tiles)
     # The user reads the corners in the file. The picture that was read may be smaller, and is
@@ -428,6 +454,7 @@ def _propose(
         )
     except InputError as error:
         message = str(error)
+        # The message names the function's argument, which is the option here.
         if message.startswith("corners: "):
             raise InputError(f"--{message}") from None
         raise

@@ -40,8 +40,10 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, quiet: bo
         # The package's messages name arguments of Python.
         as_option = re.compile(r"\b(force|force_archive|at_most)=True")
         words = as_option.sub(lambda match: "--" + match[1].replace("_", "-"), str(error))
+        # Wrong input has exit code 2, as in argparse, and too few maps have 1.
         return fail(program, words, 2 if isinstance(error, InputError) else 1)
     except OSError as error:
+        # An error of the system names the file, and needs no traceback.
         return fail(
             program, f"{error.filename}: {error.strerror}" if error.filename else str(error), 2
         )
@@ -92,6 +94,7 @@ def leave(main: Callable[[], int]) -> NoReturn:
             except SystemExit as stop:
                 # As Python does for a text.
                 code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+            # Text that is still buffered would be lost by `os._exit`.
             for stream in (sys.stdout, sys.stderr):
                 _flush(stream)
             if code == INTERRUPTED:
@@ -105,6 +108,7 @@ def leave(main: Callable[[], int]) -> NoReturn:
 
 def program_name() -> str:
     """Returns the word that starts the program: a path if its folder is not on the PATH."""
+    # The first argument is the path by which the program was started.
     started = Path(sys.argv[0])
     return (
         str(started)
@@ -114,7 +118,10 @@ def program_name() -> str:
 
 
 def fail(program: str, message: str, code: int) -> int:
-    """Prints a message on standard error in one line, with line breaks escaped; returns the exit code."""
+    """Prints a message on standard error in one line, and returns the exit code.
+
+    Line breaks in the message are escaped.
+    """
     warn(f"{program}: " + "\\n".join(message.splitlines()))
     return code
 
@@ -154,6 +161,7 @@ def _print(stream: TextIO | None, text: str) -> None:
     """
     if stream is None:
         return
+    # Some streams that replace standard output have no encoding.
     encoding = stream.encoding or "utf-8"
     try:
         print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
@@ -170,8 +178,12 @@ def _flush(stream: TextIO) -> None:
 
 
 def _give_up(stream: TextIO) -> None:
-    """Redirects a stream to nowhere; otherwise the interpreter would try to flush it at its end, and complain."""
+    """Redirects a stream to nowhere.
+
+    Otherwise the interpreter would try to flush the stream at its end, and complain.
+    """
     with suppress(OSError, ValueError):
+        # The descriptor of the stream leads to the null device from here on.
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 

@@ -17,7 +17,8 @@ def add_score(commands: Commands) -> None:
         "score",
         _score,
         help="score raw archives of the benchmark",
-        description="Measures the grids of raw archives again and prints their scores, with 95 % intervals over runs.",
+        description="Measures the grids of raw archives again and prints their scores, "
+        "with 95 % intervals over runs.",
     )
     command.add_argument(
         "archives",
@@ -36,6 +37,7 @@ def _score(options: argparse.Namespace) -> int:
     )
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
+    # Grids are measured by a compiled program.
     use_compile_cache()
     for file in options.archives:
         submission = read_submission(file)

@@ -39,8 +39,9 @@ def add_tiles(commands: Commands) -> None:
         "masks",
         _masks,
         help="propose masks for photographs, by colour",
-        description="Writes road.png, red.png and yellow.png next to each image.png that lacks them, to be corrected "
-        "by hand. Ranges of colours are H..H,S..S,V..V: hues 0 to 179, saturations and values 0 to 255.",
+        description="Writes road.png, red.png and yellow.png next to each image.png that lacks "
+        "them, to be corrected by hand. Ranges of colours are H..H,S..S,V..V: hues 0 to 179, "
+        "saturations and values 0 to 255.",
     )
     masks.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
     for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
@@ -50,7 +51,8 @@ def add_tiles(commands: Commands) -> None:
     masks.add_argument(
         "--overwrite",
         action="store_true",
-        help="also replace existing masks: those whose colours are given, or all; a copy of each is kept next to it",
+        help="also replace existing masks: those whose colours are given, or all; "
+        "a copy of each is kept next to it",
     )
 
 
@@ -59,6 +61,7 @@ def _check(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles
 
     tiles, problems = inspect_tiles(options.folder, lines=True)
+    # All errors are listed at once, so that the user corrects them together.
     if tiles is None:
         warn("\n".join(problems))
         return 2
@@ -72,6 +75,7 @@ def _masks(options: argparse.Namespace) -> int:
     colours = dict(COLOURS)
     for mask in _MASKED:
         if getattr(options, mask) is not None:
+            # An error about a range names its option.
             with naming(f"--{mask}"):
                 colours[mask] = parse_colour(getattr(options, mask))
     sheet = options.folder / "masks.png"
@@ -89,6 +93,7 @@ def _masks(options: argparse.Namespace) -> int:
     if sheet.exists():
         _keep(sheet)
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
+    # Masks that exist and were not replaced may have been made by hand.
     unchanged = len(_MASKED) * len(proposals) - len(masks)
     written = f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')}"
     written += f" in {options.folder}"

@@ -83,6 +83,7 @@ def write_card(
       guide: text about the files of its layout.
       data_files: a pattern of each split's shards, by the split's name; empty without shards.
     """
+    # The front matter has to be first, because Hugging Face reads it only there.
     lines = _front_matter(about, data_files)
     lines += ["", "# Road maps of a miniature city, with labels", ""]
     lines += _introduction(about)
@@ -95,6 +96,7 @@ def write_card(
     lines += ["", "## Loading it", "", "Replace `DIR` in the programs by the path of this folder."]
     lines += ["", "```python", loading, "```"]
     lines += ["", "As NumPy arrays:", "", "```python", arrays, "```", ""]
+    # Poses and objects are explained only if the samples have them.
     lines.append(_METADATA)
     if about["settings"]["camera"] is not None:
         lines.append(_POSES)
@@ -110,6 +112,7 @@ def write_card(
 
 def _front_matter(about: dict[str, Plain], data_files: Mapping[str, str]) -> list[str]:
     """Returns the lines that Hugging Face reads."""
+    # Hugging Face's names of licences are in lower case.
     licence = about["tile_set"]["licence"].lower()
     tasks = "image-segmentation"
     if "object_set" in about:
@@ -139,6 +142,7 @@ def _introduction(about: dict[str, Plain]) -> list[str]:
     counts = about["pictures"]
     settings = about["settings"]
     camera = settings["camera"]
+    # With a camera, the pixels of a tile say how fine the map is, and not how large the picture is.
     if camera is not None:
         views = f"views from a robot on the lanes, {camera['rows']} x {camera['columns']} pixels"
         views += f", of maps drawn with {settings['tile_px']} pixels a tile"
@@ -146,6 +150,7 @@ def _introduction(about: dict[str, Plain]) -> list[str]:
         views = f"views from above, {settings['tile_px']} pixels a tile"
     pictures = pluralize(sum(counts.values()), "picture")
     networks = pluralize(settings["maps"], "road network")
+    # Given maps may have several parts. Evolved ones are valid, and therefore connected.
     maps = "They were given, not evolved." if about["given_maps"] else "Each is connected."
     maps += " No two have the same roads, even if these are moved, rotated or mirrored."
     splits = [split for split, count in counts.items() if count > 0]
@@ -175,6 +180,7 @@ def _table_of_classes(about: dict[str, Plain]) -> list[str]:
         shares = " | ".join(_share(about["class_pixels"][split], label) for split in SPLITS)
         lines.append(f"| {label} | {name} | rgb{tuple(LABEL_COLOURS[label])} | {shares} |")
     counts = " | ".join(f"{about['pictures'][split]:,}" for split in SPLITS)
+    # The last row has no label and no colour.
     lines.append(f"| | pictures | | {counts} |")
     return lines
 
@@ -186,6 +192,7 @@ def _origin(about: dict[str, Plain]) -> list[str]:
     lines = [f"- tile set: {tile_set['name']}, licence: {tile_set['licence'] or 'not stated'}"]
     if "object_set" in about:
         lines.append(f"- object set: {about['object_set']['name']}")
+    # Given maps were not searched for, so no method is named.
     method = "" if about["given_maps"] else f", {search['method']}, preset {search['preset']}"
     lines.append(f"- seed {settings['seed']}{method}")
     # Only transforms that change something are listed.
@@ -194,6 +201,7 @@ def _origin(about: dict[str, Plain]) -> list[str]:
         if value not in (0, False, [1.0, 1.0]):
             changes.append(f"{name} {_plain(value)}")
     lines.append(f"- views: {', '.join(changes) or 'plain'}")
+    # A constraint that the search did not have is left out.
     constraints = {
         "where": "ranges that every map meets",
         "rules": "rules that every map keeps",
@@ -225,6 +233,7 @@ def sample_sheet(
         high, wide = shown.shape[:2]
         # A picture of other proportions is in the middle of its cell.
         top, left = (height - high) // 2, (_SHEET_PX - wide) // 2
+        # The picture and its labels are side by side, with a gap of 4 pixels.
         pair = np.full((height, 2 * _SHEET_PX + 4, 3), _GROUND, np.uint8)
         pair[top : top + high, left : left + wide] = shown
         pair[top : top + high, -_SHEET_PX:][:, left : left + wide] = colours
@@ -244,7 +253,9 @@ def draw_boxes(file: Path, objects: Sequence[dict[str, Plain]]) -> UInt8[np.ndar
     drawn = np.ascontiguousarray(picture.repeat(larger, axis=0).repeat(larger, axis=1))
     for thing in objects:
         x, y, wide, high = [larger * part for part in thing["box"]]
+        # A box has its last pixel inside, so that it is as wide as the object.
         cv2.rectangle(drawn, (x, y), (x + wide - 1, y + high - 1), _BOX_COLOUR, 1)
+        # The kind is above the box, or inside it at the picture's upper edge.
         write_text(drawn, thing["kind"], (x, max(y - 4, 12)), 0.5, _BOX_COLOUR)
     return drawn
 
@@ -264,6 +275,7 @@ def _fit(file: Path, shape: float, interpolation: int) -> UInt8[np.ndarray, "...
 
 
 def _read(file: Path) -> UInt8[np.ndarray, "..."]:
+    # NumPy reads the file, because OpenCV cannot open all names of files on Windows.
     picture = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None:
         raise OSError(0, "cannot be read as a picture", str(file))
@@ -275,6 +287,7 @@ def _read(file: Path) -> UInt8[np.ndarray, "..."]:
 
 def _share(pixels: Sequence[int], label: int) -> str:
     total = sum(pixels)
+    # A split without pictures has no share.
     if total == 0:
         return "-"
     return f"{100 * pixels[label] / total:.2f} %"

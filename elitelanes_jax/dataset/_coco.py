@@ -34,12 +34,15 @@ SHORT_NAMES = ("train", "val", "test")
 def annotate(sample: Sample) -> Record:
     """Returns the annotations of a sample's classes, and of its objects if it has any."""
     labels = sample.layers["labels"]
+    # Label 0 is the background, which has no annotation.
     present = [label for label in range(1, len(LABELS)) if (labels == label).any()]
     note: Record = {
         "classes": [{"category_id": label} | _runs(labels == label) for label in present]
     }
     if "objects" in sample.record:
         instances = sample.layers["instances"]
+        # The outlines are computed here, because pixels are no longer in memory when the split is
+        # listed.
         note["outlines"] = [
             _polygons(instances == thing["instance"]) for thing in sample.record["objects"]
         ]
@@ -52,6 +55,7 @@ def coco_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
     Also writes YOLO's text if there are objects.
     """
     name = SHORT_NAMES[split]
+    # COCO's categories count from 1, as the labels without the background do.
     classes = [{"id": label, "name": title} for label, title in enumerate(LABELS) if label]
     _write_coco(folder / "annotations" / f"{name}.json", read, _class_annotations, classes)
     if "outlines" in next(iter(read()), {}):
@@ -102,6 +106,7 @@ def _write_coco(
     annotations_of: Callable[[Record], list[Record]],
     categories: Sequence[Record],
 ) -> None:
+    # Each table is written while its records are read, so that no table has to fit into memory.
     def images() -> Iterator[Record]:
         for record in read():
             height, width = record["pixels"]
@@ -109,6 +114,7 @@ def _write_coco(
             yield {"id": _image_id(record), "file_name": name, "height": height, "width": width}
 
     def annotations() -> Iterator[Record]:
+        # Annotations are numbered from 1, because pycocotools takes 0 for no match.
         number = 0
         for record in read():
             for annotation in annotations_of(record):
@@ -127,6 +133,7 @@ def _write_coco(
 
 
 def _joined(rows: Iterable[Record]) -> Iterator[str]:
+    # JSON has no comma before the first row, and none after the last one.
     separator = ""
     for row in rows:
         yield separator + json.dumps(row)
@@ -143,6 +150,8 @@ def _write_yolo(file: Path, record: Record) -> None:
     lines = []
     for thing in record["objects"]:
         x, y, wide, high = thing["box"]
+        # YOLO's boxes have their middle and their size, and COCO's have their corner and their
+        # size.
         shares = (x + wide / 2) / width, (y + high / 2) / height, wide / width, high / height
         lines.append(
             " ".join([str(_kind_number(thing)), *(f"{share:.6f}" for share in shares)]) + "\n"
@@ -162,6 +171,7 @@ def _write_data(folder: Path) -> None:
         if name in splits:
             lines.append(f"{name}: images/{name}")
         elif name != "test":
+            # Ultralytics does not need a split for tests.
             lines.append(f"{name}: images/{splits[0]} # this split is empty")
     lines += ["names:", *(f"  {index}: {name}" for index, name in enumerate(OBJECT_KINDS))]
     write_atomic(folder / "data.yaml", "\n".join(lines).encode() + b"\n")
@@ -170,7 +180,9 @@ def _write_data(folder: Path) -> None:
 def _runs(mask: Bool[NDArray, "h w"]) -> Record:
     from pycocotools import mask as masks
 
+    # The encoder of pycocotools reads columns, and takes arrays in Fortran's order alone.
     runs = masks.encode(np.asfortranarray(mask, np.uint8))
+    # JSON has no bytes.
     counts = {"counts": runs["counts"].decode()}
     return {
         "segmentation": runs | counts,
@@ -186,13 +198,16 @@ def _polygons(mask: Bool[NDArray, "h w"]) -> Record:
     have no holes, so the polygon visits each hole along a line to it and back, which encloses
     nothing.
     """
+    # With four neighbours, pixels that touch at a corner alone are not connected.
     count, pieces, boxes, _ = cv2.connectedComponentsWithStats(
         mask.astype(np.uint8), connectivity=4
     )
     polygons = []
     for piece in range(1, count):
         left, top, wide, high = boxes[piece, :4]
+        # The box of a piece is searched alone, which is less than the whole picture.
         outline, *holes = _loops(pieces[top : top + high, left : left + wide] == piece)
+        # Each hole is visited from the start of the outline and back to it.
         start = outline[0]
         for hole in holes:
             outline += [start, *hole, hole[0]]
@@ -207,12 +222,16 @@ def _loops(mask: Bool[NDArray, "h w"]) -> list[list[list[int]]]:
     mask. It turns twice, in two visits, if two opposite ones are. Along each row and each column of
     corners, the first turn is joined with the second, the third with the fourth, and so on.
     """
+    # With a border of one pixel, each corner has four pixels around it, also at the edge of the
+    # mask.
     padded = np.pad(mask, 1)
     northwest, northeast = padded[:-1, :-1], padded[:-1, 1:]
     southwest, southeast = padded[1:, :-1], padded[1:, 1:]
+    # An odd number of the four pixels means one turn, and opposite pixels mean two turns.
     once = northwest ^ northeast ^ southwest ^ southeast
     twice = (northwest == southeast) & (northeast == southwest) & (northwest != northeast)
     row, column = np.nonzero(once | twice)
+    # A corner with two turns has two entries, one after the other, the second one marked.
     corner = np.repeat(np.arange(len(row)), 1 + twice[row, column])
     second = np.append(False, corner[1:] == corner[:-1])
     # One of two visits leads up and the other one down. Otherwise pixels that touch at a corner
@@ -221,9 +240,12 @@ def _loops(mask: Bool[NDArray, "h w"]) -> list[list[list[int]]]:
     by_column = np.lexsort((second ^ rises, row[corner], column[corner]))
     # In this order, turns 0 and 1, 2 and 3, and so on are joined.
     neighbour = np.arange(len(corner)) ^ 1
+    # Row by row is the order of `np.nonzero` already, so only the columns need sorting.
     across, down = neighbour.tolist(), np.empty(len(corner), int)
     down[by_column] = by_column[neighbour]
     points = np.column_stack([column, row])[corner].tolist()
+    # Every turn that no earlier loop has passed starts a loop. The first turn is the top left one,
+    # on the outer border.
     loops, visited = [], np.zeros(len(corner), bool)
     for first in range(len(corner)):
         loop, turn = [], first

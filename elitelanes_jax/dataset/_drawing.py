@@ -73,12 +73,14 @@ class Block(NamedTuple):
         whole = content[: content.rfind(b"\n") + 1]
         if whole != content:
             write_atomic(self.records, whole)
+        # Records of whole lines are of complete samples, so all others are drawn.
         drawn = _parse_records(whole)
         return [index for index in self.indices if index not in drawn]
 
 
 def _parse_records(content: bytes) -> dict[int, bytes]:
     """Returns the records of whole lines, by the samples' indices."""
+    # After the last line break there is nothing, or a part of a line.
     *lines, _ = content.split(b"\n")
     pairs = (line.split(b"\t", 1) for line in lines)
     return {int(index): record for index, record in pairs}
@@ -114,12 +116,15 @@ class Samples(NamedTuple):
     def blocks_of(self, split: int) -> Iterator[Block]:
         """Yields the samples of a split, in order."""
         first, views = self.maps.start, self.views
+        # The maps of a part are a range, and those of the split are among them.
         maps = first + np.flatnonzero(self.splits[first : self.maps.stop] == split)
         count = len(maps) * views
         # The last block may have fewer samples.
         total = -(-count // _BLOCK)
         for number, start in enumerate(range(0, count, _BLOCK)):
             positions = range(start, min(start + _BLOCK, count))
+            # A map has its views at neighbouring indices, so the index follows from the map and the
+            # view.
             indices = [
                 int(maps[position // views]) * views + position % views for position in positions
             ]
@@ -139,6 +144,8 @@ class Samples(NamedTuple):
 
     def write_split(self, split: int, records: Iterable[dict[str, Plain]]) -> None:
         """Writes the records of a split's samples, which come in order."""
+        # The records come in the order of the blocks, so each block takes as many as it has
+        # samples.
         following = iter(records)
         for block in self.blocks_of(split):
             write_atomic(
@@ -147,6 +154,7 @@ class Samples(NamedTuple):
 
     def count_drawn(self) -> int:
         """Counts the samples that an earlier run has drawn."""
+        # Each line is a sample. An incomplete last line has no line break.
         return sum(file.read_bytes().count(b"\n") for file in self.records.glob("*.jsonl"))
 
 
@@ -213,10 +221,12 @@ def draw_here(drawing: Drawing, samples: Samples, workers: int, ended: Ended) ->
 
 def draw_on(pool: Pool, drawing: Drawing, samples: Samples, ended: Ended) -> None:
     """Draws the missing samples on an executor's workers, and writes the files that return."""
+    # Samples that are drawn already are no part of any task.
     tasks = _tasks(pool, drawing, samples)
     pictures = Pictures(drawing.tiles, drawing.objects)
     # Given maps are not sent with the specification. Each task has the maps that it draws.
     common = _Common(drawing.spec.without_given(), pictures, drawing.fields)
+    # Workers use the layout's package, so its version has to be the same there.
     needs = drawing.layout.needs
     packages = () if needs is None else (needs,)
     for number, (files, records) in call_on_workers(
@@ -273,6 +283,7 @@ def _tasks(pool: Pool, drawing: Drawing, samples: Samples) -> list[_Task]:
 
     Returns the missing samples of each part that lacks any. A shard is of one part.
     """
+    # There are at most as many parts as maps, because each part is sent its maps.
     count = pool.parts_for(-(-samples.total // _PICTURES_A_PART), len(samples.maps))
     has_shards = drawing.layout.open_shard is not None
     parts: list[list[_Portion]] = [[] for _ in range(count)]
@@ -289,6 +300,7 @@ def _tasks(pool: Pool, drawing: Drawing, samples: Samples) -> list[_Task]:
                 by_part.setdefault(part, []).append(index)
         for part, indices in by_part.items():
             parts[part].append(_Portion(block, indices))
+        # The position counts drawn samples too, so that a resumed run has the same parts.
         position += len(block.indices)
     return [_Task(_maps_of(portions, drawing), portions) for portions in parts if portions]
 
@@ -318,6 +330,7 @@ def _draw_task(common: _Common, task: _Task) -> tuple[dict[str, bytes], list[byt
             block = portion.block._replace(records=Path(folder, f"records-{number}"))
             _draw_block(drawing, block, portion.indices, files, count_cores(), lambda _: None)
             records.append(block.records.read_bytes())
+        # The folder is temporary, so the files return with their contents.
         contents = {}
         for file in files.rglob("*"):
             if file.is_file():
@@ -326,6 +339,7 @@ def _draw_task(common: _Common, task: _Task) -> tuple[dict[str, bytes], list[byt
 
 
 def _append(file: Path, content: bytes) -> None:
+    # The first records of a run come before their folder exists.
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("ab") as stream:
         stream.write(content)
@@ -353,7 +367,7 @@ def _draw_pictures(
         return record_line(index, sample.record | layout.note(sample))
 
     with block.records.open("ab") as records:
-
+        # Only the thread that writes the file calls this function, so lines do not mix.
         def complete(line: bytes) -> None:
             records.write(line)
             ended(1)
@@ -381,6 +395,7 @@ def _draw_shard(
     with new_file(files / layout.shard_file(block.split, block.number, block.total)) as part:
         part.parent.mkdir(parents=True, exist_ok=True)
         with layout.open_shard(part, drawing.fields) as write:
+            # This is the sample that the shard needs next.
             due = next(following)
 
             def complete(_: None) -> None:
@@ -390,6 +405,7 @@ def _draw_shard(
                     write(sample)
                     lines.append(record_line(due, sample.record))
                     ended(1)
+                    # No sample has the index -1, so nothing waits after the last one.
                     due = next(following, -1)
 
             side_by_side(

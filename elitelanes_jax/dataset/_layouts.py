@@ -79,6 +79,7 @@ class Layout(NamedTuple):
 
     def file(self, split: int, index: int, layer: str) -> str:
         """Returns the path of a picture in the folder."""
+        # Numbers have six digits or more, so that files are in order by their names.
         path = _in_split(self.path, split).replace("NUMBER", f"{index:06d}")
         return path.replace("LAYER", self.folders.get(layer, layer))
 
@@ -87,6 +88,7 @@ class Layout(NamedTuple):
 
         `count` is the number of the split's shards.
         """
+        # Numbers have leading zeros, so that shards are in order by their names.
         return (
             _in_split(self.path, split)
             .replace("SHARD", f"{number:05d}")
@@ -110,14 +112,18 @@ class Layout(NamedTuple):
             # A path with zeros becomes a pattern: five digits or more stand in their place.
             patterns = [re.escape(self.shard_file(split, 0, 0)) for split in range(len(SPLITS))]
             return "|".join(patterns).replace("00000", r"\d{5,}")
+        # The layers of objects are included, because a dataset may have been drawn with or without
+        # them.
         layers = layer_names(has_objects=True)
         pictures = [self.file(split, 0, layer) for split in range(len(SPLITS)) for layer in layers]
         return "|".join(re.escape(picture).replace("000000", r"\d{6,}") for picture in pictures)
 
     def list_samples(self, folder: Path, split: int, read: Records) -> None:
         """Writes the files that list a split's samples."""
+        # Shards have the metadata in themselves.
         if self.metadata is None:
             return
+        # The rows are written while they are read, because all may not fit into memory.
         lines = (f"{json.dumps(row)}\n".encode() for row in self.rows(folder, split, read))
         write_atomic(folder / _in_split(self.metadata, split), lines)
 
@@ -135,6 +141,8 @@ class Layout(NamedTuple):
         if self.metadata is None:
             program = _in_split(self.arrays, split)
         else:
+            # The program reads the numbers of the samples, and puts each into the path of its
+            # pictures.
             metadata = _in_split(self.metadata, split)
             image, labels = (
                 self.file(split, 0, layer).replace("000000", "{row['number']:06d}")
@@ -148,6 +156,7 @@ class Layout(NamedTuple):
                 "TARGETS = [np.array(VALUE) for row in rows]\n"
                 "print(len(rows), images[0].shape, labels[0].shape, TARGETS[0].shape)"
             )
+        # The examples predict the pose on the nearest lane with a camera, and the map without one.
         if poses:
             targets, value = "poses", "[row['nearest']['d'], row['nearest']['phi']]"
         else:
@@ -161,6 +170,7 @@ def find_layout(name: str) -> Layout:
     Raises `MissingPackageError` if a package that the layout needs is not installed.
     """
     layout = LAYOUTS[name]
+    # A missing package is an error before work is done for this layout.
     if layout.needs is not None:
         import_optional(layout.needs, f"format: {name} needs {layout.needs}")
     return layout
@@ -203,6 +213,7 @@ def write_maps(file: Path, maps: Sequence[RoadMap], views: int) -> None:
 
     def lines() -> Iterator[bytes]:
         for index, road_map in enumerate(maps):
+            # `--maps-from` reads this file, because it reads no shards.
             about = {name: getattr(road_map, name) for name in ("metrics", "fitness", "niche")}
             yield f"{json.dumps({'number': index * views, 'codes': road_map.codes.tolist()} | about)}\n".encode()
 
@@ -231,6 +242,7 @@ def _in_split(text: str, split: int) -> str:
 def _imagefolder_rows(folder: Path, split: int, read: Records) -> Iterator[Record]:
     for record in read():
         has_objects = "objects" in record
+        # Hugging Face loads the files of columns whose names end in `_file_name`.
         file_names = {
             f"{layer}_file_name": f"{layer}/{record['number']:06d}.png"
             for layer in layer_names(has_objects=has_objects)
@@ -253,6 +265,7 @@ def _object_columns(record: Record) -> dict[str, list[Plain]]:
         "whole": "whole",
         "visible": "visible",
     }
+    # Only views from a robot have distances.
     if record.get("camera"):
         entries["distance"] = "distance"
     return {

@@ -46,10 +46,12 @@ def evolve_maps(
     `MIN_DIFFERENCE` or more. If no more such maps of a size are found, the next, smaller difference
     applies. The maps of a round are spread evenly over the niches. Raises `NotEnoughMapsError`.
     """
+    # Each size has a search of its own, because a program is compiled for one size.
     sizes = [
         _Size(spec.seed, searches[shape], count, work)
         for shape, count in maps_by_shape(spec).items()
     ]
+    # Workers search the rounds that are certain to be needed. The loop below reads their results.
     if pool is not None:
         _evolve_ahead(sizes, pool)
     maps: list[RoadMap] = []
@@ -62,6 +64,7 @@ def evolve_maps(
                 later.compile_aside() for later in sizes[len(compiled) : index + 1 + _AHEAD]
             ]
             compiled[index]()
+            # A map may also be like one of another size, so all earlier maps are compared.
             for maps_of_round in size.rounds([road_map.codes for road_map in maps]):
                 maps += maps_of_round
                 bar.count(len(maps_of_round))
@@ -79,11 +82,13 @@ def _evolve_ahead(sizes: "Sequence[_Size]", pool: Pool) -> None:
             # An earlier run may have left the maps of a round, or its result.
             if not size.file(number).exists() and not size.result_file(number).exists():
                 rounds.append((size, number))
+    # Results return in any order, and `rounds` tells which one a result is of.
     tasks = [(size.search, size.keys(number)) for size, number in rounds]
     with Progress("searching", len(rounds), "searches") as bar:
         for index, part in evolve_each(tasks, pool):
             size, number = rounds[index]
             size.result_file(number).parent.mkdir(exist_ok=True)
+            # The state of the optimiser is left out, because no round is continued.
             part.result.save(size.result_file(number), state=False)
             bar.count()
 
@@ -120,6 +125,8 @@ class _Size(NamedTuple):
             file = self.file(number)
             if not file.exists():
                 chosen = self._evolve(number, earlier, others, level)
+                # The file is written before the maps are used, so that a killed run reads the same
+                # maps again.
                 lines = (vars(road_map) | {"codes": road_map.codes.tolist()} for road_map in chosen)
                 write_atomic(file, (f"{json.dumps(line)}\n".encode() for line in lines))
             new = [
@@ -130,6 +137,7 @@ class _Size(NamedTuple):
             if len(new) < min(_FEW, self.wanted - len(earlier)):
                 level += 1
             earlier += [road_map.codes for road_map in new]
+            # No smaller difference is left to try.
             if level == len(MIN_DIFFERENCE):
                 raise NotEnoughMapsError(
                     f"found {len(earlier)} different ones of {self.wanted} maps of {self.shape[0]} "
@@ -144,6 +152,7 @@ class _Size(NamedTuple):
 
         Returns a function that waits for the programs.
         """
+        # With one core, compiling beside a search would only slow the search down.
         if self.file(0).exists() or self.result_file(0).exists() or count_cores() == 1:
             return lambda: None
         return start_thread(partial(compile_search, self.search, self.keys(0)))
@@ -158,6 +167,7 @@ class _Size(NamedTuple):
 
     def keys(self, number: int) -> SearchKeys:
         """Returns the keys of a round."""
+        # Each round has the next seeds, so no two rounds search alike.
         return keys_of_seeds(self.seed, range(number * _SEEDS, (number + 1) * _SEEDS))
 
     def _evolve(
@@ -171,6 +181,7 @@ class _Size(NamedTuple):
 
         They differ from all earlier maps by at least `MIN_DIFFERENCE[level]`.
         """
+        # A worker may have evolved this round already.
         if self.result_file(number).exists():
             result = Result.load(self.result_file(number))
         else:

@@ -114,6 +114,7 @@ def draw_viewpoint(
     if not movements.row.size:
         raise InputError("maps: expected lanes for the camera, got a map without any")
     place = _draw_place(rng, viewpoints, movements, lane_offset)
+    # The wobble changes the camera as if it were mounted anew for each view.
     lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
     sky = _HORIZONS[rng.integers(len(_HORIZONS))]
     lines = float(rng.uniform(-1, 1) * viewpoints.lines)
@@ -123,8 +124,12 @@ def draw_viewpoint(
             break
         place = _draw_place(rng, viewpoints, movements, lane_offset)
 
+    # A camera looks straight down at most.
     height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
+    # At 180 degrees the focal length would be 0.
     view = float(min(viewpoints.field_of_view * wide, 175))
+    # These values are on the lane that was drawn. The nearest lane may be another one, such as on a
+    # crossing.
     on_lane = {"d": place.d, "phi": place.phi, "curvature": place.curvature}
     x, y, theta = place.x, place.y, place.theta
     camera = {
@@ -144,6 +149,7 @@ def draw_viewpoint(
     # Points of the map in pixels become tiles, then metres from the robot, then metres from the
     # camera on the ground, and then points of the picture.
     to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
+    # The ground has height 0, and the camera is ahead of the robot's middle.
     onto_ground = np.array([[1, 0, -viewpoints.forward], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
     matrix = project(camera, size) @ onto_ground @ to_robot
     return Viewpoint(matrix, size, sky, tile_px, lines, about)
@@ -161,6 +167,8 @@ def _draw_place(
     index = rng.integers(movements.row.size)
     movement = Movement(*(int(field[index]) for field in movements))
     row, column, heading, turn = movement
+    # All three numbers are drawn before they are scaled, so that ranges do not change other
+    # numbers.
     along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
     d, phi = beside * viewpoints.offset, np.radians(turned * viewpoints.heading)
     # The direction of a turn: 1 to the left, -1 to the right, 0 straight on.
@@ -207,6 +215,7 @@ def _nearest(
     """
     nearest: dict[str, Plain] = {}
     least_rank = np.inf
+    # Only lanes of the pose's own tile are candidates, so few movements are compared.
     on_tile = (movements.row == int(np.floor(y))) & (movements.column == int(np.floor(x)))
     for row, column, heading, turn in zip(*(field[on_tile] for field in movements), strict=True):
         ahead_x, ahead_y = SIDES[heading].right, SIDES[heading].down
@@ -214,6 +223,7 @@ def _nearest(
         # side of entry.
         forward = (x - column - 0.5) * ahead_x + (y - row - 0.5) * ahead_y + 0.5
         left = (x - column - 0.5) * ahead_y - (y - row - 0.5) * ahead_x
+        # A movement's turn is 0 right, 1 straight or 2 left.
         bend = turn - 1
         # On a turn, the offset is the difference from the lane's radius, and the lane's direction
         # changes with the angle around the corner.
@@ -224,6 +234,7 @@ def _nearest(
             - np.arctan2(-ahead_y, ahead_x)
             - (bend * np.arctan2(forward, inward) if bend else 0)
         )
+        # The angle is brought to -pi to pi, so that angles from both sides can be compared.
         phi = np.pi - (np.pi - phi) % (2 * np.pi)
         # Lanes that lead the other way count as far away.
         rank = abs(d) + 100 * (np.cos(phi) <= 0)
@@ -297,8 +308,10 @@ def see_parts(
     # Rows of pixels that show sky alone are not averaged.
     plain = rays.sky // _FINER
     fine = np.empty((rows * _FINER - plain * _FINER, columns * _FINER, channels), np.uint8)
+    # These rows of sky share a row of pixels with ground.
     horizon = rays.sky - plain * _FINER
     fine[:horizon] = above
+    # This is a view of the same array. The rays on the ground are sampled into it.
     on_ground = fine[horizon:]
     # Distant rows are sampled from smaller maps, so that nothing aliases.
     for rank, lines in _runs(_levels(rays)):
@@ -322,6 +335,7 @@ def see_labels(
     """
     rays = find_rays(viewpoint, 1)
     seen = np.zeros(viewpoint.size, np.uint8)
+    # OpenCV refuses an array without rows.
     if len(rays.x):
         _sample(
             labels, rays.x - _CENTRE, rays.y - _CENTRE, cv2.INTER_NEAREST, (0,), seen[rays.sky :]
@@ -335,6 +349,7 @@ def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
     The positions on the map are in tiles. The results are in metres ahead and to the left of the
     pose.
     """
+    # A position relative to the robot is turned back by the robot's direction.
     cosine, sine = np.cos(theta), np.sin(theta)
     # North is -y on the map, which changes the signs of both entries for y.
     turn = np.array([[cosine, -sine, 0], [-sine, -cosine, 0], [0, 0, 1]])
@@ -353,6 +368,7 @@ def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray
     rows, columns = size
     # The field of view is from the upper to the lower edge.
     focal = rows / 2 / np.tan(np.radians(camera["field_of_view"]) / 2)
+    # The camera is tilted downwards by its pitch.
     cosine, sine = np.cos(np.radians(camera["pitch"])), np.sin(np.radians(camera["pitch"]))
     # Right, down and depth in the camera's frame.
     down = [-sine, 0, -cosine, camera["height"] * cosine]
@@ -395,6 +411,7 @@ def stand(
     camera in metres.
     """
     pose, camera = viewpoint.about["pose"], viewpoint.about["camera"]
+    # Positions on the map become metres ahead of and to the left of the camera.
     cosine, sine = np.cos(pose["theta"]), np.sin(pose["theta"])
     standing = []
     for index, (thing, views) in enumerate(zip(objects, pictures, strict=True)):
@@ -402,6 +419,8 @@ def stand(
         east, north = (thing.x - pose["x"]) * TILE, (pose["y"] - thing.y) * TILE
         ahead, left = east * cosine + north * sine - camera["forward"], north * cosine - east * sine
         distance = float(np.hypot(ahead, left))
+        # A picture without height is on the ground. It is seen like the map, and hides no upright
+        # picture.
         if not views.height:
             flat = lay_flat(thing, views, tile_px)
             placed = flat._replace(matrix=viewpoint.matrix @ flat.matrix)
@@ -424,6 +443,8 @@ def stand(
             )
             placed = Placed(pixels, project(camera, viewpoint.size) @ position)
             standing.append(_Standing(ahead, index, placed, distance))
+    # Distant pictures come first, so that nearer ones cover them. The index decides between equal
+    # depths.
     standing.sort(key=lambda item: (-item.depth, item.object_index))
     return (
         [item.placed for item in standing],
@@ -453,7 +474,9 @@ def find_rays(viewpoint: Viewpoint, finer: int) -> Rays:
     A pixel has `finer` rays in each direction.
     """
     rows, columns = (side * finer for side in viewpoint.size)
+    # The inverse matrix leads from points of the picture back to the map.
     back = np.linalg.inv(viewpoint.matrix)
+    # Rays lead through the centres of equal parts of each pixel.
     u, v = (np.arange(columns) + 0.5) / finer, (np.arange(rows) + 0.5) / finer
     # No camera rolls. Therefore a row has one depth, and back[2, 0] is 0 except for rounding.
     inverse_depth = back[2, 1] * v + back[2, 2]
@@ -462,9 +485,11 @@ def find_rays(viewpoint: Viewpoint, finer: int) -> Rays:
     along = np.stack([u, np.ones(columns)])
     places = []
     for axis in range(2):
+        # Along a row the depth is constant, so coordinates on the map grow by equal steps.
         step, start = back[axis, 0] * depth, (back[axis, 1] * v + back[axis, 2]) * depth
         # A product of matrices takes a quarter of the time of a product and a sum of arrays.
         place = (np.column_stack([step, start]) @ along).astype(np.float32)
+        # All coordinates of a row are between these two, so they tell whether a ray may be too far.
         if max(np.abs(start).max(), np.abs(start + step * columns).max()) > _FARTHEST:
             np.clip(place, -_FARTHEST, _FARTHEST, out=place)
         places.append(_shift_lines(place, viewpoint.tile_px, -viewpoint.lines))
@@ -515,6 +540,7 @@ def _runs(levels: Int[NDArray, " R"]) -> Iterator[tuple[int, slice]]:
         rows = np.flatnonzero(levels == level)
         if len(rows):
             joined[rows[0] : rows[-1] + 1] = level
+    # A run starts where the level changes.
     starts = np.flatnonzero(np.diff(joined, prepend=-1)).tolist()
     for start, end in zip(starts, [*starts[1:], len(joined)], strict=True):
         yield int(joined[start]), slice(start, end)

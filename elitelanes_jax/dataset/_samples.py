@@ -121,7 +121,9 @@ def draw_sample(
         layers = {name: layer.copy() for name, layer in layers.items()}
         instances["instances"], listed = _paste(layers, scene, shot)
         about = about | {"objects": listed}
+    # Light, blur, noise and compression come last, because they change objects too.
     layers["image"] = _expose(layers["image"], shot.view, transforms, [seed, index, 4])
+    # The classes are counted in the labels after objects were pasted.
     record = _describe(scene, shot.view, layers["labels"], index, about)
     return Sample({**layers, **instances}, record)
 
@@ -193,6 +195,7 @@ def _see_from_above(rng: np.random.Generator, scene: _Scene, transforms: Transfo
     paved = np.zeros(view.size, bool)
     if transforms.background:
         paved = warp(show_paved(tiles, scene.chosen, tile_px).astype(np.uint8), view) > 0
+    # From above, all objects are pictures in the plane of the map, moved by the view's matrix.
     flat, order = lay_all_flat(scene.objects, scene.pictures, tile_px)
     image, labels = warp(picture.image, view, GROUND), warp(picture.labels, view)
     return _Shot(
@@ -211,10 +214,14 @@ def _see_from_robot(
 ) -> _Shot:
     """Draws what a robot on a lane sees of a map."""
     road_map, tiles, tile_px = scene.road_map, scene.tiles, scene.tile_px
+    # These numbers come before those of the pose, so that the light of a view does not depend on
+    # the map.
     numbers = draw_numbers(rng)
     viewpoint = draw_viewpoint(
         rng, camera, road_map.codes, tile_px, road_map.objects or (), tiles.lane_offset
     )
+    # Objects stand upright in the camera's view, so they are placed by the camera and not by the
+    # map.
     placed, order, distances = stand(scene.objects, scene.pictures, viewpoint, tile_px)
     return _Shot(
         ground=_see_ground(scene, viewpoint),
@@ -237,6 +244,7 @@ def _paste(
     instances, seen = paste_objects(layers, shot.placed, shot.order, shot.near)
     listed: list[dict[str, Plain]] = []
     for index, item, further in zip(shot.order, seen, shot.further, strict=True):
+        # Objects that are outside the view, or hidden by others, are no annotations.
         if item.visible:
             names = {"kind": scene.objects[index].kind, "instance": index + 1}
             listed.append({**names, **item._asdict(), **further})
@@ -254,6 +262,7 @@ def _expose(
         return photograph(image, view)
     rng = np.random.default_rng(seed)
     image = vary_motion(rng, vary_light(rng, image, transforms), transforms.motion)
+    # Compression comes after noise, as in a camera.
     return compress(rng, photograph(image, view), transforms.compression)
 
 
@@ -265,6 +274,7 @@ def _describe(
     transform = view._asdict() | {"matrix": view.matrix.tolist()}
     # The entry `pixels` has the size.
     del transform["size"]
+    # Maps from files may lack metrics, fitness, a niche or a seed.
     metadata = {
         "number": index,
         "size": list(road_map.codes.shape),
@@ -296,12 +306,14 @@ def _see_ground(scene: _Scene, viewpoint: Viewpoint) -> _Ground:
     """
     tiles, chosen, tile_px = scene.tiles, scene.chosen, scene.tile_px
     rays = find_rays(viewpoint, 1)
+    # Rows without a ray that meets the ground show sky.
     sky = np.zeros(viewpoint.size, bool)
     sky[: rays.sky] = True
     if can_tile(tiles, tile_px):
         tiled = TiledMap(tiles, tile_px, chosen[..., 0] * 4 + chosen[..., 1])
         seen = see_tiled_labels(tiled, rays)
         return _Ground(tiled.see(viewpoint, GROUND), seen.labels, seen.paved, sky)
+    # Blended tiles depend on their neighbours, so a map of such tiles is drawn whole.
     layers = draw_layers(scene.road_map.codes, tiles, chosen, tile_px, ("image", "labels"))
     paved = see_labels(show_paved(tiles, chosen, tile_px).astype(np.uint8), viewpoint) > 0
     labels = see_labels(layers["labels"], viewpoint)

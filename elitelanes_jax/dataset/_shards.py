@@ -93,9 +93,13 @@ def open_tar(file: Path, _: ShardFields) -> Iterator[Callable[[ShardSample], Non
             archive.addfile(entry, BytesIO(content))
 
         def write(sample: ShardSample) -> None:
+            # WebDataset groups the files of a sample by the part of their names before the first
+            # dot.
             key = f"{sample.record['number']:06d}"
             for layer, picture in sample.pictures.items():
                 add(f"{key}.{layer}.png", picture)
+            # The metadata comes last, and all files of a sample are neighbours, as WebDataset
+            # expects.
             add(f"{key}.json", json.dumps(sample.record).encode())
 
         yield write
@@ -118,11 +122,13 @@ def open_parquet(file: Path, fields: ShardFields) -> Iterator[Callable[[ShardSam
 
         def write(sample: ShardSample) -> None:
             name = f"{sample.record['number']:06d}"
+            # Hugging Face's datasets expects the bytes of a picture and a name for it.
             pictures = {
                 layer: {"bytes": picture, "path": f"{name}.{layer}.png"}
                 for layer, picture in sample.pictures.items()
             }
             rows.append(pictures | sample.record)
+            # Rows in memory are limited, because pictures may be large.
             if len(rows) == _ROWS:
                 flush()
 
@@ -130,6 +136,7 @@ def open_parquet(file: Path, fields: ShardFields) -> Iterator[Callable[[ShardSam
             writer.write_table(pa.Table.from_pylist(rows, schema))
             rows.clear()
 
+        # The last row group may have fewer rows.
         yield write
         if rows:
             flush()
@@ -150,6 +157,7 @@ def _schema(fields: ShardFields) -> Untyped:
     def numbers(*names: str) -> Untyped:
         return pa.struct(dict.fromkeys(names, number))
 
+    # The columns come in the order of the metadata, as in the other layouts.
     layers = layer_names(has_objects=fields.objects)
     columns = dict.fromkeys(layers, picture) | {
         "number": whole,
@@ -177,6 +185,7 @@ def _schema(fields: ShardFields) -> Untyped:
             }
         ),
     }
+    # Only views from a robot have these columns.
     if fields.camera:
         camera = dict.fromkeys(("height", "forward", "pitch", "field_of_view"), number) | {
             "sky": pa.list_(whole)
@@ -188,11 +197,13 @@ def _schema(fields: ShardFields) -> Untyped:
             "camera": pa.struct(camera | ({"lines": number} if fields.lines else {})),
         }
     if fields.objects:
+        # The entries of an object are those of `_paste` in `_samples`.
         thing = {"kind": text, "instance": whole, "box": box, "whole": box, "visible": number}
         columns["objects"] = pa.list_(
             pa.struct(thing | ({"distance": number} if fields.camera else {}))
         )
     columns["class_pixels"] = pa.list_(whole)
+    # Without this note, the pictures would load as records of bytes and a path.
     features = {layer: {"_type": "Image"} for layer in layers}
     note = json.dumps({"info": {"features": features}})
     return pa.schema(columns, metadata={"huggingface": note})

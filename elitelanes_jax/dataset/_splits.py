@@ -31,6 +31,7 @@ def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
         # People leave any number of empty rows and columns. With these, all small maps in a large
         # grid would be alike.
         codes = [cut_to_roads(grid) for grid in codes]
+    # Two maps that are alike must not be in different splits, so splits consist of whole groups.
     groups = group_alike(codes)
     counts = maps_by_split(spec)
     filled = [split for split in (2, 1, 0) if counts[split]]
@@ -49,7 +50,9 @@ def split_maps(spec: DatasetSpec, maps: Sequence[RoadMap]) -> NDArray[np.int_]:
     splits = np.full(len(maps), rest)
     for split, count in _counts_of_others(others, counts, groups).items():
         _take_evenly(splits, order[splits[order] == rest], groups, split, count)
+    # A split that the user asked for has at least one group.
     _fill_empty(splits, groups, others)
+    # Large groups may change the sizes of the splits, which the user has to know.
     numbers = np.bincount(splits, minlength=len(SPLITS)).tolist()
     if numbers != list(counts):
         got = ", ".join(map(str, numbers))
@@ -67,9 +70,11 @@ def _counts_of_others(
     """
     if not others:
         return {}
+    # Each map has the size of its group.
     sizes = np.bincount(groups)[groups]
     # Groups larger than the smallest of these splits do not fit into it. Their maps do not count.
     small = int((sizes <= min(counts[split] for split in others)).sum())
+    # If too few maps are in small groups, all splits shrink by the same factor.
     expected = sum(counts[split] for split in others)
     return {split: counts[split] * min(small, expected) // expected for split in others}
 
@@ -92,6 +97,7 @@ def _take_evenly(
         waiting = np.roll(free, -position)
         fitting = waiting[(splits[waiting] != split) & (sizes[waiting] <= lacking)]
         if fitting.size:
+            # The whole group moves, and counts against what is lacking.
             members = groups == groups[fitting[0]]
             splits[members] = split
             lacking -= int(members.sum())
@@ -105,6 +111,8 @@ def _fill_empty(splits: NDArray[np.int_], groups: NDArray[np.int_], others: Sequ
     sizes = np.bincount(groups)
     for split in others:
         if not (splits == split).any():
+            # The split with most groups can spare one, and the smallest group changes the shares
+            # least.
             donor = max(
                 (np.unique(groups[splits == other]) for other in range(len(SPLITS))), key=len
             )

@@ -52,6 +52,7 @@ class TiledMap(NamedTuple):
         """Makes the part of the map, halved `rank` times, that has some points; see `see_parts`."""
         images = _stack_tiles(self.tiles, self.tile_px).pictures[rank]
         size, (height, width) = images.shape[1], self.picture.shape
+        # Points are in pixels of the whole map, and the part is of the map halved `rank` times.
         if rank:
             x *= np.float32(0.5**rank)
             y *= np.float32(0.5**rank)
@@ -59,6 +60,7 @@ class TiledMap(NamedTuple):
         left, right = _pixels_between(x, width * size)
         top, bottom = _pixels_between(y, height * size)
         first_row, first_column = top // size, left // size
+        # The range of pixels is widened to whole tiles.
         cells = self.picture[
             first_row : (bottom - 1) // size + 1, first_column : (right - 1) // size + 1
         ]
@@ -112,6 +114,7 @@ def see_tiled_labels(tiled: TiledMap, rays: Rays) -> SeenLabels:
         _pixels_with_border(rays.y, size, height),
         _pixels_with_border(rays.x, size, width),
     )
+    # Arrays are changed in place below, which saves new arrays of this size.
     tile_row, tile_column = row // np.int32(size), column // np.int32(size)
     tile_row *= np.int32(width)
     tile_row += tile_column
@@ -122,6 +125,7 @@ def see_tiled_labels(tiled: TiledMap, rays: Rays) -> SeenLabels:
     row *= np.int32(size)
     pixel += row
     pixel += column
+    # Rows of sky stay 0, which is background and not paved.
     seen = np.zeros((rays.sky + len(row), row.shape[1]), np.uint8)
     surfaces.reshape(-1).take(pixel, out=seen[rays.sky :])
     return SeenLabels(seen & _LABEL_BITS, seen >= _PAVED)
@@ -136,7 +140,9 @@ def _pixels_with_border(
     beyond the borders are in them.
     """
     pixel = np.rint(places - np.float32(0.5)).astype(np.int32)
+    # The border adds one tile before the map.
     pixel += np.int32(size)
+    # All pixels of a border show the same ground, so the nearest one to the map stands for them.
     np.maximum(pixel, np.int32(size - 1), out=pixel)
     return np.minimum(pixel, np.int32((count - 1) * size), out=pixel)
 
@@ -182,6 +188,7 @@ def _overlap(start: int, size: int, first: int, end: int) -> _Overlap:
 
     The tile has `size` pixels from `start`. The part is from `first` to `end`.
     """
+    # The two ranges have in common what follows both starts and precedes both ends.
     low, high = max(start, first), min(start + size, end)
     return _Overlap(slice(low - start, high - start), slice(low - first, high - first))
 
@@ -203,7 +210,9 @@ class _Stack(NamedTuple):
 def _stack_tiles(tiles: TileSet, size: int) -> _Stack:
     """Returns the pictures of `scale_tiles` at all sizes, and their surfaces."""
     scaled = scale_tiles(tiles, size)
+    # The fourth channel is empty, and only makes OpenCV faster.
     pictures = [np.pad(scaled["image"], [(0, 0)] * 3 + [(0, _CHANNELS - 3)])]
+    # Tiles are halved one by one, so that no pixel mixes two tiles.
     for _ in range(1, LEVELS):
         half = pictures[-1].shape[1] // 2
         smaller = [
@@ -211,5 +220,6 @@ def _stack_tiles(tiles: TileSet, size: int) -> _Stack:
             for picture in pictures[-1]
         ]
         pictures.append(np.stack(smaller))
+    # Label and paved bit share a byte, so that one lookup returns both.
     surfaces = scaled["labels"] | scale_opaque(tiles, size) * np.uint8(_PAVED)
     return _Stack(pictures, np.pad(surfaces, [(0, 1), (0, 0), (0, 0)]))

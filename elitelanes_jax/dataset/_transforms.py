@@ -32,6 +32,7 @@ def _parse_scale(scale: UserValue) -> tuple[float, float]:
 
 
 def _check_crop(crop: UserValue) -> int:
+    # A crop of 0 means the whole picture.
     return 0 if str(crop) == "0" else whole(16, 2**15 - 1)(crop)
 
 
@@ -153,6 +154,7 @@ def parse_words(
     """
     if isinstance(value, type(defaults)):
         return value
+    # A mapping comes from Python and names the fields directly.
     if isinstance(value, Mapping):
         return defaults.replace(**{str(name): setting for name, setting in value.items()})
     words = [value] if isinstance(value, str) else value
@@ -160,6 +162,7 @@ def parse_words(
         raise InputError(f"{field}: expected words such as {example}, got {shorten(repr(value))}")
     # A name that is given twice has no clear value.
     check_unique(field, kind, [word.partition("=")[0] for word in words])
+    # A preset after other words would override them without notice.
     late_presets = [word for word in words[1:] if word in presets]
     if late_presets:
         raise InputError(

@@ -49,6 +49,7 @@ def vary_background(
     carpet, wall = _draw_pattern(rng, ground.shape), _draw_pattern(rng, ground.shape)
     clutter = _draw_clutter(rng, sky.shape)
     below, above = _rows_of(ground), _rows_of(sky)
+    # The sky is shown separately, because only its pattern has rectangles.
     if below.stop:
         _show(shown[below], carpet.draw(below), ground[below])
     if above.stop:
@@ -84,6 +85,7 @@ def vary_light(
         1,
         transforms.vignette,
     )
+    # A coarse noise of 5 x 5 grains gives few, large shadows.
     field = _noise(rng, image.shape[:2], 5)
     # The edge of the shadow has a steepness from 4 to 64, evenly in its logarithm.
     light = _make_light(field, depth, level, 2 ** (2 + 4 * edge), corners)
@@ -92,6 +94,7 @@ def vary_light(
         transforms.saturation,
         transforms.warmth,
     )
+    # Warmth raises red as much as it lowers blue, and leaves green.
     tone = _Tone(2**gamma, 1 + saturation, np.array([1 + warmth, 1, 1 - warmth]))
     return tone.apply(image, light)
 
@@ -107,12 +110,15 @@ def _make_light(
     """
     light = np.subtract(field, level, dtype=np.float64)
     light *= -steepness
+    # Beyond -30 to 30, the sigmoid differs from 0 or 1 by less than 1e-13.
     np.minimum(light, 30, out=light)
     np.maximum(light, -30, out=light)
     np.exp(light, out=light)
     light += 1
+    # Up to here, `light` is the denominator of the sigmoid.
     np.divide(depth, light, out=light)
     np.subtract(1, light, out=light)
+    # Each axis takes half of the loss, so that the corners lose the full share.
     rows, columns = (
         ((np.arange(side) + 0.5) / side * 2 - 1) ** 2 / 2 * corners for side in field.shape
     )
@@ -138,7 +144,9 @@ class _Tone(NamedTuple):
         self, image: UInt8[NDArray, "*n 3"], light: Float[NDArray, "*n"]
     ) -> UInt8[NDArray, "*n 3"]:
         """Applies the tone to pixels under a light, in 64 bits."""
+        # The tone curve is applied to the light that reaches the camera, with white at 255.
         colours = 255 * (image * light[..., None] / 255) ** self.exponent
+        # The mean of the channels has no colour, so it stays when the saturation changes.
         grey = colours.mean(axis=-1, keepdims=True)
         return _to_bytes((grey + (colours - grey) * self.saturation) * self.channels)
 
@@ -173,6 +181,7 @@ class _Tone(NamedTuple):
         pixels = np.flatnonzero(planes > 0.5 - _DOUBT) % light.size
         np.clip(rounded, 0, 255, out=rounded)
         shown = np.asarray(cv2.merge([*rounded.astype(np.uint8)]), np.uint8)
+        # Few pixels are in doubt, so the slow computation of these costs little.
         shown.reshape(-1, 3)[pixels] = self.compute(
             image.reshape(-1, 3)[pixels], light.reshape(-1)[pixels]
         )
@@ -184,6 +193,7 @@ def vary_motion(
 ) -> UInt8[NDArray, "h w 3"]:
     """Smears the picture along a random direction, by at most `motion` pixels."""
     length, angle = rng.uniform(0, motion), rng.uniform(0, np.pi)
+    # The kernel has the streak's half length on each side of its middle.
     reach = int(np.ceil(length / 2))
     if not reach:
         return image
@@ -191,6 +201,7 @@ def vary_motion(
     # Each sample along the streak counts for its nearest pixel.
     along = np.linspace(-length / 2, length / 2, _LONGEST)
     x, y = (np.rint(reach + along * part).astype(int) for part in (np.cos(angle), np.sin(angle)))
+    # Several samples may be in one pixel. An assignment would count them once.
     np.add.at(kernel, (y, x), 1 / _LONGEST)
     if np.count_nonzero(kernel) == 1:
         # The streak is within a pixel.
@@ -202,9 +213,11 @@ def compress(
     rng: np.random.Generator, image: UInt8[NDArray, "h w 3"], most: float
 ) -> UInt8[NDArray, "h w 3"]:
     """Writes and reads the picture as JPEG, of a quality between 100 and 100 - 90 `most`."""
+    # The number is drawn also without compression, as all others are.
     quality = round(100 - 90 * rng.uniform(0, most))
     if not most:
         return image
+    # OpenCV writes and reads channels in the order blue, green, red.
     blue_first = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     _, coded = cv2.imencode(".jpg", blue_first, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.asarray(
@@ -219,6 +232,7 @@ def _to_bytes(colours: Float[NDArray, "*n"]) -> UInt8[NDArray, "*n"]:
 def _noise(rng: np.random.Generator, shape: tuple[int, ...], grains: int) -> Float[NDArray, "h w"]:
     """Makes smooth noise between -1 and 1, with `grains` grains along each side."""
     grid = rng.uniform(-1, 1, (grains, grains)).astype(np.float32)
+    # Linear interpolation between the grid's numbers makes the noise smooth.
     return np.asarray(cv2.resize(grid, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
@@ -252,7 +266,9 @@ class _Pattern(NamedTuple):
 
 
 def _draw_pattern(rng: np.random.Generator, shape: tuple[int, ...]) -> _Pattern:
+    # Both colours have one grey level in common, from which the channels differ.
     colour = rng.uniform(10, 245) + rng.normal(size=(2, 3)) * [[30], [50]]
+    # Squares make weak noise more frequent than strong noise.
     weights = rng.uniform(size=len(_GRAINS)) ** 2
     return _Pattern(colour, weights, [_noise(rng, shape, grains) for grains in _GRAINS])
 
@@ -280,6 +296,7 @@ def _draw_clutter(rng: np.random.Generator, shape: tuple[int, ...]) -> _Clutter:
     count = rng.integers(_RECTANGLES + 1)
     centres, sides = rng.uniform(size=(_RECTANGLES, 2)), rng.uniform(0.02, 0.4, (_RECTANGLES, 2))
     colours = rng.uniform(0, 255, (_RECTANGLES, 3))
+    # Slices from a negative index would count from the other edge, so the corners are clipped.
     corners = (
         (np.stack([centres - sides / 2, centres + sides / 2], axis=1) * shape).clip(0).astype(int)
     )

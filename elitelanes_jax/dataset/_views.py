@@ -78,8 +78,10 @@ class ViewNumbers(NamedTuple):
     ) -> View:
         """Returns the view of a matrix and a size; see `View`."""
         light, contrast, *colours = self.lights
+        # Contrast and colours are factors around mid-grey, which they leave as it is.
         gain = 1 + contrast * transforms.contrast
         red, green, blue = (gain * (1 + colour * transforms.colour) for colour in colours)
+        # Brightness changes by a share of mid-grey, 128 of 255 levels.
         offset = 128 * light * transforms.light
         blur, noise = self.blur * transforms.blur, self.noise * transforms.noise
         return View(matrix, size, (red, green, blue), offset, blur, noise, self.noise_seed)
@@ -111,11 +113,13 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
             f"transforms: expected a crop within the map's {width} x {height} pixels, "
             f"got {transforms.crop}"
         )
+    # The numbers are drawn first and scaled by the ranges afterwards, see `draw_numbers`.
     numbers = draw_numbers(rng)
     turns, angle = numbers.quarters * transforms.quarter_turns, numbers.turn * transforms.rotation
     low, high = transforms.scale
     # The logarithm of the scale is uniform.
     scale = low * (high / low) ** numbers.zoom
+    # An odd number of quarter turns swaps the height and the width.
     frame = (width, height) if turns % 2 else (height, width)
     # The map's middle stays the middle of the view: rotation and scale are about it, and the
     # perspective moves the corners.
@@ -126,6 +130,7 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
         @ _shift(frame[1] / 2, frame[0] / 2)
         @ matrix
     )
+    # The window is placed after all other changes, so that its position is in pixels of the view.
     if transforms.crop:
         sides = np.array([frame[1], frame[0]])
         # The middle part of the frame, which the map covers.
@@ -134,6 +139,8 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
         last = np.maximum(first, np.floor((sides + shown) / 2 - transforms.crop))
         x, y = np.floor(first + numbers.position * (last - first + 1))
         matrix, frame = _shift(-x, -y) @ matrix, (transforms.crop, transforms.crop)
+    # The matrix is scaled to a last entry of 1, so that equal views have equal matrices in the
+    # metadata.
     return numbers.through(matrix / matrix[2, 2], frame, transforms)
 
 
@@ -144,9 +151,11 @@ def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[
     or labels, uint8 ``[H, W]``, by the nearest pixel.
     """
     height, width = view.size
+    # A view that changes nothing needs no copy.
     if layer.shape[:2] == view.size and np.array_equal(view.matrix, np.eye(3)):
         return layer
     matrix = view.matrix
+    # The root of the change of area is the mean scale along both axes.
     scale = np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
     if layer.ndim == 3 and scale < _SHRUNK:
         # Interpolation uses the nearest pixels only, and would skip all others between.
@@ -154,6 +163,7 @@ def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[
         layer = np.asarray(
             cv2.resize(layer, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
         )
+        # The rounded size of the smaller layer, not the scale itself, leads to the matrix for it.
         matrix = matrix @ np.diag([before[1] / layer.shape[1], before[0] / layer.shape[0], 1])
     return np.asarray(
         cv2.warpPerspective(
@@ -172,6 +182,7 @@ def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[
 def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
     """Applies the view's light, blur and noise to a warped picture, uint8 ``[h, w, 3]``, RGB."""
     if view.gains != (1, 1, 1) or view.offset:
+        # A table of 256 levels per channel is faster than arithmetic on all pixels.
         levels = np.arange(256)[:, None] - 128.0
         table = np.clip(np.rint(levels * view.gains + 128 + view.offset), 0, 255).astype(np.uint8)
         image = np.asarray(cv2.LUT(image, table[None]), np.uint8)
@@ -207,6 +218,7 @@ def _bend(bends: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float
     """Returns the perspective that moves the corners by shares ``[4, 2]`` of the sides."""
     if not bends.any():
         return np.eye(3)
+    # OpenCV finds the perspective from the corners before and after the shift.
     sides = np.array([size[1], size[0]], np.float64)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
     return np.asarray(

@@ -47,6 +47,7 @@ def merge_dataset(
       OSError: that names the file, if a file cannot be written.
     """
     folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
+    # A folder that is no part is refused before anything is copied.
     records = [_read_record(folder) for folder in folders]
     identities = []
     for about in records:
@@ -56,6 +57,7 @@ def merge_dataset(
     ordered = order_parts(
         folders, [about["part"] for about in records], identities, expected, "dataset"
     )
+    # The layout's package may be missing, which is an error before anything is copied.
     layout = find_layout(expected["settings"]["format"])
     with output_folder(
         out, {"command": "merge"}, inputs=folders, foreign=foreign_to_dataset, force=force
@@ -63,13 +65,16 @@ def merge_dataset(
         # Each record of a part has the split of its sample.
         splits = _read_splits(ordered, expected["settings"])
         views = expected["settings"]["views"]
+        # The samples of all parts become those of one folder, as if one run had drawn them.
         samples = Samples(views, splits, range(len(splits)), work.files, work.kept / "records")
         with Progress("joining", len(ordered), "parts") as bar:
             for folder in ordered:
                 _copy_pictures(folder, work.files, layout)
                 bar.count()
+        # The records of a split come from all parts, in the order of the samples.
         for split in range(len(SPLITS)):
             samples.write_split(split, _records_of(ordered, split))
+        # The files that describe a dataset are made from the records, as without parts.
         return finish(samples, expected)
 
 
@@ -85,6 +90,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
         raise InputError(
             f"{folder}: expected a part of a dataset, made by elitelanes dataset --part, got none"
         )
+    # The records are checked once here. Pictures are checked while they are copied.
     read_checked(folder, PART, _read_sums(folder))
     return about
 
@@ -101,6 +107,7 @@ def _read_sums(folder: Path) -> dict[str, str]:
 def _copy_pictures(folder: Path, out: Path, layout: Layout) -> None:
     """Copies the pictures of a part's samples, each with its checksum checked."""
     sums = _read_sums(folder)
+    # Only pictures of samples are copied. Other files in the folder are left out.
     for split, record in _read_parts([folder]):
         for layer in layer_names(has_objects="objects" in record):
             name = layout.file(split, record["number"], layer)
@@ -112,6 +119,7 @@ def _copy_pictures(folder: Path, out: Path, layout: Layout) -> None:
 def _read_splits(folders: Sequence[Path], settings: dict[str, Plain]) -> NDArray[np.int_]:
     """Returns the split of each map."""
     splits = np.zeros(settings["maps"], np.int_)
+    # All views of a map are in one split, so each of them sets the same number.
     for split, record in _read_parts(folders):
         splits[record["number"] // settings["views"]] = split
     return splits
@@ -127,6 +135,7 @@ def _records_of(folders: Sequence[Path], split: int) -> Iterator[dict[str, Plain
 def _read_parts(folders: Sequence[Path]) -> Iterator[tuple[int, dict[str, Plain]]]:
     for folder in folders:
         with (folder / PART).open(encoding="utf-8") as lines:
+            # Lines are read one by one, because the records may not fit into memory.
             for line in lines:
                 split, record = json.loads(line)
                 yield split, record

@@ -106,6 +106,7 @@ def make_planned(
     # A missing package is an error before the search, not after it.
     find_layout(spec.format)
     identity = _identity(spec, tiles, objects)
+    # A part has the settings of the whole dataset, and its own number.
     asked = identity | {"part": spec.part}
     # An earlier run may have been killed while it replaced the folder.
     settle(out)
@@ -120,6 +121,7 @@ def make_planned(
         force=force,
         resume_files=True,
     ) as work:
+        # All parts need all maps, because the splits depend on all of them.
         maps, splits = _make_maps(plan, work, pool)
         _resume_pictures(out, work, identity, force)
         fields = shard_fields(spec, maps, objects)
@@ -130,6 +132,7 @@ def make_planned(
             about = finish(samples, identity, drawing)
         else:
             about = write_part(samples, asked)
+    # The line about maps that were left out comes last, where the user sees it.
     if spec.maps_from is not None:
         spec.maps_from.announce_left_out()
     return about
@@ -149,6 +152,7 @@ def _read_complete(out: Path, asked: dict[str, Plain], force: bool) -> dict[str,
         if force:
             return None
         raise
+    # The same dataset is there already, so nothing is done.
     return read_json(out / RECORD)
 
 
@@ -173,6 +177,7 @@ def _make_maps(
             maps = evolve_maps(spec, plan.searches, work.kept, pool)
         else:
             maps = spec.maps_from.maps
+        # The maps are split before they are drawn, because a picture's path has its split.
         return maps, split_maps(spec, maps)
     except (InputError, NotEnoughMapsError):
         # Only other settings can help, for which these rounds are of no use.
@@ -193,6 +198,7 @@ def _draw_samples(
         except InputError as error:
             # The objects do not fit the maps, which can be drawn with other objects.
             _delete_pictures(work)
+            # Given maps are not kept, because they can be read again.
             if drawing.spec.maps_from is not None:
                 raise
             hint = "the maps are kept for the same command with other objects"
@@ -205,6 +211,7 @@ def _identity(spec: DatasetSpec, tiles: TileSet, objects: ObjectSet | None) -> d
     # The pictures and the maps count, not their paths.
     del plain["tiles"], plain["objects"], plain["maps_from"]
     versions = installed_versions()
+    # The bytes of Parquet depend on the version of pyarrow.
     if spec.format == "parquet":
         versions["pyarrow"] = version("pyarrow")
     identity = {
@@ -224,6 +231,7 @@ def _of_maps(identity: dict[str, Plain]) -> dict[str, Plain]:
 
     This is all of `identity` but the objects.
     """
+    # Maps do not depend on objects, so the same maps serve other objects.
     settings = {name: value for name, value in identity["settings"].items() if name != "furnish"}
     return {name: value for name, value in identity.items() if name != "object_set"} | {
         "settings": settings
@@ -244,6 +252,7 @@ def _resume_pictures(out: Path, work: Unfinished, identity: dict[str, Plain], fo
             if not force:
                 raise
             _delete_pictures(work)
+    # From here on, pictures have the objects of this run.
     write_json(file, identity)
 
 
@@ -269,6 +278,7 @@ def write_part(samples: Samples, about: dict[str, Plain]) -> dict[str, Plain]:
 
     write_atomic(samples.files / PART, lines())
     write_json(samples.files / RECORD, about)
+    # The checksums come last, because they are of all other files.
     write_sums(samples.files)
     return read_json(samples.files / RECORD)
 
@@ -288,12 +298,14 @@ def finish(
     on_sheet = [row * samples.total // count for row in range(count)]
     pixels, records = _list_samples(samples, layout, {*on_sheet})
     about = identity | _counts(samples, pixels)
+    # Examples in the card are of a split that has pictures.
     first = int(samples.splits.min())
     guide = layout.guide(first, objects=has_objects)
     programs = layout.loading(first), layout.loading_arrays(first, poses=camera is not None)
     card = write_card(about, *programs, guide, layout.data_files(samples.splits))
     write_atomic(out / "README.md", card.encode())
     shown = [records[index] for index in on_sheet]
+    # The sheet is made from pictures in files.
     if layout.open_shard is None:
         pictures, pictures_layout = out, layout
     else:
@@ -307,6 +319,7 @@ def finish(
     sheet = sample_sheet(pictures, entries, f"{count} of {samples.total} pictures", shape)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
     if layout.boxes is not None and has_objects:
+        # The picture with most objects explains the boxes best.
         fullest = max(shown, key=lambda record: len(record["objects"]))
         image, *_ = _on_sheet(fullest, samples, layout)
         write_atomic(out / layout.boxes, png_of(draw_boxes(out / image, fullest["objects"])))
@@ -325,6 +338,7 @@ def _list_samples(
     pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
     records: dict[int, dict[str, Plain]] = {}
     for split in np.unique(samples.splits).tolist():
+        # One pass over the records gives the sums and the records for the sheet.
         for record in samples.read_split(split):
             pixels[SPLITS[split]] += record["class_pixels"]
             if record["number"] in wanted:
@@ -337,6 +351,7 @@ def _counts(samples: Samples, pixels: Mapping[str, NDArray[np.int64]]) -> dict[s
     """Returns the entries of the dataset's record that count pictures and pixels."""
     pictures = {}
     for split, name in enumerate(SPLITS):
+        # Every map has the same number of views.
         pictures[name] = int((samples.splits == split).sum()) * samples.views
     classes: list[Plain] = []
     for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True)):
@@ -365,6 +380,7 @@ def _on_sheet(
     index, metrics = record["number"], record.get("metrics", {})
     split, (height, width) = samples.split_of(index), record["size"]
     image, labels = (layout.file(split, index, layer) for layer in ("image", "labels"))
+    # Given maps may have no metrics.
     figures = ", ".join(
         f"{name} {metrics[name]}"
         for name in ("cyclomatic", "crossings", "bridges")

@@ -44,8 +44,10 @@ def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
     searches = {}
     if spec.maps_from is None:
         _check_fixed_cells(spec)
+        # Constraints are checked for each size, because a small map may not be able to meet them.
         for shape in maps_by_shape(spec):
             searches[shape] = resolve_to_draw(spec.search, shape, tiles)
+            # Objects that no map has room for would end the run only after the search.
             if spec.furnish is not None:
                 check_furnishable(spec.furnish, searches[shape])
     else:
@@ -70,6 +72,7 @@ def _check_given(spec: DatasetSpec, given: GivenMaps, tiles: TileSet) -> None:
     for road_map, name in zip(given.maps, given.names, strict=True):
         if spec.camera is not None and not movements_of(road_map.codes).row.size:
             raise InputError(f"maps_from: expected maps with lanes, for a camera, got none, {name}")
+        # A code without a picture would be an error only while its map is drawn.
         missing = set(road_map.codes.flat) - set(tiles.rotations)
         if missing:
             kinds = [kind for kind, members in KINDS.items() if not missing.isdisjoint(members)]
@@ -88,6 +91,7 @@ def _load_objects(spec: DatasetSpec) -> ObjectSet | None:
     objects_of_maps: list[MapObject] = []
     for road_map in () if spec.maps_from is None else spec.maps_from.maps:
         objects_of_maps += road_map.objects or ()
+    # Furnished objects are placed later, and the set has to have pictures of any of them.
     if spec.furnish is not None:
         return load_objects(spec.objects)
     if not objects_of_maps:

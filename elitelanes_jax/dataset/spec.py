@@ -64,6 +64,7 @@ def parse_sides(size: UserValue) -> Sides:
     of columns. Two are in a sequence or one text, ``8..10 12``. A range may also be a pair.
     """
     ranges = size
+    # The command line gives a text, and Python may give a number or pairs.
     if isinstance(size, str):
         ranges = size.split()
     elif is_whole(size):
@@ -142,6 +143,7 @@ class DatasetSpec(Record):
         if self.maps_from is not None:
             self._take_given(self.maps_from)
         shapes = self.shapes
+        # Every size has at least one map, so that the sizes are those that the user asked for.
         if self.maps < len(shapes):
             raise InputError(
                 f"maps: expected one of each size at least, {len(shapes)}, got {self.maps}"
@@ -163,6 +165,7 @@ class DatasetSpec(Record):
             raise InputError(
                 f"part: expected a format with a file for each picture, got {self.format}"
             )
+        # The size of the pictures follows from all options above.
         self._check_pixels()
         # Every crop has to be within the smallest map at the smallest scale.
         low = min(map(min, shapes))
@@ -180,6 +183,7 @@ class DatasetSpec(Record):
         If maps were given, `maps` and `size` are determined anew: by the given maps, or by the
         defaults without them.
         """
+        # The values of the earlier given maps would otherwise count as the user's own.
         if self.maps_from is not None:
             values = {"maps": DatasetSpec.maps, "size": DatasetSpec.size} | values
         return super().replace(**values)
@@ -196,6 +200,7 @@ class DatasetSpec(Record):
                 f"got {got}"
             )
         heights, widths = zip(*given.sizes, strict=True)
+        # Squares have one range of sides. Otherwise rows and columns have one each.
         size: Sides = ((min(heights), max(heights)),)
         if heights != widths:
             size = (*size, (min(widths), max(widths)))
@@ -213,6 +218,7 @@ class DatasetSpec(Record):
             raise InputError(
                 f"{name}: expected that of the given maps, {tell(value)}, got {tell(asked)}"
             )
+        # The record is frozen, also for its own checks.
         object.__setattr__(self, name, value)
 
     def _check_camera(self) -> None:
@@ -227,11 +233,13 @@ class DatasetSpec(Record):
                     "which has its own positions, got "
                     f"{name.replace('_', '-')}"
                 )
+        # With a camera, the transforms keep only light and pixels.
         object.__setattr__(self, "transforms", self.transforms.replace(**still))
 
     def _check_pixels(self) -> None:
         """Checks that the pictures can be made and read again."""
         name = "size" if self.tile_px is None else "tile_px"
+        # A view may need the whole map in one picture, also with a camera or a crop.
         side = max(map(max, self.shapes)) * self.pixels
         if side > _LONGEST_SIDE:
             raise InputError(
@@ -258,6 +266,7 @@ class DatasetSpec(Record):
         """(height, width) of the maps, in order."""
         if self.maps_from is not None:
             return self.maps_from.sizes
+        # A range includes its largest side.
         rows = range(self.size[0][0], self.size[0][1] + 1)
         if len(self.size) == 1:
             return [(side, side) for side in rows]
@@ -275,6 +284,7 @@ class DatasetSpec(Record):
 
         It is for a worker that gets the maps to draw alone.
         """
+        # `replace` would check the fields again, and determine the number of maps anew.
         spec = copy(self)
         object.__setattr__(spec, "maps_from", None)
         return spec
@@ -302,12 +312,15 @@ def describe_sides(size: Sequence[Sequence[int]]) -> str:
 
 def maps_by_shape(spec: DatasetSpec) -> dict[tuple[int, int], int]:
     """Returns the number of maps of each size."""
+    # The first sizes get one map more if the number cannot be divided evenly.
     least, more = divmod(spec.maps, len(spec.shapes))
     return {shape: least + (index < more) for index, shape in enumerate(spec.shapes)}
 
 
 def maps_by_split(spec: DatasetSpec) -> tuple[int, int, int]:
     """Returns the number of maps in each split: its share of all maps, rounded."""
+    # Halves are rounded up. Python's `round` would round them to even numbers.
     validation, test = (floor(spec.maps * share + 0.5) for share in spec.split[1:])
+    # Both roundings together may exceed the number of maps.
     test = min(test, spec.maps - validation)
     return spec.maps - validation - test, validation, test

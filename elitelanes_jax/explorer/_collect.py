@@ -50,10 +50,12 @@ def collect(
     sources = _list_sources(what)
     if isinstance(sources, Mapping):
         runs = _collect_named(sources)
+        # The page of a single run has the run's name as its title.
         heading = runs[0].name if len(runs) == 1 else ""
         return pack(runs, _load_tiles(tiles), tile_px, heading)
     if all(isinstance(source, str | Path) for source in sources):
         return _collect_files(check_named("what", paths, sources), tiles, tile_px)
+    # A list has no names, by which the page tells several results apart.
     if any(map(_is_result, sources)):
         raise InputError("what: expected one Result, or several by name, got a list of them")
     return pack(of_maps(check_named("what", as_maps, sources), ""), _load_tiles(tiles), tile_px, "")
@@ -62,6 +64,7 @@ def collect(
 def _list_sources(what: UserValue) -> Mapping[str, UserValue] | list[UserValue]:
     """Returns what to collect: by name, or a list of maps or paths; at least one."""
     sources = what
+    # A text can be iterated over too, so single sources are told apart from lists first.
     if _is_result(what):
         sources = {"result": what}
     elif isinstance(what, RoadMap | str | Path):
@@ -69,6 +72,7 @@ def _list_sources(what: UserValue) -> Mapping[str, UserValue] | list[UserValue]:
     expected = "what: expected a Result, maps, or paths of runs and maps"
     if not isinstance(sources, Iterable):
         raise InputError(f"{expected}, got {type(what).__name__}")
+    # The sources may be a generator, and they are read more than once.
     if not isinstance(sources, Mapping):
         sources = list(sources)
     if not sources:
@@ -86,6 +90,7 @@ def _collect_named(sources: Mapping[str, UserValue]) -> list[ShownRun]:
             runs.append(from_result(source, name))
             continue
         maps = check_named(f"what: {name}", as_maps, source)
+        # A page needs at least one grid for each name.
         if not maps:
             raise InputError(f"what: {name}: expected a Result or maps, got nothing")
         runs += of_maps(maps, name)
@@ -93,6 +98,7 @@ def _collect_named(sources: Mapping[str, UserValue]) -> list[ShownRun]:
 
 
 def _is_result(value: UserValue) -> bool:
+    # Asking for the class would load the search, which pages of maps do not need.
     return hasattr(value, "elites") and hasattr(value, "search")
 
 
@@ -112,6 +118,7 @@ def _collect_files(
         elif source.suffix.lower() == ".npz":
             runs.append(read_archive(source, source.stem))
         else:
+            # Maps of all files come together, because maps of one size are one run on the page.
             maps += _named_maps(source)
     if tiles is None and recorded_tiles is None:
         _announce_lost_tiles(runs)
@@ -119,6 +126,7 @@ def _collect_files(
     heading = runs[0].name if len(runs) == 1 and not maps else ""
     # The folder of a run may have the name of a group of maps, such as "maps".
     runs += by_size(maps)
+    # The page tells runs apart by their names.
     names = _distinct_names([run.name for run in runs])
     runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
     return pack(runs, tile_set, tile_px, heading)
@@ -129,6 +137,7 @@ def _named_maps(file: Path) -> list[tuple[str, RoadMap]]:
     road_maps = read_maps(file)
     if len(road_maps) == 1:
         return [(str(file), road_maps[0])]
+    # Maps of one file are told apart by their numbers.
     return [(f"{file} {index}", road_map) for index, road_map in enumerate(road_maps)]
 
 
@@ -142,6 +151,7 @@ def _announce_lost_tiles(runs: Sequence[ShownRun]) -> None:
         if tiles:
             expected = f"{tiles}: expected the tile pictures of the run"
             announce(f"{expected}, got none; the package's own are shown; see --tiles")
+            # One line is enough, because the page has one tile set.
             return
 
 
@@ -172,6 +182,7 @@ def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
     tiles, recorded = setting(run, "tiles"), run.record.get("tile_set")
     if not isinstance(tiles, str):
         return None
+    # A run whose record names no set accepts no folder.
     name = recorded.get("name") if isinstance(recorded, dict) else None
     # A run may have been moved together with the folders around it, or be shown from elsewhere.
     for parent in (Path(), *folder.absolute().parents):
@@ -183,7 +194,10 @@ def _find_tiles(folder: Path, run: ShownRun) -> Path | None:
 
 
 def _distinct_names(names: Sequence[str]) -> list[str]:
-    """Numbers the names that occur again, from the second on, with numbers that no other name has."""
+    """Numbers the names that occur again, from the second on.
+
+    The numbered names differ from all other names.
+    """
     distinct: list[str] = []
     for name in names:
         numbered = name

@@ -57,6 +57,7 @@ class _Blob:
 
     def add(self, array: AnyArray, dtype: str) -> dict[str, Plain]:
         """Adds an array; returns the table that represents it."""
+        # The page reads little-endian numbers on all machines.
         content = np.ascontiguousarray(array, np.dtype(dtype).newbyteorder("<")).tobytes()
         start = self._size
         # Every array starts at a multiple of 8 bytes, as the browser's typed arrays need.
@@ -85,11 +86,13 @@ class _Blob:
         )
 
     def packed(self) -> bytes:
+        # The level of compression is the highest one, because a page is written once.
         return zlib.compress(b"".join(self._parts), 9)
 
 
 def pack(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: str) -> Payload:
     blob = _Blob()
+    # A map of this size needs a random number for each of its cells.
     cells = max(run.grids[0].size for run in runs)
     values = {
         "format": _FORMAT,
@@ -107,6 +110,7 @@ def pack(runs: Sequence[ShownRun], tiles: TileSet, tile_px: int, title: str) -> 
 
 
 def _run_values(run: ShownRun, tiles: TileSet, blob: _Blob) -> dict[str, Plain]:
+    # Arrays go into the blob, and all else into the page's JSON.
     return {
         "name": run.name,
         "shape": list(run.grids.shape[1:]),
@@ -138,6 +142,7 @@ def _map_values(
     A tile picture is its index times 4, plus its quarter turns.
     """
     chosen = recall_choice(road_map, tiles)
+    # Without a recorded choice, the page chooses pictures by its random numbers.
     pictures = None
     if chosen is not None:
         pictures = (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
@@ -151,7 +156,9 @@ def _history_values(history: "History", blob: _Blob) -> dict[str, Plain] | None:
     count = len(history.generation)
     if count == 0:
         return None
+    # More steps than pixels would not be seen. The first and the last step are always kept.
     steps = np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int))
+    # A history of one seed has one axis. The page reads a row for each seed.
     best = np.atleast_2d(history.best_fitness)[:, steps]
     elites = np.atleast_2d(history.elite_count)[:, steps]
     # The fitness of a vacant slot is not the fitness of a grid.
@@ -174,6 +181,7 @@ def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
     if tiles.blend and tile_px != COMPARED_PX:
         for picture, layers in zip(pictures, _layers(tiles, COMPARED_PX), strict=True):
             picture["compared"] = layers
+    # A picture and its quarter turns are one number, as in `_map_values`.
     rotations = {}
     for code, draws in tiles.rotations.items():
         rotations[str(code)] = [4 * tile + turns for tile, turns in draws]
@@ -193,6 +201,7 @@ def _layers(tiles: TileSet, tile_px: int) -> list[dict[str, Plain]]:
     """
     layers = scale_tiles(tiles, tile_px)
     pictures: list[dict[str, Plain]] = []
+    # The page turns pictures by itself, so only the first of four rotations is sent.
     for upright in range(0, 4 * len(tiles.pictures), 4):
         masks = (layers["road"][upright] > 0).astype(np.uint8)
         masks |= (layers["red"][upright] > 0) * np.uint8(2)
@@ -211,6 +220,7 @@ def _object_values() -> dict[str, Plain]:
         by_kind[kind] = []
         for picture in pictures:
             image = _data_url(picture.top)
+            # Height and footprint tell the page how large to draw the picture.
             by_kind[kind].append(
                 {"image": image, "height": picture.height, "footprint": picture.footprint}
             )

@@ -77,6 +77,7 @@ def from_result(result: "Result", name: str) -> ShownRun:
         raise InputError(f"{name}: expected a result with at least one elite, got none")
     search = result.search
     alphabet = search.settings.alphabet
+    # Stubs and empty cells are counted by metrics of their own, and not by off_alphabet.
     if alphabet is not None:
         alphabet = alphabet + KINDS["end"] + KINDS["empty"]
     if valid.ndim > 1:
@@ -86,11 +87,13 @@ def from_result(result: "Result", name: str) -> ShownRun:
     else:
         seed_of_elites = np.zeros(valid.sum(), int)
         seeds = 1
+    # Values of vacant niches are left out everywhere, so that all arrays have one entry per elite.
     features = {}
     for feature, values in elites.features.items():
         features[feature] = np.asarray(values)[valid]
     descriptor = np.asarray(elites.descriptor)[valid]
     has_usual_fitness = _has_usual_fitness(result)
+    # Certified minima are of the usual fitness alone.
     floors = None
     if has_usual_fitness:
         floors = _floors(search)
@@ -121,6 +124,8 @@ def _has_usual_fitness(result: "Result") -> bool:
     elites = result.elites
     search = result.search
     names = search.feature_names
+    # The three parts of the fitness are added in turn: metrics, features, and the penalty of
+    # ranges.
     measured = elites.by_name()
     columns = [np.asarray(measured[name], np.int32) for name in names]
     features = np.stack(columns, axis=-1)
@@ -130,6 +135,7 @@ def _has_usual_fitness(result: "Result") -> bool:
         usual_fitness = usual_fitness + features[..., len(METRIC_NAMES) :] @ feature_weights
     limits = range_limits(search.ranges, names)
     usual_fitness = usual_fitness + range_penalty(features, names, limits, search.shape)
+    # Vacant niches have no grid to compare.
     is_usual = np.asarray(elites.fitness) == usual_fitness
     return bool(is_usual[np.asarray(elites.valid)].all())
 
@@ -140,6 +146,7 @@ def _floors(search: "Search") -> dict[int, int] | None:
     Returns None if they do not apply to a search.
     """
     height, width = search.shape
+    # The tasks of the benchmark have a variant for filled grids, A, and one with empty cells, B.
     track = "A" if search.fills else "B"
     size = f"{height}x{width}{track}"
     if size not in SIZES or search.settings.rules is not None:
@@ -158,6 +165,7 @@ def of_maps(maps: Iterable[RoadMap], group: str) -> list[ShownRun]:
     runs = by_size(named_maps)
     if not group:
         return runs
+    # Maps of one size need no size in the name.
     if len(runs) == 1:
         return [runs[0]._replace(name=group)]
     return [run._replace(name=f"{group}, {run.name}") for run in runs]
@@ -170,6 +178,7 @@ def by_size(named_maps: Sequence[tuple[str, RoadMap]]) -> list[ShownRun]:
         maps_by_size.setdefault(road_map.codes.shape, []).append((name, road_map))
     runs = []
     for (height, width), maps_of_size in maps_by_size.items():
+        # A run has grids of one size, so each size is a run of its own.
         run = _run_of_maps(maps_of_size, (height, width))
         if len(maps_by_size) > 1:
             run = run._replace(name=f"maps of {height} x {width}")
@@ -184,6 +193,7 @@ def _run_of_maps(named_maps: Sequence[tuple[str, RoadMap]], shape: tuple[int, in
     chosen = []
     for index, (name, road_map) in enumerate(named_maps):
         labels.append(name)
+        # Each map counts as chosen, so that the page shows its recorded tiles and objects.
         chosen.append((index, name, road_map))
         if road_map.fitness is not None:
             known_fitness.append(road_map.fitness)
@@ -224,10 +234,12 @@ def read_run(folder: Path) -> ShownRun:
     """Reads the folder of a run: its record, and its archive, its chosen maps or both."""
     file = folder / "run.json"
     record = _read_record(file)
+    # The chosen maps are read in the order of their folders' names.
     chosen_maps = []
     for path in sorted(folder.glob("maps/*/map.json")):
         chosen_maps.append((path.parent.name, read_map(path)))
     name = folder.resolve().name
+    # An archive has all elites, and chosen maps are marked among them. `pick` writes maps alone.
     if (folder / "archive.npz").exists():
         run = _with_chosen(read_archive(folder / "archive.npz", name), chosen_maps)
     elif chosen_maps:
@@ -238,9 +250,11 @@ def read_run(folder: Path) -> ShownRun:
         run = runs[0]._replace(name=name)
     else:
         raise InputError(f"{folder}: expected an archive.npz or maps beside run.json, got neither")
+    # The record may have entries that the page does not know.
     shown_record = {key: record[key] for key in _RECORDED if key in record}
     run = run._replace(record=shown_record)
     size = setting(run, "size")
+    # Another size means that the files are not all of one run.
     if size is not None and size != list(run.grids.shape[1:]):
         got = "{} x {}".format(*run.grids.shape[1:])
         raise InputError(
@@ -250,6 +264,7 @@ def read_run(folder: Path) -> ShownRun:
 
 
 def read_archive(file: Path, name: str) -> ShownRun:
+    # This import loads the search, which pages of maps do not need.
     from elitelanes_jax.search.result import Result
 
     return from_result(Result.load(file), name)
@@ -260,14 +275,17 @@ def _read_record(file: Path) -> dict[str, Plain]:
         record = read_json(file)
     except OSError:
         hint = ""
+        # An interrupted search leaves its unfinished work next to the folder.
         if has_unfinished(file.parent):
             hint = "; its search is unfinished, the same generate command resumes it"
         raise InputError(
             f"{file.parent}: expected a folder with run.json, got one without{hint}"
         ) from None
     except (ValueError, RecursionError) as error:
+        # Some messages begin with the file, which this one names already.
         words = str(error).removeprefix(f"{file}: ")
         raise InputError(f"{file}: expected the JSON of a run, got: {shorten(words)}") from None
+    # All records of this package have the versions.
     if not isinstance(record, dict) or "versions" not in record:
         raise InputError(f"{file}: expected the record of a run of this package, got other JSON")
     return record

@@ -31,6 +31,7 @@ def show(what: UserValue, *, tile_px: int = 64) -> Untyped:
       InputError: as `explore`.
       MissingPackageError: without anywidget.
     """
+    # The widget receives what the page has in itself.
     payload = collect(what, tile_px=tile_px)
     return _widget_class()(values=payload.values, blob=payload.blob)
 
@@ -44,10 +45,13 @@ def _widget_class() -> Untyped:
     class Explorer(anywidget.AnyWidget):  # type: ignore[name-defined]
         """The explorer of `show`."""
 
+        # The widget runs the script of the page, so that both show the same.
         _esm = static_text("explorer.js")
         _css = static_text("explorer.css")
+        # Python sends these two, and the browser only reads them.
         values = traitlets.Dict().tag(sync=True)
         blob = traitlets.Bytes().tag(sync=True)
+        # The browser sends these two back. Arrays and records travel as lists and tables.
         grid = traitlets.Any(default_value=None, allow_none=True).tag(
             sync=True,
             to_json=lambda grid, _: None if grid is None else np.asarray(grid).tolist(),

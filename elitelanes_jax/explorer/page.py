@@ -51,8 +51,10 @@ def explore(
       OSError: if it cannot be written.
     """
     out = Path(check_named("out", file_named(".html"), out))
+    # A file that may not be replaced is an error before the page is made.
     _check_out(out, force)
     content = page_of(collect(what, tiles=tiles, tile_px=tile_px)).encode()
+    # Without `force`, a file that another process has written in the meantime is not replaced.
     with nullcontext() if force else never_replacing(out):
         write_atomic(out, content)
     return len(content)
@@ -64,6 +66,7 @@ def page_of(payload: Payload) -> str:
     # The page has all it needs in itself. Only this script may run, so that no name in the data
     # becomes a program, and no request can leave the page.
     script, style = static_text("explorer.js"), static_text("explorer.css")
+    # The policy names the script by its digest.
     allowed = base64.b64encode(sha256(script.encode()).digest()).decode()
     policy = (
         f"default-src 'none'; script-src 'sha256-{allowed}'; "
@@ -71,6 +74,7 @@ def page_of(payload: Payload) -> str:
     )
     # A name that is not UTF-8.
     title = str(payload.values["title"] or "maps").encode(errors="replace").decode()
+    # The values and the arrays are in scripts of types that browsers do not run.
     return (
         f'{_MARK}<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
@@ -92,6 +96,7 @@ def static_text(name: str) -> str:
 
 def _json(values: object) -> str:
     """Returns JSON that is safe inside a page: no name is read as HTML."""
+    # A browser could not parse NaN or infinity as JSON.
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
@@ -106,6 +111,7 @@ def _check_out(out: Path, force: bool) -> None:
     with out.open("rb") as stream:
         # The mark tells an earlier page from any other file of the user.
         ours = stream.read(len(_MARK)) == _MARK.encode()
+    # Another file of the user is never replaced, even with `force`.
     if not ours or not force:
         hint = "; force=True replaces it" if ours else ""
         raise InputError(f"{out}: expected a new file, got an existing one{hint}")

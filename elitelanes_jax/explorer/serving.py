@@ -22,7 +22,8 @@ from elitelanes_jax.tiles.editing import HandWork
 _MOST_BYTES = 256 * MIB
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    "img-src 'self' data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'none'"
 )
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -59,6 +60,7 @@ class HandServer(ThreadingHTTPServer):
         Port 0 means any free port.
         """
         super().__init__(("127.0.0.1", port), _Handler)
+        # 24 random bytes cannot be guessed.
         self.token = secrets.token_urlsafe(24)
         # The server knows its port only after it listens.
         self.hosts = [f"{name}:{self.server_address[1]}" for name in ("127.0.0.1", "localhost")]
@@ -66,6 +68,7 @@ class HandServer(ThreadingHTTPServer):
         self.work = work
         # One request at a time computes or saves.
         self.lock = Lock()
+        # The names of the actions are the paths to which the page posts.
         self.actions: dict[str, Callable[[Untyped], Plain | bytes]] = {
             "fit": work.fit,
             "cut": work.cut,
@@ -76,7 +79,10 @@ class HandServer(ThreadingHTTPServer):
         }
 
     def handle_error(self, request: Untyped, client_address: Untyped) -> None:
-        """Prints the traceback of a failed answer, unless the browser closed the connection, as it does on a reload."""
+        """Prints the traceback of a failed answer.
+
+        Nothing is printed if the browser closed the connection, as it does on a reload.
+        """
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
@@ -90,6 +96,7 @@ class _Handler(BaseHTTPRequestHandler):
         path = self._path()
         if path is None:
             return
+        # The path of a photograph or a picture has its number or its name after the slash.
         name, _, item = path.partition("/")
         work = self.server.work
         try:
@@ -106,6 +113,7 @@ class _Handler(BaseHTTPRequestHandler):
             else:
                 self._send_json(404, {"error": "no such page"})
         except (LookupError, ValueError):
+            # A number or a name that does not exist is a missing page.
             self._send_json(404, {"error": "no such page"})
 
     def do_POST(self) -> None:
@@ -118,6 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
         if action is None or self.headers.get_content_type() != "application/json":
             self._send_json(404, {"error": "no such action"})
             return
+        # The length is checked before anything is read.
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal() or int(length) > _MOST_BYTES:
             self._send_json(
@@ -137,6 +146,7 @@ class _Handler(BaseHTTPRequestHandler):
                 # It follows the answer, because the process ends after it.
                 self.server.shutdown()
         except InputError as error:
+            # The page shows these errors next to the work that they are about.
             self._send_json(422, {"error": str(error)})
         except OSError as error:
             self._send_json(
@@ -144,6 +154,7 @@ class _Handler(BaseHTTPRequestHandler):
                 {"error": f"{error.filename}: {error.strerror}" if error.filename else str(error)},
             )
         except (LookupError, TypeError, ValueError, RecursionError) as error:
+            # Only a program that is not the page sends values of another form.
             self._send_json(
                 400, {"error": f"expected a request of this page, got {shorten(repr(error))}"}
             )
@@ -153,6 +164,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _path(self) -> str | None:
         """Returns the path without the token; answers None to whom may not ask."""
+        # Requests without `Origin`, such as for a picture of the page itself, have only `Host` to
+        # check.
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         is_ours = host in self.server.hosts and origin in (None, f"http://{host}")
         _, token, path = ("/" + self.path.partition("?")[0].lstrip("/") + "/").split("/", 2)
@@ -167,6 +180,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send(self, status: int, kind: str, content: bytes) -> None:
         self.send_response(status)
+        # The headers forbid other sources, frames of other pages, guesses of content types, and
+        # caches.
         for name, value in {
             "Content-Type": kind,
             "Content-Length": str(len(content)),

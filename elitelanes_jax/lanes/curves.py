@@ -20,19 +20,22 @@ from elitelanes_jax.lanes.links import Cell
 from elitelanes_jax.lanes.movements import BACK, Movement
 from elitelanes_jax.network.codes import SIDES
 
+# Half of the yellow tape, 0.012 m, and half of the lane, 0.105 m, are 0.2 of a tile's 0.585 m.
 LANE_OFFSET = 0.2
 """The distance from the road's middle to the centre of a lane, in tiles.
 
 This is half of the yellow tape and half of the lane.
 """
 
-# Duckietown's tiles have a side of 0.585 m.
+# Duckietown's tiles have a side of 0.585 m. The 0.222 m are half of the yellow tape, 0.012 m, and
+# the lane, 0.21 m.
 HALF_ROAD = 0.222 / 0.585
 """The distance from the road's middle to the inner edge of the white tape, in tiles.
 
 This is half of the yellow tape and the lane.
 """
 
+# The middle of a chord is nearer to the circle's middle: 1 - cos(pi / 64) is 0.0012.
 CHORDS = 16
 """The chords of a quarter circle in formats that have no arcs: 0.12 % of its radius from it."""
 
@@ -42,6 +45,7 @@ def is_lane_offset(value: UserValue) -> bool:
 
     The distance is in tiles, over 0 and under 0.5.
     """
+    # At 0.5 tiles, the lane would be on the tile's edge, and a right turn would have no radius.
     return is_real(value) and 0 < value < 0.5
 
 
@@ -73,6 +77,7 @@ def lane_lengths(
     offset: float = LANE_OFFSET, dtype: DTypeLike = np.float64
 ) -> Float[np.ndarray, "3"]:
     """Returns the length of the lane of each turn in tiles: right, straight and left."""
+    # A turn is a quarter of a circle, and straight on is one tile.
     return np.where(lane_bends() == 0, 1, lane_radii(offset, dtype) * np.pi / 2).astype(dtype)
 
 
@@ -95,6 +100,8 @@ class Curve(NamedTuple):
 
     def points(self, shares: Float[np.ndarray, " S"]) -> Float[np.ndarray, "S 2"]:
         """Returns x and y of points; `shares` are the parts of its length before them, 0 to 1."""
+        # Points are computed in the frame of the start, forward and to the left, as if it headed
+        # north.
         along = shares * self.length
         if self.curvature:
             # The angle of a point on an arc is its curvature times the length before the point.
@@ -128,14 +135,17 @@ def lane_curves(movement: Movement, offset: float = LANE_OFFSET) -> list[Curve]:
     a line back. Its offset is not 0.
     """
     heading, bend = movement.heading, movement.turn - 1
+    # A movement enters by the side behind its heading, on the right of the road's middle.
     entry = middle_of_side(movement.node.tile, (heading + 2) % 4)
     start = moved(entry, (heading + 1) % 4, offset)
     if movement.turn == BACK:
         middle = moved(start, heading, 0.5)
+        # The way back is on the other side of the road's middle, two offsets to the left.
         end = moved(middle, (heading + 3) % 4, 2 * offset)
         # The half circle bends to the left, because traffic keeps right.
         around = Curve(*middle, heading, offset * pi, 1 / offset)
         return [Curve(*start, heading, 0.5), around, Curve(*end, (heading + 2) % 4, 0.5)]
+    # Straight on, the lane is a line across the whole tile.
     if bend == 0:
         return [Curve(*start, heading, 1.0)]
     # The road's middle is half a tile from the corner of a turn. The lane is nearer to this corner
@@ -150,6 +160,7 @@ def lane_polyline(movement: Movement, offset: float = LANE_OFFSET) -> Float[np.n
     The points include both ends. A line has its ends alone, an arc the ends of `CHORDS` equal
     chords for each quarter circle.
     """
+    # The grid's first tile is at the origin, so the position of a tile is its column and row.
     line = _polyline_in_tile(movement.heading, movement.turn, offset)
     return line + np.array([movement.column, movement.row])
 
@@ -165,6 +176,7 @@ def _polyline_in_tile(heading: int, turn: int, offset: float) -> Float[np.ndarra
         shares = np.linspace(0, 1, max(quarters * CHORDS, 1) + 1)
         # A curve starts where the last one ends.
         parts.append(curve.points(shares if not parts else shares[1:]))
+    # The result is shared by all callers of the cache, and none of them changes it.
     return np.concatenate(parts)
 
 
@@ -183,13 +195,16 @@ def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
     Returns:
       bool. The arguments are arrays of NumPy or JAX, or numbers, that broadcast against each other.
     """
+    # The road keeps this distance from a closed side of the tile.
     edge = 0.5 - HALF_ROAD
     # The depth from each side, clockwise from north.
     depths = (south, 1 - east, 1 - south, east)
     road = (code > 0) & (code < 16)
     for depth, side in zip(depths, SIDES, strict=True):
+        # A closed side keeps the road away, and an open side lets the road reach the tile's edge.
         is_open = (code & side.bit) > 0
         road = road & (is_open | (depth >= edge))
+    # Neighbouring sides meet in a corner: the second one follows the first one clockwise.
     for first, second in ((0, 1), (1, 2), (2, 3), (3, 0)):
         square = depths[first] * depths[first] + depths[second] * depths[second]
         # Between two open sides the corner is grass, a quarter circle about it.

@@ -23,6 +23,7 @@ def linked_codes(codes: Codes) -> Codes:
     grid.
     """
     grid = check_grid(codes)
+    # The same code serves arrays of NumPy and of JAX.
     xp = grid.__array_namespace__()
     height, width = grid.shape
     # Beyond the border of the grid are empty cells, which return no connection.
@@ -30,7 +31,9 @@ def linked_codes(codes: Codes) -> Codes:
     links = xp.zeros_like(grid)
     for side in SIDES:
         first_row, first_column = 1 + side.down, 1 + side.right
+        # The padded grid, shifted by one cell, has each cell's neighbour at the cell's own index.
         neighbour = padded[first_row : first_row + height, first_column : first_column + width]
+        # A link is a connection of both tiles, and only its own bit is kept.
         links |= xp.where(neighbour & side.opposite > 0, grid & side.bit, 0).astype(grid.dtype)
     return links
 
@@ -60,11 +63,13 @@ def linked_tiles(codes: Codes) -> dict[Cell, list[Cell]]:
       InputError: for a bad grid.
     """
     grid = check_grid(codes)
+    # Single numbers are read faster from lists than from arrays.
     rows = grid.tolist()
     links = linked_codes(grid).tolist()
     neighbours: dict[Cell, list[Cell]] = {}
     for row, line in enumerate(rows):
         for column, code in enumerate(line):
+            # A tile without links is listed too, with no neighbours.
             if code:
                 sides = [side for side in SIDES if links[row][column] & side.bit]
                 neighbours[row, column] = [(row + side.down, column + side.right) for side in sides]
@@ -84,14 +89,18 @@ def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cel
     passed = set(nodes)
 
     def walk_from(node: Cell, ends: set[Cell]) -> None:
+        # Each link of a node starts a road, clockwise from north.
         for neighbour in links[node]:
+            # A road whose other end came earlier is in the list already.
             if (node, neighbour) in last_steps:
                 continue
             road = [node, neighbour]
             # A tile between the ends has two links. The road comes by one and goes on by the other.
             while road[-1] not in ends:
                 road.append(next(tile for tile in links[road[-1]] if tile != road[-2]))
+            # The last step, reversed, is how the road would begin at its other end.
             last_steps.add((road[-1], road[-2]))
+            # Tiles that no road passes are left for the rings.
             passed.update(road)
             roads.append(road)
 

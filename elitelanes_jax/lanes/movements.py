@@ -36,6 +36,7 @@ def turn_between(heading: Numeric, next_heading: Numeric) -> Numeric:
 
     The turn is `BACK` if the headings are opposite.
     """
+    # This is `exit_heading` solved for the turn, modulo 4.
     return (heading - next_heading + 1) & 3
 
 
@@ -46,6 +47,7 @@ def step_towards(heading: Numeric) -> tuple[Numeric, Numeric]:
     """
     # It is 1 for east and west.
     is_across = heading & 1
+    # North and south step along rows, by -1 and 1; east and west along columns, by 1 and -1.
     return (heading - 1) * (1 - is_across), (2 - heading) * is_across
 
 
@@ -64,6 +66,7 @@ def _movements_of_codes() -> Bool[np.ndarray, "16 4 4"]:
             # A tile is entered by the side opposite to the heading.
             if not code & side.opposite:
                 continue
+            # A movement needs a connection on the side by which it leaves.
             for turn, out in enumerate(EXIT[heading]):
                 table[code, heading, turn] = bool(code & SIDES[out].bit)
             # A dead end has that side alone.
@@ -104,6 +107,7 @@ class LaneNode(NamedTuple):
     @property
     def tile_before(self) -> Cell:
         """The tile that leads here."""
+        # The step to this tile is one in its heading, so the step back is subtracted.
         down, right = step_towards(self.heading)
         return self.row - down, self.column - right
 
@@ -137,12 +141,15 @@ class Movement(NamedTuple):
     def next_node(self) -> LaneNode:
         """The tile after the movement, and the heading there."""
         heading = self.exit
+        # The movement leaves into the neighbour in its exit heading, and enters it with that
+        # heading.
         down, right = step_towards(heading)
         return LaneNode(self.row + down, self.column + right, heading)
 
     @property
     def name(self) -> str:
         """Row, column, side of entry and turn of a single movement, such as ``3_4_west_left``."""
+        # A movement enters by the side opposite to its heading.
         side, turn = SIDES[(self.heading + 2) % 4], (*TURNS, "back")[self.turn]
         return f"{self.row}_{self.column}_{side.name}_{turn}"
 
@@ -198,7 +205,9 @@ def movements_of(codes: Codes, *, turn_back: bool = False) -> Movement:
     Raises:
       InputError: for a bad grid.
     """
+    # Only formats with cars that turn at dead ends ask for movements back.
     table = _MOVEMENTS if turn_back else MOVEMENTS
+    # The links of a tile select its rows of the table. `argwhere` lists them in ascending order.
     return Movement(*np.argwhere(table[np.asarray(linked_codes(codes))]).T)
 
 
@@ -209,6 +218,7 @@ def lane_graph(codes: Codes, *, turn_back: bool = False) -> LaneGraph:
       InputError: for a bad grid, or one without a lane.
     """
     movements = movements_of(codes, turn_back=turn_back)
+    # With turns at dead ends, any link is a lane, so the map lacks a whole road.
     if not movements.row.size:
         raise no_road_error() if turn_back else no_lane_error()
     # Each movement leads from its node to the next one. `unique` sorts these nodes and numbers the
