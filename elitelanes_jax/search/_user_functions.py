@@ -66,8 +66,8 @@ def set_method(
       extensions: the extensions of the call.
 
     Raises:
-      InputError: for a configuration or an optimiser of the wrong type, both, or the configuration
-        of another method than the one in `options`.
+      InputError: for a configuration or an optimiser of the wrong type, both, the configuration of
+        another method than the one in `options`, or a preset beside it.
     """
     # A configuration replaces the method of a specification, which may come from an earlier result,
     # but not another method in the same call.
@@ -96,6 +96,8 @@ def set_method(
         raise InputError(
             f"config: expected one of {options['method']}, got {type(config).__name__}"
         )
+    if "preset" in options:
+        raise InputError(f"preset: expected none with a config, got {options['preset']!r}")
     return spec.replace(method=method, preset=preset)
 
 

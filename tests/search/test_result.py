@@ -104,7 +104,6 @@ CONFIGS = [*PRESETS.values(), MapElitesConfig(EvolutionConfig(tile_rate=0.3)), A
         ({"config": MapElitesConfig()}, "map-elites", "paper"),
         ({"config": MapElitesConfig(parents="archive")}, "map-elites", "standard"),
         ({"config": EvolutionConfig(tile_rate=0.3)}, "ea", "custom"),
-        ({"config": EvolutionConfig(tile_rate=0.3), "preset": "tuned"}, "ea", "custom"),
         ({"optimizer": counting}, "custom", "test_result.counting"),
         ({"optimizer": partial(partial(counting))}, "custom", "test_result.counting"),
         ({"optimizer": Factory(), "method": "pso"}, "custom", "test_result.Factory"),
