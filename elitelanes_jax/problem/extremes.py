@@ -30,7 +30,10 @@ Each line is a map, in rows with one hexadecimal digit per tile.
 
 
 def features_of(grid: Int8[np.ndarray, "H W"]) -> dict[str, float]:
-    """Returns the metrics and shares of one grid ``[H, W]``, in the order of `FEATURES`; shares are parts of 1."""
+    """Returns the metrics and shares of one grid ``[H, W]``, by name.
+
+    Shares are parts of 1.
+    """
     features: dict[str, float] = dict(plain_measure(grid))
     for share, (part, parts_of_whole) in SHARES.items():
         whole = sum(features[name] for name in parts_of_whole)

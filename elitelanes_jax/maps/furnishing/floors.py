@@ -19,7 +19,9 @@ _ROUNDING = 1e-9
 
 @name_wrong_arguments
 def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
-    """Returns the rows and columns of the largest map of tiles of 0.585 m for a floor, with `floor_margin` around it.
+    """Returns the rows and columns of the largest map for a floor, with tiles of 0.585 m.
+
+    Around the map, the floor keeps room for signs and lights.
 
     Args:
       width: the width of the floor, metres from west to east.
