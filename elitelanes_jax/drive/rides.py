@@ -131,7 +131,8 @@ def make_rides(
     Args:
       grid: codes ``[H, W]``, or a `RoadMap`.
       count: N, the number of rides.
-      policy: one of `POLICIES`, or your own driver.
+      policy: "route", the expert; "random", a driver that turns its wheels at random; or your own
+        driver, a function from a `LaneDriveObservation` to the commands of both wheels, -1 to 1.
       seconds: the length of a ride.
       seed: the seed of starts, goals and everything random, 0 to 2**32 - 1.
       tiles: whose lanes are driven, and that the camera of your own driver shows; by default the

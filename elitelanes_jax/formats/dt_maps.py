@@ -48,7 +48,8 @@ _Table = dict[str, Plain]
 def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
     """Returns the texts of a map's layers for the library dt-maps 0.1.0.
 
-    The keys are the names of the layers in `LAYERS`.
+    The keys are the names of the layers, such as ``tiles``. The library reads each from a file
+    ``NAME.yaml``.
 
     Args:
       road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
@@ -73,7 +74,7 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str
 
 @name_wrong_arguments
 def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
-    """Returns the texts of a map's layers for the Duckiematrix, by their names in `LAYERS`.
+    """Returns the texts of a map's layers for the Duckiematrix, by the names of `to_dt_maps`.
 
     Robots are ``map_0/vehicle_0``, ``map_0/vehicle_1`` and so on. Duckietown's Gym environment
     drives the first one. A map without robots gets one, in the middle of its first lane.

@@ -199,7 +199,8 @@ def read_map(file: str | Path) -> RoadMap:
     """Reads a map file; ``{"codes": [[...], ...]}`` is enough.
 
     Files ``.yaml`` and ``.yml`` are maps of Duckietown, and so are folders with ``tiles.yaml`` and
-    ``frames.yaml``. If the file has other metrics than those of its codes, see `refresh`.
+    ``frames.yaml``. If the metrics in the file are not those of its codes, they are computed again,
+    and the map loses its fitness, descriptor, niche, seed and drawn tiles.
 
     Raises:
       InputError: if it cannot be read, has over 32 MiB or a bad entry; the message names the file.

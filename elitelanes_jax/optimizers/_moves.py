@@ -135,7 +135,7 @@ class MoveWeights(Record):
     user_moves: dict[str, tuple[Int[ArrayLike, "..."], Move]] = option((), _check_user_moves)
 
     def check_together(self) -> None:
-        """Checks that a move can be drawn, and that whole weights add up to at most `LARGEST`."""
+        """Checks that a move can be drawn, and that whole weights add up to at most 2**30."""
         weights = [getattr(self, name) for name in KNOWN_MOVES]
         for weight, _ in self.user_moves.values():
             weights.append(weight)

@@ -33,7 +33,7 @@ Each line is a map, in rows with one hexadecimal digit per tile.
 
 
 def features_of(grid: Int8[np.ndarray, "H W"]) -> dict[str, float]:
-    """Returns the metrics and shares of one grid ``[H, W]``, in the order of `FEATURES`.
+    """Returns the metrics and shares of one grid ``[H, W]``, by name.
 
     Shares are parts of 1.
     """

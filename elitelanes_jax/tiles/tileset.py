@@ -202,7 +202,9 @@ def own_tiles() -> TileSet:
 def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet | None, list[str]]:
     """Returns a tile set and no problems, or None and all problems of the folder, a line each.
 
-    With `lines`, misplaced lines are problems too, see `misplaced_lines`.
+    With `lines`, misplaced roads and lines are problems too. A road must reach the sides that its
+    tile opens, and no other. Lines must be on the road, separators in its middle, and stop lines
+    across the incoming lanes of crossings.
     """
     folder = Path(check_named("folder", path, folder))
     problems: list[str] = []

@@ -24,7 +24,7 @@ _ROUNDING = 1e-9
 def floor_size(width: UserValue, depth: UserValue) -> tuple[int, int]:
     """Returns the rows and columns of the largest map for a floor.
 
-    The map has tiles of 0.585 m, and `floor_margin` around it.
+    The map has tiles of 0.585 m. Around it the floor keeps room for signs and lights.
 
     Args:
       width: the width of the floor, metres from west to east.

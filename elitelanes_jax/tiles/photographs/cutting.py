@@ -181,7 +181,7 @@ def write_cuts(folder: str | Path, cuts: Sequence[Cut]) -> list[Masked]:
     Files of the same names are replaced.
 
     Returns:
-      What was written, for `proposal_sheet`.
+      What was written of each tile: its `folder`, its `image`, and its `masks` by name.
     """
     folder, written = Path(check_named("folder", path, folder)), []
     for cut in cuts:

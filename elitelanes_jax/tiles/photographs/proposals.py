@@ -57,7 +57,8 @@ class Proposal(NamedTuple):
       corners: the corners of the tiles in pixels, x and y, ``[4][2]``: clockwise, from the first
         row's first tile.
       homography: ``[3][3]``, from tiles (x to the right, y down) to pixels without distortion.
-      radial: distortion of the lens, see `View`.
+      radial: distortion of the lens: a point at the distance r from the photograph's centre, in
+        half diagonals, is seen at r + radial * r**3.
       codes: the codes of the tiles ``[H][W]``; 0 is a cell without a tile.
       sure: how sure each cell's code is ``[H][W]``, 0 to 1. `cut_tiles` cuts the cells from 0.5 on.
       score: how sure it is that the corners of every tile are within 1 % of a tile, 0 to 1.
