@@ -56,7 +56,7 @@ class Scenes:
       maps: a batch of M maps.
       pyramid: uint32 ``[T, P]``, each picture of a tile in all sizes, from the largest to one
         pixel, row by row: red, green, blue and label from the lowest byte. Ground is black, and
-        only what is not ground has the bit `PAVED` of the label's byte.
+        only what is not ground has the bit 64 of the label's byte.
       tiles: int32 ``[16, V]``, the pictures that show each code, T indices.
       picture_counts: int32 ``[16]``, the number of pictures that show each code. Columns after it
         are not used.

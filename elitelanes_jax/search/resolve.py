@@ -96,7 +96,7 @@ class Search:
         return -(-self.settings.evaluations // evaluations_per_step)
 
     def to_plain(self) -> dict[str, Plain]:
-        """Returns plain values for JSON, from which `search_from_plain` makes an equal search."""
+        """Returns plain values for JSON, as results and run.json keep a search."""
         return self.settings.to_plain() | {"large": None}
 
     def to_spec(self) -> SearchSpec:

@@ -73,7 +73,7 @@ NOT_OF_LARGE = (*NOT_OF_STYLES, "large")
 
 @dataclass(frozen=True, init=False)
 class SearchSpec:
-    """What a user asks of a search: the options of `Settings` that were given, each checked alone.
+    """What a user asks of a search: the options that were given, each checked alone.
 
     `large` has options for maps whose shorter side is 12 or more; they override the others.
 
