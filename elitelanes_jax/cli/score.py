@@ -30,21 +30,17 @@ def add_score(commands: Commands) -> None:
 
 
 def _score(options: argparse.Namespace) -> int:
-    from elitelanes_jax.benchmark.submissions import (
-        grade_submission,
-        read_submission,
-        score_submission,
-    )
+    from elitelanes_jax.benchmark.submissions import Submission
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     # Grids are measured by a compiled program.
     use_compile_cache()
     for file in options.archives:
-        submission = read_submission(file)
+        submission = Submission.load(file)
         # The messages of the scores name no file, because they are of arrays.
         with naming(file):
-            _, scores = score_submission(submission)
-            of_runs = scores._asdict() | {"graded": grade_submission(submission)}
+            _, scores = submission.score()
+            of_runs = scores._asdict() | {"graded": submission.grade()}
         say(
             f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(of_runs)}",
             asked=True,

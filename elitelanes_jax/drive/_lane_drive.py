@@ -309,8 +309,8 @@ def _find_free_place(
 ) -> Array:
     """Returns the first of a few places along a lane where the robot touches no object.
 
-    The search starts at `s`. After the end of the lane the search goes on at its start. Returns `s`
-    if no place is free.
+    The first place is `s`. The places after the end of the lane continue from its start. Returns
+    `s` if no place is free.
     """
     # `s` is a product, and is rounded before the sum as `rounded` says. The first place is `s`
     # itself.

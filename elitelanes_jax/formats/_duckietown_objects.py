@@ -27,8 +27,8 @@ _YAML_WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
 # Two kinds have other names in duckietown-world.
 _KIND_OF_MAP_NAME = {"sign_1_way_left": "sign_oneway_left", "sign_1_way_right": "sign_oneway_right"}
 
-# A street name sign is written as a blank sign, because gym-duckietown needs a picture of each sign
-# and has none of street names.
+# A street name sign is written as a blank sign, because gym-duckietown needs a picture of each sign,
+# and it has no picture of a street name.
 _STREET_NAME, _BLANK = "sign_street_name", "sign_blank"
 
 # The position of each slot: metres east and north of the tile's south-west corner.

@@ -33,7 +33,7 @@ def contact_sheet(
 ) -> NDArray[np.uint8]:
     """Lays out RGB pictures of one size in rows, with their captions below them.
 
-    A caption is lines of ASCII text, of which the first is darker. All pictures have the same
+    A caption is lines of ASCII text. The first line is darker. All pictures have the same
     number of lines.
     """
     height, width = pictures[0].shape[:2]

@@ -110,7 +110,7 @@ def place_street_names(space: Space, which: str, tags: Tags) -> None:
         # A ring ends with its first tile, which counts once. Crossings and dead ends have no street
         # name.
         road = [tile for tile in dict.fromkeys(path) if len(links[tile]) == 2]
-        # Each sign has several places, of which the first one that is clear is used.
+        # Each sign has several places. The first clear one is used.
         places = _places_of_signs(space.codes, road)
         signs = []
         for alternatives in places:
