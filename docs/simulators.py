@@ -18,26 +18,18 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax import read_map
+from elitelanes_jax import RoadMap, export, read_map
 from elitelanes_jax.drive import Camera, Pose, look, make_sight
-from elitelanes_jax.formats import (
-    RoadMap,
-    Streets,
-    to_commonroad,
-    to_lanelet2,
-    to_mjcf,
-    to_opendrive,
-    to_pufferdrive,
-    to_sumo,
-)
-from elitelanes_jax.maps import furnish
-from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render
+from elitelanes_jax.maps import FormatOptions, furnish
+from elitelanes_jax.tiles import choose_tiles, load_tiles, render
 
 FOLDER = Path(__file__).parent
 _TILE, _ROWS, _COLUMNS = 0.585, 480, 640
-_STREETS, _PX = Streets(8.43), 80  # Duckietown's proportions
-_FULL_SIZE = Streets(tile=30, lane=12)  # the same proportions, for cars and dashes of full size
-_SCALE = _PX / _STREETS.tile  # pixels to the metre
+_TO_SCALE, _PX = 8.43, 80  # metres a tile for Duckietown's proportions
+_FULL_SIZE = 30.0  # metres a tile for cars and dashes of full size
+_STREETS = FormatOptions(tile_size=_TO_SCALE)
+_WIDE_STREETS = FormatOptions(tile_size=_FULL_SIZE, lane=12)
+_SCALE = _PX / _TO_SCALE  # pixels to the metre
 _BLUE, _WHITE, _YELLOW = (0, 220, 255), (255, 255, 255), (255, 220, 0)
 _COMMONROAD = FOLDER.parent / ".venv-commonroad" / "bin" / "python"
 _METADRIVE = FOLDER.parent / ".venv-metadrive" / "bin"
@@ -60,8 +52,8 @@ def draw_mujoco() -> None:
     import mujoco
 
     town, tiles = read_map(FOLDER / "examples" / "town.json"), load_tiles()
-    picture = png_of(render(town, tiles, tile_px=256).image)
-    model = mujoco.MjModel.from_xml_string(to_mjcf(town.codes, "town.png"), assets={"town.png": picture})
+    files = export(town, "mujoco", name="town")
+    model = mujoco.MjModel.from_xml_string(files["town.xml"].decode(), assets={"town.png": files["town.png"]})
     data = mujoco.MjData(model)
     at = Pose(*jnp.array([3.3, 2.7, 0.0]))
     data.qpos[:2] = at.x * _TILE, (len(town.codes) - at.y) * _TILE
@@ -89,7 +81,7 @@ def draw_carla() -> NDArray[np.uint8]:
 
     town = furnish(read_map(FOLDER / "examples" / "town.json"), "signs lights=0.4")
     image, pixel = floor(town)
-    city = carla.Map("town", to_opendrive(town, _STREETS))
+    city = carla.Map("town", export(town, "opendrive", _STREETS)["map.xodr"].decode())
     for point in city.generate_waypoints(0.5):
         start, ahead = point.transform.location, point.transform.get_forward_vector()
         colour = _WHITE if point.is_junction else _BLUE
@@ -134,7 +126,7 @@ def draw_lanelet2() -> NDArray[np.uint8]:
     image, pixel = floor(town)
     with TemporaryDirectory() as folder:
         file = Path(folder, "town.osm")
-        file.write_text(to_lanelet2(town, _STREETS))
+        file.write_bytes(export(town, "lanelet2", _STREETS)["map.osm"])
         city = lanelet2.io.load(str(file), lanelet2.projection.UtmProjector(lanelet2.io.Origin(0, 9)))
     rules = lanelet2.traffic_rules.create("de", "vehicle")
     lanelets = {lanelet.attributes["name"]: lanelet for lanelet in city.laneletLayer}
@@ -158,8 +150,8 @@ def draw_commonroad() -> NDArray[np.uint8]:
     height, width = town.codes.shape
     with TemporaryDirectory() as folder:
         file, picture = Path(folder, "town.xml"), Path(folder, "town.png")
-        file.write_text(to_commonroad(town, _FULL_SIZE))
-        size = [str(width * _FULL_SIZE.tile), str(height * _FULL_SIZE.tile), str(width * _PX)]
+        file.write_bytes(export(town, "commonroad", _WIDE_STREETS)["map.xml"])
+        size = [str(width * _FULL_SIZE), str(height * _FULL_SIZE), str(width * _PX)]
         script = FOLDER.parent / "tests" / "formats" / "commonroad_draws.py"
         subprocess.run([_COMMONROAD, script, file, *size, picture], check=True)
         image = cv2.imread(str(picture))
@@ -173,8 +165,8 @@ def draw_metadrive() -> NDArray[np.uint8]:
     image, _ = floor(town)
     middle = np.array(town.codes.shape[::-1]) / 2
     with TemporaryDirectory() as folder:
-        write_network(folder, town, _FULL_SIZE)
-        Path(folder, "net.xodr").write_text(to_opendrive(town, _FULL_SIZE))
+        write_network(folder, town, _WIDE_STREETS)
+        Path(folder, "net.xodr").write_bytes(export(town, "opendrive", _WIDE_STREETS)["map.xodr"])
         subprocess.run([_METADRIVE / "netconvert", "-c", "net.netccfg"], cwd=folder, check=True, capture_output=True)
         script = FOLDER.parent / "tests" / "formats" / "metadrive_reads.py"
         command = [str(_METADRIVE / "python"), str(script), "1", str(Path(folder, "net"))]
@@ -182,7 +174,7 @@ def draw_metadrive() -> NDArray[np.uint8]:
     for track, colour in zip(json.loads(last_line(printed))["tracks"], (_BLUE, _YELLOW), strict=True):
         for place in track[::10]:
             # MetaDrive's origin is the middle of the map, and y is north.
-            column, row = middle + np.array(place) * [1, -1] / _FULL_SIZE.tile
+            column, row = middle + np.array(place) * [1, -1] / _FULL_SIZE
             cv2.circle(image, (round(column * _PX), round(row * _PX)), 4, colour, -1, cv2.LINE_AA)
     return image
 
@@ -191,17 +183,17 @@ def draw_pufferdrive() -> NDArray[np.uint8]:
     """Draws PufferDrive's cars at the start, and the lanes between which it found links, white in crossings."""
     town = read_map(FOLDER / "examples" / "town.json")
     image, pixel = floor(town)
-    made = to_pufferdrive(town, "town", _STREETS)
+    files = export(town, "pufferdrive", _STREETS)
     with TemporaryDirectory() as folder:
         file = Path(folder, "town.bin")
-        file.write_bytes(made.binary)
+        file.write_bytes(files["map.bin"])
         command = [str(_PUFFERDRIVE), "1", str(file)]
         state = json.loads(last_line(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
-    roads = json.loads(made.text)["roads"]
+    roads = json.loads(files["map.json"])["roads"]
     for index in sorted({index for link in state["links"] for index in link}):
         places = [(place["x"], place["y"]) for place in roads[index]["geometry"]]
         x, y = places[len(places) // 2]
-        code = town.codes[int(len(town.codes) - y / _STREETS.tile), int(x / _STREETS.tile)]
+        code = town.codes[int(len(town.codes) - y / _TO_SCALE), int(x / _TO_SCALE)]
         colour = _WHITE if int(code).bit_count() > 2 else _BLUE
         cv2.polylines(image, [np.array([pixel(*place) for place in places])], False, colour, 2, cv2.LINE_AA)
     for x, y, heading in state["cars"]:
@@ -214,11 +206,10 @@ def last_line(text: str) -> str:
     return text.strip().splitlines()[-1]
 
 
-def write_network(folder: str, town: RoadMap, streets: Streets) -> None:
+def write_network(folder: str, town: RoadMap, streets: FormatOptions) -> None:
     """Writes the files of which SUMO's netconvert makes a network."""
-    kinds = ("nod.xml", "edg.xml", "con.xml", "netccfg")
-    for kind, text in zip(kinds, to_sumo(town, "net", streets), strict=True):
-        Path(folder, f"net.{kind}").write_text(text)
+    for name, content in export(town, "sumo", streets, name="net").items():
+        Path(folder, name).write_bytes(content)
 
 
 def floor(town: RoadMap) -> tuple[NDArray[np.uint8], Callable[[float, float], tuple[int, int]]]:

@@ -21,6 +21,7 @@ from .dataset.spec import DatasetSpec as DatasetSpec
 from .explorer.page import explore as explore
 from .formats.road_map import RoadMap as RoadMap
 from .formats.road_map import read_map as read_map
+from .maps.exporting import export as export
 from .maps.generation import generate as generate
 from .maps.parts import merge as merge
 from .maps.picking import pick as pick

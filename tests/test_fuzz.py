@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from elitelanes_jax import InputError, Result, RoadMap, read_map
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import Drawn, map_to_json
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.tiles import png_of

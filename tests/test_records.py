@@ -10,7 +10,7 @@ import pytest
 from elitelanes_jax import DatasetSpec, GenerateSpec, InputError, SearchSpec
 from elitelanes_jax.drive import Camera, LaneDriveParams, RoadNavParams, make_levels
 from elitelanes_jax.drive.robot import Robot
-from elitelanes_jax.formats import Streets
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.optimizers import (
     AnnealedGwoConfig,
     AnnealedMapElitesConfig,
@@ -89,7 +89,7 @@ def level():
         (RoadNavParams, {"levels": levels, "tile_cost": float("nan")}, "tile_cost: expected a number"),
         (LaneDriveParams, {"levels": levels, "task": "park"}, "task: expected one of route, lane, got 'park'"),
         (LaneDriveParams, {"levels": levels, "observe": "camera"}, "sight: expected a result of make_sight, .* None"),
-        (Streets, {"tile": 6}, "tile: expected more than two lanes, 6.4 m, got 6 m"),
+        (Streets, {"tile_size": 6}, "tile_size: expected more than two lanes, 6.4 m, got 6 m"),
     ],
 )
 def test_a_record_is_checked_when_it_is_made(kind, wrong, message):

@@ -7,7 +7,7 @@ from PIL import Image
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, read_map
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax.benchmark import BUDGETS, Submission, find_task
-from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import Drawn, map_to_json
 from elitelanes_jax.network.checks import LONGEST_SIDE
 

@@ -1,7 +1,7 @@
 """Wrong arguments from Python: each is named in one line, before any search. `test_wrong_types` has the wrong types."""
 
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import jax
@@ -23,6 +23,7 @@ from elitelanes_jax import (
     ea,
     evolve,
     explore,
+    export,
     load_tiles,
     random_grids,
     read_map,
@@ -54,19 +55,8 @@ from elitelanes_jax.drive import (
 )
 from elitelanes_jax.drive._batch import Batch
 from elitelanes_jax.explorer._collect import collect
-from elitelanes_jax.formats import (
-    Streets,
-    from_duckietown,
-    to_commonroad,
-    to_dt_maps,
-    to_gltf,
-    to_lanelet2,
-    to_movingai,
-    to_opendrive,
-    to_sumo,
-    without_dead_ends,
-)
-from elitelanes_jax.maps import PackSpec, furnish
+from elitelanes_jax.formats import without_dead_ends
+from elitelanes_jax.maps import FormatOptions, PackSpec, furnish
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.optimizers import (
     PRESETS,
@@ -156,9 +146,6 @@ WRONG = {
     "policy: expected two numbers": lambda: make_rides(RING, policy=lambda seen: [0, 0, 0], seconds=0.1),
     "path: expected a name, got 3": lambda: Result.load(3),
     "grid: expected rows of tile codes, got 'town.json'; read_map reads": lambda: without_dead_ends("town.json"),
-    "shape: expected (height, width), two whole numbers": lambda: to_gltf((3,), b"\x89PNG\r\n\x1a\n"),
-    "picture: expected the content of a PNG file, got b'no picture'": lambda: to_gltf((2, 2), b"no picture"),
-    "picture: expected the content of a PNG file, got 'floor.png'": lambda: to_gltf((2, 2), "floor.png"),
     "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),
     "image: expected uint8 [H, W, 3], at least 2 pixels a side, got float64 [4, 4]": lambda: propose_masks(
         np.zeros((4, 4))
@@ -186,8 +173,15 @@ WRONG = {
     "moves: expected names of letters, digits and _ that no other": lambda: evolve(0, moves={3: (1, 2)}),
     "user_moves: expected moves by name, got (1,)": lambda: MoveWeights(user_moves=(1,)),
     "user_moves: mine: expected a weight and a Move, got 3": lambda: MoveWeights(user_moves={"mine": 3}),
-    "cells: expected at most 33,554,432 in all, got": lambda: to_movingai(np.full((99, 99), 15), "map", cells=64),
-    "map: expected one map, got 2": lambda: to_dt_maps([GRID, GRID]),
+    "cells: expected at most 33,554,432 in all, got": lambda: export(
+        np.full((99, 99), 15), "movingai", FormatOptions(cells=64)
+    ),
+    "map: expected one map, got 2": lambda: export([GRID, GRID], "dt-maps"),
+    "to: expected one of duckietown, dt-maps, duckiematrix, sumo, opendrive": lambda: export(GRID, "csv"),
+    "options: expected FormatOptions, got {'cells': 8}": lambda: export(GRID, "movingai", {"cells": 8}),
+    "cells: expected it with movingai alone, got it with usd": lambda: export(GRID, "usd", FormatOptions(cells=8)),
+    "tile_size: expected more than two lanes, 6.4 m, got 6 m": lambda: export(GRID, "sumo", FormatOptions(tile_size=6)),
+    "name: expected a name, got 3": lambda: export(GRID, "sumo", name=3),
     "to: expected one of duckietown, dt-maps, duckiematrix, sumo": lambda: PackSpec(to=3),
     "furnish: 3: expected one of objects, signs, lights": lambda: furnish(GRID, {3: 3}),
     "town.json: no such file or directory": lambda: furnish("town.json"),
@@ -226,9 +220,6 @@ WRONG = {
     "keys: expected keys [S], such as those of seed_keys, got 0": lambda: run(ea(road_problem((4, 4))), 0, 3),
     "seed: expected a whole number, 0 to 4294967295, got -1": lambda: seed_keys(-1, 2),
     "what: map 0: grid: expected two dimensions": lambda: explore([3], "page.html"),
-    'expected a Duckietown map, {"tiles": [[...], ...]}, got no "tiles"; read_map reads': lambda: from_duckietown(
-        "town.yaml"
-    ),
     "fill: expected True or False, got 1": lambda: road_problem((4, 4), fill=1),
     "grids: expected int8 [P, 4, 4], got int32 [2, 2]": lambda: evaluate(road_problem((4, 4)), [[6, 3], [12, 9]]),
     "name: expected one of link, corner, outline, street, straight, clear, mirror, slide, transplant, displaced, "
@@ -417,12 +408,3 @@ def test_a_wrong_argument_is_named(message, tmp_path, monkeypatch):
     assert str(error.value).startswith(message)
     assert "\n" not in str(error.value)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.usefixtures("any_types")
-@pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, partial(to_sumo, name="city")])
-def test_streets_are_a_record(write):
-    for value in (3, None, {"lane": 3}):
-        with pytest.raises(InputError, match=f"^streets: expected Streets, got {value}"):
-            write(RING, streets=value)
-    assert write(RING, streets=Streets(lane=3))

@@ -110,7 +110,8 @@ def arguments():
         "spaces": spaces, "spec": elitelanes_jax.SearchSpec(), "stable_baselines3": stable_baselines3,
         "start": drive.LaneNode(0, 0, 3),
         "state": drive.LaneDrive.reset(KEY, drive.LaneDriveParams(levels))[1], "submission": None, "task": task,
-        "tasks": [task], "text": "tiles: []", "tiles": tile_set, "valid": np.ones(3, bool), "values": [1.0, 2.0],
+        "tasks": [task], "text": "tiles: []", "tiles": tile_set, "to": "sumo",
+        "valid": np.ones(3, bool), "values": [1.0, 2.0],
         "trips": [], "views": {}, "weights": optimizers.MoveWeights(), "what": [road_map], "width": 4.0, "worst": 3.0,
         "x": [1, 2],
     }  # fmt: skip

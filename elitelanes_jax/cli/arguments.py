@@ -239,11 +239,11 @@ def read_options(options: argparse.Namespace, defaults: Record | SearchSpec) -> 
 
 
 @contextmanager
-def naming_options(defaults: Record | SearchSpec, *only: str, **more: str) -> Iterator[None]:
+def naming_options(defaults: Record | SearchSpec, *only: str) -> Iterator[None]:
     """Makes errors in its block that start with the name of a field start with the option's name.
 
     Those of all fields, or of some alone, because a file in a message may have the name of another
-    field. `more` has options by other names.
+    field.
     """
     try:
         yield
@@ -254,7 +254,7 @@ def naming_options(defaults: Record | SearchSpec, *only: str, **more: str) -> It
             for name, option, *_ in _listed(defaults)
             if not only or name in only
         }
-        raise type(error)(_name_flag(str(error), flags | more)) from None
+        raise type(error)(_name_flag(str(error), flags)) from None
 
 
 def _name_flag(message: str, flags: Mapping[str, str]) -> str:

@@ -123,7 +123,7 @@ def _export_table(options: argparse.Namespace) -> None:
 
 def _export_files(options: argparse.Namespace, target: Format, settings: FormatOptions) -> None:
     """Writes the files of a format for each map."""
-    with naming_options(FormatOptions(), tile="--tile-size"):
+    with naming_options(FormatOptions()):
         loaded = settings.loaded()
         # Writing a small map refuses bad options before any map is read.
         target.files(LOOP, "map", **loaded)
@@ -253,7 +253,7 @@ def _pack(options: argparse.Namespace) -> int:
     spec = read_options(options, PackSpec())
     from elitelanes_jax.maps.packing import pack
 
-    with naming_options(PackSpec(), tile="--tile-size"):
+    with naming_options(PackSpec()):
         about = pack(spec, options.sources, options.out, force=options.force)
     # The line says how many maps and niches each split has.
     splits = []

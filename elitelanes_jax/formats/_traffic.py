@@ -124,7 +124,7 @@ def make_traffic(source: UserValue, streets: Streets, seed: int) -> Traffic:
 def _list_roads(codes: NDArray[np.int8], graph: LaneGraph, streets: Streets) -> list[Road]:
     """Returns the lanes, the lines between them, and the edges of the road."""
     links = CONNECTIONS[linked_codes(codes)]
-    width, height = streets.lane / streets.tile, len(codes)
+    width, height = streets.lane / streets.tile_size, len(codes)
     movements = graph.list_movements()
     lanes = [
         Road("lane", _line(movement, width / 2, streets, height), movement)
@@ -193,7 +193,7 @@ def _stop_signs(tiles: list[Cell], graph: LaneGraph, streets: Streets, height: i
 
     Each crossing has one sign for each heading.
     """
-    width = streets.lane / streets.tile
+    width = streets.lane / streets.tile_size
     # All turns from a side share the sign, so one movement for each heading is kept.
     by_heading: dict[Cell, dict[int, Movement]] = {tile: {} for tile in tiles}
     for movement in graph.list_movements():

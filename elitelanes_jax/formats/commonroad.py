@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex128, Integer
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
@@ -61,7 +60,6 @@ class _Lanelet(NamedTuple):
     successors: list[int]
 
 
-@name_wrong_arguments
 def to_commonroad(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a CommonRoad scenario, ``.xml``.
 

@@ -21,7 +21,6 @@ from math import pi, remainder
 import numpy as np
 import yaml
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.dt_layers import (
     LAYERS,
@@ -44,7 +43,6 @@ _MAP = "map_0"
 _Table = dict[str, Plain]
 
 
-@name_wrong_arguments
 def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
     """Returns the texts of a map's layers for the library dt-maps 0.1.0.
 
@@ -72,7 +70,6 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str
     return _texts(layers, "1.0", TURNED_AS_LIBRARY)
 
 
-@name_wrong_arguments
 def to_duckiematrix(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
     """Returns the texts of a map's layers for the Duckiematrix, by the names of `to_dt_maps`.
 

@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Int8
 from numpy.typing import ArrayLike
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, real
 from elitelanes_jax._util.errors import InputError, brief, list_some, shorten
 from elitelanes_jax._util.types import Plain, UserValue
@@ -80,7 +79,6 @@ def check_tile_size(tile_size: UserValue, least: float = 0.01, most: float = 100
         )
 
 
-@name_wrong_arguments
 def to_duckietown(
     codes: ArrayLike,
     *,
@@ -142,35 +140,24 @@ def check_roads(codes: ArrayLike) -> Int8[np.ndarray, "H W"]:
     return grid
 
 
-def from_duckietown(text: str) -> Int8[np.ndarray, "H W"]:
-    """Reads the grid of a Duckietown map.
+def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject] | None]:
+    """Reads the grid of a Duckietown map, and its objects.
 
-    Kinds without a side face east, as in Duckietown's programs. The map's `tile_size` and kinds of
-    ground are ignored: all cells without a road are 0. `read_map` reads the objects too.
+    Kinds without a side face east, as in Duckietown's programs. The kinds of ground are ignored:
+    all cells without a road are 0.
 
     Args:
       text: the content of the YAML file.
 
     Returns:
-      int8 ``[H, W]``.
+      int8 ``[H, W]``, and the objects, or None if the file has none.
 
     Raises:
-      InputError: if it is not a Duckietown map, has an unknown kind of tile, or a side over 1024
-        tiles.
+      InputError: if it is not a Duckietown map, has an unknown kind of tile or of object, or a side
+        over 1024 tiles.
     """
-    codes, _ = read_duckietown(text)
-    return codes
-
-
-def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject] | None]:
-    """Reads the grid of a Duckietown map, as `from_duckietown` does, and its objects.
-
-    The objects are None if the file has none.
-    """
-    if not isinstance(text, str):
-        raise InputError(f"text: expected the content of a YAML file, got {shorten(repr(text))}")
     values = yaml_tree(text)
-    grid = _read_tiles(values, is_one_line="\n" not in text)
+    grid = _read_tiles(values)
     if not values.get("objects"):
         return grid, None
     size = values.get("tile_size", TILE_SIZE)
@@ -181,18 +168,14 @@ def read_duckietown(text: str) -> tuple[Int8[np.ndarray, "H W"], list[MapObject]
     return grid, read_objects(values["objects"], len(grid), tile_size)
 
 
-def _read_tiles(values: Plain, is_one_line: bool) -> Int8[np.ndarray, "H W"]:
+def _read_tiles(values: Plain) -> Int8[np.ndarray, "H W"]:
     """Reads the table of tiles of a file's values."""
     rows = None
     if isinstance(values, dict):
         rows = values.get("tiles")
     if rows is None:
-        hint = ""
-        # A text of one line may be the name of a file.
-        if is_one_line and not isinstance(values, dict):
-            hint = "; read_map reads the map of a file"
         expected = 'expected a Duckietown map, {"tiles": [[...], ...]}'
-        raise InputError(f'{expected}, got no "tiles"{hint}')
+        raise InputError(f'{expected}, got no "tiles"')
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise InputError(f"tiles: expected rows of kinds of tiles, got {brief(rows)}")
     # With aliases a short text may have very many rows, so the sides are checked before the tiles.

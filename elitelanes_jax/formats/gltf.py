@@ -12,12 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, listed
-from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
-from elitelanes_jax.network.checks import check_shape
 
 # The numbers of glTF for 32-bit floats and for unsigned 16-bit integers.
 _FLOATS, _SHORTS = 5126, 5123
@@ -62,7 +58,6 @@ class _Node(NamedTuple):
     place: _Vector
 
 
-@name_wrong_arguments
 def to_gltf(
     shape: tuple[int, int],
     picture: bytes,
@@ -78,21 +73,16 @@ def to_gltf(
 
     Args:
       shape: rows and columns of the map.
-      picture: a PNG file of the map, such as `tiles.png_of` returns.
+      picture: a PNG file of the map.
       tile_size: side of a tile in metres, 0.01 to 1000.
-      standing: objects, such as `tiles.stand` returns. Each is a picture of its front, as high as
+      standing: objects. Each is a picture of its front, as high as
         the object; its lower edge is in the middle of the footprint. They grow with the tiles.
 
     Raises:
-      InputError: for a bad shape, picture, size or object.
+      InputError: for a bad size.
     """
     check_tile_size(tile_size, most=1000)
-    if not isinstance(picture, bytes) or not picture.startswith(_PNG):
-        raise InputError(
-            f"picture: expected the content of a PNG file, got {shorten(repr(picture), 16)}"
-        )
-    standing = check_named("standing", listed(Standing), standing)
-    rows, columns = check_shape(shape)
+    rows, columns = shape
     # Pictures are keys with their index, because equal objects share a picture.
     pictures = {picture: 0}
     nodes = [_floor(columns * tile_size, rows * tile_size)]

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.formats.signals import rights_of_way
@@ -56,7 +55,6 @@ class _Lanelet(NamedTuple):
     entry: Complex128[np.ndarray, "2"]
 
 
-@name_wrong_arguments
 def to_lanelet2(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a Lanelet2 map, ``.osm``.
 

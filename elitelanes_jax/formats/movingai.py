@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, text_name, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.lanes.curves import on_road
@@ -40,7 +39,6 @@ class MovingAI(NamedTuple):
     tasks: str
 
 
-@name_wrong_arguments
 def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
     """Writes a map and tasks on it.
 

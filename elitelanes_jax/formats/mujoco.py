@@ -12,8 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, listed, xml_name
+from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
@@ -77,7 +76,6 @@ friction="1 0.005 0.0001"/>
 """
 
 
-@name_wrong_arguments
 def to_mjcf(
     codes: ArrayLike,
     picture: str,
@@ -95,12 +93,12 @@ def to_mjcf(
       codes: integer codes ``[H, W]``.
       picture: the name of the file with the map's picture, next to the model's file.
       tile_size: side of a tile in metres, 0.1 to 1000. The robot keeps its own measures.
-      standing: objects, such as `tiles.stand` returns. They are boxes and upright cylinders of the
+      standing: objects. They are boxes and upright cylinders of the
         objects' sizes and mean colours that do not move. They grow with the tiles.
       lane_offset: tiles from the road's middle to the centre of a lane, over 0 and under 0.5.
 
     Raises:
-      InputError: for a bad grid, one without a lane, or a bad name, size, object or `lane_offset`.
+      InputError: for a bad grid, one without a lane, or a bad name, size or `lane_offset`.
     """
     check_tile_size(tile_size, 0.1, 1000)
     height, width = check_grid(codes).shape
@@ -109,7 +107,6 @@ def to_mjcf(
     # The robot starts in the middle of the lane, with the direction between two points around it.
     before, start, after = first_lane.points(np.array([0.49, 0.5, 0.51]))
     east, north = after[0] - before[0], before[1] - after[1]
-    standing = check_named("standing", listed(Standing), standing)
     # Names in a model must be unique, so each object has its number.
     solids = "".join(
         _solid(item, height, number, tile_size) for number, item in enumerate(standing)
@@ -118,7 +115,7 @@ def to_mjcf(
         objects=solids,
         east=width * tile_size / 2,
         north=height * tile_size / 2,
-        picture=quoteattr(check_named("picture", _file_name, picture)),
+        picture=quoteattr(check_named("name", _file_name, picture)),
         x=start[0] * tile_size,
         y=(height - start[1]) * tile_size,
         degrees=degrees(atan2(north, east)),

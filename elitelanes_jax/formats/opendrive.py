@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int8
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats._pieces import middle_across_tile, middle_of_road
 from elitelanes_jax.formats.road_map import as_map
@@ -76,7 +75,6 @@ class _Network(NamedTuple):
     streets: Streets
 
 
-@name_wrong_arguments
 def to_opendrive(source: UserValue, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 
@@ -142,7 +140,7 @@ def _make_network(codes: Int8[np.ndarray, "H W"], streets: Streets) -> _Network:
 
 
 def _header(shape: tuple[int, ...], streets: Streets) -> str:
-    north, east = shape[0] * streets.tile, shape[1] * streets.tile
+    north, east = shape[0] * streets.tile_size, shape[1] * streets.tile_size
     extent = f'north="{north:.9g}" south="0" east="{east:.9g}" west="0"'
     reference = f"<geoReference>{_GEO_REFERENCE}</geoReference>"
     return f'<header revMajor="1" revMinor="7" name="" version="1" {extent}>{reference}</header>'
@@ -215,7 +213,9 @@ def _connecting_pieces(network: _Network, movement: Movement) -> list[Curve]:
     """
     if movement.turn == BACK:
         # The roads already lead to the middle of the tile, so the lines on both sides are left out.
-        _, half_circle, _ = lane_curves(movement, network.streets.lane / network.streets.tile / 2)
+        _, half_circle, _ = lane_curves(
+            movement, network.streets.lane / network.streets.tile_size / 2
+        )
         return [half_circle]
     links = network.links
     # Only roads between adjacent crossings lead beyond the border. Dead ends and junctions inside
@@ -328,14 +328,14 @@ def _plan_view(pieces: list[Curve], streets: Streets, height: int) -> str:
     geometries = []
     s = 0.0
     for east, south, heading, length, curvature in pieces:
-        x, y = east * streets.tile, (height - south) * streets.tile
+        x, y = east * streets.tile_size, (height - south) * streets.tile_size
         # Headings are clockwise from north, and angles counter-clockwise from east.
         angle = (1 - heading) * math.pi / 2
-        metres = length * streets.tile
+        metres = length * streets.tile_size
         place = f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{angle:.12g}" length="{metres:.12g}"'
         shape = "<line/>"
         if curvature:
-            shape = f'<arc curvature="{curvature / streets.tile:.12g}"/>'
+            shape = f'<arc curvature="{curvature / streets.tile_size:.12g}"/>'
         geometries.append(f"<geometry {place}>{shape}</geometry>")
         s += metres
     return "".join(geometries)
@@ -348,5 +348,5 @@ def _length(pieces: list[Curve], streets: Streets) -> float:
     """
     length = 0.0
     for piece in pieces:
-        length += piece.length * streets.tile
+        length += piece.length * streets.tile_size
     return length

@@ -12,8 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._traffic import STEPS, Traffic, make_traffic
 from elitelanes_jax.formats.streets import Streets
@@ -48,7 +46,6 @@ class PufferDrive(NamedTuple):
     text: str
 
 
-@name_wrong_arguments
 def to_pufferdrive(
     source: UserValue, name: str, streets: Streets = Streets(), *, seed: int = 0
 ) -> PufferDrive:
@@ -72,10 +69,8 @@ def to_pufferdrive(
       of the grid's south-west corner, in metres.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, a name that is no text,
-        bad measures, or a bad seed.
+      InputError: for a bad map, one without a lane from a tile to another, or a bad seed.
     """
-    name = check_named("name", instance(str), name)
     traffic = make_traffic(source, streets, seed)
     return PufferDrive(_to_binary(traffic), _to_json(name, traffic, streets))
 

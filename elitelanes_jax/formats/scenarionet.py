@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, instance, path, paths
+from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._traffic import STEP, STEPS, CarSides, Log, Road, Traffic, make_traffic
@@ -38,7 +38,6 @@ _VERSION = "MetaDrive v0.4.3"
 _PROTOCOL = 4
 
 
-@name_wrong_arguments
 def to_scenarionet(
     source: UserValue, name: str, streets: Streets = Streets(), *, seed: int = 0
 ) -> bytes:
@@ -61,10 +60,8 @@ def to_scenarionet(
       seed: the seed of the cars' starts and turns, 0 to 2**32 - 1.
 
     Raises:
-      InputError: for a bad map, one without a lane from a tile to another, a name that is no text,
-        bad measures, or a bad seed.
+      InputError: for a bad map, one without a lane from a tile to another, or a bad seed.
     """
-    name = check_named("name", instance(str), name)
     traffic = make_traffic(source, streets, seed)
     steps = _steps_before_return(traffic.logs[0], streets)
     tracks: dict[str, Plain] = {}

@@ -267,10 +267,10 @@ def signal_element(signal: Signal, s: float, lane: int, streets: Streets, rows: 
         place = ""
     else:
         item = signal.item
-        height = item.height * streets.tile / TILE_SIZE
-        width = item.footprint[1] * streets.tile / TILE_SIZE
+        height = item.height * streets.tile_size / TILE_SIZE
+        width = item.footprint[1] * streets.tile_size / TILE_SIZE
         above = 0.0
-        x, y = item.x * streets.tile, (rows - item.y) * streets.tile
+        x, y = item.x * streets.tile_size, (rows - item.y) * streets.tile_size
         place = f'<positionInertial x="{x:.9g}" y="{y:.9g}" z="0" hdg="{signal.heading:.9g}"/>'
     if signal.kind == "trafficlight":
         # OpenDRIVE itself defines this type, a light with three colours.

@@ -25,19 +25,19 @@ class Streets(Record):
     """Measures of the streets that tiles become.
 
     The defaults suit SUMO's own cars, 5 m long: between adjacent crossings there is room for two of
-    them. On shorter streets waiting cars block the crossings behind them. ``Streets(tile=8.43)``
+    them. On shorter streets waiting cars block the crossings behind them. ``Streets(tile_size=8.43)``
     has the proportions of Duckietown, 58.5 cm a tile and 22.2 cm from the middle of the road to its
     white line; a Duckiebot has 2.6 m there.
 
     Attributes:
-      tile: side of a tile in metres, 0.01 to 1000, and more than two lanes.
+      tile_size: side of a tile in metres, 0.01 to 1000, and more than two lanes.
       lane: width of a lane in metres, 0.001 to 500.
       speed: limit in metres a second, 0.001 to 100.
       right_of_way: the right of way at crossings: "allway_stop", the meaning of stop lines on all
         sides, "priority", "right_before_left" or "traffic_light".
     """
 
-    tile: float = option(30.0, real(0.01, 1000))
+    tile_size: float = option(30.0, real(0.01, 1000))
     lane: float = option(3.2, real(0.001, 500))
     speed: float = option(8.33, real(0.001, 100))
     right_of_way: str = option(
@@ -46,15 +46,16 @@ class Streets(Record):
 
     def check_together(self) -> None:
         """Checks that a tile has room for two lanes."""
-        if self.tile <= 2 * self.lane:
+        if self.tile_size <= 2 * self.lane:
             # If the tile has its default size, the user changed the lane.
-            if self.tile == Streets.tile:
+            if self.tile_size == Streets.tile_size:
                 raise InputError(
-                    f"lane: expected less than half of a tile, {self.tile / 2:g} m, "
+                    f"lane: expected less than half of a tile, {self.tile_size / 2:g} m, "
                     f"got {self.lane:g} m"
                 )
             raise InputError(
-                f"tile: expected more than two lanes, {2 * self.lane:g} m, got {self.tile:g} m"
+                f"tile_size: expected more than two lanes, {2 * self.lane:g} m, "
+                f"got {self.tile_size:g} m"
             )
 
 
@@ -65,7 +66,7 @@ def to_metres(
 
     Points are tiles east and south of the north-west corner. `height` is the grid's number of rows.
     """
-    return (points[:, 0] + (height - points[:, 1]) * 1j) * streets.tile
+    return (points[:, 0] + (height - points[:, 1]) * 1j) * streets.tile_size
 
 
 def giving_way(movements: Iterable[Movement]) -> set[int]:
@@ -91,7 +92,7 @@ def bounds(
     Both bounds have the same number of points. At a dead end the left bound leads around an island,
     a tenth of a lane wide.
     """
-    lane = streets.lane / streets.tile
+    lane = streets.lane / streets.tile_size
     if movement.turn == BACK:
         # The left bound starts and ends in the middle of the road. Between its ends it is the
         # outline of the island.

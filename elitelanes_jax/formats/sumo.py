@@ -73,7 +73,6 @@ class Sumo(NamedTuple):
     settings: str
 
 
-@name_wrong_arguments
 def to_sumo(source: UserValue, name: str, streets: Streets = Streets()) -> Sumo:
     """Writes a map for SUMO; the same map gives the same texts.
 
@@ -250,7 +249,7 @@ def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
 def _node(node: Cell, place: complex, kind: str, streets: Streets) -> str:
     # The radius is SUMO's own, 4 m for lanes of 3.2 m, if there is room. It does not reach the
     # border of the tile, because adjacent crossings need an edge between them.
-    radius = min(1.25 * streets.lane, 0.9 * (streets.tile / 2 - streets.lane))
+    radius = min(1.25 * streets.lane, 0.9 * (streets.tile_size / 2 - streets.lane))
     return (
         f'id="{_id(node)}" x="{place.real:.4f}" y="{place.imag:.4f}" type="{kind}" '
         f'radius="{radius:.4f}"'

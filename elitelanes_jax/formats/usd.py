@@ -8,13 +8,11 @@ import re
 from collections.abc import Sequence
 from math import degrees
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, listed, xml_name
+from elitelanes_jax._util.checks import check_named, xml_name
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
-from elitelanes_jax.network.checks import check_shape
 
 # The characters that have a meaning in USD's paths of files, or end a line.
 _MEANING = re.compile(r"[@<>\[\]\\\t\n\r]")
@@ -87,7 +85,6 @@ _SOLID = """
 """
 
 
-@name_wrong_arguments
 def to_usd(
     shape: tuple[int, int],
     picture: str,
@@ -100,20 +97,19 @@ def to_usd(
       shape: rows and columns of the map.
       picture: the name of the file with the map's picture, next to the stage's file.
       tile_size: side of a tile in metres, 0.01 to 1000.
-      standing: objects, such as `tiles.stand` returns. They are boxes of the objects' sizes and
+      standing: objects. They are boxes of the objects' sizes and
         mean colours, and grow with the tiles.
 
     Raises:
-      InputError: for a bad shape, name, size or object.
+      InputError: for a bad name or size.
     """
     check_tile_size(tile_size, most=1000)
-    rows, columns = check_shape(shape)
-    standing = check_named("standing", listed(Standing), standing)
+    rows, columns = shape
     solids = [_solid(item, rows, number, tile_size) for number, item in enumerate(standing)]
     return _STAGE.format(
         east=columns * tile_size,
         north=rows * tile_size,
-        picture=check_named("picture", _file_name, picture),
+        picture=check_named("name", _file_name, picture),
         things="".join(solids),
     )
 

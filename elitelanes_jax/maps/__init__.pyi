@@ -1,4 +1,5 @@
 from .exporting import FormatOptions as FormatOptions
+from .exporting import export as export
 from .furnishing.floors import floor_size as floor_size
 from .furnishing.placing import furnish as furnish
 from .furnishing.spec import FurnishSpec as FurnishSpec

@@ -19,7 +19,6 @@ from .rendering import Picture as Picture
 from .rendering import choose_tiles as choose_tiles
 from .rendering import png_of as png_of
 from .rendering import render as render
-from .rendering import stand as stand
 from .rendering import write_png as write_png
 from .tag_pages import write_tags as write_tags
 from .tileset import TileSet as TileSet

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax import InputError, evolve, random_grids, repair
 from elitelanes_jax.drive import UNREACHABLE, LaneNode, Level, distances, random_level
-from elitelanes_jax.formats import from_duckietown, without_dead_ends
+from elitelanes_jax.formats import read_map, without_dead_ends
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.optimizers import seed_keys
@@ -150,7 +150,7 @@ def human_maps(folder: Path) -> NDArray[np.int8]:
     found: dict[bytes, NDArray[np.int8]] = {}
     for file in sorted(folder.glob("*.yaml")):
         try:
-            roads = without_dead_ends(from_duckietown(file.read_text(encoding="utf-8")))
+            roads = without_dead_ends(read_map(file).codes)
         except InputError:
             continue
         rows, columns = np.flatnonzero(roads.any(axis=1)), np.flatnonzero(roads.any(axis=0))

@@ -8,7 +8,7 @@ import pytest
 
 from elitelanes_jax import InputError, SearchSpec, evolve, repair, road_problem
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.problem import paper_axes
 
 # Two loops side by side, by Duckietown's rules; fill would put roads into the middle of both.

@@ -90,6 +90,6 @@ def test_values_of_options_are_those_of_the_formats():
     with pytest.raises(InputError, match=re.escape(f"right_of_way: expected one of {', '.join(ways)}, got")):
         Streets(right_of_way="none")
     duckietowns = f"{TILE_SIZE} in `duckietown`, `dt-maps` and `duckiematrix`"
-    assert f"{duckietowns}, {Streets().tile:g} in `sumo`" in TABLES["--tile-size"]
+    assert f"{duckietowns}, {Streets().tile_size:g} in `sumo`" in TABLES["--tile-size"]
     for name in ("lane", "speed"):
         assert TABLES[f"--{name}"].endswith(f"; {getattr(Streets(), name)}")

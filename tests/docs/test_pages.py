@@ -22,7 +22,7 @@ from elitelanes_jax import DatasetSpec, GenerateSpec, RoadMap, load_tiles, read_
 from elitelanes_jax._util import packages
 from elitelanes_jax.cli.arguments import read_options
 from elitelanes_jax.cli.main import main, make_parser
-from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import map_to_json
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.tiles.masking import COLOURS, parse_colour

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, SearchSpec
-from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.search.resolve import resolve
 from experiments.realism.study import (

@@ -164,7 +164,7 @@ def test_without_the_environment_one_line_says_so(tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(not PYTHON.exists(), reason="make gym-duckietown")
 def test_the_bridge_sees_poses_as_we_do_and_says_what_is_wrong():
-    from elitelanes_jax.formats import to_duckietown
+    from elitelanes_jax.formats.duckietown import to_duckietown
 
     place = DuckietownMap("loop", to_duckietown(LOOP), LOOP)
     poses = np.array([random_pose(key, LOOP) for key in jax.random.split(jax.random.key(0), 30)], float)

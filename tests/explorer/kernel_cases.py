@@ -11,8 +11,8 @@ import numpy as np
 
 from elitelanes_jax import InputError, RoadMap, Weights, fitness, repair
 from elitelanes_jax.explorer._payload import plan_values
-from elitelanes_jax.formats import OBJECT_KINDS, MapObject, make_plan, to_duckietown
-from elitelanes_jax.formats.duckietown import read_duckietown
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject, make_plan
+from elitelanes_jax.formats.duckietown import read_duckietown, to_duckietown
 from elitelanes_jax.formats.objects import base_kind, object_values
 from elitelanes_jax.formats.plan_pages import _bill, _object_to_place
 from elitelanes_jax.network import Metrics, measure_town, plain_measure

@@ -20,7 +20,8 @@ from sign_cases import placed_again
 from elitelanes_jax import DatasetSpec, Result, RoadMap, Weights, load_tiles, read_map, render, repair
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer.page import page_of
-from elitelanes_jax.formats import MapObject, make_plan, to_duckietown
+from elitelanes_jax.formats import MapObject, make_plan
+from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import map_to_json, read_maps
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.network import measure_town, plain_measure

@@ -19,7 +19,8 @@ from sumo_drive import convert, drive, read
 
 from elitelanes_jax import read_map
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax.formats import to_duckietown, to_sumo
+from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.network import canonical_form
 
 

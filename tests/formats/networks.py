@@ -13,14 +13,12 @@ import numpy as np
 import pytest
 from simulator_maps import AHEAD, SIDES, lane_graph
 
-from elitelanes_jax.formats import (
-    to_commonroad,
-    to_lanelet2,
-    to_opendrive,
-    to_pufferdrive,
-    to_scenarionet,
-    to_sumo,
-)
+from elitelanes_jax.formats.commonroad import to_commonroad
+from elitelanes_jax.formats.lanelet2 import to_lanelet2
+from elitelanes_jax.formats.opendrive import to_opendrive
+from elitelanes_jax.formats.pufferdrive import to_pufferdrive
+from elitelanes_jax.formats.scenarionet import to_scenarionet
+from elitelanes_jax.formats.sumo import to_sumo
 
 QUARTERS = {1: 0, 0: 1, 3: 2, 2: 3}  # the turn of a lane by its quarter turns clockwise: right, straight, left, back
 CYCLE = ["green", "yellow", "red", "redYellow"]

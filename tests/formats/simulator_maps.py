@@ -122,7 +122,7 @@ def name(lane):
 def distances(points, lane, grid, streets):
     """Metres from points (x + y·i) to a lane's centre, which continues beyond its tile as a line or a circle."""
     row, column, into, out = lane
-    tile = streets.tile
+    tile = streets.tile_size
     centre = (column + 0.5 + (len(grid) - row - 0.5) * 1j) * tile
     ahead = AHEAD[into]
     turn = TURNS[(out - into) % 4]

@@ -9,7 +9,7 @@ from pathlib import Path
 import networkx as nx
 import pytest
 
-from elitelanes_jax.formats import to_sumo
+from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.maps.exporting import FORMATS
 
 

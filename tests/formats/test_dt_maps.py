@@ -14,7 +14,8 @@ from test_map_objects import WRITTEN, check_same
 
 from elitelanes_jax import InputError, RoadMap, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import OBJECT_KINDS, MapObject, as_maps, to_dt_maps, without_dead_ends
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject, as_maps, without_dead_ends
+from elitelanes_jax.formats.dt_maps import to_dt_maps
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure
 from elitelanes_jax.network.codes import ROAD_ALPHABET

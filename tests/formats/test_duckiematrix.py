@@ -14,7 +14,8 @@ from test_map_objects import WRITTEN, check_same
 
 from elitelanes_jax import InputError, RoadMap, read_map
 from elitelanes_jax.drive.lanes import lane_point
-from elitelanes_jax.formats import MapObject, to_duckiematrix, without_dead_ends
+from elitelanes_jax.formats import MapObject, without_dead_ends
+from elitelanes_jax.formats.dt_maps import to_duckiematrix
 from elitelanes_jax.lanes.curves import lane_curves
 from elitelanes_jax.lanes.movements import Movement, lane_graph
 from elitelanes_jax.network.codes import ROAD_ALPHABET, SIDES

@@ -16,7 +16,8 @@ from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax import InputError, evolve, measure, random_grids, read_map, repair
 from elitelanes_jax.drive.lanes import lane_length, lane_point
-from elitelanes_jax.formats import from_duckietown, to_duckietown, without_dead_ends
+from elitelanes_jax.formats import without_dead_ends
+from elitelanes_jax.formats.duckietown import read_duckietown, to_duckietown
 from elitelanes_jax.lanes.movements import Movement
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -42,7 +43,7 @@ tables = hnp.arrays(
 @given(tables)
 def test_there_and_back_is_the_same(grid):
     text = to_duckietown(grid)
-    back = from_duckietown(text)
+    back, _ = read_duckietown(text)
     np.testing.assert_array_equal(back, grid)
     assert back.dtype == np.int8
     assert to_duckietown(back) == text
@@ -52,7 +53,7 @@ def test_there_and_back_is_the_same(grid):
 
 
 def test_a_map_by_hand():
-    assert from_duckietown(LOOP).tolist() == [[0] * 5, [0, 6, 7, 3, 0], [0, 10, 10, 10, 0], [0, 12, 13, 9, 0]]
+    assert read_duckietown(LOOP)[0].tolist() == [[0] * 5, [0, 6, 7, 3, 0], [0, 10, 10, 10, 0], [0, 12, 13, 9, 0]]
     assert to_duckietown([[6, 3], [12, 9]], tile_size=0.61) == (
         "tile_size: 0.61\ntiles:\n- [curve_left/W, curve_left/N]\n- [curve_left/S, curve_left/E]\n"
     )
@@ -82,7 +83,7 @@ def test_all_kinds_and_sides():
             text = (
                 f"tiles:\n- [{kind}/{side}, ' {kind} / {side} ']\n- [{kind if side == 'E' else 'grass'}, floor/{side}]"
             )
-            got = from_duckietown(text)
+            got, _ = read_duckietown(text)
             assert got.tolist() == [[expected, expected], [expected if side == "E" else 0, 0]]
             steps = [(-column, row) for row, column in steps]  # a quarter turn counter-clockwise
 
@@ -95,7 +96,7 @@ def test_without_dead_ends_nothing_is_left_that_leads_nowhere(grid):
     assert not (left & ~grid).any()
     np.testing.assert_array_equal(without_dead_ends(left), left)
     assert metrics["cyclomatic"] == plain_measure(grid)["cyclomatic"]  # no loop is lost
-    np.testing.assert_array_equal(from_duckietown(to_duckietown(left)), left)
+    np.testing.assert_array_equal(read_duckietown(to_duckietown(left))[0], left)
 
 
 def test_dead_ends_are_named():
@@ -113,7 +114,7 @@ def test_messages_are_short_whatever_a_file_unfolds_to():
     bomb = "\n".join(["a: &a [0, 1, 2]", *lines, "tiles: "])
     for text in (bomb + "[*i, *i]", bomb + "{i: *i}", "tiles: [[" + "a" * 999, f"tiles: [[*{'a' * 999}]]"):
         with pytest.raises(InputError) as caught:
-            from_duckietown(text)
+            read_duckietown(text)
         assert len(str(caught.value)) < 300
 
 
@@ -149,7 +150,7 @@ def test_many_directives_are_refused_whatever_comes_first(first):
     """With 20,000 of them, libyaml needs a second; the time grows with the square."""
     text = first + "".join(f"%TAG !a{number}! t:x\n" for number in range(20_000)) + "---\ntiles: [[floor]]\n"
     with pytest.raises(InputError, match="expected readable YAML, got 16 directives and more"):
-        from_duckietown(text)
+        read_duckietown(text)
 
 
 @pytest.mark.parametrize(
@@ -186,7 +187,7 @@ def test_bad_maps_are_named(text, message, tmp_path):
 
 def test_aliases_are_what_they_name_and_other_values_do_not_matter():
     text = "when: !!int soon\nrow: &row [floor, &road 4way]\ntiles: [*row, [*road, floor], *row]"
-    assert from_duckietown(text).tolist() == [[0, 15], [15, 0], [0, 15]]
+    assert read_duckietown(text)[0].tolist() == [[0, 15], [15, 0], [0, 15]]
 
 
 def test_bad_settings_are_named():

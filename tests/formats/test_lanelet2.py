@@ -19,7 +19,7 @@ def directed(nodes, bound, lane, grid, streets, left):
     """A bound's nodes in the direction of its lane, which begins at the side of its tile."""
     row, column, into, _ = lane
     ahead = (1j, 1, -1j, -1)[into]
-    start = (column + 0.5 + (len(grid) - row - 0.5) * 1j - ahead / 2) * streets.tile
+    start = (column + 0.5 + (len(grid) - row - 0.5) * 1j - ahead / 2) * streets.tile_size
     start += 0 if left else -1j * ahead * streets.lane
     return bound if abs(nodes[bound[0]] - start) < 1e-5 else bound[::-1]
 
@@ -48,7 +48,7 @@ def test_lights_stand_beyond_the_right_end_of_their_stop_lines():
     text = to_lanelet2([[6, 3, 0], [12, 15, 3], [0, 12, 9]], Streets(right_of_way="traffic_light"))
     _, rules, nodes = read_lanelet2(text)
     ways = {way.get("id"): [nodes[nd.get("ref")] for nd in way.iter("nd")] for way in ET.fromstring(text).iter("way")}
-    crossing = (1.5 + 1.5j) * Streets().tile
+    crossing = (1.5 + 1.5j) * Streets().tile_size
     assert len(rules) == 4
     for _, members in rules.values():
         light, stop_line = (ways[number] for _, number in members)

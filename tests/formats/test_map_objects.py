@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError
-from elitelanes_jax.formats import (
-    OBJECT_KINDS,
-    MapObject,
-    RoadMap,
-    read_map,
-    to_dt_maps,
-    to_duckiematrix,
-    to_duckietown,
-)
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap, read_map
+from elitelanes_jax.formats.dt_maps import to_dt_maps, to_duckiematrix
+from elitelanes_jax.formats.duckietown import to_duckietown
 
 GRID = np.array([[6, 12], [3, 9]], np.int8)
 OBJECTS = (

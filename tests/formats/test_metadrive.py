@@ -8,7 +8,11 @@ import pytest
 from simulator_maps import draw, lane_graph
 from sumo_drive import read
 
-from elitelanes_jax.formats import Streets, index_scenarios, to_opendrive, to_scenarionet, to_sumo
+from elitelanes_jax.formats import index_scenarios
+from elitelanes_jax.formats.opendrive import to_opendrive
+from elitelanes_jax.formats.scenarionet import to_scenarionet
+from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.maps.exporting import FORMATS
 
@@ -60,7 +64,7 @@ def lanes_and_links(grid):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("streets", "towns"), [(Streets(), 50), (Streets(tile=8, speed=5), 20)])
+@pytest.mark.parametrize(("streets", "towns"), [(Streets(), 50), (Streets(tile_size=8, speed=5), 20)])
 def test_scenarios_are_sane_and_all_cars_follow_their_logs_to_the_end(streets, towns, tmp_path):
     if not (PROGRAMS / "python").exists():
         pytest.skip("MetaDrive is not here: make metadrive")

@@ -116,7 +116,7 @@ def check_carla(grid, text, streets, places=1e-2):
     assert links == set(expected.edges)
     assert all_reach_all(nx.DiGraph(links), grid) and all(out for _, out in nx.DiGraph(links).out_degree())
     lanes = {}
-    for point in city.generate_waypoints(streets.tile / 4):
+    for point in city.generate_waypoints(streets.tile_size / 4):
         place = point.transform.location
         lanes.setdefault((point.road_id, point.lane_id), []).append(place.x - 1j * place.y)  # its y is south
     assert set(lanes) == set(expected)
@@ -132,7 +132,7 @@ def check_carla(grid, text, streets, places=1e-2):
             assert distances(points, ours[lane], grid, streets).max() < places
             continue
         for point in points:
-            column, row = int(point.real // streets.tile), int(len(grid) - point.imag / streets.tile)
+            column, row = int(point.real // streets.tile_size), int(len(grid) - point.imag / streets.tile_size)
             far, nearest = min((float(distances(point, other, grid, streets)), other) for other in here[row, column])
             assert far < places
             passed.add(nearest)

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError
-from elitelanes_jax.formats import RoadMap, Streets, read_map, to_pufferdrive
+from elitelanes_jax.formats import RoadMap, read_map
 from elitelanes_jax.formats._traffic import AGENTS
-from elitelanes_jax.formats.streets import to_metres
+from elitelanes_jax.formats.pufferdrive import to_pufferdrive
+from elitelanes_jax.formats.streets import Streets, to_metres
 from elitelanes_jax.lanes.curves import lane_polyline
 from elitelanes_jax.lanes.movements import BACK, lane_graph
 from elitelanes_jax.network.growth import grow_town

@@ -15,7 +15,7 @@ from simulator_maps import KNOT
 from elitelanes_jax import InputError
 from elitelanes_jax.drive import lane_nodes, movements
 from elitelanes_jax.drive.lanes import lane_length, lane_point
-from elitelanes_jax.formats import to_movingai
+from elitelanes_jax.formats.movingai import to_movingai
 from elitelanes_jax.lanes.curves import lane_curves, lane_lengths
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.lanes.movements import Movement, lane_graph

@@ -10,7 +10,9 @@ from networks import approaches, ends_of, lit, pose_at, signals_of
 from simulator_maps import KNOT
 
 from elitelanes_jax import rotate
-from elitelanes_jax.formats import MapObject, RoadMap, Streets, read_map, to_opendrive
+from elitelanes_jax.formats import MapObject, RoadMap, read_map
+from elitelanes_jax.formats.opendrive import to_opendrive
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.network.codes import SIDES
 

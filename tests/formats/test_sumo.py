@@ -21,14 +21,16 @@ from simulator_maps import KNOT, RING, all_reach_all, on_any_roads
 from sumo_drive import convert, drive, elements, points, read, run
 
 from elitelanes_jax import InputError, evolve
-from elitelanes_jax.formats import Streets, to_sumo, to_sumo_trips
+from elitelanes_jax.formats import to_sumo_trips
+from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.formats.sumo import to_sumo
 from elitelanes_jax.lanes.movements import movements_of
 from elitelanes_jax.maps import PackSpec, pack
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.wfc import generate_batch
 
 CITY = generate_batch(np.random.default_rng(0), 1, (9, 12), border="closed").grid[0]
-TO_SCALE = Streets(tile=8.43, right_of_way="right_before_left")
+TO_SCALE = Streets(tile_size=8.43, right_of_way="right_before_left")
 
 
 def plain_xml(codes, *streets):
@@ -47,7 +49,7 @@ def opposites(edges):
 def test_roads_are_the_links_in_both_directions(grid):
     graph = road_graph(grid)
     graph = graph.subgraph([tile for tile in graph if graph.degree(tile)])
-    plain = plain_xml(grid, Streets(tile=10))
+    plain = plain_xml(grid, Streets(tile_size=10))
     nodes, edges, _ = read(plain)
     stops = {node["id"] for node in elements(plain.nodes) if node["type"] == "allway_stop"}
     assert stops == {f"{row}_{column}" for row, column in graph if graph.degree((row, column)) > 2}
@@ -90,7 +92,7 @@ def test_traffic_may_go_on_everywhere_and_back_at_dead_ends(grid):
 
 
 def test_a_ring_is_two_roads_around_a_circle():
-    nodes, edges, connections = read(plain_xml(RING, Streets(tile=20)))
+    nodes, edges, connections = read(plain_xml(RING, Streets(tile_size=20)))
     assert list(nodes) == ["0_0", "1_1"]
     assert list(edges) == ["0_0_east", "0_0_south", "1_1_north", "1_1_west"]
     assert ("0_0_east", "1_1_west") in connections and len(connections) == 4
@@ -118,7 +120,7 @@ def test_north_is_up_and_crossings_are_junctions():
 def test_trips_lead_over_the_edges_that_enter_their_tiles(grid):
     """The tile of a node is on its edge, and the edge comes to it with the node's heading."""
     grid = np.asarray(grid)
-    plain, moves = plain_xml(grid, Streets(tile=10)), np.stack(movements_of(grid), axis=1)
+    plain, moves = plain_xml(grid, Streets(tile_size=10)), np.stack(movements_of(grid), axis=1)
     nodes = [tuple(node) for node in moves[:, :3].tolist()]
     trips = ET.fromstring(to_sumo_trips(grid, [(node, node) for node in nodes]))
     edges, height = read(plain)[1], len(grid)

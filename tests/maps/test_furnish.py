@@ -17,7 +17,7 @@ from elitelanes_jax import InputError, RoadMap, read_map
 from elitelanes_jax._util import progress
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import Camera
-from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.tags import STREET_NAMES
 from elitelanes_jax.maps import FurnishSpec, furnish
 from elitelanes_jax.tiles import default_tiles

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from test_furnish import TOWN
 
-from elitelanes_jax.formats import to_dt_maps, to_duckietown
+from elitelanes_jax.formats.dt_maps import to_dt_maps
+from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.maps import furnish
 
 HERE = Path(__file__).parent / "gym_duckietown"

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, SearchSpec, evolve
 from elitelanes_jax.drive import random_pose
-from elitelanes_jax.formats import read_map, to_duckietown
+from elitelanes_jax.formats import read_map
+from elitelanes_jax.maps import export
 from elitelanes_jax.optimizers import seed_keys
 from experiments.common import Untyped
 from experiments.perception.gym_duckietown.bridge import receive, send
@@ -108,7 +109,10 @@ def read_maps(part: str, only: str | None = None) -> list[DuckietownMap]:
     files = [data_folder() / "maps" / f"{name}.yaml" for name in listed["people"]]
     found = [DuckietownMap(file.stem, file.read_text(encoding="utf-8"), read_map(file).codes) for file in files]
     ours = our_towns(**listed["towns"]) if only != "people" else []
-    towns = [DuckietownMap(f"town {index}", to_duckietown(one), one) for index, one in enumerate(ours)]
+    towns = []
+    for index, codes in enumerate(ours):
+        text = export(codes, "duckietown")["map.yaml"].decode()
+        towns.append(DuckietownMap(f"town {index}", text, codes))
     return (found if only != "towns" else []) + towns
 
 

@@ -1,0 +1,71 @@
+"""`export` returns the files that the command of this name writes."""
+
+from pathlib import Path
+
+import pytest
+
+from elitelanes_jax import InputError, RoadMap, export
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.maps import FormatOptions, furnish
+from elitelanes_jax.maps.exporting import FORMATS
+
+TOWN = furnish(Path(__file__).parents[2] / "docs" / "examples" / "town.json", "signs trees=2 duckies=1")
+SETTINGS = {
+    "tile_size": 0.6,
+    "dead_ends": "grass",
+    "lane": 0.2,
+    "speed": 0.3,
+    "right_of_way": "priority",
+    "traffic_seed": 7,
+    "tile_px": 16,
+    "cells": 8,
+}
+
+
+def files_of_command(folder, to, options):
+    TOWN.save("town.json")
+    flags = []
+    for setting, value in options.chosen().items():
+        flags += ["--" + setting.replace("_", "-"), str(value)]
+    assert main(["export", "town.json", "--to", to, "--out", folder, *flags]) == 0
+    files = (file for file in Path(folder).rglob("*") if file.is_file())
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_files_are_those_of_the_command(to, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    taken = {setting: value for setting, value in SETTINGS.items() if setting in FORMATS[to].takes}
+    for number, options in enumerate((FormatOptions(), FormatOptions(**taken))):
+        written = files_of_command(str(number), to, options)
+        files = export(TOWN, to, options, name="town")
+        assert files == export("town.json", to, options, name="town")
+        # The command also writes the index of a folder of scenarios.
+        assert files.items() <= written.items()
+        assert len(written) - len(files) == (2 if to == "scenarionet" else 0)
+        assert all(isinstance(content, bytes) for content in files.values())
+
+
+@pytest.mark.parametrize("to", ["pufferdrive", "scenarionet"])
+def test_another_traffic_seed_has_other_cars(to):
+    default, first, second = (export(TOWN, to, FormatOptions(traffic_seed=seed)) for seed in (None, 0, 1))
+    assert default == first
+    assert default.keys() == second.keys() and default != second
+
+
+@pytest.mark.parametrize("name", [Path("ring"), 5, None])
+def test_a_name_is_a_text(name):
+    """`index_scenarios` would refuse the scenario of a `Path`, because it reads texts and numbers alone."""
+    with pytest.raises(InputError, match="^name: expected a name, got"):
+        export(TOWN, "scenarionet", name=name)
+
+
+def test_a_map_that_a_format_cannot_hold_is_refused():
+    with pytest.raises(InputError, match="^grid: expected tiles with two or more .*row 0, column 0"):
+        export(RoadMap([[4, 1]]), "duckietown")
+    with pytest.raises(InputError, match="^grid: expected a road that forms a loop, got 2 tiles"):
+        export(RoadMap([[4, 1]]), "duckietown", FormatOptions(dead_ends="grass"))
+    with pytest.raises(InputError, match="^name: expected a name without spaces"):
+        export(TOWN, "movingai", name="my town")
+    with pytest.raises(InputError, match="^traffic_seed: expected it with pufferdrive, scenarionet alone, got it with"):
+        export(TOWN, "sumo", FormatOptions(traffic_seed=1))
