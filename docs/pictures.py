@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from elitelanes_jax import evolve, render
 from elitelanes_jax.dataset import DatasetSpec, make_dataset
 from elitelanes_jax.drive import make_rides, trails
-from elitelanes_jax.formats import RoadMap, read_map, write_plan
+from elitelanes_jax.formats import RoadMap, make_plan, read_map
 from elitelanes_jax.maps import furnish
 from elitelanes_jax.tiles import LABEL_COLOURS, Picture, load_tiles
 
@@ -29,7 +29,7 @@ def main() -> None:
     map_and_labels()
     furnished()
     drive_trails()
-    write_plan(furnish(read_map(FOLDER / "examples" / "town.json"), "signs duckies=3"), FOLDER / "plan.png")
+    make_plan(furnish(read_map(FOLDER / "examples" / "town.json"), "signs duckies=3")).save(FOLDER / "plan.png")
 
 
 def styles() -> None:

@@ -176,11 +176,15 @@ def _plan(options: argparse.Namespace) -> int:
 
 def _write_plan(road_map: RoadMap, options: argparse.Namespace) -> str:
     """Writes a plan; returns what it needs."""
-    from elitelanes_jax.formats.plan_pages import write_plan
+    from elitelanes_jax.formats.plan import make_plan
+    from elitelanes_jax.formats.plan_pages import plan_kind
 
-    # The default side of a tile is that of `write_plan`.
+    # A bad name of the file is refused before the map is read through.
+    plan_kind(options.out)
+    # The default side of a tile is that of `make_plan`.
     size = {} if options.tile_size is None else {"tile_size": options.tile_size}
-    plan = write_plan(road_map, options.out, **size)
+    plan = make_plan(road_map, **size)
+    plan.save(options.out)
     tape = ", ".join(f"{metres:.2f} m {colour}" for colour, metres in plan.tape.items())
     tiles = pluralize(len(plan.placed), "tile")
     return f"{tiles} on {plan.floor[0]:g} x {plan.floor[1]:g} m, tape {tape}"

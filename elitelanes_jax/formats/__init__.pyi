@@ -5,7 +5,6 @@ from .objects import MapObject as MapObject
 from .objects import ObjectKind as ObjectKind
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
-from .plan_pages import write_plan as write_plan
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps
 from .road_map import read_map as read_map

@@ -6,6 +6,7 @@ Road Tiles".
 
 from itertools import pairwise
 from math import cos, hypot, pi, sin
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -106,6 +107,22 @@ class Plan(NamedTuple):
     tiles: dict[str, int]
     tape: dict[str, float]
     objects: tuple[MapObject, ...]
+
+    def save(self, file: str | Path) -> None:
+        """Draws the plan with its bill of materials; a PDF also has a check-list.
+
+        Args:
+          file: a name that ends in .pdf, .svg or .png; an existing file is replaced.
+
+        Raises:
+          InputError: for another ending.
+          MissingPackageError: without matplotlib.
+          OSError: if the file cannot be written.
+        """
+        # Pages import this module, and matplotlib.
+        from elitelanes_jax.formats.plan_pages import write_plan
+
+        write_plan(self, file)
 
 
 @name_wrong_arguments

@@ -13,15 +13,13 @@ from pathlib import Path
 from textwrap import wrap
 from typing import NamedTuple
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.types import Untyped, UserValue
-from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, make_plan, tapes_of
+from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, tapes_of
 
 # Lengths on pages are in millimetres.
 # These are the sizes of a page, its margin, and the height of a line.
@@ -45,28 +43,20 @@ _DEGREE = "\N{DEGREE SIGN}"
 _OBJECTS, _ARROWS, _NUMBERS = 4, 5, 6
 
 
-@name_wrong_arguments
-def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE_SIZE) -> Plan:
-    """Writes the plan of a map with its bill of materials; a PDF also has a check-list.
-
-    Args:
-      road_map: the map, as `make_plan` takes it.
-      file: a name that ends in .pdf, .svg or .png; an existing file is replaced.
-      tile_size: the pitch of the tiles in metres, as `make_plan` takes it.
-
-    Raises:
-      InputError: as `make_plan` does, for another ending, or without matplotlib.
-      OSError: if the file cannot be written.
-    """
+def write_plan(plan: Plan, file: str | Path) -> None:
+    """Draws a plan, as `Plan.save` says."""
     target = check_named("file", path, file)
-    kind = target.suffix.lower()
+    write_atomic(target, _draw_plan(plan, plan_kind(target)))
+
+
+def plan_kind(file: Path) -> str:
+    """Returns the kind of a plan's file, .pdf, .svg or .png; raises `InputError` for another."""
+    kind = file.suffix.lower()
     if kind not in (".pdf", ".svg", ".png"):
         raise InputError(
             f"file: expected a name that ends in .pdf, .svg or .png, got {shorten(repr(str(file)))}"
         )
-    plan = make_plan(road_map, tile_size=tile_size)
-    write_atomic(target, _draw_plan(plan, kind))
-    return plan
+    return kind
 
 
 def _draw_plan(plan: Plan, kind: str) -> bytes:

@@ -17,7 +17,6 @@ from ._moves import random_move as random_move
 from ._moves import with_fill as with_fill
 from ._moves import with_symmetric_copy as with_symmetric_copy
 from ._mutations import Move as Move
-from ._mutations import Variation as Variation
 from ._population import EvolutionConfig as EvolutionConfig
 from ._population import ea as ea
 from ._population import evaluate as evaluate

@@ -11,7 +11,7 @@ from conftest import grids
 from hypothesis import given
 
 from elitelanes_jax import InputError, RoadMap
-from elitelanes_jax.formats import make_plan, without_dead_ends, write_plan
+from elitelanes_jax.formats import make_plan, without_dead_ends
 from elitelanes_jax.formats.plan import REFERENCE, tapes_of
 from elitelanes_jax.lanes.links import linked_codes
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, SIDES, rotate_codes
@@ -103,7 +103,10 @@ def furnished():
 def test_files_hold_the_plan(furnished, tmp_path):
     for kind in ("pdf", "svg", "png"):
         first, second = tmp_path / f"first.{kind}", tmp_path / f"second.{kind}"
-        assert write_plan(furnished, first) == write_plan(furnished, second) == make_plan(furnished)
+        plan = make_plan(furnished)
+        plan.save(first)
+        plan.save(second)
+        assert plan == make_plan(furnished)
         assert first.read_bytes() == second.read_bytes()
     words = re.findall(r"<text[^>]*>(.*?)</text>|<tspan[^>]*>(.*?)</tspan>", (tmp_path / "first.svg").read_text())
     words = [one or other for one, other in words]
@@ -118,7 +121,7 @@ def test_objects_on_roads_hide_tape_and_labels(kind, tmp_path):
     def green(x, y):
         """Counts the pixels of an object on the ring."""
         thing = {"kind": kind, "x": x, "y": y} | ({"tag": 3} if kind == "floor_tag" else {})
-        write_plan(RoadMap(RING, objects=[thing]), tmp_path / "plan.png")
+        make_plan(RoadMap(RING, objects=[thing])).save(tmp_path / "plan.png")
         picture = cv2.imread(str(tmp_path / "plan.png")).astype(int)
         return (np.abs(picture[..., ::-1] - [0x3D, 0x7A, 0x3A]).max(axis=-1) < 8).sum()
 
@@ -130,13 +133,13 @@ def test_objects_on_roads_hide_tape_and_labels(kind, tmp_path):
 
 @pytest.mark.parametrize("kind", ["pdf", "svg", "png"])
 def test_a_character_that_the_font_lacks_is_no_warning(kind, tmp_path):
-    write_plan(RoadMap(RING, objects=[{"kind": "other:\u76f4", "x": 1.0, "y": 1.0}]), tmp_path / f"plan.{kind}")
+    make_plan(RoadMap(RING, objects=[{"kind": "other:\u76f4", "x": 1.0, "y": 1.0}])).save(tmp_path / f"plan.{kind}")
     assert kind != "svg" or "\u76f4" in (tmp_path / "plan.svg").read_text(encoding="utf-8")
 
 
 def test_a_large_map_has_a_larger_sheet_and_more_lists(tmp_path):
     grid = linked_codes(np.full((14, 14), 15, np.int8))
-    write_plan(grid, tmp_path / "plan.pdf")
+    make_plan(grid).save(tmp_path / "plan.pdf")
     text = (tmp_path / "plan.pdf").read_bytes()
     heights = [float(box.split()[3]) for box in re.findall(rb"/MediaBox \[([^\]]*)\]", text)]
     assert heights[0] > heights[1] and len(heights) == 1 + -(-(14 * 16 + 6) // (56 * 3))
@@ -160,12 +163,12 @@ def test_maps_that_cannot_be_built_are_refused(grid, words):
 def test_a_full_disk_is_an_error_of_the_system(tmp_path):
     import resource
 
-    write_plan(RING, tmp_path / "whole.pdf")
+    make_plan(RING).save(tmp_path / "whole.pdf")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
     try:
         with pytest.raises(OSError, match=r"File too large.*plan\.pdf"):
-            write_plan(RING, tmp_path / "plan.pdf")
+            make_plan(RING).save(tmp_path / "plan.pdf")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert [file.name for file in tmp_path.iterdir()] == ["whole.pdf"]

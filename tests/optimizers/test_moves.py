@@ -18,13 +18,13 @@ from elitelanes_jax.network.codes import CONNECTIONS
 from elitelanes_jax.optimizers import (
     Move,
     MoveWeights,
-    Variation,
     make_move,
     random_move,
     with_fill,
     with_symmetric_copy,
 )
 from elitelanes_jax.optimizers._moves import KNOWN_MOVES
+from elitelanes_jax.optimizers._mutations import Variation
 from elitelanes_jax.optimizers._windows import valid_windows
 
 CYCLES = {"corner": make_move("corner"), "outline": make_move("outline")}

@@ -18,7 +18,8 @@ from elitelanes_jax import (
     road_problem,
     run,
 )
-from elitelanes_jax.optimizers import EvolutionConfig, Move, Variation, seed_keys
+from elitelanes_jax.optimizers import EvolutionConfig, Move, seed_keys
+from elitelanes_jax.optimizers._mutations import Variation
 from elitelanes_jax.optimizers._population import breed, evaluate, random_population, survivors, tournament
 from elitelanes_jax.problem import Population
 
