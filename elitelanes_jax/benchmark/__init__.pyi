@@ -1,5 +1,5 @@
+from .measuring import Measured as Measured
 from .pcg import register_pcg_problems as register_pcg_problems
-from .running import Measured as Measured
 from .running import run as run
 from .scores import Scores as Scores
 from .scores import compute_scores as compute_scores

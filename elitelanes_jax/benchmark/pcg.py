@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import AnyArray, Untyped
-from elitelanes_jax.benchmark.submissions import count_flaws
+from elitelanes_jax.benchmark.measuring import count_flaws
 from elitelanes_jax.benchmark.tasks import find_task
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.plain_metrics import cut_to_roads, plain_measure

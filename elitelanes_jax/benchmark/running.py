@@ -1,10 +1,9 @@
 """Runs a user's search on a task, and keeps its archive at every budget."""
 
 from collections.abc import Callable, Generator, Iterable
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Int, Int8
+from jaxtyping import Int8
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import (
@@ -17,30 +16,9 @@ from elitelanes_jax._util.checks import (
 )
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission, measure_grids
+from elitelanes_jax.benchmark.measuring import Measured, measure_grids
+from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission
 from elitelanes_jax.benchmark.tasks import BUDGETS, Task, find_task
-
-
-class Measured(NamedTuple):
-    """What a search receives for the grids ``[B, H, W]`` that it yields.
-
-    Attributes:
-      fitness: int32 ``[B]``, lower is better.
-      cyclomatic: int32 ``[B]``, the niche.
-      flaws: int32 ``[B]``, the number of dead ends, boundary violations, mismatches, adjacent
-        crossings, adjacent turns and components beside the first; and of empty cells, if the task
-        fills every cell.
-    """
-
-    fitness: Int[np.ndarray, " B"]
-    cyclomatic: Int[np.ndarray, " B"]
-    flaws: Int[np.ndarray, " B"]
-
-    @property
-    def counts(self) -> Bool[np.ndarray, " B"]:
-        """Whether the grid is flawless, bool ``[B]``. Other grids have no part in `Scores`."""
-        return self.flaws == 0
-
 
 Search = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
 """A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch."""
@@ -112,7 +90,7 @@ def _run_seed(task: Task, search: UserValue) -> Int8[np.ndarray, "T N H W"]:
     spent, batch = 0, next(search, _ENDED)
     while batch is not _ENDED and len(at_budgets) < len(budgets):
         codes = _check(task, batch)
-        measured = Measured(**measure_grids(codes, fill=task.fill))
+        measured = measure_grids(codes, fill=task.fill)
         # The grids are counted one at a time, because a budget may be spent within a batch.
         for number in range(len(codes)):
             archive.insert(codes[number], measured, number)

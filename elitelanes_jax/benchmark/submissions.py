@@ -4,31 +4,24 @@ This module reads and writes their files, and computes scores from grids that ar
 """
 
 import io
-from collections.abc import Callable
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, file_named, instance, unmasked
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import unpack
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax.benchmark.measuring import Measured, measure_grids
 from elitelanes_jax.benchmark.scores import Scores, compute_scores, grade
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
-
-if TYPE_CHECKING:
-    from elitelanes_jax.network.records import Metrics
 
 LEAST_RUNS = 10
 """The smallest number of runs, each from another seed."""
 
-_BATCH = 4096
 # The largest size of the grids: `unpack` reads 2**29 bytes on any machine.
 _MOST_BYTES = 2**29 - 2**12
 
@@ -53,7 +46,11 @@ class Submission(NamedTuple):
           InputError: if the grids do not fit the task, for another type, or a file with the suffix
             of another format.
         """
-        write_submission(file, self)
+        out = check_named("file", file_named(".npz"), file)
+        grids = _checked_grids(self, str(file), LEAST_RUNS)
+        content = io.BytesIO()
+        np.savez_compressed(content, version=VERSION, task=self.task.name, grids=grids)
+        write_atomic(out, content.getvalue())
 
     @classmethod
     def load(cls, file: str | Path) -> "Submission":
@@ -61,7 +58,21 @@ class Submission(NamedTuple):
 
         Raises `InputError` for another file, version or task, or grids that do not fit the task.
         """
-        return read_submission(file)
+        _, stored = unpack(file)
+        names = ("version", "task", "grids")
+        present = [name for name in names if name in stored]
+        if len(present) < len(names):
+            got = ", ".join(present) or "none"
+            raise InputError(f"{file}: expected arrays {', '.join(names)}, got {got}")
+        version, task_name, grids = (stored[name] for name in names)
+        if version.tolist() != VERSION:
+            raise InputError(f"{file}: expected version {VERSION}, got {version.tolist()!r}")
+        try:
+            task = find_task(task_name.tolist())
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from None
+        _check(str(file), task, grids, LEAST_RUNS)
+        return cls(task, grids)
 
     def score(self) -> tuple[NDArray[np.float64], Scores]:
         """Measures all grids, and scores them.
@@ -74,7 +85,8 @@ class Submission(NamedTuple):
           InputError: for grids that do not fit the task, or one that is better than its niche's
             certificate.
         """
-        return score_submission(self)
+        best = _best_fitness(self.task, _measure(self))
+        return best, compute_scores(self.task, best)
 
     def grade(self) -> NDArray[np.float64]:
         """Computes the graded score of each run at each budget.
@@ -89,47 +101,27 @@ class Submission(NamedTuple):
         Raises:
           InputError: as `score`.
         """
-        return grade_submission(self)
+        return _grade(self.task, _measure(self))
 
 
-@name_wrong_arguments
-def write_submission(file: str | Path, submission: Submission) -> None:
-    """Writes a raw archive, see `Submission.save`."""
-    _check_fields(submission)
-    out, grids = check_named("file", file_named(".npz"), file), np.asarray(submission.grids)
-    _check(str(file), submission.task, grids)
-    content = io.BytesIO()
-    np.savez_compressed(content, version=VERSION, task=submission.task.name, grids=grids)
-    write_atomic(out, content.getvalue())
+def score_and_grade(submission: Submission) -> dict[str, NDArray[np.float64]]:
+    """Returns the scores and the graded score, by name, each ``[R, T]``; measures once."""
+    measured = _measure(submission)
+    best = _best_fitness(submission.task, measured)
+    graded = _grade(submission.task, measured)
+    return compute_scores(submission.task, best)._asdict() | {"graded": graded}
 
 
-@name_wrong_arguments
-def read_submission(file: str | Path) -> Submission:
-    """Reads a raw archive, see `Submission.load`."""
-    names = ("version", "task", "grids")
-    _, stored = unpack(file)
-    present = [name for name in names if name in stored]
-    if len(present) < len(names):
-        got = ", ".join(present) or "none"
-        raise InputError(f"{file}: expected arrays {', '.join(names)}, got {got}")
-    version, task_name, grids = (stored[name] for name in names)
-    if version.tolist() != VERSION:
-        raise InputError(f"{file}: expected version {VERSION}, got {version.tolist()!r}")
-    try:
-        task = find_task(task_name.tolist())
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
-    _check(str(file), task, grids)
-    return Submission(task, grids)
-
-
-def _check_fields(submission: UserValue) -> None:
-    check_named("submission", instance(Submission), submission)
+def _checked_grids(submission: Submission, source: str, least: int) -> NDArray[np.integer]:
+    """Returns the grids; raises `InputError` for a task or grids that cannot be measured."""
     check_named("submission: task", instance(Task), submission.task)
     check_named("submission: grids", unmasked, submission.grids)
+    grids = np.asarray(submission.grids)
+    _check(source, submission.task, grids, least)
+    return grids
 
 
-def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) -> None:
+def _check(source: str, task: Task, grids: np.ndarray, least: int) -> None:
     # The size is checked first, before all grids are read.
     if grids.nbytes > _MOST_BYTES:
         raise InputError(
@@ -154,109 +146,57 @@ def _check(source: str, task: Task, grids: np.ndarray, least: int = LEAST_RUNS) 
         )
 
 
-@name_wrong_arguments
-def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Scores]:
-    """Measures all grids of a raw archive, and scores them, see `Submission.score`."""
-    _check_fields(submission)
-    task, grids = submission.task, np.asarray(submission.grids)
+def _measure(submission: Submission) -> Measured:
+    """Checks and measures all grids, each field ``[R, T, N]``."""
     # A user may score few runs. Only a file that is handed in needs `LEAST_RUNS`.
-    _check("submission", task, grids, least=1)
-    measured = _measure(submission)
-    flawless = measured["flaws"] == 0
-    # Such a grid would refute the certificates.
-    beyond = np.argwhere(flawless & ~np.isin(measured["cyclomatic"], task.cyclomatic))
+    grids = _checked_grids(submission, "submission", least=1)
+    task = submission.task
+    measured = measure_grids(grids.reshape(-1, *task.shape), fill=task.fill)
+    return Measured(*(values.reshape(grids.shape[:3]) for values in measured))
+
+
+def _best_fitness(task: Task, measured: Measured) -> NDArray[np.float64]:
+    """Returns the lowest fitness of a flawless grid in each feasible niche, ``[R, T, F]``.
+
+    It is infinite for a vacant niche.
+
+    Raises:
+      InputError: for a grid that the task's certificates say cannot exist.
+    """
+    flawless = measured.flaws == 0
+    beyond = np.argwhere(flawless & ~np.isin(measured.cyclomatic, task.cyclomatic))
     if len(beyond):
         index = tuple(beyond[0].tolist())
-        got = f"one at {measured['cyclomatic'][index]}, {_slot(index)}"
+        got = f"one at {measured.cyclomatic[index]}, {_slot(index)}"
         raise InputError(
             f"grids: expected none in niches that are certified to be empty, got {got}: "
             "please report it"
         )
-    best = np.full((*grids.shape[:2], len(task.cyclomatic)), np.inf)
+    best = np.full((*flawless.shape[:2], len(task.cyclomatic)), np.inf)
     for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
         # Several slots may be in the same niche, and the best one counts.
-        here = flawless & (measured["cyclomatic"] == cyclomatic)
-        best[..., niche] = np.where(here, measured["fitness"], np.inf).min(axis=-1, initial=np.inf)
-        better = np.argwhere(here & (measured["fitness"] < optimum))
+        here = flawless & (measured.cyclomatic == cyclomatic)
+        best[..., niche] = np.where(here, measured.fitness, np.inf).min(axis=-1, initial=np.inf)
+        better = np.argwhere(here & (measured.fitness < optimum))
         if len(better):
             index = tuple(better[0].tolist())
-            got = f"{measured['fitness'][index]} at cyclomatic number {cyclomatic}, {_slot(index)}"
+            got = f"{measured.fitness[index]} at cyclomatic number {cyclomatic}, {_slot(index)}"
             raise InputError(
                 f"grids: expected none better than the certified {optimum}, got {got}: "
                 "please report it"
             )
-    return best, compute_scores(task, best)
+    return best
 
 
-@name_wrong_arguments
-def grade_submission(submission: Submission) -> NDArray[np.float64]:
-    """Computes the graded score of each run at each budget, see `Submission.grade`."""
-    best, _ = score_submission(submission)
-    measured = _measure(submission)
+def _grade(task: Task, measured: Measured) -> NDArray[np.float64]:
+    """Returns the graded score ``[R, T]``; raises `InputError` as `_best_fitness`."""
+    best = _best_fitness(task, measured)
     fewest = np.full(best.shape, np.inf)
-    for niche, cyclomatic in enumerate(submission.task.cyclomatic):
-        here = measured["cyclomatic"] == cyclomatic
-        fewest[..., niche] = np.where(here, measured["flaws"], np.inf).min(axis=-1, initial=np.inf)
-    return grade(submission.task, best, fewest)
-
-
-def _measure(submission: Submission) -> dict[str, np.ndarray]:
-    """Measures all grids of a checked submission.
-
-    Returns the fields of `Measured`, each ``[R, T, N]``.
-    """
-    grids = np.asarray(submission.grids)
-    measured = measure_grids(grids.reshape(-1, *submission.task.shape), fill=submission.task.fill)
-    return {name: values.reshape(grids.shape[:3]) for name, values in measured.items()}
+    for niche, cyclomatic in enumerate(task.cyclomatic):
+        here = measured.cyclomatic == cyclomatic
+        fewest[..., niche] = np.where(here, measured.flaws, np.inf).min(axis=-1, initial=np.inf)
+    return grade(task, best, fewest)
 
 
 def _slot(index: tuple[int, ...]) -> str:
     return f"run {index[0]}, {BUDGETS[index[1]]:,} evaluations, slot {index[2]}"
-
-
-def measure_grids(grids: Int8[np.ndarray, "P H W"], *, fill: bool) -> dict[str, np.ndarray]:
-    """Measures grids in batches of one size, and returns the fields of `Measured`.
-
-    Batches of one size need only one compiled program.
-    """
-    batches = []
-    for start in range(0, len(grids), _BATCH):
-        batch = grids[start : start + _BATCH].astype(np.int8)
-        # The last batch is filled up to a power of two, so that few programs are compiled.
-        filler = np.zeros(
-            (min(_BATCH, 1 << (len(batch) - 1).bit_length()) - len(batch), *batch.shape[1:]),
-            np.int8,
-        )
-        part = _measurer()(np.concatenate([batch, filler]), fill)
-        batches.append({name: np.asarray(values)[: len(batch)] for name, values in part.items()})
-    return {name: np.concatenate([part[name] for part in batches]) for name in batches[0]}
-
-
-def count_flaws(metrics: "Metrics", fill: AnyArray) -> AnyArray:
-    """Counts flaws: see `Measured.flaws`. `fill` says whether every cell has to be filled."""
-    at_cells = (
-        metrics.dead_ends
-        + metrics.boundary_violations
-        + metrics.mismatches
-        # `fill` is a factor, because JAX traces it: one program serves both variants.
-        + fill * metrics.empty_cells
-    )
-    between_cells = metrics.adjacent_crossings + metrics.adjacent_turns
-    # A grid without roads has no component, which is one flaw.
-    return at_cells + between_cells + abs(metrics.components - 1)
-
-
-@cache
-def _measurer() -> Callable[[AnyArray, bool], dict[str, AnyArray]]:
-    import jax
-
-    from elitelanes_jax.network.fitness import fitness
-    from elitelanes_jax.network.metrics import measure
-
-    @jax.jit
-    def measure_batch(batch: AnyArray, fill: AnyArray) -> dict[str, AnyArray]:
-        metrics = jax.vmap(measure)(batch)
-        flaws = count_flaws(metrics, fill)
-        return {"fitness": fitness(metrics), "cyclomatic": metrics.cyclomatic, "flaws": flaws}
-
-    return measure_batch

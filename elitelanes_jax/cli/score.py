@@ -30,7 +30,7 @@ def add_score(commands: Commands) -> None:
 
 
 def _score(options: argparse.Namespace) -> int:
-    from elitelanes_jax.benchmark.submissions import Submission
+    from elitelanes_jax.benchmark.submissions import Submission, score_and_grade
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     # Grids are measured by a compiled program.
@@ -39,8 +39,7 @@ def _score(options: argparse.Namespace) -> int:
         submission = Submission.load(file)
         # The messages of the scores name no file, because they are of arrays.
         with naming(file):
-            _, scores = submission.score()
-            of_runs = scores._asdict() | {"graded": submission.grade()}
+            of_runs = score_and_grade(submission)
         say(
             f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(of_runs)}",
             asked=True,

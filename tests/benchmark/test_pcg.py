@@ -8,8 +8,8 @@ import pytest
 
 from elitelanes_jax import mirror, rotate
 from elitelanes_jax.benchmark import find_task, register_pcg_problems
+from elitelanes_jax.benchmark.measuring import measure_grids
 from elitelanes_jax.benchmark.pcg import VARIANTS, RoadNetworks, draw_roads
-from elitelanes_jax.benchmark.submissions import measure_grids
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "pcg_roads.py"
 
@@ -25,7 +25,7 @@ def test_certified_networks_pass_and_random_ones_have_partial_quality(size):
         for other in set(task.cyclomatic) - {cyclomatic}:
             assert 0 < roads.controlability(info, {"cyclomatic": np.int64(other)}) < 1
     random = np.random.default_rng(1).integers(16, size=(5, *task.shape))
-    flaws = measure_grids(random, fill=task.fill)["flaws"]
+    flaws = measure_grids(random, fill=task.fill).flaws
     assert (flaws > 0).all()
     assert [roads.quality(roads.info(grid)) for grid in random] == pytest.approx((1 / (1 + flaws)).tolist())
 
