@@ -373,6 +373,34 @@ def test_a_jpeg_without_a_frame_header_is_refused(tmp_path):
         read_photograph(tmp_path / "cut.jpg")
 
 
+@pytest.mark.parametrize("damage", ["unfinished", "changed"])
+def test_a_damaged_png_is_refused_without_complaints_of_the_decoder(damage, tmp_path, capfd):
+    """The decoder's own lines stood before the message of a command."""
+    photographed.write(tmp_path / "floor.png", photographed.photograph(TOWN))
+    content = bytearray((tmp_path / "floor.png").read_bytes())
+    if damage == "unfinished":
+        content = content[: len(content) // 2]
+    else:
+        content[len(content) // 2] ^= 1
+    (tmp_path / "floor.png").write_bytes(content)
+    capfd.readouterr()
+    with pytest.raises(InputError, match="floor.png: expected a photograph, .* got one that cannot be read"):
+        read_photograph(tmp_path / "floor.png")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_png_is_turned_upright(tmp_path):
+    """Its EXIF data are a part of the file beside those that hold pixels."""
+    photographed.write(tmp_path / "plain.png", photographed.photograph(TOWN))
+    content = (tmp_path / "plain.png").read_bytes()
+    exif = b"eXIf" + b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
+    # The header ends at byte 33.
+    part = (len(exif) - 4).to_bytes(4) + exif + zlib.crc32(exif).to_bytes(4)
+    (tmp_path / "turned.png").write_bytes(content[:33] + part + content[33:])
+    plain, upright = (read_photograph(tmp_path / name).image for name in ("plain.png", "turned.png"))
+    np.testing.assert_array_equal(upright, np.rot90(plain, -1))
+
+
 def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):
     """What was erased in a picture editor was once seen again."""
     picture = np.full((300, 300, 4), 255, np.uint8)
