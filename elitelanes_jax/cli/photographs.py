@@ -11,7 +11,7 @@ from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, free_name, never_replacing
 from elitelanes_jax._util.folders import check_renamable, output_folder
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
-from elitelanes_jax.cli.program import say
+from elitelanes_jax.cli.program import say, warn
 from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.network.codes import KIND_OF
 
@@ -35,7 +35,8 @@ def add_cut(commands: Commands) -> None:
         help="cut a tile set out of photographs",
         description="Finds the tiles in photographs and writes a tile set: a square picture of "
         "each tile, its proposed masks, and sheet.png to check all by eye. A photograph shows one "
-        "tile, or a floor of --size or --map.",
+        "tile, or a floor of --size or --map. If a photograph is refused, the tiles of the others are "
+        "written, and the exit code is 2.",
         notes="""examples:
   elitelanes tiles cut turn.jpg straight.jpg crossing.jpg --out my-tiles
   elitelanes tiles cut floor.jpg --size 3 4 --out my-tiles
@@ -148,7 +149,13 @@ def _cut(options: argparse.Namespace) -> int:
         raise _nothing_cut_error(photographs, options.photos[0])
     earlier_set = _write_set(out, photographs, overwrite=options.overwrite)
     say("\n".join(_describe_set(photographs, out, earlier_set)))
-    return 0
+    refused = photographs.refused()
+    if not refused:
+        return 0
+    # The set lacks the tiles of these photographs. A script learns it from the exit code, which is
+    # that of a command whose photographs are all refused.
+    warn("\n".join(f"refused: {line}" for line in refused))
+    return 2
 
 
 def _check_replaceable(out: Path, *, overwrite: bool) -> None:
@@ -245,7 +252,6 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
 
     # What was cut comes first, then what needs the user's attention.
     lines = _summary(photographs.cuts, photographs.proposals, out)
-    lines += [f"refused: {line}" for line in photographs.refused()]
     if earlier_set is not None:
         lines.append(f"the earlier set is kept as {earlier_set}")
     # The set is checked as `tiles check` does it, because the pictures are the user's.

@@ -566,3 +566,17 @@ def test_an_earlier_set_is_kept(tmp_path, capsys):
     assert (tmp_path / "mine.before" / "turn_1" / "image.png").read_bytes() == b"by hand"
     assert read_photograph(out / "sheet.png").image.shape[2] == 3
     assert f"the earlier set is kept as {out}.before" in capsys.readouterr().out
+
+
+def test_a_refused_photograph_among_others_is_told_by_the_exit_code(tmp_path, capsys):
+    """A script took the set for complete."""
+    photographed.write(tmp_path / "turn.png", photographed.photograph(np.array([[3]], np.int8)))
+    noise = np.random.default_rng(0).integers(0, 256, (300, 400, 3), np.uint8)
+    photographed.write(tmp_path / "noise.png", noise)
+    out = tmp_path / "mine"
+    line = ["tiles", "cut", str(tmp_path / "noise.png"), str(tmp_path / "turn.png"), "--out", str(out)]
+    assert main(line) == 2
+    printed = capsys.readouterr()
+    assert printed.out.startswith("1 tile of 1 photograph") and "refused: " not in printed.out
+    assert printed.err.startswith("refused: noise.png: ") and printed.err.count("\n") == 1
+    assert sorted(entry.name for entry in out.iterdir()) == ["sheet.png", "turn_1"]
