@@ -57,6 +57,11 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
             )
 
 
+def scenery_kinds(spec: FurnishSpec) -> set[str]:
+    """Returns the kinds of the objects in the amounts of a specification."""
+    return {scenery.kind for name, scenery in _AMOUNTS.items() if getattr(spec, name)}
+
+
 def _check_count(
     name: str, scenery: "_Scenery", count: int, codes: Int8[np.ndarray, "H W"]
 ) -> None:
