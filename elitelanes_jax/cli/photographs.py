@@ -2,7 +2,8 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -117,11 +118,13 @@ class _CutPhotographs(NamedTuple):
     """What was cut out of the photographs of a command.
 
     Attributes:
+      files: the photographs, as the user names them.
       cuts: the tiles.
       proposals: where the tiles are in each photograph.
       pictures: each photograph with the outlines of its tiles, for the sheet.
     """
 
+    files: Sequence[Path]
     cuts: "list[Cut]"
     proposals: "list[Proposal]"
     pictures: "list[NDArray[np.uint8]]"
@@ -131,9 +134,19 @@ class _CutPhotographs(NamedTuple):
         from elitelanes_jax.tiles.photographs.proposals import SURE
 
         return [
-            f"{proposal.photo}: {proposal.advice}"
-            for proposal in self.proposals
+            f"{file}: {proposal.advice}"
+            for file, proposal in zip(self.files, self.proposals, strict=True)
             if proposal.score < SURE
+        ]
+
+    def used(self) -> "list[tuple[Path, Proposal]]":
+        """Returns the photographs whose tiles were found, and where the tiles are."""
+        from elitelanes_jax.tiles.photographs.proposals import SURE
+
+        return [
+            (file, proposal)
+            for file, proposal in zip(self.files, self.proposals, strict=True)
+            if proposal.score >= SURE
         ]
 
 
@@ -191,10 +204,11 @@ def _cut_photographs(
 
     # One camera has taken all photographs.
     lens = _read_lens(options)
-    photographs = _CutPhotographs([], [], [])
+    photographs = _CutPhotographs(options.photos, [], [], [])
     for file, corners_of_file in zip(options.photos, corners, strict=True):
         photograph = read_photograph(file, lens)
-        proposal = _propose(photograph, shape, corners_of_file, exact=options.exact, codes=plan)
+        with _naming_photograph(file, photograph):
+            proposal = _propose(photograph, shape, corners_of_file, exact=options.exact, codes=plan)
         photographs.proposals.append(proposal)
         photographs.pictures.append(draw_proposal(photograph, proposal))
         # A photograph that is refused stays on the sheet, where its outlines show what went wrong.
@@ -251,7 +265,7 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
     from elitelanes_jax.tiles.tileset import inspect_tiles
 
     # What was cut comes first, then what needs the user's attention.
-    lines = _summary(photographs.cuts, photographs.proposals, out)
+    lines = _summary(photographs, out)
     if earlier_set is not None:
         lines.append(f"the earlier set is kept as {earlier_set}")
     # The set is checked as `tiles check` does it, because the pictures are the user's.
@@ -263,24 +277,22 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
     return lines
 
 
-def _summary(cuts: "list[Cut]", proposals: "list[Proposal]", out: Path) -> list[str]:
-    from elitelanes_jax.tiles.photographs.proposals import SURE
-
+def _summary(photographs: _CutPhotographs, out: Path) -> list[str]:
+    cuts, used = photographs.cuts, photographs.used()
     # The counts show which kinds of tiles the set still lacks.
     kinds = Counter(KIND_OF[cut.code] for cut in cuts)
     listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-    used = [proposal for proposal in proposals if proposal.score >= SURE]
     tiles, sources = pluralize(len(cuts), "tile"), pluralize(len(used), "photograph")
     lines = [
         f"{tiles} of {sources} in {out}: {listed}",
         f"look at the outlines and masks on {out / 'sheet.png'}",
     ]
     lines += [f"{cut.name} is nearly a copy of {cut.copy_of}" for cut in cuts if cut.copy_of]
-    for proposal in used:
+    for file, proposal in used:
         # A tile of an unsure kind was not cut, and the user can add it by hand.
         for cell in _unsure_cells(proposal.sure):
             place = _describe_cell(*cell)
-            lines.append(f"{proposal.photo}: left out the tile at {place}, its kind is unsure")
+            lines.append(f"{file}: left out the tile at {place}, its kind is unsure")
     return lines
 
 
@@ -355,7 +367,8 @@ def _read_floor(
     from elitelanes_jax.tiles.photographs.reading import read_photograph
 
     photograph = read_photograph(options.photo, _read_lens(options))
-    proposal = _propose(photograph, shape, corners, exact=options.exact, tiles=tiles)
+    with _naming_photograph(options.photo, photograph):
+        proposal = _propose(photograph, shape, corners, exact=options.exact, tiles=tiles)
     # A floor that was not found has no codes that mean anything.
     if proposal.score < SURE:
         raise InputError(f"{options.photo}: {proposal.advice}")
@@ -429,6 +442,21 @@ def _read_lens(options: argparse.Namespace) -> "Lens | None":
     from elitelanes_jax.tiles.photographs.reading import read_lens
 
     return None if options.camera is None else read_lens(options.camera)
+
+
+@contextmanager
+def _naming_photograph(file: Path, photograph: "Photograph") -> Iterator[None]:
+    """Names a photograph in an error as the user does.
+
+    Photographs of several folders may have the same name, such as image.png.
+    """
+    try:
+        yield
+    except InputError as error:
+        start, message = f"{photograph.name}: ", str(error)
+        if message.startswith(start):
+            raise InputError(f"{file}: {message.removeprefix(start)}") from None
+        raise
 
 
 def _propose(

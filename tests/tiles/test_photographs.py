@@ -578,5 +578,22 @@ def test_a_refused_photograph_among_others_is_told_by_the_exit_code(tmp_path, ca
     assert main(line) == 2
     printed = capsys.readouterr()
     assert printed.out.startswith("1 tile of 1 photograph") and "refused: " not in printed.out
-    assert printed.err.startswith("refused: noise.png: ") and printed.err.count("\n") == 1
+    assert printed.err.startswith(f"refused: {tmp_path / 'noise.png'}: ") and printed.err.count("\n") == 1
     assert sorted(entry.name for entry in out.iterdir()) == ["sheet.png", "turn_1"]
+
+
+def test_photographs_of_the_same_name_are_named_with_their_folders(tmp_path, capsys):
+    """Each folder of a tile set has its picture as image.png."""
+    wall = np.full((300, 400, 3), 128, np.uint8)
+    noise = np.random.default_rng(0).integers(0, 256, (300, 400, 3), np.uint8)
+    turn = photographed.photograph(np.array([[3]], np.int8))
+    for name, picture in (("turn", turn), ("noise", noise), ("wall", wall)):
+        (tmp_path / name).mkdir()
+        photographed.write(tmp_path / name / "image.png", picture)
+    files = {name: str(tmp_path / name / "image.png") for name in ("turn", "noise", "wall")}
+    for refused in ("noise", "wall"):
+        line = ["tiles", "cut", files["turn"], files[refused], "--out", str(tmp_path / refused / "out")]
+        assert main(line) == 2
+        assert f"{files[refused]}: " in capsys.readouterr().err
+    assert main(["tiles", "read", files["wall"], "--size", "2", "2"]) == 2
+    assert capsys.readouterr().err.startswith(f"elitelanes: {files['wall']}: expected tiles that stand out")
