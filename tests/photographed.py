@@ -80,3 +80,4 @@ def draw_photographs(folder: Path):
     other = TOWN.copy()
     other[0, 0], other[1, 1] = 3, 5
     (folder / "other.json").write_text(f'{{"codes": {other.tolist()}}}')
+    (folder / "large.json").write_text(f'{{"codes": {np.full((3, 41), 5).tolist()}}}')

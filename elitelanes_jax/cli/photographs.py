@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from elitelanes_jax._util.checks import FLOOR_SIDE, file_named, folder, path, real
+from elitelanes_jax._util.checks import FLOOR_SIDE, file_named, floor_shape, folder, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, free_name, never_replacing
 from elitelanes_jax._util.folders import check_renamable, output_folder
@@ -401,8 +401,16 @@ def _compare(codes: "NDArray[np.int8]", plan: "NDArray[np.int8]", plan_file: Pat
 
 
 def _read_plan(file: Path | None) -> "NDArray[np.int8] | None":
-    """Returns the codes of the map that was planned; None without one."""
-    return None if file is None else read_map(file).codes
+    """Returns the codes of the map that was planned; None without one.
+
+    A map that is larger than any photographed floor is refused.
+    """
+    if file is None:
+        return None
+    codes = read_map(file).codes
+    with naming(file):
+        floor_shape(codes.shape)
+    return codes
 
 
 def _shape(options: argparse.Namespace, plan: "NDArray[np.int8] | None") -> tuple[int, int]:
