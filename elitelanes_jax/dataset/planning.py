@@ -113,7 +113,7 @@ def _list_objects(spec: DatasetSpec, searches: dict[tuple[int, int], Search]) ->
         return objects
     codes: set[int] = set()
     for road_map in given:
-        codes.update(road_map.codes.flat)
+        codes.update(road_map.codes.ravel().tolist())
     for search in searches.values():
         codes.update(search.alphabet)
     objects += spec.furnish.objects
