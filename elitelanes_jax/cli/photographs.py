@@ -329,6 +329,8 @@ def _read(options: argparse.Namespace) -> int:
     shape = _shape(options, plan)
     # A single tile is no floor to read, and the default of --size means one.
     if shape == (1, 1):
+        if plan is not None:
+            raise InputError(f"{options.against}: expected a map of 2 tiles or more, got 1")
         got = "none" if options.size is None else "1 1"
         raise InputError(
             f"--size: expected the rows and columns of a floor of 2 tiles or more, got {got}"
@@ -403,13 +405,15 @@ def _compare(codes: "NDArray[np.int8]", plan: "NDArray[np.int8]", plan_file: Pat
 def _read_plan(file: Path | None) -> "NDArray[np.int8] | None":
     """Returns the codes of the map that was planned; None without one.
 
-    A map that is larger than any photographed floor is refused.
+    A map that is larger than any photographed floor is refused, and so is one without roads.
     """
     if file is None:
         return None
     codes = read_map(file).codes
     with naming(file):
         floor_shape(codes.shape)
+    if not codes.any():
+        raise InputError(f"{file}: expected a map with roads, got none")
     return codes
 
 
