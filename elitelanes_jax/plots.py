@@ -77,10 +77,7 @@ def road_map(
     rows, columns = codes.shape
     is_marked = np.zeros((rows, columns), bool)
     if marked is not None:
-        is_marked = np.asarray(marked, bool)
-    if is_marked.shape != (rows, columns):
-        expected = f"a mask of the grid's shape {(rows, columns)}"
-        raise InputError(f"marked: expected {expected}, got {is_marked.shape}")
+        is_marked = _check_mask(marked, (rows, columns))
 
     # The arguments are checked before the figure is made, so that an error leaves no empty figure.
     ax = _axes(ax)
@@ -98,6 +95,18 @@ def road_map(
         _draw_lane_lines(ax, lines, _LANE_WIDTH * width, (rows, columns))
     _draw_end_bars(ax, ends, width + 0.2)
     return ax
+
+
+def _check_mask(marked: UserValue, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    expected = f"a mask of the grid's shape {shape}"
+    try:
+        mask = np.asarray(marked, bool)
+    except ValueError:
+        # The rows have several lengths.
+        raise InputError(f"marked: expected {expected}, got {shorten(repr(marked))}") from None
+    if mask.shape != shape:
+        raise InputError(f"marked: expected {expected}, got {mask.shape}")
+    return mask
 
 
 def _draw_marked_cells(ax: "Axes", is_marked: NDArray[np.bool_]) -> None:

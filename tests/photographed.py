@@ -80,3 +80,6 @@ def draw_photographs(folder: Path):
     other = TOWN.copy()
     other[0, 0], other[1, 1] = 3, 5
     (folder / "other.json").write_text(f'{{"codes": {other.tolist()}}}')
+    (folder / "large.json").write_text(f'{{"codes": {np.full((3, 41), 5).tolist()}}}')
+    (folder / "bare.json").write_text('{"codes": [[0, 0], [0, 0]]}')
+    (folder / "tile.json").write_text('{"codes": [[6]]}')

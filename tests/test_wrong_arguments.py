@@ -25,6 +25,7 @@ from elitelanes_jax import (
     explore,
     export,
     load_tiles,
+    plots,
     random_grids,
     read_map,
     road_problem,
@@ -87,6 +88,7 @@ from elitelanes_jax.tiles.contact_sheet import write_text
 from elitelanes_jax.tiles.rendering import scale_tiles
 
 GRID = np.array([[6, 3], [12, 9]])
+FRAME = Photograph("frame", np.zeros((240, 320, 3), np.uint8))
 TASK = find_task("5x5A-10000")
 RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
 
@@ -165,6 +167,14 @@ WRONG = {
     ),
     "photograph: image: expected uint8 [H, W, 3], at least 2 pixels a side, got [[1, 2]]": lambda: propose_tiles(
         Photograph("frame", [[1, 2]])
+    ),
+    "shape: expected 1 to 40 rows and columns, got 0 and 1": lambda: propose_tiles(FRAME, shape=(0, 1)),
+    "shape: expected 1 to 40 rows and columns, got 1000 and 1000": lambda: propose_tiles(FRAME, shape=(1000, 1000)),
+    "shape: expected 1 to 40 rows and columns, got 'ab'": lambda: propose_tiles(FRAME, shape="ab"),
+    "codes: expected 1 to 40 rows and columns, got 41 and 2": lambda: propose_tiles(FRAME, codes=np.ones((41, 2), int)),
+    "codes: grid: expected tile codes 0 to 15, got 99": lambda: propose_tiles(FRAME, codes=[[99]]),
+    "marked: expected a mask of the grid's shape (2, 2), got [[1], [1, 2]]": lambda: plots.road_map(
+        GRID, marked=[[1], [1, 2]]
     ),
     "pixels: expected uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], got uint8 [4]": lambda: png_of(
         np.zeros(4, np.uint8)

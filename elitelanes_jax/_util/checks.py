@@ -116,6 +116,17 @@ FLOOR_SIDE = whole(1, MOST_FLOOR_SIDE)
 """Checks for the rows or columns of a photographed floor."""
 
 
+def floor_shape(value: UserValue) -> tuple[int, int]:
+    """Checks for the rows and columns of a photographed floor."""
+    expected = f"1 to {MOST_FLOOR_SIDE} rows and columns"
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise InputError(f"expected {expected}, got {shorten(repr(value))}")
+    rows, columns = value
+    if not all(is_whole(side) and 1 <= side <= MOST_FLOOR_SIDE for side in value):
+        raise InputError(f"expected {expected}, got {shorten(f'{rows!r} and {columns!r}')}")
+    return int(rows), int(columns)
+
+
 def real(
     least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False
 ) -> Check:

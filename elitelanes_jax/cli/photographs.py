@@ -2,16 +2,17 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from elitelanes_jax._util.checks import FLOOR_SIDE, file_named, folder, path, real
+from elitelanes_jax._util.checks import FLOOR_SIDE, file_named, floor_shape, folder, path, real
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import check_new, free_name, never_replacing
 from elitelanes_jax._util.folders import check_renamable, output_folder
 from elitelanes_jax.cli.arguments import Commands, add_command, add_shared, checked_by, naming
-from elitelanes_jax.cli.program import say
+from elitelanes_jax.cli.program import say, warn
 from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.network.codes import KIND_OF
 
@@ -35,7 +36,8 @@ def add_cut(commands: Commands) -> None:
         help="cut a tile set out of photographs",
         description="Finds the tiles in photographs and writes a tile set: a square picture of "
         "each tile, its proposed masks, and sheet.png to check all by eye. A photograph shows one "
-        "tile, or a floor of --size or --map.",
+        "tile, or a floor of --size or --map. If a photograph is refused, the tiles of the others are "
+        "written, and the exit code is 2.",
         notes="""examples:
   elitelanes tiles cut turn.jpg straight.jpg crossing.jpg --out my-tiles
   elitelanes tiles cut floor.jpg --size 3 4 --out my-tiles
@@ -116,11 +118,13 @@ class _CutPhotographs(NamedTuple):
     """What was cut out of the photographs of a command.
 
     Attributes:
+      files: the photographs, as the user names them.
       cuts: the tiles.
       proposals: where the tiles are in each photograph.
       pictures: each photograph with the outlines of its tiles, for the sheet.
     """
 
+    files: Sequence[Path]
     cuts: "list[Cut]"
     proposals: "list[Proposal]"
     pictures: "list[NDArray[np.uint8]]"
@@ -130,9 +134,19 @@ class _CutPhotographs(NamedTuple):
         from elitelanes_jax.tiles.photographs.proposals import SURE
 
         return [
-            f"{proposal.photo}: {proposal.advice}"
-            for proposal in self.proposals
+            f"{file}: {proposal.advice}"
+            for file, proposal in zip(self.files, self.proposals, strict=True)
             if proposal.score < SURE
+        ]
+
+    def used(self) -> "list[tuple[Path, Proposal]]":
+        """Returns the photographs whose tiles were found, and where the tiles are."""
+        from elitelanes_jax.tiles.photographs.proposals import SURE
+
+        return [
+            (file, proposal)
+            for file, proposal in zip(self.files, self.proposals, strict=True)
+            if proposal.score >= SURE
         ]
 
 
@@ -148,7 +162,13 @@ def _cut(options: argparse.Namespace) -> int:
         raise _nothing_cut_error(photographs, options.photos[0])
     earlier_set = _write_set(out, photographs, overwrite=options.overwrite)
     say("\n".join(_describe_set(photographs, out, earlier_set)))
-    return 0
+    refused = photographs.refused()
+    if not refused:
+        return 0
+    # The set lacks the tiles of these photographs. A script learns it from the exit code, which is
+    # that of a command whose photographs are all refused.
+    warn("\n".join(f"refused: {line}" for line in refused))
+    return 2
 
 
 def _check_replaceable(out: Path, *, overwrite: bool) -> None:
@@ -184,10 +204,11 @@ def _cut_photographs(
 
     # One camera has taken all photographs.
     lens = _read_lens(options)
-    photographs = _CutPhotographs([], [], [])
+    photographs = _CutPhotographs(options.photos, [], [], [])
     for file, corners_of_file in zip(options.photos, corners, strict=True):
         photograph = read_photograph(file, lens)
-        proposal = _propose(photograph, shape, corners_of_file, exact=options.exact, codes=plan)
+        with _naming_photograph(file, photograph):
+            proposal = _propose(photograph, shape, corners_of_file, exact=options.exact, codes=plan)
         photographs.proposals.append(proposal)
         photographs.pictures.append(draw_proposal(photograph, proposal))
         # A photograph that is refused stays on the sheet, where its outlines show what went wrong.
@@ -244,8 +265,7 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
     from elitelanes_jax.tiles.tileset import inspect_tiles
 
     # What was cut comes first, then what needs the user's attention.
-    lines = _summary(photographs.cuts, photographs.proposals, out)
-    lines += [f"refused: {line}" for line in photographs.refused()]
+    lines = _summary(photographs, out)
     if earlier_set is not None:
         lines.append(f"the earlier set is kept as {earlier_set}")
     # The set is checked as `tiles check` does it, because the pictures are the user's.
@@ -257,24 +277,22 @@ def _describe_set(photographs: _CutPhotographs, out: Path, earlier_set: Path | N
     return lines
 
 
-def _summary(cuts: "list[Cut]", proposals: "list[Proposal]", out: Path) -> list[str]:
-    from elitelanes_jax.tiles.photographs.proposals import SURE
-
+def _summary(photographs: _CutPhotographs, out: Path) -> list[str]:
+    cuts, used = photographs.cuts, photographs.used()
     # The counts show which kinds of tiles the set still lacks.
     kinds = Counter(KIND_OF[cut.code] for cut in cuts)
     listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-    used = [proposal for proposal in proposals if proposal.score >= SURE]
     tiles, sources = pluralize(len(cuts), "tile"), pluralize(len(used), "photograph")
     lines = [
         f"{tiles} of {sources} in {out}: {listed}",
         f"look at the outlines and masks on {out / 'sheet.png'}",
     ]
     lines += [f"{cut.name} is nearly a copy of {cut.copy_of}" for cut in cuts if cut.copy_of]
-    for proposal in used:
+    for file, proposal in used:
         # A tile of an unsure kind was not cut, and the user can add it by hand.
         for cell in _unsure_cells(proposal.sure):
             place = _describe_cell(*cell)
-            lines.append(f"{proposal.photo}: left out the tile at {place}, its kind is unsure")
+            lines.append(f"{file}: left out the tile at {place}, its kind is unsure")
     return lines
 
 
@@ -311,6 +329,8 @@ def _read(options: argparse.Namespace) -> int:
     shape = _shape(options, plan)
     # A single tile is no floor to read, and the default of --size means one.
     if shape == (1, 1):
+        if plan is not None:
+            raise InputError(f"{options.against}: expected a map of 2 tiles or more, got 1")
         got = "none" if options.size is None else "1 1"
         raise InputError(
             f"--size: expected the rows and columns of a floor of 2 tiles or more, got {got}"
@@ -349,7 +369,8 @@ def _read_floor(
     from elitelanes_jax.tiles.photographs.reading import read_photograph
 
     photograph = read_photograph(options.photo, _read_lens(options))
-    proposal = _propose(photograph, shape, corners, exact=options.exact, tiles=tiles)
+    with _naming_photograph(options.photo, photograph):
+        proposal = _propose(photograph, shape, corners, exact=options.exact, tiles=tiles)
     # A floor that was not found has no codes that mean anything.
     if proposal.score < SURE:
         raise InputError(f"{options.photo}: {proposal.advice}")
@@ -382,8 +403,18 @@ def _compare(codes: "NDArray[np.int8]", plan: "NDArray[np.int8]", plan_file: Pat
 
 
 def _read_plan(file: Path | None) -> "NDArray[np.int8] | None":
-    """Returns the codes of the map that was planned; None without one."""
-    return None if file is None else read_map(file).codes
+    """Returns the codes of the map that was planned; None without one.
+
+    A map that is larger than any photographed floor is refused, and so is one without roads.
+    """
+    if file is None:
+        return None
+    codes = read_map(file).codes
+    with naming(file):
+        floor_shape(codes.shape)
+    if not codes.any():
+        raise InputError(f"{file}: expected a map with roads, got none")
+    return codes
 
 
 def _shape(options: argparse.Namespace, plan: "NDArray[np.int8] | None") -> tuple[int, int]:
@@ -423,6 +454,21 @@ def _read_lens(options: argparse.Namespace) -> "Lens | None":
     from elitelanes_jax.tiles.photographs.reading import read_lens
 
     return None if options.camera is None else read_lens(options.camera)
+
+
+@contextmanager
+def _naming_photograph(file: Path, photograph: "Photograph") -> Iterator[None]:
+    """Names a photograph in an error as the user does.
+
+    Photographs of several folders may have the same name, such as image.png.
+    """
+    try:
+        yield
+    except InputError as error:
+        start, message = f"{photograph.name}: ", str(error)
+        if message.startswith(start):
+            raise InputError(f"{file}: {message.removeprefix(start)}") from None
+        raise
 
 
 def _propose(

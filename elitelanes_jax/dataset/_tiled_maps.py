@@ -23,7 +23,8 @@ _CHANNELS = 4
 # The bits of the bytes of surfaces: the label, and whether the surface is paved.
 _LABEL_BITS, _PAVED = 0x7F, 0x80
 # The side of tiles in pixels up to which they are laid out whole, because cutting each of them
-# takes longer.
+# takes longer. A part of 3.5 x 3.5 tiles takes 31 us whole and 46 us cut at 32 pixels. At 128 both
+# take 80 us, and at 256 it takes 2,800 us whole and 210 us cut.
 _SMALL = 32
 
 

@@ -9,6 +9,8 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.lanes.movements import movements_of
+from elitelanes_jax.maps.furnishing.placing import placed_kinds
+from elitelanes_jax.maps.furnishing.space import make_object
 from elitelanes_jax.maps.given import GivenMaps
 from elitelanes_jax.maps.planning import check_furnishable, resolve_to_draw
 from elitelanes_jax.network.codes import KINDS
@@ -52,7 +54,7 @@ def plan_dataset(spec: DatasetSpec) -> PlannedDataset:
                 check_furnishable(spec.furnish, searches[shape])
     else:
         _check_given(spec, spec.maps_from, tiles)
-    return PlannedDataset(spec, tiles, searches, _load_objects(spec))
+    return PlannedDataset(spec, tiles, searches, _load_objects(spec, searches))
 
 
 def _check_fixed_cells(spec: DatasetSpec) -> None:
@@ -82,24 +84,39 @@ def _check_given(spec: DatasetSpec, given: GivenMaps, tiles: TileSet) -> None:
             )
 
 
-def _load_objects(spec: DatasetSpec) -> ObjectSet | None:
+def _load_objects(spec: DatasetSpec, searches: dict[tuple[int, int], Search]) -> ObjectSet | None:
     """Loads the pictures of the maps' objects; None if there are no objects.
 
     Raises:
-      InputError: if the set has no pictures of an object of the given maps.
+      InputError: if the set has no pictures of an object of the given maps, or of a kind that may
+        be placed on the maps.
     """
-    objects_of_maps: list[MapObject] = []
-    for road_map in () if spec.maps_from is None else spec.maps_from.maps:
-        objects_of_maps += road_map.objects or ()
-    # Furnished objects are placed later, and the set has to have pictures of any of them.
-    if spec.furnish is not None:
-        return load_objects(spec.objects)
-    if not objects_of_maps:
+    objects = _list_objects(spec, searches)
+    if not objects and spec.furnish is None:
         if spec.objects is not None:
             # A wrong folder is refused before the search.
             load_objects(spec.objects)
         return None
     pictures = load_objects(spec.objects)
     # A kind without pictures is an error here, before any picture is drawn.
-    pictures.choose(objects_of_maps)
+    pictures.choose(objects)
     return pictures
+
+
+def _list_objects(spec: DatasetSpec, searches: dict[tuple[int, int], Search]) -> list[MapObject]:
+    """Lists the objects of the given maps, or an object of each kind that may be placed."""
+    given = [] if spec.maps_from is None else spec.maps_from.maps
+    objects: list[MapObject] = []
+    if spec.furnish is None:
+        for road_map in given:
+            objects += road_map.objects or ()
+        return objects
+    codes: set[int] = set()
+    for road_map in given:
+        codes.update(road_map.codes.ravel().tolist())
+    for search in searches.values():
+        codes.update(search.alphabet)
+    objects += spec.furnish.objects
+    for kind in sorted(placed_kinds(spec.furnish, codes)):
+        objects.append(make_object(kind, 0, 0, 0))
+    return objects

@@ -150,10 +150,13 @@ class DatasetSpec(Record):
             )
         for name, share, count in zip(SPLITS, self.split, maps_by_split(self), strict=True):
             if share and not count:
-                few = "maps" if self.maps_from is None else "maps_from"
+                few, got = "maps", str(self.maps)
+                if self.maps_from is not None:
+                    few = "maps_from"
+                    got += self.maps_from.describe_left_out()
                 expected = f"enough for one in the {name}, {share:g} of them"
                 raise InputError(
-                    f"{few}: expected {expected}, got {self.maps}; a split of 1 0 0 trains on all"
+                    f"{few}: expected {expected}, got {got}; a split of 1 0 0 trains on all"
                 )
         if self.camera is not None:
             self._check_camera()

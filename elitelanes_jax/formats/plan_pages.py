@@ -31,8 +31,13 @@ _BESIDE_MAP = 2 * _MARGIN + 16
 _BETWEEN_SAMPLES = 8.0
 # The number of lines and of columns on a page of the check-list.
 _ROWS, _COLUMNS = 56, 3
-# The distance in tiles that signs may be beyond the map.
-_SIGNS_BEYOND = 0.3
+# The room in tiles around a map with objects. Signs and lights of `furnish` need no more.
+_ROOM_BEYOND = 0.3
+# The distance in tiles, at least, from that room to the numbers of rows and columns: 4 mm, at
+# `_LARGEST`. A corner of an object may be in it.
+_CORNER_BEYOND = 0.1
+# The length in metres of the arrow ahead of an object.
+_ARROW_AHEAD = 0.07
 
 _GROUND, _ROAD, _INK, _FAINT = "#f3f5ee", "#c4c8ce", "#1d2026", "#6d737d"
 _STOP, _SIGN, _OTHER_OBJECT = "#c01722", "#1f5fbf", "#3d7a3a"
@@ -98,7 +103,7 @@ class _MapLayout(NamedTuple):
       page_width: the width of the sheet.
       page_height: the height of the sheet.
       tile: the side of a tile of the map.
-      edge: the room around the map for signs beyond it.
+      edge: the room around the map for objects beyond it.
       left: the left edge of the map.
       top: the upper edge of the map.
       bill_left: the left edge of the bill of materials, and of the legend below it.
@@ -141,7 +146,7 @@ def _arrange_map(plan: Plan, bill: list[list[str]]) -> _MapLayout:
     The sheet grows if the smallest tiles do not fit.
     """
     rows, columns = plan.shape
-    edge_tiles = _SIGNS_BEYOND if plan.objects else 0.0
+    edge_tiles = _room_beyond(plan)
     bill_height = _LINE * (max(map(len, bill)) + 0.5)
     # Below the map are the bill, the tiles of the legend and their names.
     below = _BELOW_MAP + bill_height + _SAMPLE + 8 + _MARGIN
@@ -164,6 +169,19 @@ def _arrange_map(plan: Plan, bill: list[list[str]]) -> _MapLayout:
         bill_top=bill_top,
         legend_top=bill_top + bill_height,
     )
+
+
+def _room_beyond(plan: Plan) -> float:
+    """Returns the room in tiles that a map needs around it for the objects beyond it."""
+    if not plan.objects:
+        return 0.0
+    rows, columns = plan.shape
+    room = _ROOM_BEYOND
+    for item in plan.objects:
+        for x, y in _extent(item, item.x, item.y, 1 / plan.tile_size):
+            beyond = max(-x, -y, x - columns, y - rows)
+            room = max(room, beyond - _CORNER_BEYOND)
+    return room
 
 
 def _draw_legend(ax: Untyped, plan: Plan, left: float, top: float) -> None:
@@ -206,7 +224,7 @@ def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float, edg
     for number, item in enumerate(plan.objects, 1):
         x, y = left + item.x * tile, top + item.y * tile
         _draw_object(ax, item, number, x, y, tile / plan.tile_size)
-    # Measures are outside the signs that are beyond the map.
+    # Measures are outside the objects that are beyond the map.
     below = bottom + edge + 7
     beside = right + edge + 7
     width, depth = plan.floor
@@ -264,29 +282,18 @@ def _draw_object(
 ) -> None:
     """Draws the footprint of an object with its number in the check-list.
 
-    An arrow points the way that the object faces.
+    An arrow points the way that the object faces. `scale` is in millimetres of the page for each
+    metre.
     """
     from matplotlib.patches import Circle, Polygon
 
-    # `scale` is in millimetres of the page for each metre.
-    half_length = item.footprint[0] * scale / 2
-    half_width = item.footprint[1] * scale / 2
     colour = _colour_of(item)
     if item.is_round:
-        ax.add_patch(Circle((x, y), half_length, facecolor=colour, lw=0, zorder=_OBJECTS))
+        radius = item.footprint[0] * scale / 2
+        ax.add_patch(Circle((x, y), radius, facecolor=colour, lw=0, zorder=_OBJECTS))
     else:
-        east, south = cos(item.angle), -sin(item.angle)
-        points = []
-        for ahead, aside in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
-            length = ahead * half_length
-            width = aside * half_width
-            corner_x = x + length * east - width * south
-            corner_y = y + length * south + width * east
-            points.append((corner_x, corner_y))
-        ax.add_patch(Polygon(points, facecolor=colour, lw=0, zorder=_OBJECTS))
-        # The arrow ends 7 cm ahead of the object.
-        reach = half_length + 0.07 * scale
-        tip = (x + reach * east, y + reach * south)
+        *corners, tip = _extent(item, x, y, scale)
+        ax.add_patch(Polygon(corners, facecolor=colour, lw=0, zorder=_OBJECTS))
         _arrow(ax, (x, y), tip, "-|>", colour, zorder=_ARROWS)
     _write(
         ax,
@@ -300,6 +307,29 @@ def _draw_object(
         weight="bold",
         zorder=_NUMBERS,
     )
+
+
+def _extent(item: MapObject, x: float, y: float, scale: float) -> list[tuple[float, float]]:
+    """Returns the corners of an object's footprint, and the tip of its arrow.
+
+    A round object has no arrow, and has the corners of the square around it. `x` and `y` are the
+    middle of the object, and `scale` turns metres into their unit.
+    """
+    half_length = item.footprint[0] * scale / 2
+    half_width = item.footprint[1] * scale / 2
+    if item.is_round:
+        east, south = 1.0, 0.0
+    else:
+        east, south = cos(item.angle), -sin(item.angle)
+    points = []
+    for ahead, aside in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
+        length = ahead * half_length
+        width = aside * half_width
+        points.append((x + length * east - width * south, y + length * south + width * east))
+    if not item.is_round:
+        reach = half_length + _ARROW_AHEAD * scale
+        points.append((x + reach * east, y + reach * south))
+    return points
 
 
 def _colour_of(item: MapObject) -> str:

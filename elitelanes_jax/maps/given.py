@@ -24,6 +24,8 @@ from elitelanes_jax.maps.faults import warn_of_faults
 from elitelanes_jax.network.likeness import road_forms
 from elitelanes_jax.network.plain_metrics import plain_measure
 
+_LEFT_OUT_BECAUSE = "the same as another one when moved, rotated or mirrored"
+
 
 @dataclass(frozen=True)
 class GivenMaps:
@@ -47,10 +49,13 @@ class GivenMaps:
         """Says how many maps were left out, if any."""
         if self.left_out:
             total = pluralize(len(self.maps) + self.left_out, "map")
-            announce(
-                f"{self.left_out} of {total} left out: "
-                "the same as another one when moved, rotated or mirrored"
-            )
+            announce(f"{self.left_out} of {total} left out: {_LEFT_OUT_BECAUSE}")
+
+    def describe_left_out(self) -> str:
+        """Returns the end of a message about too few maps; empty if no map was left out."""
+        if not self.left_out:
+            return ""
+        return f" and {self.left_out} left out, {_LEFT_OUT_BECAUSE}"
 
     @property
     def sizes(self) -> list[tuple[int, int]]:

@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import MOST_FLOOR_SIDE, is_whole
+from elitelanes_jax._util.checks import floor_shape
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import free_name, write_atomic
 from elitelanes_jax._util.folders import check_renamable, output_folder
@@ -134,11 +134,7 @@ class HandWork:
         corners = (
             None if values["corners"] is None else np.array(values["corners"], float).reshape(4, 2)
         )
-        shape = values["rows"], values["columns"]
-        if not all(is_whole(side) and 1 <= side <= MOST_FLOOR_SIDE for side in shape):
-            raise InputError(
-                f"expected 1 to {MOST_FLOOR_SIDE} rows and columns, got {shape[0]} and {shape[1]}"
-            )
+        shape = floor_shape((values["rows"], values["columns"]))
         fits = corners is None or not values["exact"]
         photograph = self.photographs[values["photo"]]
         return propose_tiles(photograph, shape=shape, corners=corners, fit=fits)._asdict()

@@ -4,7 +4,7 @@ They collect problems, so that one call names all.
 """
 
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,6 +28,8 @@ _MOST_BYTES = 72 * MIB
 # The most parts of a PNG file. A file with more parts counts as damaged.
 _MOST_PARTS = 2**16
 _PNG = b"\x89PNG\r\n\x1a\n"
+# The parts of a PNG file that hold its pixels.
+_PIXEL_PARTS = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"))
 
 
 class Tile(NamedTuple):
@@ -81,7 +83,9 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     picture: NDArray | None = None
     fault = "one that cannot be read"
     try:
-        picture = decode_png(_plain_png(read_bytes(file, _MOST_BYTES)))
+        content = read_bytes(file, _MOST_BYTES)
+        _check_sides(*png_size(content))
+        picture = decode_png(plain_png(content))
     except InputError as error:
         # The file is too large, and the message names it.
         problems.append(str(error))
@@ -246,20 +250,31 @@ def _transparent_grey(content: bytes) -> int | None:
     return None
 
 
-def _plain_png(content: bytes) -> bytes:
-    """Returns the parts of a PNG file that hold its pixels.
+def png_size(content: bytes) -> tuple[int, int]:
+    """Returns width and height from the header of a PNG file.
 
-    Raises `ValueError` if they are not complete. For damaged files the decoder complains to the
-    terminal, and some of the other parts unpack to any size.
+    Raises `ValueError` for a file that does not begin with such a header.
     """
     if content[:8] != _PNG or content[12:16] != b"IHDR":
         raise ValueError("it is not a PNG file")
-    width, height = int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
+    # The header has four bytes for the width, and then four for the height.
+    return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
+
+
+def _check_sides(width: int, height: int) -> None:
     if not (0 < width <= _LONGEST_SIDE and 0 < height <= _LONGEST_SIDE):
         raise ValueError(f"it has {width} x {height} pixels, not 1 to {_LONGEST_SIDE} a side")
+
+
+def plain_png(content: bytes, others: Collection[bytes] = ()) -> bytes:
+    """Returns the parts of a PNG file that hold its pixels, and parts of other kinds.
+
+    Raises `ValueError` if the file is not complete. For damaged files the decoder complains to the
+    terminal, and some of the parts that are left out unpack to any size.
+    """
     parts = [_PNG]
     for part in _parts_of(content):
-        if part.kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"):
+        if part.kind in _PIXEL_PARTS or part.kind in others:
             parts.append(part.content)
         if part.kind == b"IEND":
             return b"".join(parts)

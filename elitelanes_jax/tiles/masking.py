@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named, is_whole, path
+from elitelanes_jax._util.checks import check_named, is_whole, one_of, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.codes import SIDES
@@ -187,9 +187,12 @@ def mask_folder(
       overwrite: names of masks to propose even if they exist.
 
     Raises:
-      InputError: if there are no tiles, or for a bad file; the message names it.
+      InputError: if there are no tiles, for another name in `overwrite`, or for a bad file; the
+        message names it.
     """
     folder = Path(check_named("folder", path, folder))
+    for name in overwrite:
+        check_named("overwrite", one_of(*MASKS), name)
     problems: list[str] = []
     proposals = []
     folders = tile_folders(folder, problems)
@@ -287,10 +290,12 @@ def _clean(
     from there the mask repeats the pixels next to them, so that a narrow rest of tape at the border
     stays a line.
     """
-    rim = max(1, round(len(mask) * _RIM))
+    # In a picture of two pixels a side, all pixels are outermost, and count.
+    rim = max(1, round(len(mask) * _RIM)) if len(mask) > 2 else 0
     around = rim + max(len(close), len(cut))
+    inner = slice(rim, len(mask) - rim)
     wide = cv2.copyMakeBorder(
-        mask[rim:-rim, rim:-rim], around, around, around, around, cv2.BORDER_REPLICATE
+        mask[inner, inner], around, around, around, around, cv2.BORDER_REPLICATE
     )
     closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, close)
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, cut)

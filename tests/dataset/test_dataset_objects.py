@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from standing_oracle import TILE, TOWN, draw_back_to_front, some_objects
 
-from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset
+from elitelanes_jax import DatasetSpec, InputError, RoadMap, SearchSpec, make_dataset
 from elitelanes_jax.dataset import Viewpoints, draw_sample
 from elitelanes_jax.dataset._robot_views import draw_viewpoint
+from elitelanes_jax.dataset.planning import plan_dataset
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject
 from elitelanes_jax.tiles import load_objects
 
@@ -189,12 +190,45 @@ def check_coco(out, rows):
     assert "train: images/train" in (out / "data.yaml").read_text()
 
 
-def test_a_set_without_a_kind_is_refused_before_anything_is_drawn(maps, tmp_path):
-    place = tmp_path / "mine" / "cone_1"
+def write_cones(folder):
+    """Writes an object set of one cone."""
+    place = folder / "cone_1"
     place.mkdir(parents=True)
     cone = load_objects().kinds["cone"][0]
     cv2.imwrite(str(place / "image.png"), cone.views[0])
     (place / "object.toml").write_text('kind = "cone"\nheight = 0.08\nfootprint = [0.05, 0.05]\n')
+
+
+@pytest.mark.parametrize(
+    ("furnish", "lacks"),
+    [
+        ("cones=0.5 duckies=0.1", "duckie"),
+        ("signs", "sign_4_way_intersect"),
+        ("cones=2 lights=0.5", "trafficlight"),
+        ("street_names=possible", "sign_street_name"),
+        ({"objects": [{"kind": "other:kite", "x": 0.5, "y": 0.5}]}, "other:kite"),
+    ],
+)
+@pytest.mark.parametrize("evolves", [True, False])
+def test_a_set_without_a_kind_to_place_is_refused_before_the_search(furnish, lacks, evolves, maps, tmp_path):
+    """It was refused while the pictures were drawn, after the search of all maps."""
+    write_cones(tmp_path / "mine")
+    source = {"maps": 4, "size": 7, "search": SearchSpec(rules="duckietown")} if evolves else {"maps_from": maps}
+    spec = DatasetSpec(furnish=furnish, objects=tmp_path / "mine", split=(1, 0, 0), **source)
+    with pytest.raises(InputError, match=rf"objects: expected kinds that the set 'mine' has \(cone\), got {lacks}"):
+        plan_dataset(spec)
+
+
+def test_a_set_may_lack_kinds_that_are_not_placed(maps, tmp_path):
+    write_cones(tmp_path / "mine")
+    rings = [RoadMap([[6, 3], [12, 9]]), RoadMap([[6, 5, 3], [12, 5, 9]])]
+    for source, furnish in ((maps, "cones=0.5"), (rings, "cones=0.5 signs=possible lights=0.5")):
+        spec = DatasetSpec(maps_from=source, furnish=furnish, objects=tmp_path / "mine", split=(1, 0, 0))
+        assert plan_dataset(spec).objects.name == "mine"
+
+
+def test_a_set_without_a_kind_is_refused_before_anything_is_drawn(maps, tmp_path):
+    write_cones(tmp_path / "mine")
     with pytest.raises(InputError, match=r"objects: expected kinds that the set 'mine' has \(cone\), got duckie"):
         make_dataset(DatasetSpec(maps_from=maps, objects=tmp_path / "mine", **SPEC), tmp_path / "out")
     assert not (tmp_path / "out").exists()

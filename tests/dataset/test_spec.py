@@ -134,3 +134,10 @@ def test_signs_at_every_crossing_need_maps_that_can_have_them():
     plan_dataset(DatasetSpec(furnish="signs", search=SearchSpec(style="town")))
     plan_dataset(DatasetSpec(furnish="signs", search=SearchSpec(where=["signable=1"])))
     plan_dataset(DatasetSpec(furnish="signs", maps_from=[[[6, 3], [12, 9]]], split=(1, 0, 0)))
+
+
+def test_too_few_maps_are_told_with_those_that_are_left_out():
+    """Three files gave "got 1", without a word about the other two."""
+    rings = [[[6, 3], [12, 9]], [[0, 0, 0], [6, 3, 0], [12, 9, 0]], [[6, 3], [12, 9]]]
+    with pytest.raises(InputError, match="0.3 of them, got 1 and 2 left out, the same as another one when moved, .*;"):
+        DatasetSpec(maps_from=rings, split=(0.4, 0.3, 0.3))

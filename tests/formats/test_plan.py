@@ -2,7 +2,7 @@
 
 import re
 import sys
-from math import pi
+from math import atan2, pi
 
 import cv2
 import numpy as np
@@ -129,6 +129,27 @@ def test_objects_on_roads_hide_tape_and_labels(kind, tmp_path):
     assert on_ground > 100
     assert on_label == pytest.approx(on_ground, rel=0.1)
     assert on_tape == pytest.approx(on_ground, rel=0.1)
+
+
+@pytest.mark.parametrize(("x", "y"), [(-1, 1.5), (5, 1.5), (2, -1), (2, 4)])
+def test_objects_far_beyond_the_map_are_on_the_page(x, y, tmp_path):
+    """A bus that faces away reaches farther than any other object; it was cut off, or over the title."""
+
+    bus = {"kind": "bus", "x": x, "y": y, "angle": atan2(1.5 - y, x - 2)}
+    write_plan(RoadMap([[6, 5, 5, 3], [10, 0, 0, 10], [12, 5, 5, 9]], objects=[bus]), tmp_path / "plan.png")
+    seen = cv2.imread(str(tmp_path / "plan.png"))[..., ::-1].astype(int)
+
+    def is_colour(pixels, colour):
+        return np.abs(pixels - colour).max(axis=-1) < 8
+
+    is_bus = is_colour(seen, [0x3D, 0x7A, 0x3A])
+    rows, columns = (np.flatnonzero(is_bus.any(axis=axis)) for axis in (1, 0))
+    long, wide = sorted([np.ptp(rows) + 1, np.ptp(columns) + 1], reverse=True)
+    # The length is 0.44 m with an arrow of 7 cm ahead, and the width is 0.137 m.
+    assert long / wide == pytest.approx((0.44 + 0.07) / 0.137, rel=0.05)
+    # No text and no measure is near it.
+    around = seen[rows[0] - 3 : rows[-1] + 4, columns[0] - 3 : columns[-1] + 4]
+    assert not is_colour(around, [0x1D, 0x20, 0x26]).any()
 
 
 @pytest.mark.parametrize("kind", ["pdf", "svg", "png"])

@@ -20,6 +20,8 @@ from elitelanes_jax.drive import Camera
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.tags import STREET_NAMES
 from elitelanes_jax.maps import FurnishSpec, furnish
+from elitelanes_jax.maps.furnishing.placing import placed_kinds
+from elitelanes_jax.maps.furnishing.spec import parse_furnish
 from elitelanes_jax.tiles import default_tiles
 
 # A 4-way crossing amid T crossings of all four directions, with straight tiles between.
@@ -46,6 +48,22 @@ def test_no_rule_is_broken(spec):
     """As a checker finds that reads the file alone."""
     for seed in range(5):
         assert faults(furnish(TOWN, spec, seed=seed)) == []
+
+
+@pytest.mark.parametrize(
+    "spec", ["all street_names=possible", "signs", "signs lights=1", "lights=0.5 buses=1 lane_duckies=1", "trees=0"]
+)
+@pytest.mark.parametrize("crossings", [True, False])
+def test_the_kinds_that_are_placed_are_known_before(spec, crossings):
+    """On this town, each kind that may be placed is placed for some seed."""
+    codes = TOWN if crossings else np.array([[6, 5, 3, 0], [12, 5, 9, 0]], np.int8)
+    expected = placed_kinds(parse_furnish(spec), set(codes.flat))
+    placed = set()
+    for seed in range(20):
+        placed |= {thing.kind for thing in furnish(codes, spec, seed=seed).objects}
+    assert placed <= expected
+    if crossings and "all" not in spec:
+        assert placed == expected
 
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"

@@ -6,7 +6,7 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.tiles.masking import COLOURS, Colour, mask_folder, parse_colour, propose_masks
-from elitelanes_jax.tiles.tileset import MASKS
+from elitelanes_jax.tiles.tileset import MASKS, default_tiles
 
 
 def overlaps(tiles, change):
@@ -121,3 +121,20 @@ def test_what_cannot_be_masked_is_named(tmp_path):
     (place / "image.png").write_bytes(b"")
     with pytest.raises(InputError, match=r"turn_1/image.png: expected a PNG picture .* \(and 1 more\)"):
         mask_folder(tmp_path)
+
+
+@pytest.mark.parametrize("size", [2, 3, 4])
+def test_the_smallest_pictures_have_masks_of_their_own_pixels(size):
+    """Without the outermost pixels nothing of two was left, and the mask was that of bytes beside the picture."""
+    for grey, is_road in ((70, True), (250, False)):
+        picture = np.full((size, size, 3), grey, np.uint8)
+        picture[0, 0] += 4  # no picture in one colour
+        for _ in range(20):
+            assert (propose_masks(picture)["road"] == is_road).all()
+
+
+@pytest.mark.parametrize("names", [["luck"], "red", ("road", "image")])
+def test_masks_to_overwrite_are_named(names):
+    """Unknown names were ignored."""
+    with pytest.raises(InputError, match="overwrite: expected one of road, red, yellow, got '"):
+        mask_folder(default_tiles(), overwrite=names)

@@ -373,6 +373,34 @@ def test_a_jpeg_without_a_frame_header_is_refused(tmp_path):
         read_photograph(tmp_path / "cut.jpg")
 
 
+@pytest.mark.parametrize("damage", ["unfinished", "changed"])
+def test_a_damaged_png_is_refused_without_complaints_of_the_decoder(damage, tmp_path, capfd):
+    """The decoder's own lines stood before the message of a command."""
+    photographed.write(tmp_path / "floor.png", photographed.photograph(TOWN))
+    content = bytearray((tmp_path / "floor.png").read_bytes())
+    if damage == "unfinished":
+        content = content[: len(content) // 2]
+    else:
+        content[len(content) // 2] ^= 1
+    (tmp_path / "floor.png").write_bytes(content)
+    capfd.readouterr()
+    with pytest.raises(InputError, match="floor.png: expected a photograph, .* got one that cannot be read"):
+        read_photograph(tmp_path / "floor.png")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_png_is_turned_upright(tmp_path):
+    """Its EXIF data are a part of the file beside those that hold pixels."""
+    photographed.write(tmp_path / "plain.png", photographed.photograph(TOWN))
+    content = (tmp_path / "plain.png").read_bytes()
+    exif = b"eXIf" + b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
+    # The header ends at byte 33.
+    part = (len(exif) - 4).to_bytes(4) + exif + zlib.crc32(exif).to_bytes(4)
+    (tmp_path / "turned.png").write_bytes(content[:33] + part + content[33:])
+    plain, upright = (read_photograph(tmp_path / name).image for name in ("plain.png", "turned.png"))
+    np.testing.assert_array_equal(upright, np.rot90(plain, -1))
+
+
 def test_a_photograph_with_transparent_pixels_is_refused(tmp_path):
     """What was erased in a picture editor was once seen again."""
     picture = np.full((300, 300, 4), 255, np.uint8)
@@ -538,3 +566,34 @@ def test_an_earlier_set_is_kept(tmp_path, capsys):
     assert (tmp_path / "mine.before" / "turn_1" / "image.png").read_bytes() == b"by hand"
     assert read_photograph(out / "sheet.png").image.shape[2] == 3
     assert f"the earlier set is kept as {out}.before" in capsys.readouterr().out
+
+
+def test_a_refused_photograph_among_others_is_told_by_the_exit_code(tmp_path, capsys):
+    """A script took the set for complete."""
+    photographed.write(tmp_path / "turn.png", photographed.photograph(np.array([[3]], np.int8)))
+    noise = np.random.default_rng(0).integers(0, 256, (300, 400, 3), np.uint8)
+    photographed.write(tmp_path / "noise.png", noise)
+    out = tmp_path / "mine"
+    line = ["tiles", "cut", str(tmp_path / "noise.png"), str(tmp_path / "turn.png"), "--out", str(out)]
+    assert main(line) == 2
+    printed = capsys.readouterr()
+    assert printed.out.startswith("1 tile of 1 photograph") and "refused: " not in printed.out
+    assert printed.err.startswith(f"refused: {tmp_path / 'noise.png'}: ") and printed.err.count("\n") == 1
+    assert sorted(entry.name for entry in out.iterdir()) == ["sheet.png", "turn_1"]
+
+
+def test_photographs_of_the_same_name_are_named_with_their_folders(tmp_path, capsys):
+    """Each folder of a tile set has its picture as image.png."""
+    wall = np.full((300, 400, 3), 128, np.uint8)
+    noise = np.random.default_rng(0).integers(0, 256, (300, 400, 3), np.uint8)
+    turn = photographed.photograph(np.array([[3]], np.int8))
+    for name, picture in (("turn", turn), ("noise", noise), ("wall", wall)):
+        (tmp_path / name).mkdir()
+        photographed.write(tmp_path / name / "image.png", picture)
+    files = {name: str(tmp_path / name / "image.png") for name in ("turn", "noise", "wall")}
+    for refused in ("noise", "wall"):
+        line = ["tiles", "cut", files["turn"], files[refused], "--out", str(tmp_path / refused / "out")]
+        assert main(line) == 2
+        assert f"{files[refused]}: " in capsys.readouterr().err
+    assert main(["tiles", "read", files["wall"], "--size", "2", "2"]) == 2
+    assert capsys.readouterr().err.startswith(f"elitelanes: {files['wall']}: expected tiles that stand out")

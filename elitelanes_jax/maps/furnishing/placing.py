@@ -1,5 +1,6 @@
 """From a map to a furnished map: the same for the same codes and arguments."""
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -11,16 +12,23 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import check_objects
 from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.lanes.curves import LANE_OFFSET, check_lane_offset
-from elitelanes_jax.maps.furnishing.scenery import place_scenery
+from elitelanes_jax.maps.furnishing.scenery import place_scenery, scenery_kinds
 from elitelanes_jax.maps.furnishing.signs import (
+    LIGHT,
     crossings,
     has_free_corners,
     place_light,
     place_signs,
+    sign_kinds,
 )
 from elitelanes_jax.maps.furnishing.space import Space
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
-from elitelanes_jax.maps.furnishing.street_names import Tags, place_street_names
+from elitelanes_jax.maps.furnishing.street_names import (
+    STREET_NAME,
+    Tags,
+    place_street_names,
+)
+from elitelanes_jax.network.codes import CROSSINGS
 
 
 @name_wrong_arguments
@@ -63,6 +71,26 @@ def furnish(
         place_street_names(space, asked.street_names, tags)
     place_scenery(space, asked, seed, lane_offset)
     return replace(road_map, objects=tuple(space.objects))
+
+
+def placed_kinds(spec: FurnishSpec, codes: Collection[int]) -> set[str]:
+    """Returns the kinds that `furnish` may place, besides the user's objects, on maps of some codes.
+
+    A map may get none of a kind: its crossings may have no room for signs, and a share of its cells
+    may be less than half an object.
+    """
+    kinds = scenery_kinds(spec)
+    if spec.street_names != "none":
+        kinds.add(STREET_NAME)
+    crossing_codes = set(CROSSINGS).intersection(codes)
+    if not crossing_codes:
+        return kinds
+    if spec.lights:
+        kinds.add(LIGHT)
+    if spec.signs != "none":
+        for code in crossing_codes:
+            kinds |= sign_kinds(code, spec.lights)
+    return kinds
 
 
 def _place_controls(space: Space, spec: FurnishSpec, tags: Tags, seed: int) -> None:

@@ -18,7 +18,9 @@ Place = tuple[float, float, float]
 
 _Draw = Callable[[list[int], np.random.Generator, float], Place]
 
-# The number of places that are tried for each object, on average.
+# The number of places that are tried for each object, on average. Crowded maps, with
+# `all trees=0.9 houses=0.5 buildings=0.3 duckies=0.9`, get as many objects with 64 tries as with
+# 512, and 1 % fewer with 16.
 _TRIES = 64
 # The number of objects from which on a progress bar is shown. So many may take longer than a
 # second, and 100,000 duckies take minutes.
@@ -55,6 +57,11 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int, lane_offset: float
             raise InputError(
                 f"{name}: expected a number that fits, got {count}, of which {placed} fit"
             )
+
+
+def scenery_kinds(spec: FurnishSpec) -> set[str]:
+    """Returns the kinds of the objects in the amounts of a specification."""
+    return {scenery.kind for name, scenery in _AMOUNTS.items() if getattr(spec, name)}
 
 
 def _check_count(

@@ -38,6 +38,9 @@ TOPOLOGIES = (*_TOPOLOGY.values(), "sign_4_way_intersect")
 CONTROLS = ("sign_stop", "sign_t_light_ahead")
 """The kinds of signs that say how a crossing is controlled."""
 
+LIGHT = "trafficlight"
+"""The kind of traffic lights."""
+
 
 def crossings(codes: NDArray[np.int8]) -> dict[Cell, list[int]]:
     """Returns the sides by which each crossing is linked, as indices of `SIDES`.
@@ -94,7 +97,20 @@ def place_light(crossing: Cell, corner: int) -> MapObject:
     down, right = CORNERS[corner]
     x, y = crossing[1] + 0.5 + right * (0.5 + _STAND), crossing[0] + 0.5 + down * (0.5 + _STAND)
     # The arm points back over the crossing. y points south, but angles are counter-clockwise.
-    return make_object("trafficlight", x, y, atan2(down, -right))
+    return make_object(LIGHT, x, y, atan2(down, -right))
+
+
+def sign_kinds(code: int, lights: float) -> set[str]:
+    """Returns the kinds of signs at crossings of a code, of which a share has traffic lights."""
+    sides = [index for index, side in enumerate(SIDES) if code & side.bit]
+    # A driver may enter by each side, with the heading to the opposite one.
+    kinds = {topology_sign(sides, (side + 2) % 4) for side in sides}
+    stop, light_ahead = CONTROLS
+    if lights < 1:
+        kinds.add(stop)
+    if lights:
+        kinds.add(light_ahead)
+    return kinds
 
 
 def topology_sign(sides: list[int], heading: int) -> str:

@@ -21,6 +21,9 @@ from elitelanes_jax.lanes.links import Cell, linked_tiles, walk_roads
 from elitelanes_jax.maps.furnishing.space import Point, Space, make_object
 from elitelanes_jax.network.codes import KIND_OF, SIDES
 
+STREET_NAME = "sign_street_name"
+"""The kind of signs that name a road."""
+
 # The distance of a sign from the middle of a turn, in tiles along both sides. It is between the
 # white tape and the tile's corner.
 _CORNER = 0.28
@@ -155,7 +158,7 @@ def _in_the_corner(codes: Int8[np.ndarray, "H W"], tile: Cell) -> MapObject:
     right = sum(side.right for side in sides)
     down = sum(side.down for side in sides)
     x, y = tile[1] + 0.5 - _CORNER * right, tile[0] + 0.5 - _CORNER * down
-    return make_object("sign_street_name", x, y, atan2(-down, right))
+    return make_object(STREET_NAME, x, y, atan2(-down, right))
 
 
 def _beside(codes: Int8[np.ndarray, "H W"], tile: Cell) -> Iterator[MapObject]:
@@ -176,4 +179,4 @@ def _beside(codes: Int8[np.ndarray, "H W"], tile: Cell) -> Iterator[MapObject]:
         is_inside = 0 <= row < height and 0 <= column < width
         if not (is_inside and codes[row, column]):
             x, y = tile[1] + 0.5 + _BESIDE * right, tile[0] + 0.5 + _BESIDE * down
-            yield make_object("sign_street_name", x, y, atan2(down, -right))
+            yield make_object(STREET_NAME, x, y, atan2(down, -right))

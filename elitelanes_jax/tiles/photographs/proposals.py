@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.arguments import name_wrong_arguments
-from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import check_named, floor_shape, instance
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.files import check_picture
 from elitelanes_jax.tiles.photographs.borders import contrasts
 from elitelanes_jax.tiles.photographs.kinds import MARGIN_PX, READ_PX, Kinds, read_kinds
@@ -191,8 +192,8 @@ def propose_tiles(
 
     Args:
       photograph: the photograph, from `read_photograph`.
-      shape: the rows and columns of tiles; those of `codes`, if they are given. A single tile may
-        lie in any direction.
+      shape: the rows and columns of tiles, 1 to 40; those of `codes`, if they are given. A single
+        tile may lie in any direction.
       corners: the corners of all tiles in pixels ``[4, 2]``, clockwise from the first row's first
         tile, off by up to a tenth of a tile. By default they are found.
       codes: the codes of the map that is laid, ``[H, W]``, in any of the four directions. By
@@ -201,15 +202,20 @@ def propose_tiles(
       fit: whether the corners are fitted to the photograph, or taken as they are.
 
     Raises:
-      InputError: if corners cross, no tile is found, or the photograph is not uint8 ``[H, W, 3]``;
-        and for a grey photograph without `codes`, unless `tiles` are grey too.
+      InputError: if corners cross, no tile is found, a side has more than 40 tiles, or the
+        photograph is not uint8 ``[H, W, 3]``; and for a grey photograph without `codes`, unless
+        `tiles` are grey too.
     """
     image = photograph.image
     check_named("photograph: image", check_picture, image)
-    if codes is not None:
-        shape = codes.shape
+    if codes is None:
+        shape = check_named("shape", floor_shape, shape)
+    else:
+        codes = np.asarray(check_named("codes", check_grid, codes))
+        shape = check_named("codes", floor_shape, codes.shape)
     if tiles is None:
         tiles = load_tiles()
+    check_named("tiles", instance(TileSet), tiles)
     if corners is None:
         quads = find_corners(image)
     else:

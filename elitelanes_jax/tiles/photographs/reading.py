@@ -17,7 +17,7 @@ from elitelanes_jax._util.arguments import name_wrong_arguments
 from elitelanes_jax._util.checks import check_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import MIB, read_bytes, read_text
-from elitelanes_jax.tiles.files import decode_png
+from elitelanes_jax.tiles.files import decode_png, plain_png, png_size
 
 # The most bytes of a file.
 _MOST_BYTES = 128 * MIB
@@ -199,10 +199,15 @@ def _choose_reduction(file: Path, content: bytes) -> int:
 
 def _decode(file: Path, content: bytes, shrunk: int) -> NDArray[np.uint8]:
     """Returns the picture of a file, BGR, upright."""
+    picture: NDArray | None = None
     try:
+        if not _is_jpeg(content):
+            # OpenCV turns the picture as its EXIF data say.
+            content = plain_png(content, others=(b"eXIf",))
         picture = cv2.imdecode(np.frombuffer(content, np.uint8), _READ_FLAGS[shrunk])
-    except cv2.error:
-        picture = None
+    except (cv2.error, ValueError):
+        # The message says that the file cannot be read.
+        pass
     if picture is None:
         raise _unreadable_error(file)
     return np.asarray(picture, np.uint8)
@@ -279,9 +284,12 @@ def _is_transparent(content: bytes) -> bool:
     return bool((picture[..., 3] < np.iinfo(picture.dtype).max).any())
 
 
-def _png_size(content: bytes) -> tuple[int, int]:
-    # The header has four bytes for the width, and then four for the height.
-    return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
+def _png_size(content: bytes) -> tuple[int, int] | None:
+    """Returns width and height from the header of a PNG file; None if it has no header."""
+    try:
+        return png_size(content)
+    except ValueError:
+        return None
 
 
 def _jpeg_size(content: bytes) -> tuple[int, int] | None:
