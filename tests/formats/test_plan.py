@@ -136,7 +136,7 @@ def test_objects_far_beyond_the_map_are_on_the_page(x, y, tmp_path):
     """A bus that faces away reaches farther than any other object; it was cut off, or over the title."""
 
     bus = {"kind": "bus", "x": x, "y": y, "angle": atan2(1.5 - y, x - 2)}
-    write_plan(RoadMap([[6, 5, 5, 3], [10, 0, 0, 10], [12, 5, 5, 9]], objects=[bus]), tmp_path / "plan.png")
+    make_plan(RoadMap([[6, 5, 5, 3], [10, 0, 0, 10], [12, 5, 5, 9]], objects=[bus])).save(tmp_path / "plan.png")
     seen = cv2.imread(str(tmp_path / "plan.png"))[..., ::-1].astype(int)
 
     def is_colour(pixels, colour):
