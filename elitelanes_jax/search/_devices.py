@@ -27,12 +27,12 @@ class PartRows(NamedTuple):
     """How rows are cut into parts.
 
     Attributes:
-      size: the number of rows in each part.
-      count: the number of parts.
+      rows: the number of rows in each part.
+      parts: the number of parts.
     """
 
-    size: int
-    count: int
+    rows: int
+    parts: int
 
 
 def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[jax.Device]:
@@ -84,7 +84,7 @@ def part_rows(rows: int, devices: Sequence[jax.Device]) -> PartRows:
     # Both divisions round up. Parts of this size may need fewer devices: 9 rows on 4 devices are 3
     # parts of 3 rows.
     size = -(-rows // len(devices))
-    return PartRows(size, count=-(-rows // size))
+    return PartRows(size, parts=-(-rows // size))
 
 
 def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
